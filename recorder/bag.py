@@ -15,7 +15,6 @@ import yaml
 
 METADATA_FILE = "metadata.yaml"
 BAG_INFORMATION = "rosbag2_bagfile_information"
-"""The root key of `metadata.yaml`."""
 MAX_NS = 2**63 - 1
 """The latest time rosbag2 can store; it also stands for the start of an empty bag."""
 
@@ -28,7 +27,7 @@ YAML_PROBLEMS = (
     TypeError,
     ValueError,
 )
-"""What PyYAML raises over bad content, and what using content of another shape raises."""
+"""What PyYAML raises over bad content, and what use of content of another shape raises."""
 
 _TOPIC_NAME = re.compile(r"(/[^\s/]+)+")
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
@@ -40,10 +39,9 @@ _QOS_LIMIT = 64 * 1024
 """The most characters of QoS that are parsed; one publisher has about 400."""
 
 _MOST_LEVELS = 2000
-"""libyaml walks nested collections on the machine's stack, which has room for far more of them."""
+"""libyaml recurses on the machine's stack, which has room for far more levels."""
 
 _INDENTED = re.compile(r"[ \t?:-]+")
-"""What nests blocks of YAML stands before them, in one line."""
 
 
 class Reliability(StrEnum):
@@ -54,7 +52,7 @@ class Reliability(StrEnum):
 
 
 class Durability(StrEnum):
-    """DDS durability, as rosbag2 spells it."""
+    """As rosbag2 spells it."""
 
     VOLATILE = "volatile"
     TRANSIENT_LOCAL = "transient_local"
@@ -62,7 +60,7 @@ class Durability(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Qos:
-    """What a topic's publisher offers."""
+    """The QoS that a topic's publisher offers."""
 
     reliability: Reliability = Reliability.RELIABLE
     durability: Durability = Durability.VOLATILE
@@ -70,14 +68,10 @@ class Qos:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """What a bag must know of a topic before its first message.
+    """A topic, as a bag must know it before its first message.
 
-    Attributes:
-        name: full topic name.
-        type: full type name, `pkg/msg/Type`.
-        definition: the `ros2msg` text with every nested definition appended; empty when unknown.
-        type_hash: `RIHS01_...`, or empty when unknown.
-        qos: what the publisher offers.
+    `definition` is the `ros2msg` text with every nested definition appended. It and `type_hash`
+    (`RIHS01_...`) are empty when unknown.
     """
 
     name: str
@@ -88,7 +82,6 @@ class Topic:
 
 
 def topic_problem(topic: Topic) -> str | None:
-    """Why a bag cannot hold this topic, in words; None when it can."""
     if not _TOPIC_NAME.fullmatch(topic.name):
         return f"{topic.name!r} is no full topic name; it reads /like/this"
     if not _TYPE_NAME.fullmatch(topic.type):
@@ -101,37 +94,31 @@ def topic_problem(topic: Topic) -> str | None:
 
 
 def bag_file_name(folder_name: str) -> str:
-    """The name of the recording in a bag folder."""
     return f"{folder_name}_0.mcap"
 
 
 def evidence_file_name(folder_name: str, number: int) -> str:
-    """The name of a bag's evidence: what nothing is scored from. Counted from 0."""
+    """Nothing is scored from evidence. Numbers count from 0."""
     return f"{folder_name}_evidence_{number}.mcap"
 
 
 def is_evidence(file_name: str) -> bool:
-    """Whether a file of a bag holds evidence: cameras and other topics, nothing of the score."""
+    """Whether the file holds evidence: cameras and other topics, nothing of the score."""
     return _EVIDENCE.search(file_name) is not None
 
 
 def is_left_of_evidence(file_name: str) -> bool:
-    """Whether a file is evidence, or what a repair of it has left: the torn one, a half new one."""
+    """Whether it is evidence, or left by its repair: the torn file, an unfinished new one."""
     name, suffix, _ = file_name.partition(_SUFFIX)
     return is_evidence(name + suffix)
 
 
 def qos_text(qos: Qos) -> str:
-    """A channel's `offered_qos_profiles`; it says the same as `metadata.yaml`."""
     return _dump(_qos_profiles(qos))
 
 
 def load_yaml(text: str) -> object:
-    """What a YAML text says: plain values only; by libyaml where it is there, ten times as fast.
-
-    Raises:
-        YAML_PROBLEMS: it is damaged, or nested without bounds.
-    """
+    """Plain values only; libyaml, where installed, is ten times as fast. Raises YAML_PROBLEMS."""
     blocks = max(map(len, _INDENTED.findall(text)), default=0)
     if text.count("[") + text.count("{") + 2 * blocks >= _MOST_LEVELS:
         raise yaml.YAMLError("nested without bounds")
@@ -163,15 +150,9 @@ def parse_qos(text: str) -> Qos:
 
 @dataclass(frozen=True, slots=True)
 class BagInformation:
-    """What `metadata.yaml` tells of a bag: of its first file, and of those after it.
+    """The content of `metadata.yaml`: a bag's first file, and those after it (`more`).
 
-    Attributes:
-        file_name: the file's name.
-        topics: every topic of the file.
-        counts: messages per topic name.
-        start_ns: earliest log time, ns since the epoch; None while there is no message.
-        end_ns: latest log time, ns since the epoch; None while there is no message.
-        more: the same of each further file of the bag, in their order; they have none themselves.
+    Times are log times, ns since the epoch; None without messages.
     """
 
     file_name: str
@@ -182,16 +163,15 @@ class BagInformation:
     more: tuple[BagInformation, ...] = ()
 
     def metadata_yaml(self) -> str:
-        """The text of `metadata.yaml`."""
         return _dump({BAG_INFORMATION: _document((self, *self.more))})
 
     def serialized_metadata(self) -> str:
-        """The text of the first file's metadata record `rosbag2`: without the root key."""
+        """The metadata record `rosbag2` of the first file: without the root key."""
         return _dump(_document((self,)))
 
 
 def _document(files: tuple[BagInformation, ...]) -> dict[str, Any]:
-    """A topic that is in several files has one entry, as the first of them tells it."""
+    """A topic in several files has one entry, as in the first file."""
     topics: dict[str, Topic] = {}
     for topic in chain.from_iterable(file.topics for file in files):
         topics.setdefault(topic.name, topic)
@@ -255,7 +235,7 @@ def _infinite() -> dict[str, int]:
 
 
 def _dump(value: object) -> str:
-    """A YAML text; by libyaml, five times as fast, unless a name in it is no valid text."""
+    """By libyaml, five times as fast, unless a name is no valid text."""
     quick = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     try:
         return str(yaml.dump(value, Dumper=quick, sort_keys=False, allow_unicode=True))
@@ -267,13 +247,11 @@ def _dump(value: object) -> str:
 
 
 class RawMessage(msgspec.Struct, frozen=True, gc=False):
-    """A serialised message; what every source yields and what a bag stores.
+    """A serialised message, as every source yields it and a bag stores it.
 
     Not a dataclass because there are so many: a frozen one takes ten times as long to make.
 
     Attributes:
-        topic: full topic name, for example `/madrob/door/angle`.
-        type: full type name, for example `sensor_msgs/msg/JointState`.
         data: the CDR bytes, with their 4-byte encapsulation header, untouched.
         publish_ns: when the publisher sent it, ns since the epoch.
         receive_ns: when it was received, steady time (protocol section 8), ns since the

@@ -17,7 +17,7 @@ class RecorderError(Exception):
 
 
 def remedy(error: Exception) -> str | None:
-    """What to do where file handles, memory or processes are wanting; None for other causes."""
+    """What to do where file handles, memory or processes run out; None for other causes."""
     if isinstance(error, MemoryError):
         return _TOO_LITTLE[errno.ENOMEM]
     return _TOO_LITTLE.get(error.errno or 0) if isinstance(error, OSError) else None

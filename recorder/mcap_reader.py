@@ -46,18 +46,16 @@ _SIZE = struct.Struct("<Q")
 _NAME_LIMIT = 32
 _LZ4_PIECE = 64 * 1024
 _ZSTD_STEP = 256
-"""Bytes handed in at once: they are at most 64 blocks, which unpack to 128 KiB each."""
+"""Bytes per step: they are at most 64 blocks, which unpack to 128 KiB each."""
 
 _SECTOR = 512
 
 
 @dataclass(frozen=True, slots=True)
 class ChunkContent:
-    """What a chunk holds.
+    """Records of a chunk; of a cut chunk those before the cut and a part of the next one.
 
-    Attributes:
-        records: its records; of a cut one those before the cut and a part of the next one.
-        problem: why that is not all, as the end of a sentence; None when it is.
+    `problem` says why that is not all, as the end of a sentence; else None.
     """
 
     records: bytes
@@ -74,7 +72,7 @@ class _Packed:
 
 
 def unpack(body: bytes) -> ChunkContent:
-    """Decompress the body of a chunk record, or as much of it as is left in the file.
+    """Decompress a chunk record's body, or what is left of it.
 
     Memory is taken as the content grows, never for what the chunk claims.
     """
@@ -118,7 +116,6 @@ def _mistake(packed: _Packed, content: bytes) -> str | None:
 
 
 def _decompress(packed: _Packed, data: bytes) -> bytes:
-    """What the data unpack to, up to damage in them; at most a little more than is claimed."""
     pieces: list[bytes] = []
     size = 0
     try:
@@ -165,10 +162,10 @@ _UNPACKERS = {"": _plain, "zstd": _zstd, "lz4": _lz4}
 
 
 FRAME = struct.Struct("<BQ")
-"""What stands before each record: its opcode, and its length in bytes."""
+"""The head of a record: its opcode, and its length in bytes."""
 
 MESSAGE_HEAD = struct.Struct("<HIQQ")
-"""What stands before the data of a message: channel, sequence, log time, publish time."""
+"""The head of a message: channel, sequence, log time, publish time."""
 
 _CRC_SIZE = 4
 _PARSERS = {
@@ -188,9 +185,7 @@ _MESSAGE = int(Opcode.MESSAGE)
 class DamageError(Exception):
     """Nothing behind this place can be read; says where and why.
 
-    Attributes:
-        offset: the first byte of the file that does not belong to a whole record; None if the
-            damage is in what the records say.
+    `offset` is the first byte outside whole records; None if the damage is in their content.
     """
 
     def __init__(self, text: str, offset: int | None = None) -> None:
@@ -204,11 +199,7 @@ class ForeignError(DamageError):
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A chunk that cannot be read while what follows it can.
-
-    Attributes:
-        reason: where and why, in words.
-    """
+    """A chunk that cannot be read while what follows it can; `reason` says where and why."""
 
     reason: str
 
@@ -228,12 +219,9 @@ def read_records(file: BinaryIO) -> Iterator[StreamItem]:
     """Records of a file from its beginning to its footer, chunks unpacked.
 
     A damaged chunk is a `Gap`; of the chunk in which the file ends, the whole records are read.
-    Message indexes, attachments and unknown records are passed over. The file may be read
-    elsewhere between two records.
-
-    Raises:
-        ForeignError: it is no MCAP file.
-        DamageError: it is torn or damaged; everything before that place was yielded.
+    Message indexes, attachments and unknown records are skipped. The file may be read elsewhere
+    between two records. Raises ForeignError for no MCAP file, and DamageError where it is torn,
+    after everything before that place was yielded.
     """
     size = file.seek(0, io.SEEK_END)
     file.seek(0)
@@ -260,12 +248,7 @@ def read_records(file: BinaryIO) -> Iterator[StreamItem]:
 def read_summary(file: BinaryIO, *, chunks: bool = False) -> Iterator[McapRecord]:
     """The records of the summary and all metadata records, found by the footer; fast.
 
-    Args:
-        file: the recording.
-        chunks: with its chunk indexes, of which there are very many.
-
-    Raises:
-        DamageError: it has no summary that could be used.
+    There are very many chunk indexes. Raises DamageError without a usable summary.
     """
     size = file.seek(0, io.SEEK_END)
     start = size - FOOTER_SIZE - len(MCAP0_MAGIC)
@@ -310,10 +293,7 @@ def _frames(
 ) -> Iterator[_Frame]:
     """The wanted records from `offset` to byte `size`, where one must end.
 
-    Only a chunk is yielded when it is not whole; then it is the last frame.
-
-    Raises:
-        DamageError: another record is not whole, or there is none.
+    A chunk may be cut, as the last frame; any other record that is not whole is a DamageError.
     """
     while offset < size:
         stream.seek(offset)
@@ -348,11 +328,7 @@ def _chunk(frame: _Frame) -> Iterator[StreamItem]:
 
 
 def records_in(records: bytes) -> Iterator[McapRecord]:
-    """The records of a chunk; messages, of which there are many, are parsed on the spot.
-
-    Raises:
-        DamageError: one is damaged or not whole, or there are only zeros.
-    """
+    """Messages, of which there are many, are parsed on the spot. Raises DamageError."""
     end, size = 0, len(records)
     while end < size:
         start = end + FRAME.size
@@ -373,8 +349,6 @@ def records_in(records: bytes) -> Iterator[McapRecord]:
 
 
 class _Fields(ReadDataStream):
-    """The fields of a record; one that claims to be longer than the record is an error."""
-
     def read(self, length: int) -> bytes:
         data = super().read(length)
         if len(data) != length:
@@ -410,12 +384,7 @@ _SHOWN = 80
 
 
 class Catalogue:
-    """Gathers the records of a file in any order, as many as a bag can have.
-
-    Attributes:
-        records: the metadata records; of several with one name the last.
-        statistics: what the file says of itself, once it was read.
-    """
+    """Gathers the records of a file in any order, within a bag's limits."""
 
     def __init__(self, records: Iterable[McapRecord] = ()) -> None:
         self.records: dict[str, dict[str, str]] = {}
@@ -431,11 +400,7 @@ class Catalogue:
             self.add(record)
 
     def add(self, record: McapRecord) -> None:
-        """Take a record; of kinds that are not gathered, none.
-
-        Raises:
-            DamageError: there are more of them than any bag has.
-        """
+        """Records of other kinds are ignored. Raises DamageError beyond the limits."""
         match record:
             case Schema() if record.id not in self._schemas:
                 self._grow(len(record.data) + len(record.name) + len(record.encoding))
@@ -463,29 +428,15 @@ class Catalogue:
         )
 
     def topics(self) -> list[Topic]:
-        """The topics whose type is there.
-
-        Raises:
-            ForeignError: one does not hold ROS 2 messages.
-        """
         return self._known(self._channels)
 
     def fresh_topics(self) -> list[Topic]:
-        """Those of the topics that came since the last call.
-
-        Raises:
-            ForeignError: one does not hold ROS 2 messages.
-        """
+        """The new topics since the last call. Raises ForeignError if one is not of ROS 2."""
         fresh, self._fresh = self._fresh, []
         return self._known(fresh)
 
     def topic(self, channel_id: int) -> Topic:
-        """The topic of a channel.
-
-        Raises:
-            ForeignError: it does not hold ROS 2 messages.
-            DamageError: it is not in the file.
-        """
+        """Raises ForeignError if it is not of ROS 2, DamageError if it is not in the file."""
         if channel_id not in self._by_channel:
             self._by_channel[channel_id] = self._make_topic(channel_id)
         return self._by_channel[channel_id]
@@ -521,7 +472,6 @@ class Catalogue:
         )
 
     def _parsed_qos(self, text: str) -> Qos:
-        """The QoS; equal texts, which most are, are parsed once."""
         if text not in self._qos:
             self._qos_size += len(text)
             if self._qos_size > QOS_LIMIT:
@@ -540,5 +490,4 @@ def _text_size(metadata: dict[str, str]) -> int:
 
 
 def _shown(name: str) -> str:
-    """A name from a file, fit for one line of a message."""
     return name if name.isprintable() and len(name) <= _SHOWN else repr(name[:_SHOWN])

@@ -51,24 +51,17 @@ _CHUNK = struct.Struct("<BQQQQI")  # opcode, length, first time, last time, size
 _FOOTER = struct.Struct("<BQQQ")
 
 _WORTH = 0.95
-"""A chunk is compressed if that leaves less than so much of it."""
+"""A chunk is compressed if that leaves less than this fraction of it."""
 _SLICES, _SLICE = 4, 8 * 1024
-"""Parts of a chunk that are compressed to see whether the rest is worth it, and their bytes."""
 _FIRST = 0.618
-"""How far into its share of the chunk each lies: not where one of several pictures begins, whose
-heads are alike."""
+"""Where each lies in its share: away from the start of a picture, whose heads are alike."""
 
 
 class McapWriter:
     """Puts records one after the other through `write`; not thread-safe.
 
-    Whatever `write` raises passes through. What was written before then is a readable torn file.
-
-    Args:
-        write: appends bytes to the file.
-
-    Attributes:
-        statistics: of what was written; the messages of the chunk at hand are not counted.
+    What `write` raises passes through; what was written before is a readable torn file.
+    `statistics` leaves out the messages of the current chunk.
     """
 
     def __init__(self, write: Callable[[bytes], object]) -> None:
@@ -94,17 +87,15 @@ class McapWriter:
 
     @property
     def pending(self) -> int:
-        """Bytes that are to come without another message, about: chunk at hand and summary."""
+        """Bytes still to come without another message, about: current chunk and summary."""
         summary = sum(builder.count for builder in self._summary.values())
         return self._chunk_bytes + 8 * sum(map(len, self._entries)) + summary
 
     def start(self, profile: str, library: str) -> None:
-        """Begin the file."""
         self._put(MCAP0_MAGIC)
         self._put(_bytes(Header(profile, library)))
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """A new schema; its number."""
         self.statistics.schema_count += 1
         number = self.statistics.schema_count
         self._introduce(Opcode.SCHEMA, Schema(number, data, encoding, name))
@@ -113,7 +104,6 @@ class McapWriter:
     def register_channel(
         self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]
     ) -> int:
-        """A new channel; its number."""
         self.statistics.channel_count += 1
         number = self.statistics.channel_count
         self._introduce(Opcode.CHANNEL, Channel(number, topic, encoding, dict(metadata), schema))
@@ -140,7 +130,6 @@ class McapWriter:
             self.flush()
 
     def add_metadata(self, name: str, content: Mapping[str, str]) -> None:
-        """Write a metadata record behind every message so far."""
         self.flush()
         record = _bytes(Metadata(name, dict(content)))
         MetadataIndex(self._offset, len(record), name).write(self._summary[Opcode.METADATA_INDEX])
@@ -148,7 +137,6 @@ class McapWriter:
         self._put(record)
 
     def flush(self) -> None:
-        """End the chunk at hand; one without messages waits for its first."""
         times = [time for entries in self._entries for time in entries[::2]]
         if not times:
             return
@@ -178,7 +166,6 @@ class McapWriter:
         self._written(first, last, len(times))
 
     def finish(self) -> None:
-        """Write the summary and the end of the file."""
         self.flush()
         self._put(_bytes(DataEnd(0)))
         self.statistics.write(self._summary[Opcode.STATISTICS])
@@ -195,13 +182,13 @@ class McapWriter:
         self._put(_bytes(Footer(begin, at, checksum)) + MCAP0_MAGIC)
 
     def _introduce(self, opcode: Opcode, record: McapRecord) -> None:
-        """What a message needs to be read stands in a chunk before it, and in the summary."""
+        """What a message needs to be read is in a chunk before it, and in the summary."""
         record.write(self._summary[opcode])
         self._chunk.append(_bytes(record))
         self._chunk_bytes += len(self._chunk[-1])
 
     def _pack(self, data: bytes) -> tuple[str, bytes]:
-        """A chunk as it is stored: compressed where that is worth it, and by what."""
+        """Compressed only where that is worth it; returns by what."""
         if len(data) > 2 * _SLICES * _SLICE:
             starts = [int(len(data) * (n + _FIRST) / _SLICES) for n in range(_SLICES)]
             sample = b"".join([data[start : start + _SLICE] for start in starts])
@@ -211,7 +198,6 @@ class McapWriter:
         return ("zstd", packed) if len(packed) < _WORTH * len(data) else ("", data)
 
     def _indexes(self) -> tuple[dict[int, int], bytes]:
-        """The message indexes of the chunk at hand, and where each channel's will stand."""
         places: dict[int, int] = {}
         indexes: list[bytes] = []
         at = self._offset
@@ -225,7 +211,6 @@ class McapWriter:
         return places, b"".join(indexes)
 
     def _written(self, first: int, last: int, count: int) -> None:
-        """The chunk at hand is in the file."""
         known = self.statistics
         if not known.message_count:
             known.message_start_time, known.message_end_time = first, last
@@ -268,12 +253,7 @@ class McapFile:
 
     Every call raises `OSError` when the disk refuses. What was saved before then stays readable
     as an unfinished recording. The file is locked (flock) until it is closed, so that nobody
-    takes it for one that was cut off.
-
-    Args:
-        folder_fd: the open folder.
-        name: the new file's name.
-        listed_as: the name by which the bag lists it, if it will be renamed.
+    takes it for one that was cut off. `listed_as` is its name in the bag, if it will be renamed.
     """
 
     def __init__(self, folder_fd: int, name: str, listed_as: str | None = None) -> None:
@@ -292,19 +272,16 @@ class McapFile:
 
     @property
     def start_ns(self) -> int | None:
-        """Earliest log time of the saved messages, None before the first."""
         known = self._writer.statistics
         return known.message_start_time if known.message_count else None
 
     @property
     def end_ns(self) -> int | None:
-        """Latest log time of the saved messages, None before the first."""
         known = self._writer.statistics
         return known.message_end_time if known.message_count else None
 
     @property
     def size(self) -> int:
-        """Bytes handed to the file."""
         return self._disk.size
 
     @property
@@ -313,7 +290,7 @@ class McapFile:
         return self._writer.pending
 
     def start(self, topics: Iterable[Topic], records: Mapping[str, Mapping[str, str]]) -> None:
-        """Write the header and the records, register the topics, and reach the disk."""
+        """Write the header and the records, and register the topics; on disk on return."""
         self._writer.start(profile=Profile.ROS2, library=f"madrob recorder, {LIBRARY_IDENTIFIER}")
         for topic in topics:
             self.register(topic)
@@ -322,7 +299,6 @@ class McapFile:
         self.sync()
 
     def register(self, topic: Topic) -> None:
-        """Open a channel; one already open under this name stays as it is."""
         if topic.name in self._topics:
             return
         key = (topic.type, topic.definition)
@@ -346,20 +322,14 @@ class McapFile:
         self._writer.add_message(channel, message.receive_ns, message.data, message.publish_ns)
 
     def add_record(self, name: str, record: Mapping[str, str]) -> None:
-        """Write a metadata record behind every message so far."""
         self._writer.add_metadata(_text(name), {_text(k): _text(v) for k, v in record.items()})
 
     def sync(self) -> None:
-        """Bring everything to the disk.
-
-        Raises:
-            OSError: it cannot be, or the file was deleted.
-        """
+        """Bring everything to the disk; OSError also if the file was deleted."""
         self._writer.flush()
         self._disk.sync()
 
     def information(self) -> BagInformation:
-        """What `metadata.yaml` has to say about what is saved."""
         return BagInformation(
             self.name,
             [topic for topic, _ in self._topics.values()],
@@ -369,7 +339,7 @@ class McapFile:
         )
 
     def finish(self) -> None:
-        """Add the record `rosbag2`, the indexes and the summary; on the disk on return."""
+        """Add the record `rosbag2`, the indexes and the summary; on disk on return."""
         self._writer.flush()
         record = {"serialized_metadata": self.information().serialized_metadata()}
         self._writer.add_metadata(ROSBAG2_RECORD, record)
@@ -377,7 +347,6 @@ class McapFile:
         self._disk.sync()
 
     def close(self) -> None:
-        """Let go of the file, as it is."""
         self._disk.close()
 
 

@@ -35,7 +35,7 @@ RECOVERY_RECORD = "recovery"
 """The metadata record of a repaired bag; its `problem` says what the torn one had lost."""
 
 BagItem: TypeAlias = Topic | RawMessage | Metadata | Gap
-"""What a recording holds, in storage order; a topic comes before its messages."""
+"""In storage order; a topic comes before its messages."""
 
 METADATA_LIMIT = 1024 * 1024
 """The most bytes of `metadata.yaml` that are read; a topic takes some 600."""
@@ -44,15 +44,9 @@ METADATA_LIMIT = 1024 * 1024
 def read_bag(path: Path, *, evidence: bool = False) -> Bag:
     """Open a bag folder, recorded here or by `ros2 bag record`, or one `.mcap` file.
 
-    An unfinished or damaged bag is opened as far as it goes, see `Bag.problem`.
-
-    Args:
-        path: the folder or the file.
-        evidence: open the evidence of the folder instead of what is scored: cameras and other
-            topics, in files of their own. A bag without evidence then has no files.
-
-    Raises:
-        RecorderError: there is nothing to read; the message names the remedy.
+    An unfinished or damaged bag is opened as far as it goes, see `Bag.problem`. `evidence` opens
+    the folder's evidence instead: cameras and other topics, in files of their own. A bag without
+    it then has no files. Raises RecorderError if there is nothing to read.
     """
     try:
         path.stat()
@@ -69,7 +63,6 @@ def read_bag(path: Path, *, evidence: bool = False) -> Bag:
 
 
 def not_a_bag(path: Path, error: ForeignError) -> RecorderError:
-    """The error to raise for a path that holds no recording of ROS 2 messages."""
     return RecorderError(
         f"{path} is no bag: {error}; choose a rosbag2 bag folder or an .mcap file of ROS 2"
     )
@@ -78,12 +71,8 @@ def not_a_bag(path: Path, error: ForeignError) -> RecorderError:
 class Bag:
     """A bag on disk; made by `read_bag`. No file is held open between calls.
 
-    Attributes:
-        path: the bag folder or the file.
-        records: the MCAP metadata records; of several with one name the last.
-        problem: why the bag is not complete, in words; None for a complete one. Damage that
-            only reading everything can show is added by `messages`. A repaired bag still tells
-            what it had lost.
+    `problem` says why it is not complete, also after a repair. Damage that only reading everything
+    shows is added by `messages`. Of several records with one name the last counts.
     """
 
     def __init__(self, path: Path, files: Iterable[Path], problem: str | None) -> None:
@@ -112,18 +101,16 @@ class Bag:
 
     @property
     def complete(self) -> bool:
-        """Whether everything that was recorded is there, as far as is known."""
+        """As far as is known."""
         return self.problem is None
 
     def topics(self) -> tuple[Topic, ...]:
-        """The topics, with their definitions."""
         return tuple(self._topics.values())
 
     def messages(self) -> Iterator[RawMessage]:
-        """Messages in the order in which they were written, chunk by chunk from the disk.
+        """Messages in the order in which they were written, chunk by chunk; never raises.
 
-        A damaged chunk is left out. Ends where the bag is torn. Both are then told in `problem`;
-        never raises.
+        Damaged chunks are skipped; it ends where the bag is torn. `problem` tells both.
         """
         for path in self._files:
             try:
@@ -142,22 +129,15 @@ class Bag:
 
 
 def end_of(error: DamageError | OSError) -> str:
-    """What is said of the place where reading ended."""
     return f"{error}; what comes before that is read"
 
 
 def left_out(gap: Gap) -> str:
-    """What is said of a chunk that cannot be read."""
     return f"{gap.reason}; it is left out"
 
 
 def read_items(file: BinaryIO) -> Iterator[BagItem]:
-    """Everything that a recording holds, in storage order.
-
-    Raises:
-        ForeignError: it is no MCAP file, or one of other messages than those of ROS 2.
-        DamageError: it is torn or damaged; everything before that place was yielded.
-    """
+    """Everything in a recording, in storage order; raises as `read_records`."""
     catalogue = Catalogue()
     count, gaps = 0, 0
     for record in read_records(file):
@@ -188,7 +168,6 @@ def read_items(file: BinaryIO) -> Iterator[BagItem]:
 
 
 def _catalogue(path: Path) -> tuple[Catalogue, str | None]:
-    """What a file holds, by its summary or else by reading it, and what was found wrong."""
     with open_recording(path) as file:
         try:
             catalogue = Catalogue(read_summary(file))
@@ -212,12 +191,7 @@ def _catalogue(path: Path) -> tuple[Catalogue, str | None]:
 
 
 def open_recording(path: Path) -> BinaryIO:
-    """A file for reading, which is no pipe and no folder.
-
-    Raises:
-        ForeignError: it is not a file.
-        OSError: it cannot be read.
-    """
+    """Raises ForeignError for a pipe or a folder."""
     number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe must not block
     if stat.S_ISREG(os.fstat(number).st_mode):
         return os.fdopen(number, "rb")
@@ -228,12 +202,8 @@ def open_recording(path: Path) -> BinaryIO:
 def bag_files(folder: Path, *, evidence: bool = False) -> tuple[list[Path], str | None]:
     """The recordings of a bag in their order, and why they may not be all.
 
-    Evidence is what lies there under such a name, whether `metadata.yaml` lists it yet or not.
-
-    Raises:
-        ForeignError: the folder holds no recording.
-        RecorderError: they are compressed as a whole.
-        OSError: it cannot be read.
+    Evidence is found by its name, whether `metadata.yaml` lists it yet or not. Raises ForeignError
+    without a recording, and RecorderError if they are compressed as a whole.
     """
     if evidence:
         return sorted(filter(_is_evidence, folder.iterdir()), key=_natural_path), None
@@ -255,34 +225,19 @@ def bag_files(folder: Path, *, evidence: bool = False) -> tuple[list[Path], str 
 
 
 def bag_information(folder: Path) -> dict[str, Any]:
-    """What `metadata.yaml` says, unchecked.
-
-    Raises:
-        ForeignError: it is not a file.
-        OSError: it cannot be read.
-        YAML_PROBLEMS: it is damaged.
-    """
+    """Unchecked; raises YAML_PROBLEMS if damaged, ForeignError if it is not a file."""
     with open_recording(folder / METADATA_FILE) as file:
         return information_in(file.read(METADATA_LIMIT))
 
 
 def information_in(metadata: bytes) -> dict[str, Any]:
-    """What the content of a `metadata.yaml` says, unchecked.
-
-    Raises:
-        YAML_PROBLEMS: it is damaged.
-    """
     document: Any = load_yaml(metadata.decode())
     information: dict[str, Any] = document[BAG_INFORMATION]
     return information
 
 
 def listed_names(information: dict[str, Any]) -> list[str]:
-    """The names of a bag's files, by its `metadata.yaml`.
-
-    Raises:
-        YAML_PROBLEMS: they are none.
-    """
+    """From `metadata.yaml`; raises YAML_PROBLEMS if there are none."""
     # Early versions put the folder's name before the file's.
     names = [PurePath(name).name for name in information["relative_file_paths"]]
     if not names or not all(name.isprintable() for name in names) or len(set(names)) < len(names):
@@ -300,7 +255,6 @@ def _listed_files(folder: Path) -> list[Path]:
 
 
 def refuse_sqlite(path: Path, files: Iterable[Path]) -> None:
-    """Raise `RecorderError` for a bag of the other kind that rosbag2 has."""
     if any(file.suffix == ".db3" for file in files):
         raise RecorderError(f"{path} is a sqlite3 bag; make it an mcap bag by `ros2 bag convert`")
 
@@ -310,7 +264,7 @@ def _is_evidence(path: Path) -> bool:
 
 
 def natural_order(name: str) -> list[int | str]:
-    """Order by the numbers in a name: `bag_10.mcap` comes after `bag_9.mcap`."""
+    """By the numbers in a name: `bag_10.mcap` comes after `bag_9.mcap`."""
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
 
 

@@ -75,7 +75,7 @@ _REMEDIES = {
 
 
 NewRecords: TypeAlias = Callable[[], Mapping[str, Mapping[str, str]]]
-"""Metadata records by their names; called only where a new file is written."""
+"""Called only where a new file is written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,17 +83,13 @@ class Recovered:
     """A bag that is whole now.
 
     Attributes:
-        file: the recording.
-        messages: how many it holds.
-        torn: where the old file is kept; None if it was whole already, or is evidence that was only
-            cut off.
-        metadata: the `metadata.yaml` that was written; None if it was right, or if the file is
-            one of several in its folder.
-        cut: what was wrong with the old file, in words and in its order; empty if it was whole.
-        tail_bytes: bytes of the old file behind its last whole record. A cut chunk is among
-            them, though its whole messages are kept.
+        torn: the old file; None if it was whole already, or is evidence that was only cut off.
+        metadata: None if it was right, or the file is one of several in its folder.
+        cut: what was wrong with the old file, in its order.
+        tail_bytes: of the old file behind its last whole record, a cut chunk included, though
+            its whole messages are kept.
         evidence: the same of each file of evidence that was not whole.
-        hopeless: why others of them stay as they are, in words; they harm nothing.
+        hopeless: why other evidence stays as it is; it harms nothing.
     """
 
     file: Path
@@ -107,7 +103,6 @@ class Recovered:
 
     @property
     def changed(self) -> bool:
-        """Whether anything was written."""
         written = bool(self.cut) or self.metadata is not None
         return written or any(file.changed for file in self.evidence)
 
@@ -115,17 +110,10 @@ class Recovered:
 def recover(path: Path, new_records: NewRecords = dict) -> Recovered:
     """Repair a bag folder or an `.mcap` file; a whole one stays as it is.
 
-    Kept are every whole chunk and the whole messages of the chunk in which the file ends, with
-    their bytes, order and both times, and types, channels, QoS and metadata records. What no bag
-    recorded here has stays behind in the old file: attachments, and definitions in another
-    language than `ros2msg`.
-
-    Args:
-        path: of the bag.
-        new_records: what the new file is to say besides.
-
-    Raises:
-        RecorderError: it cannot be repaired; nothing is lost, the message names the remedy.
+    Whole chunks are kept and the whole messages of a cut one, with their bytes, order and both
+    times, and types, channels, QoS and metadata records. Left in the old file is what no bag
+    recorded here has: attachments, and definitions in another language than `ros2msg`.
+    `new_records` are added to the new file. Raises RecorderError; nothing is then lost.
     """
     try:
         folder, name, in_bag = _find(path)
@@ -146,11 +134,7 @@ def recover(path: Path, new_records: NewRecords = dict) -> Recovered:
 
 
 def recover_evidence(folder: Path) -> tuple[Recovered, ...]:
-    """Repair what evidence of a bag was cut off, and list it; its recording is left alone.
-
-    Raises:
-        RecorderError: the folder cannot be read or written.
-    """
+    """The recording is left alone."""
     try:
         folder_fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
         try:
@@ -169,7 +153,6 @@ def _refused(path: Path, error: OSError) -> RecorderError:
 
 
 def _find(path: Path) -> tuple[Path, str, bool]:
-    """Folder and name of the recording, and whether it is all that the bag folder holds."""
     if path.is_dir():
         files = _files(path)
         refuse_sqlite(path, files)
@@ -211,7 +194,7 @@ def _recover_file(
 
 
 def _recover_evidence(folder: Path, folder_fd: int) -> tuple[list[Recovered], list[str]]:
-    """Repair what evidence of a bag was cut off; a summary is taken for whole and not read."""
+    """A file with a summary is taken for whole and not read."""
     names = {name.partition(TORN)[0] for name in os.listdir(folder_fd)}
     done: list[Recovered] = []
     hopeless: list[str] = []
@@ -278,7 +261,6 @@ def _give_up(folder_fd: int, name: str) -> None:
 def _write(
     new: McapFile, file: BinaryIO, survey: Survey, records: Mapping[str, Mapping[str, str]]
 ) -> None:
-    """Put what is left of the old file into the new one; on the disk on return."""
     new.start((), records)
     with suppress(DamageError):  # the survey has met it and told it
         for item in read_items(file):
@@ -296,7 +278,6 @@ def _write(
 
 
 def _compare(folder_fd: int, part: str, path: Path, information: BagInformation) -> None:
-    """Read the new file back before it takes the old one's place."""
     with open_file(folder_fd, part) as file:
         again = Survey.of(file, path)
     if again.cut or again.information() != information:
@@ -307,7 +288,6 @@ def _compare(folder_fd: int, part: str, path: Path, information: BagInformation)
 
 
 def _described(folder: Path, information: BagInformation) -> bool:
-    """Whether `metadata.yaml` tells of this recording, as it is."""
     try:
         document = bag_information(folder)
         topics = document["topics_with_message_count"]

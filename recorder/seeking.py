@@ -38,7 +38,7 @@ from recorder.reader import bag_files, open_recording
 
 
 MOST_RECORDS = 1_000_000
-"""Of a recording that was cut off so many are walked: a camera at 30 Hz for hours has less."""
+"""The most records walked of a cut-off recording: a camera at 30 Hz for hours has fewer."""
 
 MOST_UNPACKED = 64
 """Chunks that are unpacked to learn what no index says."""
@@ -55,12 +55,9 @@ _KEPT = 48 * 1024 * 1024  # bytes of unpacked chunks: neighbours are often in on
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChunkPlace:
-    """A chunk on disk.
+    """A chunk on disk; log times in ns since the epoch.
 
-    Attributes:
-        offset: of its record, bytes.
-        begin_ns, end_ns: its first and last log time, ns since the epoch.
-        indexes: where the index of each of its channels lies, bytes.
+    `offset` is that of its record, `indexes` that of each channel's index, bytes.
     """
 
     offset: int
@@ -71,13 +68,7 @@ class ChunkPlace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MessagePlace:
-    """A message on disk.
-
-    Attributes:
-        log_ns: its log time, ns since the epoch.
-        chunk: in which it is.
-        offset: of its record in what the chunk unpacks to, bytes.
-    """
+    """A message on disk; `offset` (bytes) is that of its record in the unpacked chunk."""
 
     log_ns: int
     chunk: ChunkPlace
@@ -85,19 +76,9 @@ class MessagePlace:
 
 
 class ChunkTable:
-    """The chunks of an open recording; what is asked for is read, and nothing else.
+    """The chunks of an open recording; only what is asked for is read.
 
-    Args:
-        file: the recording, open for as long as anything is asked.
-
-    Attributes:
-        catalogue: its channels and their types, as far as they are known.
-        channels: the channels of which there are messages.
-        problem: why there may be more than is known, in words; None = it is complete.
-
-    Raises:
-        ForeignError: it is no recording of ROS 2 messages.
-        OSError: it cannot be read.
+    `problem` says why there may be more. Raises ForeignError and OSError, its methods OSError.
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -126,11 +107,7 @@ class ChunkTable:
         self._learn_channels()
 
     def places(self, channel: int, begin_ns: int, end_ns: int) -> Iterator[MessagePlace]:
-        """The messages of a channel that were logged from one time to another, chunk by chunk.
-
-        Raises:
-            OSError: it cannot be read.
-        """
+        """Between two log times, chunk by chunk."""
         for chunk in self._of_channel.get(channel, ()):
             if chunk.begin_ns <= end_ns and chunk.end_ns >= begin_ns:
                 for place in self._entries(chunk, channel):
@@ -138,32 +115,18 @@ class ChunkTable:
                         yield place
 
     def spread(self, channel: int, most: int) -> Iterator[MessagePlace]:
-        """The messages of at most so many chunks of a channel, evenly over the recording.
-
-        Raises:
-            OSError: it cannot be read.
-        """
+        """The messages of at most `most` chunks, evenly over the recording."""
         chunks = self._of_channel.get(channel, [])
         step = max(1.0, len(chunks) / most)
         for number in range(min(most, len(chunks))):
             yield from self._entries(chunks[int(number * step)], channel)
 
     def head(self, place: MessagePlace, size: int) -> bytes:
-        """The first bytes of a message's data; in a chunk that is not packed only they are read.
-
-        Raises:
-            DamageError: there is no message.
-            OSError: it cannot be read.
-        """
+        """Read only these bytes if the chunk is not packed. DamageError without a message."""
         return self._message(place, size).data
 
     def message(self, place: MessagePlace, limit: int) -> Message:
-        """A message of at most `limit` bytes.
-
-        Raises:
-            DamageError: there is no message, or a larger one.
-            OSError: it cannot be read.
-        """
+        """DamageError without a message, or with one of more than `limit` bytes."""
         message = self._message(place, limit + 1)
         if len(message.data) > limit:
             raise DamageError(f"it has more than {limit / 1e6:.0f} MB")
@@ -236,7 +199,7 @@ class ChunkTable:
         return chunks
 
     def _indexed(self, chunk: ChunkPlace) -> ChunkPlace:
-        """The same chunk; one without an index is unpacked to make it."""
+        """A chunk without an index is unpacked to make it."""
         if chunk.indexes:
             return chunk
         found = self._look_into(chunk)
@@ -244,7 +207,6 @@ class ChunkTable:
         return ChunkPlace(chunk.offset, chunk.begin_ns, chunk.end_ns, dict.fromkeys(found, 0))
 
     def _entries(self, chunk: ChunkPlace, channel: int) -> list[MessagePlace]:
-        """The messages of a channel in a chunk, as its index has them."""
         known = self._found.get((chunk.offset, channel))
         if known is not None:
             return known
@@ -265,7 +227,6 @@ class ChunkTable:
     # ------------------------------------------------------------------ what is in them
 
     def _part(self, chunk: ChunkPlace, offset: int, size: int) -> bytes:
-        """So many bytes of what a chunk unpacks to; fewer at its end."""
         if offset >= RECORD_LIMIT:
             return b""
         if chunk.offset not in self._unpacked:
@@ -281,7 +242,7 @@ class ChunkTable:
         return self._content(chunk)[offset : offset + size]
 
     def _content(self, chunk: ChunkPlace) -> bytes:
-        """What a chunk unpacks to; nothing where it is damaged."""
+        """Unpacked; empty where it is damaged."""
         if chunk.offset in self._unpacked:
             self._unpacked.move_to_end(chunk.offset)
             return self._unpacked[chunk.offset]
@@ -298,7 +259,6 @@ class ChunkTable:
         return content
 
     def _look_into(self, chunk: ChunkPlace) -> dict[int, list[MessagePlace]]:
-        """Unpack a chunk for its channels and messages, as long as some more may be."""
         if self._to_unpack == 0:
             self.problem = "it has no index; its first chunks are looked at"
             return {}
@@ -320,7 +280,7 @@ class ChunkTable:
         return found
 
     def _learn_channels(self) -> None:
-        """Look into the chunks where channels without a type come first, and before them."""
+        """Looks into the chunks where channels without a type come first, and before them."""
         for channel in self.channels:
             first = self._of_channel[channel][0]
             number = bisect_left(self._chunks, first.offset, key=lambda chunk: chunk.offset)
@@ -338,7 +298,7 @@ class ChunkTable:
         return True
 
     def _take(self, record: bytes) -> None:
-        """A type or a channel; one that is damaged is unknown."""
+        """A damaged type or channel is unknown."""
         try:
             for parsed in records_in(record):
                 self.catalogue.add(parsed)
@@ -357,14 +317,7 @@ def _place(index: ChunkIndex) -> ChunkPlace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """A message that was found, and not read yet.
-
-    Attributes:
-        topic: with the type that this message has.
-        log_ns: its log time, ns since the epoch.
-        place: where it lies.
-        table: of the file in which it lies.
-    """
+    """A message that was found, and not read yet; `topic` has the type of this message."""
 
     topic: Topic
     log_ns: int
@@ -373,24 +326,15 @@ class Found:
 
     @property
     def key(self) -> tuple[int, int, int]:
-        """The same for the same message, however often it is found."""
+        """Equal for the same message, however often it is found."""
         return id(self.table), self.place.chunk.offset, self.place.offset
 
 
 class Seeker:
     """The files of a bag, open to look for single messages; a context manager.
 
-    Files that are no recordings are passed over and told.
-
-    Args:
-        path: a bag folder, or one `.mcap` file.
-        evidence: of the folder look at its evidence instead of what is scored.
-
-    Attributes:
-        problems: what of it cannot be read, in words.
-
-    Raises:
-        RecorderError: there is nothing to read; the message names the remedy.
+    Files that are no recordings are skipped; `problems` names them. `evidence` looks at the
+    folder's evidence instead of what is scored. It raises RecorderError, as do its methods.
     """
 
     def __init__(self, path: Path, *, evidence: bool = False) -> None:
@@ -419,7 +363,6 @@ class Seeker:
         self._open.close()
 
     def topics(self) -> tuple[Topic, ...]:
-        """The topics of which there are messages, each with the type that it has first."""
         known: dict[str, Topic] = {}
         for _, topics in self._tables:
             for topic in topics.values():
@@ -427,42 +370,20 @@ class Seeker:
         return tuple(known.values())
 
     def between(self, name: str, begin_ns: int, end_ns: int) -> list[Found]:
-        """The messages of a topic that were logged from one time to another, by log time.
-
-        Raises:
-            RecorderError: a file cannot be read.
-        """
+        """The messages between two log times (ns since the epoch), by log time."""
         return self._found(name, lambda table, channel: table.places(channel, begin_ns, end_ns))
 
     def spread(self, name: str, most: int) -> list[Found]:
-        """Some messages of a topic, evenly over the whole bag, by log time.
-
-        Args:
-            name: of the topic.
-            most: so many chunks of each file are looked at.
-
-        Raises:
-            RecorderError: a file cannot be read.
-        """
+        """Messages evenly over the whole bag, by log time; `most` chunks of each file are read."""
         return self._found(name, lambda table, channel: table.spread(channel, most))
 
     def head(self, found: Found, size: int) -> bytes:
-        """The first bytes of a message's data.
-
-        Raises:
-            RecorderError: it cannot be read.
-        """
         try:
             return found.table.head(found.place, size)
         except (DamageError, OSError) as error:
             raise _unreadable(found, error) from None
 
     def message(self, found: Found, limit: int) -> RawMessage:
-        """A message of at most `limit` bytes.
-
-        Raises:
-            RecorderError: it cannot be read, or it is larger.
-        """
         try:
             message = found.table.message(found.place, limit)
         except (DamageError, OSError) as error:

@@ -40,21 +40,16 @@ from recorder.reader import (
 _GAPS_TOLD = 3
 
 _LARGEST_END = 100_000_000
-"""What a kill cuts is one record, of no more bytes: if more cannot be read, it is damaged."""
+"""A kill cuts one record, of no more bytes: a longer unreadable end is damage."""
 
 
 @dataclass(slots=True)
 class Survey:
-    """What reading a file showed.
+    """What reading a file showed; log times in ns since the epoch, None without messages.
 
     Attributes:
-        path: the file.
-        topics: its topics, by name and in its order.
-        counts: messages per topic name.
-        start_ns: earliest log time, ns since the epoch; None without messages.
-        end_ns: latest log time, ns since the epoch; None without messages.
-        cut: what is wrong with it, in words and in its order; empty if it is whole.
-        lost: what of that a reader of the bag is told; None if every message is there.
+        cut: what is wrong with it, in its order; empty if it is whole.
+        lost: the part of that for a reader of the bag; None if every message is there.
         tail_bytes: bytes behind the last whole record.
         gaps: chunks that cannot be read while what follows them can.
     """
@@ -71,12 +66,7 @@ class Survey:
 
     @classmethod
     def of(cls, file: BinaryIO, path: Path) -> Survey:
-        """Read a file to its end, whole or torn.
-
-        Raises:
-            ForeignError: it is no recording of ROS 2 messages.
-            RecorderError: no bag can hold its topics.
-        """
+        """Read a file to its end, whole or torn; RecorderError if no bag can hold its topics."""
         survey = cls(path)
         survey._read(file)
         if survey.gaps > _GAPS_TOLD:
@@ -87,16 +77,14 @@ class Survey:
 
     @property
     def messages(self) -> int:
-        """How many there are."""
         return sum(self.counts.values())
 
     @property
     def only_cut_off(self) -> bool:
-        """Whether all that it lacks is its end: what was being written, and the summary."""
+        """Whether it lacks only its end: what was being written, and the summary."""
         return not self.gaps and self.tail_bytes <= _LARGEST_END
 
     def information(self) -> BagInformation:
-        """What `metadata.yaml` has to say of it."""
         topics = list(self.topics.values())
         return BagInformation(self.path.name, topics, self.counts, self.start_ns, self.end_ns)
 
@@ -134,7 +122,7 @@ class Survey:
             )
 
     def _check_summary(self, file: BinaryIO) -> None:
-        """Readers trust the summary; without checksums it may say something else than the file."""
+        """Readers trust the summary; without checksums it may differ from the file."""
         try:
             summary = Catalogue(read_summary(file))
             if not summary.whole:
@@ -153,18 +141,12 @@ class Survey:
 
 
 TORN = ".torn"
-"""What is added to the name of a file that was repaired."""
 
 _NO_LINKS = {errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK}
 
 
 def open_file(folder_fd: int, name: str) -> BinaryIO:
-    """Open a file of the folder for reading.
-
-    Raises:
-        ForeignError: it is no plain file.
-        OSError: it cannot be opened, or is a link.
-    """
+    """Raises ForeignError for what is no plain file, OSError for a link."""
     flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     fd = os.open(name, flags, dir_fd=folder_fd)
     if not stat.S_ISREG(os.fstat(fd).st_mode):
@@ -174,11 +156,7 @@ def open_file(folder_fd: int, name: str) -> BinaryIO:
 
 
 def lock(folder_fd: int, name: str, file: BinaryIO) -> None:
-    """Make sure that nobody records to the file or repairs it, until it is closed.
-
-    Raises:
-        RecorderError: somebody does.
-    """
+    """Lock a file against recording and repair until it is closed; RecorderError if locked."""
     busy = RecorderError(f"{name} is being written; end its recording or repair, then try again")
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -212,9 +190,7 @@ def keep(folder_fd: int, name: str) -> str:
 def put_back(folder_fd: int, name: str) -> None:
     """Undo the first half of an exchange that was cut off, on a disk without hard links.
 
-    Raises:
-        RecorderError: the exchange is going on.
-        OSError: the disk refuses.
+    RecorderError if the exchange is going on.
     """
     if _exists(folder_fd, name) or not _exists(folder_fd, _torn_name(name, 1)):
         return
@@ -227,7 +203,6 @@ def put_back(folder_fd: int, name: str) -> None:
 
 
 def remove(folder_fd: int, name: str) -> None:
-    """Remove a file if it is there."""
     with suppress(FileNotFoundError):
         os.unlink(name, dir_fd=folder_fd)
 
@@ -245,7 +220,6 @@ def _exists(folder_fd: int, name: str) -> bool:
 
 
 def _is_named(folder_fd: int, name: str, info: os.stat_result) -> bool:
-    """Whether this is a name of that file."""
     try:
         return os.path.samestat(os.stat(name, dir_fd=folder_fd, follow_symlinks=False), info)
     except FileNotFoundError:
@@ -261,27 +235,18 @@ def _is_named(folder_fd: int, name: str, info: os.stat_result) -> bool:
 _SUFFIX = ".mcap"
 _PART = re.compile(rf"{re.escape(METADATA_FILE)}\.[0-9]+\.part")
 _GOES = 100
-"""Of listing again; each needs a file that came or went meanwhile."""
+"""The most tries to list again; each needs a file that came or went meanwhile."""
 
 
 def put_listing(
     folder_fd: int, recording: BagInformation | None = None, without: Collection[str] = ()
 ) -> BagInformation | None:
-    """List all files of a bag in its `metadata.yaml`; on the disk on return.
+    """List all files of a bag in its `metadata.yaml`; on disk on return.
 
-    Whoever has finished, repaired or removed a file of the bag calls it then. Several processes
-    may do so at once and wait for nobody: who was last looks once more, so all is listed.
-
-    Args:
-        folder_fd: the open bag folder.
-        recording: what is known of the bag's one recording; without it, its summary tells.
-        without: evidence that is not to be listed, because it is about to be removed.
-
-    Returns:
-        What is listed; None if the recording is unfinished: who finishes or repairs it lists all.
-
-    Raises:
-        OSError: the disk refuses.
+    Call it after a file of the bag was finished, repaired or removed. Several processes may do
+    so at once without a lock: the last one looks once more, so all is listed. `without` is
+    evidence about to be removed. None = the recording is unfinished: who finishes or repairs it
+    lists all.
     """
     listed = listing(folder_fd, recording, without)
     for _ in range(_GOES):
@@ -303,11 +268,7 @@ def put_listing(
 def listing(
     folder_fd: int, recording: BagInformation | None = None, without: Collection[str] = ()
 ) -> BagInformation | None:
-    """What `put_listing` would write, by the summaries of the files; reads no message.
-
-    Raises:
-        OSError: the folder cannot be read.
-    """
+    """What `put_listing` would write, by the summaries of the files; reads no message."""
     names = [name for name in os.listdir(folder_fd) if name.endswith(_SUFFIX)]
     evidence = sorted(filter(is_evidence, names), key=natural_order)
     if recording is None:
@@ -326,7 +287,6 @@ def listing(
 
 
 def _told(folder_fd: int) -> list[str]:
-    """The recordings of a bag by its `metadata.yaml`: a copy that lies beside them is none."""
     try:
         with open_file(folder_fd, METADATA_FILE) as file:
             names = listed_names(information_in(file.read(METADATA_LIMIT)))
@@ -336,7 +296,7 @@ def _told(folder_fd: int) -> list[str]:
 
 
 def _is_readable(listed: BagInformation) -> bool:
-    """Whether readers here take what is listed: evidence may have topics without end."""
+    """Whether readers accept the listing: evidence may have topics without end."""
     text = listed.metadata_yaml().encode()
     try:
         return len(text) <= METADATA_LIMIT and bool(information_in(text))
@@ -345,7 +305,6 @@ def _is_readable(listed: BagInformation) -> bool:
 
 
 def summarised(folder_fd: int, name: str) -> BagInformation | None:
-    """What a file's summary says of it; None for one that no reader can open as it is."""
     try:
         with open_file(folder_fd, name) as file:
             catalogue = Catalogue(read_summary(file))
@@ -366,29 +325,18 @@ def summarised(folder_fd: int, name: str) -> BagInformation | None:
 
 
 def metadata_part() -> str:
-    """The name of `metadata.yaml` before it is whole, another for each who writes one.
-
-    No reader looks at it.
-    """
+    """Unique to its writer; no reader looks at it."""
     return f"{METADATA_FILE}.{threading.get_native_id()}.part"
 
 
 def remove_metadata_parts(folder_fd: int) -> None:
-    """Remove what killed writers of `metadata.yaml` have left; nobody may write one now.
-
-    Raises:
-        OSError: the disk refuses.
-    """
+    """Remove what killed writers of `metadata.yaml` have left; nobody may write one now."""
     for name in filter(_PART.fullmatch, os.listdir(folder_fd)):
         os.unlink(name, dir_fd=folder_fd)
 
 
 def prepare_metadata(folder_fd: int, information: BagInformation) -> None:
-    """Write the next `metadata.yaml` beside the one that stands; on the disk on return.
-
-    Raises:
-        OSError: the disk refuses.
-    """
+    """Write the next `metadata.yaml` beside the current one; on disk on return."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
     fd = os.open(metadata_part(), flags, 0o666, dir_fd=folder_fd)
     with os.fdopen(fd, "w", encoding="utf-8") as file:
@@ -398,10 +346,6 @@ def prepare_metadata(folder_fd: int, information: BagInformation) -> None:
 
 
 def put_metadata(folder_fd: int) -> None:
-    """Make the prepared `metadata.yaml` the one that counts; after a crash it is either of them.
-
-    Raises:
-        OSError: the disk refuses.
-    """
+    """Make the prepared `metadata.yaml` the one that counts; a crash leaves one or the other."""
     os.rename(metadata_part(), METADATA_FILE, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
     os.fsync(folder_fd)

@@ -25,20 +25,13 @@ from recorder.survey import metadata_part, prepare_metadata, put_listing, put_me
 class BagFolder:
     """The folder, its recording and its `metadata.yaml`; not thread-safe.
 
-    The folder is held open, so that it may be renamed while it is recorded to.
-
-    Attributes:
-        file: the recording.
+    It is held open, so that it may be renamed while it is recorded to.
     """
 
     def __init__(
         self, folder: Path, topics: Iterable[Topic], records: Mapping[str, Mapping[str, str]]
     ) -> None:
-        """Make everything; it has reached the disk on return.
-
-        Raises:
-            RecorderError: it cannot be made; nothing is left behind.
-        """
+        """Make everything; on disk on return. RecorderError leaves nothing behind."""
         try:
             folder.mkdir()
         except FileExistsError:
@@ -65,22 +58,21 @@ class BagFolder:
             undo.pop_all()
 
     def finish(self) -> None:
-        """Complete the recording and `metadata.yaml`; both are on the disk on return.
+        """Complete the recording and `metadata.yaml`; both are on disk on return.
 
-        Listed is what evidence is whole by then; evidence that comes later lists itself.
+        It lists the evidence that is whole by then; later evidence lists itself.
         """
         self.file.finish()
         put_listing(self._fd, self.file.information())
 
     def close(self) -> None:
-        """Let go of everything, as it is."""
         with suppress(OSError):
             self.file.close()
         with suppress(OSError):
             os.close(self._fd)
 
     def remove(self) -> None:
-        """Close it and take it away again, as long as nothing was recorded."""
+        """Delete the bag; only as long as nothing was recorded."""
         self.close()
         _remove(self._folder, self._name)
 
@@ -92,7 +84,6 @@ def _cannot_record(folder: Path, error: OSError) -> RecorderError:
 
 
 def _remove(folder: Path, name: str) -> None:
-    """Take away what was just made here, and nothing else."""
     for made in (name, METADATA_FILE, metadata_part()):
         with suppress(OSError):
             (folder / made).unlink()
@@ -101,7 +92,7 @@ def _remove(folder: Path, name: str) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make the names in a folder survive a power cut."""
+    """The names in a folder then survive a power cut."""
     fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         os.fsync(fd)
@@ -116,7 +107,6 @@ class RecorderState(StrEnum):
     """The life of a recorder."""
 
     CLOSED = "closed"
-    """Not opened yet."""
     RECORDING = "recording"
     FAILED = "failed"
     """The disk refused; the bag is unfinished, what was written before stays readable."""
@@ -137,18 +127,13 @@ class DropReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class RecorderStats:
-    """A recorder at one instant.
+    """A recorder at one instant; messages per topic.
 
     Attributes:
-        state: its life.
-        written: messages in the file.
-        received: messages handed to `put`, per topic.
-        dropped: those of them that are not and will not be in the bag, per topic.
-        drop_reasons: the same, per reason.
+        dropped: those handed to `put` that are not and will not be in the bag.
         queued_bytes: memory of the messages on their way to the file.
-        file_bytes: size of the recording.
         seconds_since_sync: since everything received had reached the disk; None before `open`.
-        error: why the recording failed, with the remedy; else None.
+        error: why the recording failed, with the remedy.
     """
 
     state: RecorderState
@@ -164,16 +149,9 @@ class RecorderStats:
 
 @dataclass(frozen=True, slots=True)
 class BagSummary:
-    """What became of a recording.
+    """The outcome of a recording; log times in ns since the epoch, None without messages.
 
-    Attributes:
-        folder: the bag.
-        counts: messages in the file, per registered topic.
-        dropped: messages handed in that are not in the file, per topic.
-        start_ns: earliest log time, ns since the epoch; None without messages.
-        end_ns: latest log time, ns since the epoch; None without messages.
-        file_bytes: size of the recording.
-        error: why the bag is unfinished, with the remedy; None when it is finished.
+    `error` says why the bag is unfinished, with the remedy; else None.
     """
 
     folder: Path
@@ -186,7 +164,7 @@ class BagSummary:
 
 
 class Account:
-    """Where every message handed in has gone: received = saved + dropped + on its way."""
+    """The fate of every message handed in: received = saved + dropped + on its way."""
 
     def __init__(self) -> None:
         self.received: Counter[str] = Counter()
@@ -194,20 +172,16 @@ class Account:
         self._dropped: Counter[tuple[str, DropReason]] = Counter()
 
     def drop(self, topic: str, reason: DropReason) -> None:
-        """Count a message that will not be in the bag."""
         self._dropped[topic, reason] += 1
 
     def drop_rest(self) -> None:
-        """Count all that is on its way as lost to a failure."""
         rest = self.received - self.saved - self.dropped()
         self._dropped.update({(topic, DropReason.FAILED): n for topic, n in rest.items()})
 
     def dropped(self) -> Counter[str]:
-        """Dropped messages per topic."""
         return self._sum(0)
 
     def reasons(self) -> Counter[DropReason]:
-        """Dropped messages per reason."""
         return self._sum(1)
 
     def _sum(self, part: int) -> Counter[Any]:
@@ -224,13 +198,11 @@ _OVERHEAD_BYTES = 256
 """Memory of a queued message beside its data, so that many small ones are bounded as well."""
 
 _RECORDING, _FULL = RecorderState.RECORDING, DropReason.QUEUE_FULL
-"""What is asked for each message; Python 3.11 takes 0.2 us to look up a member."""
+"""Used for each message; Python 3.11 takes 0.2 us to look up a member."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Record:
-    """A metadata record on its way to the file."""
-
     name: str
     content: Mapping[str, str]
 
@@ -243,7 +215,7 @@ class BagWriter:
 
     Args:
         folder: the bag folder, made by `open`; its parent must exist.
-        topics: what is known beforehand; later ones by `add_topic`.
+        topics: known beforehand; later ones by `add_topic`.
         records: MCAP metadata records by name, written before the first message.
         flush_period: seconds of `clock` between two syncs, about the most that a crash can cost.
         queue_bytes: memory that messages may take on their way to the file.
@@ -286,10 +258,9 @@ class BagWriter:
         self._thread: threading.Thread | None = None
 
     def open(self) -> None:
-        """Make the bag, bring its header, records and `metadata.yaml` to the disk, and record.
+        """Make the bag, its header, records and `metadata.yaml` on disk, and record.
 
-        Raises:
-            RecorderError: it cannot be made; nothing is left behind, the message names the remedy.
+        RecorderError leaves nothing behind.
         """
         if self._state is not RecorderState.CLOSED or self._closing:
             raise RecorderError(f"{self.folder} was recorded or closed before; make a new recorder")
@@ -331,7 +302,7 @@ class BagWriter:
         return self.put_all((message,)) == 1
 
     def put_all(self, messages: Iterable[RawMessage]) -> int:
-        """Queue messages, oldest first, as `put` does one; how many were not dropped."""
+        """As `put`, oldest first; returns how many were not dropped."""
         accepted, received = 0, self._account.received
         with self._lock:
             for message in messages:
@@ -349,11 +320,9 @@ class BagWriter:
         return accepted
 
     def add_topic(self, topic: Topic) -> bool:
-        """Register a topic that appeared while recording.
+        """Register a topic that appeared while recording; returns whether it is recorded.
 
-        Returns:
-            Whether its messages are recorded: False while not recording, for a topic that a bag
-            cannot hold, and for a name already registered with another type.
+        It is not while not recording, if a bag cannot hold it, or if its name has another type.
         """
         with self._changed:
             if not self._accepting or topic_problem(topic) is not None:
@@ -365,7 +334,7 @@ class BagWriter:
             return True
 
     def add_record(self, name: str, record: Mapping[str, str]) -> bool:
-        """Add a metadata record while recording; False when not recording."""
+        """False when not recording."""
         with self._changed:
             if not self._accepting:
                 return False
@@ -373,7 +342,6 @@ class BagWriter:
             return True
 
     def stats(self) -> RecorderStats:
-        """The recorder now."""
         with self._changed:
             return RecorderStats(
                 state=self._state,
@@ -390,8 +358,7 @@ class BagWriter:
     def close(self, timeout: float | None = 30.0) -> BagSummary:
         """Write what is queued, finish the bag and its `metadata.yaml`; safe to call twice.
 
-        Args:
-            timeout: seconds until a disk that does not answer counts as failed; None = never.
+        `timeout` (s) is when an unresponsive disk counts as failed; None = never.
         """
         with self._changed:
             self._closing = True

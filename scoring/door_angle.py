@@ -15,52 +15,50 @@ from scoring.protocol import Thresholds
 Flags = NDArray[np.bool_]
 
 _FEWEST_STEPS = 10
-"""Steps of the door angle that tell its encoder's count."""
+"""Fewest steps of the door angle that tell its encoder's count."""
 
 _STRAY_STEPS = 2
-"""So many smaller steps may be those of a bad sample."""
+"""This many smaller steps may come from a bad sample."""
 
 _SAME_STEP = 1e-9
 """Smaller steps of the door angle are none, rad."""
 
 _AT_REST = 1.0
-"""The closed door is looked at for so long before the start, s."""
+"""How long before the start the closed door is looked at, s."""
 
 _COUNTS_OFF = 3
-"""A sample that fits no motion is off by more encoder counts."""
+"""Encoder counts by which a sample that fits no motion is off."""
 
 _DEVIATIONS_OFF = 5
-"""And by more standard deviations of the door at rest."""
+"""Standard deviations of the door at rest by which it is off, too."""
 
 _NEIGHBOURS = 8
-"""Samples on either side through which the curve goes that stands for a bad one."""
+"""Samples on either side that the curve in place of a bad one goes through."""
 
 _WILD = 100.0
 """Larger angles are no neighbours, rad."""
 
 _LEAST_NOISE = 0.01
-"""A load cell has at least so much noise, N."""
+"""A load cell has at least this much noise, N."""
 
 _FROZEN = 2
 """Intervals without any change, in motion, that are a freeze."""
 
 _ABRUPT = 6.0
-"""Counts by which a panel that trembles does not step before and after it stands still."""
+"""Largest step, in counts, of a trembling panel beside a standstill."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DoorAngle:
-    """The readings of the door's angle over a whole recording.
+    """The door's angle over a recording, rad; times in s since the epoch, arrays of shape (n,).
 
     Attributes:
-        time: increasing, s since the epoch, shape (n,).
-        angle: rad, shape (n,).
-        step: the smallest one, rad; None where few are seen.
-        count: of the encoder, rad: the smallest step, at most what the settings say.
-        noise: standard deviation of the closed door before the start, rad; 0 where not known.
-        spikes: the samples that are off their neighbours, and back, shape (n,).
-        frozen: those that repeat an old angle in motion, shape (n,).
-        spike: the size of the largest spike, rad.
+        step: the smallest one; None where few are seen.
+        count: of the encoder: the smallest step, at most what the settings say.
+        noise: standard deviation of the closed door before the start; 0 where not known.
+        spikes: samples that are off their neighbours, and back.
+        frozen: samples that repeat an old angle in motion.
+        spike: the size of the largest spike.
     """
 
     time: Array
@@ -74,7 +72,6 @@ class DoorAngle:
 
     @classmethod
     def of(cls, time: Array, angle: Array, start: float, thresholds: Thresholds) -> DoorAngle:
-        """Look at all readings of a run that started at `start`, s since the epoch."""
         with np.errstate(over="ignore", invalid="ignore"):  # `eurobench-2020` believes any angle
             steps = np.abs(np.diff(angle))
             steps = steps[steps > _SAME_STEP]
@@ -92,19 +89,18 @@ class DoorAngle:
 
     @property
     def bad(self) -> Flags:
-        """The samples that fit no motion, shape (n,)."""
         return self.spikes | self.frozen
 
     @property
     def repairable(self) -> Flags:
-        """Those of them that lie between good ones, shape (n,)."""
+        """The bad samples that lie between good ones."""
         beside = np.zeros_like(self.spikes)
         beside[1:] |= self.spikes[:-1]
         beside[:-1] |= self.spikes[1:]
         return (self.spikes & ~beside) | self.frozen
 
     def without(self, bad: Flags) -> Array:
-        """The angles, rad, shape (n,), with a curve through their neighbours for bad ones."""
+        """The angles, with a curve through their neighbours in place of bad ones."""
         good = np.flatnonzero(~bad & (np.abs(self.angle) < _WILD))
         filled = self.angle.copy()
         for first, last in runs(bad):
@@ -120,7 +116,7 @@ class DoorAngle:
 
 
 def runs(flags: Flags) -> list[tuple[int, int]]:
-    """Where flags are set one after the other: the first of them, and the first after them."""
+    """Each run of set flags: its first index, and the first after it."""
     borders = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
     return [(int(a), int(b)) for a, b in zip(borders[::2], borders[1::2], strict=True)]
 
@@ -129,11 +125,7 @@ def spike_sizes(time: Array, values: Array) -> Array:
     """By how much each value is off its neighbours and back; 0 where that is no spike's pattern.
 
     A spike is off the line through its neighbours, and each of these is off by half as much to
-    the other side. A sudden stop, as of a slammed door, is not: it bends the curve one way only.
-
-    Args:
-        time: increasing, s, shape (n,).
-        values: shape (n,).
+    the other side. A sudden stop, as of a slammed door, bends the curve one way only.
     """
     off = np.zeros(values.size)
     if values.size < 3:
@@ -149,14 +141,9 @@ def spike_sizes(time: Array, values: Array) -> Array:
 
 
 def without_top(time: Array, force: Array, noise: float) -> Array:
-    """Sizes of forces without the largest one and without spikes, N, shape (n,).
+    """Sizes of forces, N, shape (n,), with curves in place of the largest one and of spikes.
 
-    A curve through four neighbours stands in their place, where these bend towards it.
-
-    Args:
-        time: increasing, s, shape (n,).
-        force: N, shape (n,).
-        noise: standard deviation of the force at rest, N.
+    `noise` is the standard deviation of the force at rest, N.
     """
     size = np.abs(force)
     if size.size < _FEWEST_STEPS:
@@ -167,7 +154,6 @@ def without_top(time: Array, force: Array, noise: float) -> Array:
 
 
 def _bridged(size: Array, places: NDArray[np.intp]) -> Array:
-    """Sizes with a curve through four neighbours at some places; 0 there at the ends."""
     bridged = size.copy()
     bridged[places] = 0.0
     inner = places[(places >= 2) & (places < size.size - 2)]
@@ -178,7 +164,7 @@ def _bridged(size: Array, places: NDArray[np.intp]) -> Array:
 
 
 def _frozen(angle: Array, count: float, limit: float) -> Flags:
-    """An angle that stands still between steps that no panel makes from one sample to the next.
+    """An angle that stands still between steps too large for a panel.
 
     It stops and goes on by over a count, or catches up by far more than the steps beside it.
     """

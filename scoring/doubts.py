@@ -29,31 +29,20 @@ from scoring.signals import DecidingEdge, EdgeKind
 
 
 _NOISE = 2.0
-"""What moves the largest force by less standard deviations of its noise is noise."""
+"""A change of the largest force by fewer standard deviations of its noise is noise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grounds:
-    """What the values of a run rest on.
+    """The evidence behind the values of a run; times in s since the epoch, rad and N.
 
     Attributes:
-        start: of the run, s since the epoch.
-        end: of what is scored, s since the epoch.
-        events: of the run.
-        edges: on which the indicators hang.
-        counters: of every signal that came.
-        door: the angle's readings of the whole recording.
-        impossible_angles: when the door said what it cannot, s since the epoch, shape (m,).
-        guessed: stamps, s since the epoch, and angles, rad, of passage samples that were masked
-            before the door angle at their stamps had come, shape (n, 2).
-        force_time, force: likewise of the handle, s since the epoch and N, shape (k,).
-        joint: the panel's motion over the whole recording.
-        rows: cut to the run.
-        rows_end: where they are cut, s since the epoch.
-        rest: the handle's rest force.
-        handle_zero: N.
-        ruleset: whose rules.
-        thresholds: the testbed's numbers.
+        end: of what is scored.
+        door, joint, force_time, force: over the whole recording.
+        impossible_angles: times of impossible door angles, shape (m,).
+        guessed: stamps and angles, shape (n, 2), of passage samples that were masked before the
+            door angle at their stamps had come.
+        rows: cut to the run, at `rows_end`.
     """
 
     start: float
@@ -75,13 +64,7 @@ class Grounds:
     thresholds: Thresholds
 
     def rows_of(self, time: Array, angle: Array, ruleset: Ruleset) -> tuple[JointState, Rows]:
-        """The motion of other door angles, and the rows cut to the run.
-
-        Args:
-            time: of the whole recording, s since the epoch, shape (n,).
-            angle: rad, shape (n,).
-            ruleset: whose filters.
-        """
+        """The motion of other door angles, rad, shape (n,), and the rows cut to the run."""
         joint = joint_state(time, angle, ruleset, self.thresholds)
         rows = process_rows(joint, self.force_time, self.force, ruleset, self.thresholds)
         if ruleset.cut_rows:
@@ -89,7 +72,6 @@ class Grounds:
         return joint, rows
 
     def signal_values(self) -> dict[Name, Indicator]:
-        """The indicators that are computed from rows."""
         rows = self.rows
         return {
             Name.SMOOTHNESS_OF_DOOR_ACTUATION: smoothness_of_door_actuation(rows.jerk, rows.opened),
@@ -98,10 +80,7 @@ class Grounds:
         }
 
     def without_bad_samples(self) -> Grounds | None:
-        """The run without samples that fit no motion, and without its largest force.
-
-        None where that changes next to nothing.
-        """
+        """The run without bad samples and its largest force; None if next to nothing changes."""
         load, bad = self.rows.load, self.door.bad
         if self.ruleset.repairs:
             bad = bad & ~self.door.repairable
@@ -121,7 +100,6 @@ class Grounds:
 
     @property
     def door_edges(self) -> list[float]:
-        """Times of all openings and closings of the run, s since the epoch."""
         kinds = EventName.DOOR_OPENS, EventName.DOOR_CLOSES
         return [event.time for event in self.events if event.name in kinds]
 
@@ -135,7 +113,6 @@ class Grounds:
 
 
 Doubt = tuple[tuple[Name, ...], str]
-"""The indicators that are doubted, and why, in a sentence."""
 
 _MOTION = (Name.SMOOTHNESS_OF_DOOR_ACTUATION, Name.UNSAFETY_OF_DOOR_OPERATION)
 _FORCE = (*EdgeKind.TOUCH.indicators, Name.ROUGHNESS_OF_DOOR_ACTUATION)
@@ -143,25 +120,18 @@ _CLOSING_TIMES = (Name.EXECUTION_TIME, Name.PASSAGE_TIME)
 _FROM_START = (Name.EXECUTION_TIME, Name.TIME_TO_HANDLE)
 _UNDER_SENSORS = (EdgeKind.ARRIVAL, EdgeKind.DEPARTURE)
 _TOP_NOISE = 3.0
-"""By so many standard deviations noise alone lifts one force over its neighbours."""
+"""Noise alone lifts one force over its neighbours by up to this many standard deviations."""
 _FILTER_REACH = 1.0
-"""The filters of the door angle reach so far out of the run, s."""
+"""How far the filters of the door angle reach out of the run, s."""
 
 
 Uncertain = Callable[[Grounds, Mapping[Name, Indicator]], Mapping[Name, Uncertainty | None]]
-"""Finds the uncertainties of values."""
 
 
 def all_doubts(
     grounds: Grounds, indicators: Mapping[Name, Indicator], uncertain: Uncertain
 ) -> dict[Name, tuple[str, ...]]:
-    """Every doubt on a run, by indicator; those without any are missing.
-
-    Args:
-        grounds: what the values rest on.
-        indicators: the values.
-        uncertain: finds the uncertainties of values that rest on other grounds.
-    """
+    """The doubts on a run by indicator; `uncertain` gives uncertainties for other grounds."""
     with np.errstate(over="ignore", invalid="ignore"):  # of what only `eurobench-2020` believes
         found = (
             *edge_doubts(grounds.edges, grounds.counters, grounds.thresholds),
@@ -185,7 +155,7 @@ def all_doubts(
 
 
 def by_indicator(found: Iterable[Doubt]) -> dict[Name, tuple[str, ...]]:
-    """Doubts by indicator, in the protocol's order, each sentence once."""
+    """In the protocol's order, each sentence once."""
     told: dict[Name, dict[str, None]] = {name: {} for name in Name}
     for names, words in found:
         for name in names:
@@ -255,7 +225,6 @@ def _gaps_near_maxima(g: Grounds) -> Iterator[Doubt]:
 
 
 def _holes(g: Grounds, signal: Signal) -> list[tuple[float, float]]:
-    """The intervals of a signal without a reading, longer than they should be."""
     counter, intervals = g.counters.get(signal), g.thresholds.doubt.gap_intervals
     if counter is None:
         return []
@@ -268,13 +237,12 @@ def _holes(g: Grounds, signal: Signal) -> list[tuple[float, float]]:
 
 
 def _gap_near(holes: Iterable[tuple[float, float]], time: float, reach: float) -> float | None:
-    """The longest of some gaps that come near a time, s; None = none does."""
+    """The longest gap near a time, s; None = none."""
     near = (until - since for since, until in holes if since - reach < time < until + reach)
     return max(near, default=None)
 
 
 def _open_intervals(g: Grounds) -> Array:
-    """The intervals between the door's readings while it is open, in the run, s, shape (m,)."""
     is_open = np.abs(g.door.angle) > g.thresholds.closed_angle
     within = (g.door.time >= g.start) & (g.door.time <= g.end)
     counted = is_open & within
@@ -301,7 +269,7 @@ def _missing_samples(g: Grounds) -> Iterator[Doubt]:
 def _bad_samples(
     g: Grounds, indicators: Mapping[Name, Indicator], uncertain: Uncertain
 ) -> Iterator[Doubt]:
-    """Samples without which a value would be another by more than its uncertainty."""
+    """Samples without which a value would change by more than its uncertainty."""
     sound = g.without_bad_samples()
     if sound is None:
         return
@@ -325,7 +293,6 @@ def _bad_angle(g: Grounds) -> str:
 
 
 def _bad_edges(g: Grounds) -> Iterator[Doubt]:
-    """Edges that rest on no good reading, as `edge_doubts` has it of too few."""
     times = g.door.time[g.door.bad]
     for edge in g.edges if g.thresholds.doubt.least_readings else ():
         since = edge.time if edge.since is None else edge.since
@@ -337,7 +304,6 @@ def _bad_edges(g: Grounds) -> Iterator[Doubt]:
 
 
 def _guessed_angles(g: Grounds) -> Iterator[Doubt]:
-    """Passage samples that another door angle would have masked, or not masked."""
     time, guess = g.guessed[(g.guessed[:, 0] >= g.start) & (g.guessed[:, 0] <= g.end)].T
     if not time.size or not g.door.time.size:
         return
@@ -354,7 +320,6 @@ def _guessed_angles(g: Grounds) -> Iterator[Doubt]:
 
 
 def _encoder(g: Grounds) -> Iterator[Doubt]:
-    """Another encoder, or a noisier one, than the settings say."""
     count, limits = g.thresholds.encoder_count, g.thresholds.doubt
     most = limits.encoder * count
     for what, seen, known in (
@@ -374,7 +339,7 @@ def _range_end(g: Grounds) -> Iterator[Doubt]:
 
 
 def _impossible(g: Grounds) -> Iterator[Doubt]:
-    """Steps and back, too, of which nothing is left but the hole that the filters step over."""
+    """Impossible door angles, steps and back included, which the filters step over as a hole."""
     times = g.impossible_angles[_within_filters(g, g.impossible_angles)]
     if times.size:
         most = f"{g.thresholds.largest_angle:g} rad"
@@ -382,7 +347,6 @@ def _impossible(g: Grounds) -> Iterator[Doubt]:
 
 
 def _within_filters(g: Grounds, times: Array) -> NDArray[np.bool_]:
-    """Which times the filters of the run reach."""
     if not g.ruleset.cut_rows:
         return np.ones(times.shape, np.bool_)
     return (times >= g.start - _FILTER_REACH) & (times <= g.end + _FILTER_REACH)
@@ -433,7 +397,7 @@ def _chatter(g: Grounds) -> Iterator[Doubt]:
 
 
 def _delays(g: Grounds) -> Iterator[Doubt]:
-    """Stamps of signals that an indicator joins, that differ in delay; the start's has none."""
+    """Stamps with different delays of signals that an indicator joins; the start's has none."""
     joined: dict[Name, set[Signal]] = {name: set() for name in Name}
     for edge in g.edges:
         for name in edge.kind.indicators:
@@ -457,7 +421,6 @@ def _delays(g: Grounds) -> Iterator[Doubt]:
 
 
 def _may_be_masked(g: Grounds, edge: DecidingEdge) -> bool:
-    """Whether the panel was where it masks sensors about the time of an edge."""
     near = np.abs(g.door.time - edge.time) <= g.thresholds.doubt.gap_reach
     angles = np.abs(g.door.angle[near])
     furthest = max(g.thresholds.mask_to_cw + g.thresholds.mask_to_ccw)

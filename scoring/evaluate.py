@@ -31,7 +31,7 @@ from scoring.signals import DecidingEdge, DoorSample, EdgeKind, HandleSample, Sa
 from scoring.uncertainty import uncertainties
 
 _MOST_PROBLEMS = 20
-"""Different problems that are told one by one; random bytes make a new one each time."""
+"""Limit of different problems that are listed; random bytes make a new one each time."""
 _OTHER_PROBLEMS = "other problems with the recording"
 
 _OF_THE_DOOR = frozenset({EventName.DOOR_OPENS, EventName.DOOR_CLOSES})
@@ -44,22 +44,15 @@ def completed_by_settling(ending: Ending, procedure: Procedure) -> bool:
 
 
 def _steps_by(ruleset: Ruleset) -> Ruleset:
-    """Whose rules find the steps of a run that is scored by a ruleset."""
     return ruleset if ruleset.own_steps else PROTOCOL
 
 
 class LiveAssessment:
-    """Follows one run: what is known of it while it goes on. It keeps no series of numbers.
+    """Follows one run while it goes on; keeps no series of numbers.
 
-    Args:
-        condition: of the run.
-        start: the (planned) start, s since the epoch.
-        ruleset: whose rules make the result, and the steps that stop a run; those of
-            `eurobench-2020` are the protocol's.
-        thresholds: the testbed's numbers.
-        lock_detection: what decides step 6.
-        handle_zero: N, as set by the referee.
-        stopped_by: whose rules stopped the run, where they were others.
+    `start` is the (planned) start, s since the epoch, and `handle_zero` in N. `ruleset` makes the
+    result and the steps that stop a run (`eurobench-2020`: the protocol's); `stopped_by` are other
+    rules that stopped the run.
     """
 
     def __init__(
@@ -94,7 +87,7 @@ class LiveAssessment:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Whatever is kept beyond this."""
+        """Hook for what subclasses keep."""
 
     @property
     def newest(self) -> float | None:
@@ -121,7 +114,6 @@ class LiveAssessment:
         self._admit(admitted)
 
     def _admit(self, sample: Sample) -> None:
-        """A sample whose stamp is good, or corrected."""
         self._live.feed(sample)
         match sample:
             case DoorSample() if abs(sample.angle) <= self._largest_angle:
@@ -132,7 +124,7 @@ class LiveAssessment:
                     self._top_force = max(self._top_force, abs(sample.force))
 
     def report_problem(self, text: str) -> None:
-        """Count something wrong with the recording that no sample shows, in words."""
+        """Count something wrong with the recording that no sample shows."""
         if text not in self._problems and len(self._problems) >= _MOST_PROBLEMS:
             text = _OTHER_PROBLEMS
         self._problems[text] = self._problems.get(text, 0) + 1
@@ -148,14 +140,10 @@ class LiveAssessment:
 
     @property
     def changes(self) -> int:
-        """See `EventDetector.changes`: where it stands still, events and steps do, too.
-
-        But for a settle time that ends: `Procedure.settling`.
-        """
+        """See `EventDetector.changes`; steps also change when a settle time ends."""
         return self._live.changes
 
     def events(self) -> tuple[Event, ...]:
-        """The events so far, by the rules of the protocol."""
         return self._live.events()
 
     def provisional(self, procedure: Procedure) -> dict[str, float]:
@@ -171,17 +159,13 @@ class LiveAssessment:
         return {str(name): float(i.value) for name, i in known.items() if i.value is not None}
 
     def provisional_doubts(self) -> dict[str, tuple[str, ...]]:
-        """What is doubted already of the indicators, by file name (section 11).
-
-        Of what has just begun it is not known yet how long it holds.
-        """
+        """Doubts so far, by file name (section 11); the newest state may not hold yet."""
         known = (self._newest or self.start) - self._thresholds.doubt.gap_reach
         edges = (edge for edge in self._live.deciding() if edge.time <= known)
         found = edge_doubts(edges, self._counters, self._thresholds)
         return {str(name): doubts for name, doubts in by_indicator(found).items()}
 
     def quality(self, more: Iterable[str] = ()) -> Quality:
-        """The data quality of everything fed so far, with more remarks on it."""
         expected = [s for s in Signal if not s.optional or s in self._counters]
         signals = []
         remarks = []
@@ -240,13 +224,6 @@ class Assessment(LiveAssessment):
     def result(
         self, ending: Ending, rulings: Sequence[Ruling] = (), remarks: Iterable[str] = ()
     ) -> tuple[Result, Rows]:
-        """The result of the run and the pre-processed data behind it.
-
-        Args:
-            ending: how the run ended.
-            rulings: the referee's, in the order in which they were made.
-            remarks: what else there is to know of the data, in words.
-        """
         self._finish()
         ending, later = self._stopped_by_these_rules(ending, rulings)
         end = self._end(ending)
@@ -318,11 +295,7 @@ class Assessment(LiveAssessment):
     def _deciding(
         self, ending: Ending, rulings: Sequence[Ruling], end: float
     ) -> tuple[DecidingEdge, ...]:
-        """The edges on which the indicators hang.
-
-        Of a run that sensors completed after its torn recording ends, only the stop is known: it
-        was seen at a sample, as in any run.
-        """
+        """The edges on which indicators depend; only the stop, if seen after a torn recording."""
         edges, known = self._scoring.deciding(end), self._thresholds
         lost = self._newest is not None and self._newest < end
         ruled = any(ruling.time == end for ruling in rulings)
@@ -337,8 +310,6 @@ class Assessment(LiveAssessment):
         procedure: Procedure,
         grounds: Grounds,
     ) -> dict[IndicatorName, Indicator]:
-        """The indicators with their uncertainties and doubts (section 11)."""
-
         def times(events: Sequence[Event]) -> dict[IndicatorName, Indicator]:
             done, rows = procedure.done, grounds.rows
             return pi.compute_indicators(
@@ -359,9 +330,9 @@ class Assessment(LiveAssessment):
     def _stopped_by_these_rules(
         self, ending: Ending, rulings: Sequence[Ruling]
     ) -> tuple[Ending, tuple[str, ...]]:
-        """A run that other rules completed stops when these do, if the recording has it.
+        """Stop a run that other rules completed when these do, if the recording has it.
 
-        What the referee has ruled since moves no stop, and no outcome is decided anew.
+        Later rulings move no stop, and no outcome is decided anew.
         """
         stop, name = ending.stop, self._ruleset.name
         if not self._stopped_by_others or stop is None:

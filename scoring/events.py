@@ -43,21 +43,17 @@ from scoring.signals import (
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What the sensors say about the six steps (section 7).
+    """What the sensors say about the six steps (section 7); times in s since the epoch.
 
-    Read it before the next sample is fed: of a signal that flickers there are thousands of edges,
-    so they are not copied for each look.
+    Read it before the next sample is fed: edges are not copied, a flickering signal has thousands.
 
     Attributes:
-        start: start of the run, s since the epoch.
-        stop: its stop; None while it goes on.
-        touched: time of the touch; None = not touched.
-        door: opening (True) and closing edges up to the end of what was seen.
-        door_seen: time of the newest door sample; None = none.
-        latch: states of the latch from the start on, the one at the start included.
+        door: opening (True) and closing edges.
+        door_seen: time of the newest door sample.
+        latch: states from the start on, the one at the start included.
         latch_before_start: whether the latch delivered a value before the start.
-        crossed: time of the crossing: live, since when it holds; after the stop, the time of
-            `humanoid_moves_to_<destination>_side`. None = not crossed.
+        crossed: live, since when the crossing holds; after the stop, the time of
+            `humanoid_moves_to_<destination>_side`.
     """
 
     start: float
@@ -71,21 +67,12 @@ class Evidence:
 
 
 class EventDetector:
-    """Finds the events of one run.
-
-    Args:
-        condition: tells the starting side.
-        start: the (planned) start of the run, s since the epoch.
-        thresholds: the testbed's numbers.
-        ruleset: whose rules for the passage sensors.
-        handle_zero: handle force at rest, N.
+    """Finds the events of one run; the (planned) `start` in s since the epoch, `handle_zero` in N.
 
     Attributes:
-        changes: grows with every sample that says anything new; where it stands still, events stand
-            still, and of the evidence all but the time of the newest door sample.
-        angles: joins passage samples with the door angle.
-        on_passage: told of each passage sample once it counts, with the door angle, rad, by which
-            it was masked.
+        changes: grows with all that changes events or evidence, except for `door_seen`.
+        on_passage: called with each passage sample once it counts, and the door angle, rad, by
+            which it was masked.
     """
 
     def __init__(
@@ -138,12 +125,10 @@ class EventDetector:
 
     @property
     def door_is_open(self) -> bool | None:
-        """Whether the door is open now; None before the first angle."""
         return self._door.state
 
     @property
     def latch_engaged(self) -> bool | None:
-        """Whether the latch is engaged now; None before its first value."""
         return self._latch[-1].value if self._latch else None
 
     @property
@@ -152,11 +137,7 @@ class EventDetector:
         return {sensor: level.state for sensor, level in self._sensors.items()}
 
     def presences(self) -> dict[PassageSensor, tuple[tuple[float, float], ...]]:
-        """For each used sensor, from when to when something was under it since the start.
-
-        Returns:
-            Times of rise and fall, s since the epoch; a fall that was not seen is inf.
-        """
+        """Rises and falls since the start, s since the epoch; an unseen fall is inf."""
         return {
             sensor: tuple(
                 (rise.time, fall.time if fall else math.inf)
@@ -166,7 +147,6 @@ class EventDetector:
         }
 
     def under(self, strip: Strip) -> Iterator[tuple[PassageSensor, bool | None]]:
-        """The used sensors of a strip, each with what `occupied` says of it."""
         return ((sensor, level.state) for sensor, level in self._of_strip[strip])
 
     def feed(self, sample: Sample) -> None:
@@ -279,15 +259,11 @@ class EventDetector:
         )
 
     def events(self, stop: float | None = None, *, newest: int | None = None) -> tuple[Event, ...]:
-        """The events so far by time, or all events of a run stopped at `stop`.
+        """The events by time, live (`stop` None) or of a run stopped at `stop`, s since the epoch.
 
-        Live, the last fall stands as `humanoid_moves_to_<side>_side` once nothing is under
-        the sensors; `benchmark_stop` is there only after the stop.
-
-        Args:
-            stop: of the run, s since the epoch; None = live.
-            newest: only so many of the newest of the door and of the latch; one that flickers
-                has many, and a screen asks again and again. None = all.
+        Live, there is no `benchmark_stop`, and the last fall stands as
+        `humanoid_moves_to_<side>_side` once nothing is under the sensors. `newest` limits those of
+        door and latch for screens: a flickering one has many.
         """
         if stop is not None:
             self._begin()
@@ -310,7 +286,7 @@ class EventDetector:
         return tuple(sorted(kept, key=lambda e: e.time))
 
     def deciding(self, stop: float | None = None) -> tuple[DecidingEdge, ...]:
-        """The edges on which the indicators hang (section 11), live or as of the stop."""
+        """The edges on which the indicators depend (section 11), live or as of the stop."""
         end = math.inf if stop is None else stop
         found: list[DecidingEdge | None] = [
             first_rise(EdgeKind.TOUCH, Signal.HANDLE, self._touch, end),

@@ -14,21 +14,17 @@ from scoring.protocol import Condition, EventName, NamedRow
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IndicatorSpec:
-    """What is said of one indicator.
+    """The texts and display rules of one indicator.
 
     Attributes:
-        name: as files have it.
-        unit: of the value, in ASCII: `rad/s^2`.
-        title: over a column of at most 8 characters, the unit apart.
-        column: over a column of the screens, the unit in it where there is room.
-        definition: what it is, for those who know the protocol; the schema says it.
-        explanation: what it means, for those who do not; reports say it. A ruleset may say
-            otherwise.
-        decimals: that columns of screens and standings show.
-        higher_is_better: which values come first where a column is sorted.
-        counts: its values are whole numbers.
-        extremes: its smallest and largest value are told beside the means, as EUROBENCH does.
-        with_the_start: it includes the delay of a start made by hand (section 8).
+        unit: in ASCII: `rad/s^2`.
+        title: over a column of at most 8 characters, without the unit.
+        column: over a column of the screens, with the unit where there is room.
+        definition: for readers who know the protocol; used in the schema.
+        explanation: for readers who do not; used in reports. A ruleset may replace it.
+        counts: whether its values are whole numbers.
+        extremes: whether smallest and largest value are shown beside the means, as by EUROBENCH.
+        with_the_start: whether it includes the delay of a start made by hand (section 8).
     """
 
     name: str
@@ -45,7 +41,6 @@ class IndicatorSpec:
 
     @property
     def better(self) -> str:
-        """Which of two values is better: the `higher` or the `lower`."""
         return "higher" if self.higher_is_better else "lower"
 
 
@@ -139,20 +134,17 @@ class IndicatorName(NamedRow):
 
     @property
     def words(self) -> str:
-        """Its name with blanks."""
         return self.replace("_", " ")
 
 
 WITH_THE_START = " and ".join(name.words for name in IndicatorName if name.spec.with_the_start)
-"""Those that include the delay of a start made by hand, in words (section 8)."""
 
 
 WITH_EXTREMES = ", ".join(name.words for name in IndicatorName if name.spec.extremes)
-"""Those whose smallest and largest value are told, in words."""
 
 
 def unit_text(unit: str) -> str:
-    """A unit as people write it: `rad/s²`."""
+    """The unit as people write it: `rad/s²`."""
     return unit.replace("^2", "²").replace("^3", "³")
 
 
@@ -172,17 +164,10 @@ class PanelSpec:
     """How a quantity is drawn over time.
 
     Attributes:
-        name: of the quantity.
-        label: what is drawn of it, in words.
-        unit: of its values, in ASCII.
-        filtered: how it was filtered, in a word.
-        remark: what else to know, in words.
         least: an axis of few rows spans at least this much, so that noise looks like noise.
-        clip: absolute values are drawn, larger ones at this one; None = values as they are.
-        closed_zone: the zone in which the door counts as closed is marked.
-        peak: the largest absolute value is the indicator.
-        unrecorded: why there is no figure, where no value of it was recorded; empty = it is
-            derived, and its empty panel says why.
+        clip: absolute values are drawn, at most this large; None = values as they are.
+        peak: whether the largest absolute value is the indicator.
+        unrecorded: why there is no figure without recorded values; empty = it is derived.
     """
 
     name: str
@@ -198,7 +183,7 @@ class PanelSpec:
 
 
 class Quantity(NamedRow):
-    """What figures show over time."""
+    """The quantities that figures show over time."""
 
     spec: PanelSpec
 
@@ -242,17 +227,7 @@ class FigurePart(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FigureSpec:
-    """One or two panels over a common time axis.
-
-    Attributes:
-        name: as files have it.
-        title: what it shows.
-        panels: from above; the indicator follows from the last one.
-        indicator: the one that it explains.
-        meaning: how the indicator follows from the last panel.
-        caption: what it shows, for those who do not know the protocol.
-        part: of the run.
-    """
+    """One or two panels over a common time axis; the indicator follows from the last one."""
 
     name: str
     title: str
@@ -321,12 +296,11 @@ class FigureName(NamedRow):
 
     @property
     def number(self) -> int:
-        """As the document counts, from 1."""
         return list(FigureName).index(self) + 1
 
 
 class EventMark(StrEnum):
-    """The events that figures mark; their first letters differ but for `letter`."""
+    """The events that figures mark; their first letters differ except for `letter`."""
 
     TOUCH = "touch"
     OPENING = "opening"
@@ -335,11 +309,10 @@ class EventMark(StrEnum):
 
     @property
     def letter(self) -> str:
-        """What stands for it where there is no room for words."""
         return "x" if self is EventMark.CROSSING else self[0]
 
     def event(self, condition: Condition | None) -> EventName | None:
-        """The event that it marks; a crossing is known only with the run's condition."""
+        """The marked event; None for a crossing if the run's condition is not known."""
         match self:
             case EventMark.TOUCH:
                 return EventName.HANDLE_IS_TOUCHED
@@ -354,12 +327,7 @@ class EventMark(StrEnum):
 def marked_events(
     events: Iterable[tuple[float, str]], condition: Condition | None
 ) -> dict[EventMark, list[float]]:
-    """When what the figures mark took place; what never did is left out.
-
-    Args:
-        events: times and names, by time.
-        condition: of the run, if known.
-    """
+    """The times of the marked events that happened; `events` are in order of time."""
     told = list(events)
     found = {
         mark: [time for time, name in told if name == mark.event(condition)] for mark in EventMark

@@ -20,7 +20,6 @@ from scoring.result import Indicator
 from scoring.rulesets import CapabilityRule, ExecutionEnd, Ruleset
 
 Steps = AbstractSet[Step] | tuple[Step, ...]
-"""Steps that are done."""
 
 
 TIMES = (
@@ -29,7 +28,6 @@ TIMES = (
     IndicatorName.DOOR_OCCUPATION_TIME,
     IndicatorName.PASSAGE_TIME,
 )
-"""Those that hang on events alone."""
 
 SMOOTHNESS_SCALE = 10.0
 """Factor of the smoothness, "to rescale the values in a more comfortable range"."""
@@ -51,16 +49,7 @@ def compute_indicators(
     ruleset: Ruleset,
     names: Iterable[IndicatorName] = IndicatorName,
 ) -> dict[IndicatorName, Indicator]:
-    """All indicators of a run that is not aborted.
-
-    Args:
-        events: all events of the run.
-        done: the steps that count.
-        rows: cut to the run, as the ruleset has it.
-        condition: of the run.
-        ruleset: whose rules.
-        names: which of them.
-    """
+    """All indicators of a run that is not aborted; `rows` are cut to the run."""
     return {name: _computed(name, events, done, rows, condition, ruleset) for name in names}
 
 
@@ -93,7 +82,6 @@ def _computed(
 
 
 def execution_time(events: Sequence[Event], condition: Condition, ruleset: Ruleset) -> Indicator:
-    """From the start to the end of the run, s."""
     name = IndicatorName.EXECUTION_TIME
     start = _first(events, EventName.BENCHMARK_START)
     if start is None:
@@ -110,7 +98,6 @@ def execution_time(events: Sequence[Event], condition: Condition, ruleset: Rules
 
 
 def time_to_handle(events: Sequence[Event]) -> Indicator:
-    """From the start to the touch of the handle, s."""
     return _duration(
         IndicatorName.TIME_TO_HANDLE,
         _first(events, EventName.BENCHMARK_START),
@@ -123,7 +110,6 @@ def time_to_handle(events: Sequence[Event]) -> Indicator:
 def door_occupation_time(
     events: Sequence[Event], condition: Condition, ruleset: Ruleset
 ) -> Indicator:
-    """From the approach on the starting side to leaving on the destination side, s."""
     name = IndicatorName.DOOR_OCCUPATION_TIME
     occupation = _duration(
         name,
@@ -139,13 +125,6 @@ def door_occupation_time(
 
 
 def passage_time(events: Sequence[Event], steps_done: Steps, ruleset: Ruleset) -> Indicator:
-    """From the touch of the handle to the last closing of the door, s.
-
-    Args:
-        events: the events of the run.
-        steps_done: the steps that are done; used where the ruleset requires steps 1, 3, 4, 5.
-        ruleset: what the passage requires.
-    """
     name = IndicatorName.PASSAGE_TIME
     if ruleset.passage_needs_steps:
         for step in (Step.TOUCH, Step.OPEN, Step.CROSS, Step.CLOSE):
@@ -161,13 +140,7 @@ def passage_time(events: Sequence[Event], steps_done: Steps, ruleset: Ruleset) -
 def unsafety_of_door_operation(
     low_passed: NDArray[np.float64], problem: str | None = None
 ) -> Indicator:
-    """Largest absolute low-passed acceleration of the panel, rad/s^2.
-
-    Args:
-        low_passed: low-passed acceleration of the run's rows, rad/s^2, shape (n,); rows that
-            are not finite are left out.
-        problem: why no row has a value, if known.
-    """
+    """From the low-passed acceleration of the run's rows, rad/s^2, shape (n,), if finite."""
     name = IndicatorName.UNSAFETY_OF_DOOR_OPERATION
     values = _finite(low_passed)
     if not values.size:
@@ -178,14 +151,7 @@ def unsafety_of_door_operation(
 def smoothness_of_door_actuation(
     jerk: NDArray[np.float64], opened: bool, problem: str | None = None
 ) -> Indicator:
-    """10 / mean absolute jerk of the open panel, s^3/rad.
-
-    Args:
-        jerk: jerk of the run's rows with an open door, rad/s^3, shape (n,); rows that are not
-            finite are left out.
-        opened: whether the door was open in any row of the run.
-        problem: why no row has a value, if known.
-    """
+    """From the jerk of the run's rows with an open door, rad/s^3, shape (n,), if finite."""
     name = IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION
     values = _finite(jerk)
     if not values.size:
@@ -199,12 +165,7 @@ def smoothness_of_door_actuation(
 
 
 def roughness_of_door_actuation(force: NDArray[np.float64]) -> Indicator:
-    """Largest absolute force on the handle, N.
-
-    Args:
-        force: force of the run's rows, as recorded or less its rest, N, shape (n,); rows that are
-            not finite are no readings and left out.
-    """
+    """From the force of the run's rows, as recorded or less its rest, N, shape (n,), if finite."""
     values = _finite(force)
     if not values.size:
         return Indicator.missing(
@@ -216,7 +177,6 @@ def roughness_of_door_actuation(force: NDArray[np.float64]) -> Indicator:
 def capability_level(
     events: Sequence[Event], condition: Condition, steps_done: Steps, ruleset: Ruleset
 ) -> Indicator:
-    """How many steps were completed: a step counts only after all steps before it."""
     if ruleset.capability is CapabilityRule.EVENTS_IN_ANY_ORDER:
         level = len(_capability_events(condition) & {event.name for event in events})
     else:
@@ -226,7 +186,7 @@ def capability_level(
 
 
 def _capability_events(condition: Condition) -> frozenset[EventName]:
-    """The four events that `eurobench-2020` counts."""
+    """The events that `eurobench-2020` counts."""
     return frozenset(
         {
             EventName.approaches(condition.starting_side),
@@ -238,7 +198,6 @@ def _capability_events(condition: Condition) -> frozenset[EventName]:
 
 
 def _why_not_done(step: Step, events: Iterable[Event]) -> str:
-    """Why a step that the passage requires is not done."""
     if step is Step.CROSS:
         return _NEVER_THROUGH
     event, words = {
@@ -257,7 +216,6 @@ def _duration(
     no_since: str,
     no_until: str,
 ) -> Indicator:
-    """The time between two events, or the reason of the one that is missing."""
     if since is None:
         return Indicator.missing(name, no_since)
     if until is None:

@@ -24,25 +24,19 @@ from scoring.rulesets import JerkRule, LowPassRule, Ruleset, WindowRule
 Array = NDArray[np.float64]
 
 _RESPONSE = 3.0
-"""Periods of the low-pass filter's frequency after which it has forgotten a pulse."""
+"""The low-pass filter has forgotten a pulse after this many periods of its frequency."""
 
 _STRAY = 3.0
-"""The mean interval strays by so many of its standard deviations."""
+"""The mean interval strays by this many of its standard deviations."""
 
 _NO_STRETCH = "no stretch of the door angle without gaps is long enough for the filters"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointState:
-    """The door panel's motion, one row a sample. NaN = undefined.
+    """The panel's motion, one row a sample, s, rad, rad/s and rad/s^2, shape (n,). NaN = undefined.
 
-    Attributes:
-        time: strictly increasing times, s, shape (n,).
-        position: panel angle as recorded, rad, shape (n,).
-        velocity: angular velocity, rad/s, shape (n,).
-        acceleration: angular acceleration, rad/s^2, shape (n,).
-        reason: why no row of the recording has velocity and acceleration, in words; None if
-            some row has.
+    `reason` says why no row has velocity and acceleration; None if some row has.
     """
 
     time: Array
@@ -52,12 +46,10 @@ class JointState:
     reason: str | None = None
 
     def rows(self, start: float, stop: float) -> slice:
-        """The rows that lie in [start, stop]."""
         first = int(np.searchsorted(self.time, start, side="left"))
         return slice(first, max(first, int(np.searchsorted(self.time, stop, side="right"))))
 
     def cut(self, start: float, stop: float) -> JointState:
-        """Only the rows that lie in [start, stop]."""
         rows = self.rows(start, stop)
         return JointState(
             self.time[rows],
@@ -69,11 +61,7 @@ class JointState:
 
 
 def load_filters() -> None:
-    """Import SciPy and pandas now, so that the first result does not wait for them.
-
-    Elsewhere they are imported where they are used: they take most of the time that an engine
-    needs to be there.
-    """
+    """Import SciPy and pandas now, so that the first result does not wait for them."""
     with imports_kept():
         import_module("scipy.signal")
         import_module("pandas")
@@ -84,18 +72,8 @@ def joint_state(
 ) -> JointState:
     """Velocity and acceleration of the panel: a moving average, then Savitzky-Golay.
 
-    A row without a finite position is no reading and left out, like a message that never came. A
-    ruleset may bring the others onto a grid of the nominal rate: its rows are then those of the
-    grid.
-
-    Args:
-        time: strictly increasing times of the whole recording, s, shape (n,).
-        position: panel angles, rad, shape (n,).
-        ruleset: how long the filters are, and whether gaps count.
-        thresholds: what a gap is, and the nominal rate.
-
-    Raises:
-        ScoringError: shapes differ, or times do not increase.
+    A row without a finite position is left out, like a message that never came. A ruleset may
+    interpolate onto a grid of the nominal rate. `ScoringError` if times do not increase.
     """
     time, position = _readings(time, position)
     if ruleset.onto_grid:
@@ -116,10 +94,7 @@ def joint_state(
 
 
 def low_pass(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> Array:
-    """Low-passed acceleration of every row of a whole recording, rad/s^2, shape (n,).
-
-    NaN where undefined; `low_pass_problem` says why, where that is every row.
-    """
+    """Low-passed acceleration of a whole recording, rad/s^2, shape (n,), NaN where undefined."""
     filtered = np.full(joint.time.size, np.nan)
     interval = _low_pass_interval(joint, ruleset, thresholds)
     if interval is None or low_pass_problem(joint, ruleset, thresholds) is not None:
@@ -144,7 +119,7 @@ def low_pass(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> Arr
 
 
 def low_pass_problem(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> str | None:
-    """Why no row can have a low-passed acceleration, in words; None if some row can."""
+    """Why no row can have a low-passed acceleration; None if some row can."""
     if joint.reason is not None:
         return joint.reason
     interval = _low_pass_interval(joint, ruleset, thresholds)
@@ -156,18 +131,7 @@ def low_pass_problem(joint: JointState, ruleset: Ruleset, thresholds: Thresholds
 
 
 def jerk(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> tuple[Array, Array]:
-    """Jerk of the panel while the door is open.
-
-    A difference quotient belongs to the later one of its two rows.
-
-    Args:
-        joint: the panel's motion over the whole recording.
-        ruleset: whether rows of a closed door are dropped after or before deriving.
-        thresholds: when the door is open, and what a gap is, over which nothing is derived.
-
-    Returns:
-        Times, s, and jerk, rad/s^3, both of shape (m,), all finite.
-    """
+    """Times, s, and jerk, rad/s^3, of the open panel, shape (m,), all finite; none over a gap."""
     before, after = jerk_rows(joint, ruleset, thresholds)
     return joint.time[after], _quotients(joint, before, after)
 
@@ -175,7 +139,7 @@ def jerk(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> tuple[A
 def jerk_rows(
     joint: JointState, ruleset: Ruleset, thresholds: Thresholds
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The earlier and the later row of each difference quotient of `jerk`, both of shape (m,)."""
+    """The earlier and the later row of each difference quotient, which belongs to the later one."""
     is_open = np.abs(joint.position) > thresholds.closed_angle
     if ruleset.least_velocity:  # standing still buys nothing
         is_open &= np.abs(joint.velocity) > ruleset.least_velocity
@@ -197,13 +161,7 @@ def _quotients(joint: JointState, before: NDArray[np.intp], after: NDArray[np.in
 
 
 def smoothed(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> JointState:
-    """The motion of a panel without the steps of its encoder: of its moving average.
-
-    Args:
-        joint: of the whole recording.
-        ruleset: how long the average is.
-        thresholds: what a gap is.
-    """
+    """The motion of a panel without the steps of its encoder: of its moving average."""
     filters = _filters(joint.time, ruleset, _gap(ruleset, thresholds))
     if isinstance(filters, str):
         return joint
@@ -219,7 +177,7 @@ def smoothed(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> Joi
 
 
 def noise_kernel(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> Array | None:
-    """What noise of the door angle becomes in the acceleration: an odd number of weights, 1/s^2.
+    """Weights that noise of the door angle has in the acceleration, an odd number, 1/s^2.
 
     Moving average and Savitzky-Golay as one convolution; None where the filters cannot run.
     """
@@ -237,10 +195,7 @@ def noise_kernel(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) ->
 def low_pass_response(
     joint: JointState, ruleset: Ruleset, thresholds: Thresholds, kernel: Array
 ) -> Array:
-    """What noise of the door angle becomes in the low-passed acceleration, like `noise_kernel`.
-
-    An odd number of weights; one where there is no low-passed acceleration.
-    """
+    """As `noise_kernel`, of the low-passed acceleration; one weight where there is none."""
     interval = _low_pass_interval(joint, ruleset, thresholds)
     if interval is None or low_pass_problem(joint, ruleset, thresholds) is not None:
         return np.zeros(1)
@@ -271,7 +226,6 @@ class _Filters:
         return self.average // 2 + self.savgol // 2
 
     def moving_average(self, position: Array) -> Array:
-        """The averages of complete windows."""
         import pandas as pd
 
         means = pd.Series(position).rolling(self.average, center=True).mean()
@@ -279,7 +233,6 @@ class _Filters:
         return means.to_numpy(dtype=np.float64)[half : position.size - half]
 
     def derive(self, smooth: Array, derivative: int) -> Array:
-        """A derivative of the moving average, of complete windows."""
         from scipy import signal
 
         values = signal.savgol_filter(
@@ -295,11 +248,6 @@ class _Filters:
 
 
 def _readings(time: Array, position: Array) -> tuple[Array, Array]:
-    """The rows with a reading, as float64.
-
-    Raises:
-        ScoringError: shapes differ, or times do not increase.
-    """
     time, position = np.asarray(time, dtype=np.float64), np.asarray(position, dtype=np.float64)
     if time.ndim != 1 or time.shape != position.shape:
         raise ScoringError(
@@ -313,7 +261,6 @@ def _readings(time: Array, position: Array) -> tuple[Array, Array]:
 
 
 def _on_grid(time: Array, position: Array, interval: float, gap: float) -> tuple[Array, Array]:
-    """A grid from the first reading on, of the rows between readings that are close enough."""
     if time.size < 2:
         return time, position
     parts = []
@@ -327,19 +274,16 @@ def _on_grid(time: Array, position: Array, interval: float, gap: float) -> tuple
 
 
 def _gap(ruleset: Ruleset, thresholds: Thresholds) -> float:
-    """Intervals above this between samples are gaps, s."""
     return thresholds.largest_gap if ruleset.knows_gaps else math.inf
 
 
 def _interval(time: Array, largest_gap: float) -> float | None:
-    """The mean of all intervals up to `largest_gap`, s; None if there are none."""
     intervals = np.diff(time)
     intervals = intervals[intervals <= largest_gap]
     return float(intervals.mean()) if intervals.size else None
 
 
 def _filters(time: Array, ruleset: Ruleset, gap: float) -> _Filters | str:
-    """The two filters of the door angle, or why they cannot run, in words."""
     if not time.size:
         return "no door angle recorded"
     interval = _interval(time, gap)
@@ -354,7 +298,6 @@ def _filters(time: Array, ruleset: Ruleset, gap: float) -> _Filters | str:
 
 
 def _windows(interval: float, ruleset: Ruleset) -> tuple[int, int]:
-    """Samples in the moving average and in the Savitzky-Golay filter."""
     if ruleset.windows is WindowRule.COVERING:
         average = 1 + 2 * math.ceil(ruleset.window_time / interval / 2)
     else:
@@ -366,10 +309,10 @@ def _windows(interval: float, ruleset: Ruleset) -> tuple[int, int]:
 
 
 def other_windows(time: Array, ruleset: Ruleset) -> Ruleset | None:
-    """The same rules with the other length of the moving average, where chance decides on it.
+    """The rules with the other length of the moving average, where chance decides on it.
 
     `COVERING` windows jump where the mean interval divides the window's time evenly, as 0.02 s
-    does; by how much the first and the last stamp jitter tells then which one is taken.
+    does; the jitter of the first and the last stamp then decides.
     """
     if ruleset.windows is not WindowRule.COVERING or time.size < 3:
         return None
@@ -397,14 +340,12 @@ def _stretches(time: Array, defined: NDArray[np.bool_], largest_gap: float) -> l
 
 
 def _low_pass_interval(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> float | None:
-    """The sampling interval for the low-pass filter, s."""
     if ruleset.knows_gaps:
         return _interval(joint.time, thresholds.largest_gap)
     return _interval(joint.time[np.isfinite(joint.acceleration)], math.inf)
 
 
 def _filtered_stretches(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> list[slice]:
-    """The stretches of acceleration that are long enough for the low-pass filter."""
     defined = np.isfinite(joint.acceleration)
     stretches = _stretches(joint.time, defined, _gap(ruleset, thresholds))
     if ruleset.low_pass is LowPassRule.ONE_PASS:
@@ -438,7 +379,6 @@ def _low_pass_design(ruleset: Ruleset, interval: float) -> dict[str, Any]:
 
 
 def _or_nan(values: Array) -> Array:
-    """Values, with NaN for what left the range of numbers."""
     return np.where(np.isfinite(values), values, np.nan)
 
 
@@ -447,21 +387,18 @@ def _or_nan(values: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """The pre-processed data of a run (section 5).
+    """The pre-processed data of a run (section 5); N, s, rad/s^2 and rad/s^3.
 
     Attributes:
-        joint_state: panel motion.
-        low_passed: low-passed acceleration of its rows, rad/s^2, shape (n,), NaN = undefined.
-        jerk_time, jerk: jerk of the open door, s and rad/s^3, shape (m,).
-        force_time, force: handle force as recorded, s and N, shape (k,).
-        rest: the force of a free handle at these times, from which the roughness is measured, N,
-            shape (k,); 0 where the ruleset takes the force as it was recorded.
-        load: the force from which the roughness is taken, N, shape (k,).
-        problem: why no low-passed acceleration could be computed; None if it could.
-        thresholds: the testbed's numbers by which all this was made.
-        occupied: for each used passage sensor, from when to when something was under it since the
-            start, s since the epoch, inf = to the end of the recording; not cut, as the departure
-            is looked for until then (section 7). Empty where only the rest was published.
+        low_passed: acceleration of the rows of `joint_state`, shape (n,), NaN = undefined.
+        jerk_time, jerk: of the open door, shape (m,).
+        force_time, force: of the handle as recorded, shape (k,).
+        rest: force of a free handle at `force_time`; 0 where the ruleset takes `force` as it is.
+        load: the force from which the roughness is taken.
+        problem: why no low-passed acceleration could be computed.
+        occupied: for each used sensor, from when to when something was under it since the start,
+            s since the epoch, inf = to the end of the recording; not cut, as the departure is
+            looked for until then (section 7). Empty for a published run.
     """
 
     joint_state: JointState
@@ -478,12 +415,10 @@ class Rows:
 
     @property
     def no_motion(self) -> str | None:
-        """Why there is no motion of the panel, in words; None if there is."""
         return None if self.joint_state.time.size else "no door angle recorded during the run"
 
     @property
     def opened(self) -> bool:
-        """Whether the door is open in any row."""
         return bool((np.abs(self.joint_state.position) > self.thresholds.closed_angle).any())
 
     def series(self, quantity: Quantity) -> tuple[Array, Array]:
@@ -509,13 +444,7 @@ def process_rows(
 ) -> Rows:
     """Filter a whole recording; cut with `cut_rows` afterwards (section 5).
 
-    Args:
-        joint: the panel's motion.
-        force_time: of the handle's force, s, shape (k,).
-        force: of the handle, N, shape (k,).
-        ruleset: whose rules.
-        thresholds: the testbed's numbers.
-        rest: the free handle's force at these times, N, shape (k,), if the ruleset looks at it.
+    `rest` is the free handle's force at `force_time`, N, shape (k,), if the ruleset uses it.
     """
     jerk_time, jerks = jerk(joint, ruleset, thresholds)
     rest = np.zeros(force.size) if rest is None else rest
@@ -544,7 +473,6 @@ def median_of_three(values: Array) -> Array:
 
 
 def cut_rows(rows: Rows, start: float, end: float) -> Rows:
-    """Only the rows that lie in [start, end]."""
     jerk_kept = (rows.jerk_time >= start) & (rows.jerk_time <= end)
     force_kept = (rows.force_time >= start) & (rows.force_time <= end)
     return replace(

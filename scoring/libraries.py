@@ -13,7 +13,6 @@ from msgspec import Meta
 from scoring.imports import imports_kept
 
 VersionText = Annotated[str, Meta(max_length=100)]
-"""Longer than any version is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,10 +34,7 @@ class Libraries:
 
 @cache
 def libraries_here() -> Libraries:
-    """Those that compute in this process; they are imported if they are not yet.
-
-    What is loaded counts, not what is installed: that may have been renewed meanwhile.
-    """
+    """The versions loaded in this process; installed ones may have been upgraded since."""
     with imports_kept():
         found = {
             each.name: str(import_module(each.name).__version__)

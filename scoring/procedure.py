@@ -61,34 +61,25 @@ class StepRecord:
 
     @property
     def denied(self) -> bool:
-        """Whether the referee says that it is not done."""
         return self.referee is not None and self.referee.confirmed is False
 
     @property
     def why_not(self) -> str:
-        """Why it was not done, once the run is over; empty where it was."""
         return (self.reason or "").removesuffix(" yet")
 
     @property
     def undecided(self) -> bool:
-        """Whether only the referee can say that it is done, and has not said anything."""
+        """Whether only the referee can confirm it, and has not ruled."""
         return self.referee is None and self.reason in (_REFEREE_LOCKS, _LATCH_SILENT)
 
     @property
     def done(self) -> bool:
-        """Whether the step counts."""
         return self.final is not None
 
 
 @dataclass(frozen=True, slots=True)
 class Procedure:
-    """The six steps as they stand.
-
-    Attributes:
-        steps: six records, in order.
-        settling: step 5 is done and the settle time of step 6 is running.
-        lock_detection: what decides step 6; never `AUTO`.
-    """
+    """The six steps as they stand; `settling`: step 5 is done, the settle time of step 6 runs."""
 
     steps: tuple[StepRecord, ...]
     settling: bool
@@ -96,7 +87,6 @@ class Procedure:
 
     @property
     def done(self) -> frozenset[Step]:
-        """The steps that count."""
         return frozenset(record.step for record in self.steps if record.done)
 
     @property
@@ -119,15 +109,9 @@ def follow_procedure(
 ) -> Procedure:
     """Find the six steps in the evidence, under the referee's rulings (the latest counts).
 
-    A confirmed step that the sensors did not find takes the time of the step before it, so
-    that the referee's reaction time delays no later step; a confirmed step 6, which may stop
-    the run, takes the time of the ruling.
-
-    Args:
-        evidence: what the sensors say.
-        lock_detection: what decides step 6; `AUTO` is resolved here.
-        settle_time: how long the door must stay closed to count as locked, s.
-        rulings: the referee's, in the order in which they were made.
+    A confirmed step that the sensors did not find takes the time of the step before it, so that
+    the referee's reaction time delays no later step. A confirmed step 6, which may stop the run,
+    takes the time of the ruling. `settle_time` is in s.
     """
     mode = _resolve(lock_detection, evidence)
     last = {ruling.step: ruling for ruling in rulings}
@@ -212,7 +196,6 @@ def _until(evidence: Evidence, edges: Sequence[Edge]) -> Sequence[Edge]:
 
 
 def _first_time(edges: Sequence[Edge], value: bool, after: float) -> float | None:
-    """The first instant at or after `after` at which the signal is `value`."""
     known = edges_until(edges, after)
     if known and edges[known - 1].value is value:
         return after

@@ -11,7 +11,7 @@ from typing import Protocol, Self
 
 
 class ScoringError(Exception):
-    """Something given to `scoring` cannot be used; the message names it and the remedy."""
+    """An input to `scoring` cannot be used; the message names it and the remedy."""
 
 
 # Every number here is the default of a setting: a testbed with other sensors changes
@@ -19,10 +19,9 @@ class ScoringError(Exception):
 
 
 POST_ROLL = 1.0
-"""Recording goes on this long after the stop is decided, s (section 3)."""
+"""How long recording goes on after the stop is decided, s (section 3)."""
 
 GRAM_FORCE = 0.00980665
-"""Newtons in one gram-force."""
 
 
 class Side(StrEnum):
@@ -33,7 +32,6 @@ class Side(StrEnum):
 
     @property
     def opposite(self) -> Side:
-        """The other side."""
         return Side.CCW if self is Side.CW else Side.CW
 
     @property
@@ -68,7 +66,6 @@ class Condition:
 
     @property
     def number(self) -> int:
-        """The condition's number, 1..20, as EUROBENCH counts."""
         return (
             1
             + list(BenchmarkType).index(self.benchmark_type)
@@ -78,27 +75,21 @@ class Condition:
 
     @property
     def destination_side(self) -> Side:
-        """The side that the robot must reach."""
         return self.starting_side.opposite
 
     @property
     def must_pull(self) -> bool:
-        """Whether the robot must pull the door (it opens towards the robot), else push."""
         return self.opening_side is self.starting_side
 
     @property
     def way(self) -> str:
-        """What it asks of the robot, in words: `pull, from CW to CCW`."""
+        """The task in words: `pull, from CW to CCW`."""
         way = "pull" if self.must_pull else "push"
         return f"{way}, from {self.starting_side.upper()} to {self.destination_side.upper()}"
 
     @classmethod
     def from_number(cls, number: int) -> Condition:
-        """The condition with a given number.
-
-        Raises:
-            ScoringError: `number` is not 1..20.
-        """
+        """The condition with EUROBENCH's number; `ScoringError` unless it is 1..20."""
         if not 1 <= number <= 20:
             raise ScoringError(f"condition {number} does not exist: use a number from 1 to 20")
         index = number - 1
@@ -121,7 +112,6 @@ class Step(IntEnum):
 
     @property
     def text(self) -> str:
-        """The step in the protocol's words."""
         return _STEP_TEXTS[self]
 
 
@@ -170,7 +160,6 @@ class EventName(StrEnum):
 
     @classmethod
     def approaches(cls, side: Side) -> EventName:
-        """The event of a robot that approaches on `side`."""
         return cls.APPROACHES_CW if side is Side.CW else cls.APPROACHES_CCW
 
     @classmethod
@@ -180,7 +169,6 @@ class EventName(StrEnum):
 
     @property
     def words(self) -> str:
-        """What happened, for people."""
         return _EVENT_WORDS[self]
 
 
@@ -200,7 +188,7 @@ _EVENT_WORDS = {
 
 
 def event_words(name: str) -> str:
-    """What an event says to people, by its name; one that is not known keeps its name."""
+    """An event in words, for people; an unknown name is returned as it is."""
     return EventName(name).words if name in _EVENT_WORDS else name
 
 
@@ -224,12 +212,10 @@ class Strip(StrEnum):
 
     @property
     def side(self) -> Side:
-        """The side over which the strip hangs."""
         return Side.CW if self in (Strip.CW_LEFT, Strip.CW_RIGHT) else Side.CCW
 
 
 SENSORS_PER_STRIP = 4
-"""Distances that a strip delivers (section 3)."""
 
 
 class Signal(Enum):
@@ -247,12 +233,11 @@ class Signal(Enum):
 
     @property
     def optional(self) -> bool:
-        """Whether a testbed works without it; it may then speak when it changes only."""
+        """Whether a testbed works without it; an optional signal may send its changes only."""
         return self is Signal.LATCH
 
     @classmethod
     def of_strip(cls, strip: Strip) -> Signal:
-        """The signal that a strip delivers."""
         return _SIGNAL_OF_STRIP[strip]
 
 
@@ -261,14 +246,7 @@ _SIGNAL_OF_STRIP = {strip: Signal[strip.name] for strip in Strip}
 
 @dataclass(frozen=True, slots=True)
 class PassageSensor:
-    """One of the ten used passage sensors (section 4).
-
-    Attributes:
-        side: the side over which it hangs.
-        index: 0 (farthest from the hinge) to 4.
-        strip: the strip that holds it.
-        element: its place in the strip's `ranges`, 0..3.
-    """
+    """A used passage sensor (section 4): `index` 0..4 towards the hinge, `element` of `ranges`."""
 
     side: Side
     index: int
@@ -284,11 +262,11 @@ PASSAGE_SENSORS: tuple[PassageSensor, ...] = tuple(
     )
     for index, (strip, element) in enumerate(places)
 )
-"""The ten used sensors: five a side, by side and index (section 4)."""
+"""Five sensors a side, by side and index."""
 
 
 _AMPLIFIER = 3
-"""No amplifier of a load cell gives more than so many times its range."""
+"""No amplifier of a load cell outputs more than this many times its range."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -384,12 +362,12 @@ class Thresholds:
 
     @property
     def encoder_count(self) -> float:
-        """One count of the door's encoder, rad."""
+        """One count, rad."""
         return math.tau / self.encoder_counts
 
     @property
     def impossible_force(self) -> float:
-        """A force beyond this, in either direction, is no reading, N: no amplifier gives it."""
+        """A force beyond this, in either direction, is no reading, N: no amplifier outputs it."""
         return _AMPLIFIER * self.largest_force
 
     def masked(self, side: Side, index: int, angle: float) -> bool:
@@ -398,7 +376,7 @@ class Thresholds:
         return low < angle * side.sign < high
 
     def mask(self, side: Side, index: int) -> tuple[float, float]:
-        """The angles, rad towards `side`, strictly between which the panel passes under it."""
+        """The open interval of angles, rad towards `side`, with the panel under the sensor."""
         upper = self.mask_to_cw if side is Side.CW else self.mask_to_ccw
         return self.mask_from[index], upper[index]
 
@@ -426,7 +404,6 @@ class StartPose:
 
     @property
     def mirrored(self) -> StartPose:
-        """As far from the threshold on its other side, at the same place along the wall."""
         return StartPose(-self.x, self.y, math.remainder(180.0 - self.yaw, 360.0))
 
 
@@ -438,17 +415,16 @@ class Named(Protocol):
 
     @property
     def name(self) -> str:
-        """As files have it."""
+        """The name used in files."""
 
 
 class NamedRow(StrEnum):
-    """The name of a row, with the row as `spec`; a name without one cannot be imported."""
+    """The name of a table row, with the row as `spec`; a name without a row fails at import."""
 
     _value_: str
     spec: Named
 
     def __new__(cls, spec: Named) -> Self:
-        """A name with its row."""
         member = str.__new__(cls, spec.name)
         member._value_ = spec.name
         member.spec = spec

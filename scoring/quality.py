@@ -19,10 +19,10 @@ from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
 
 
 LARGEST_JUMP = 0.5
-"""A jump of stamp minus log time above this is a step of the publisher's clock, s."""
+"""A larger jump of stamp minus log time is a step of the publisher's clock, s."""
 
 KEPT_STEPS = 5
-"""Steps that are kept by their times; of a clock that jumps all the time the others are counted."""
+"""Clock steps that are kept by their times; the others are counted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,13 +38,8 @@ class StampGuard:
 
     A stamp that is missing (zero), repeats or goes back is dropped and counted. Where stamp
     minus log time jumps by more than 0.5 s, later stamps are shifted back by the jump. Messages
-    that are merely delivered late (a stalled link: log times jump, stamps go on) are not shifted,
-    nor are those that follow a stamp that stood still.
-
-    Attributes:
-        dropped, shifted: so many samples.
-        steps: the first steps of the publisher's clock.
-        step_count: how many there were.
+    delivered late (log times jump, stamps go on) are not shifted, nor are those after a stamp that
+    stood still. `steps` holds the first clock steps, `step_count` counts all.
     """
 
     def __init__(self) -> None:
@@ -58,7 +53,7 @@ class StampGuard:
         self._reference = 0.0
 
     def admit(self, sample: Sample) -> Sample | None:
-        """The sample with its stamp corrected; None when it has to be dropped."""
+        """The sample with its stamp corrected; None when it is to be dropped."""
         if sample.time == 0:  # never set: it tells nothing of the publisher's clock
             self.dropped += 1
             return None
@@ -97,13 +92,13 @@ class StampGuard:
 
 
 LARGEST_UNEVENNESS = 1 / 3
-"""A jitter above this part of the mean interval is worth a remark: a flood, several publishers."""
+"""A larger jitter, as a part of the mean interval, gets a remark: a flood, several publishers."""
 
 _HOLE = 1.2
 """Intervals above this part of the mean so far are remembered."""
 
 _MOST_HOLES = 200_000
-"""Ends of such intervals that are remembered: an hour of every second sample missing, at 50 Hz."""
+"""Remembered interval ends: an hour of every second sample missing, at 50 Hz."""
 
 _DELAYS_AVERAGED = 50
 """Delays that are averaged before the median is taken: memory stays small."""
@@ -112,7 +107,7 @@ BY_THE_RULES = "by the rules of "
 """Begins the remark that other rules stop the run at another time."""
 
 AGAINST_OPENING = "against the opening side: check the testbed"
-"""How a remark ends that another opening side would not make."""
+"""Ends a remark that another opening side would not make."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,10 +149,7 @@ class SignalQuality:
     impossible: int = 0
 
     def cells(self) -> tuple[str, ...]:
-        """Samples, rate, largest gap, gaps, jitter, skew, dropped, shifted, without a reading.
-
-        As tables show them: intervals in ms, a dash for null.
-        """
+        """Samples, rate, gap, gaps, jitter, skew, dropped, shifted, no reading; intervals in ms."""
 
         def text(value: float | None, scale: float = 1000) -> str:
             return "-" if value is None else f"{value * scale:.1f}"
@@ -168,11 +160,7 @@ class SignalQuality:
         return (str(self.samples), rate, *gaps, text(self.jitter), text(self.skew), *counts)
 
     def remarks(self, largest_skew: float) -> list[str]:
-        """What to know of the signal, in words; empty for a good one.
-
-        Args:
-            largest_skew: stamps that differ by this much from reception are worth one, s.
-        """
+        """What to know of the signal; `largest_skew` between stamp and reception is in s."""
         name = self.signal.value
         remarks = []
         if self.dropped:
@@ -219,15 +207,7 @@ class Quality:
 class QualityCounter:
     """Counts one signal as its samples pass; memory does not grow.
 
-    Args:
-        signal: which.
-        thresholds: what a gap is, and what is impossible.
-
-    Attributes:
-        guard: of its stamps.
-        no_reading, impossible: so many readings.
-        holes: ends of the intervals that may be longer than they should be, s since the epoch, two
-            each.
+    `holes` are the ends of intervals that may be too long, s since the epoch, two each.
     """
 
     def __init__(self, signal: Signal, thresholds: Thresholds) -> None:
@@ -253,7 +233,7 @@ class QualityCounter:
         self._mean_delays = array("d")
 
     def admit(self, sample: Sample) -> Sample | None:
-        """Count `sample`; it comes back with its stamp corrected, or None if dropped."""
+        """Count `sample`; return it with its stamp corrected, or None if dropped."""
         admitted = self.guard.admit(sample)
         if admitted is None:
             return None
@@ -284,14 +264,11 @@ class QualityCounter:
 
     @property
     def delay(self) -> float | None:
-        """By how much reception lies behind the stamps, s: the median of means of a few each."""
+        """How far reception lies behind the stamps, s: the median of means of a few each."""
         return median(self._mean_delays) if self._mean_delays else None
 
     def longer_than(self, intervals: float) -> list[tuple[float, float]]:
-        """The intervals between samples that are longer than so many of the mean one.
-
-        From and to, s since the epoch, by time.
-        """
+        """Ends, s since the epoch, of intervals longer than this many mean ones."""
         mean = self.interval
         if mean is None:
             return []
@@ -310,13 +287,7 @@ class QualityCounter:
         self._squares += interval * interval
 
     def quality(self, begin: float | None = None, end: float | None = None) -> SignalQuality:
-        """What was counted so far.
-
-        Args:
-            begin: log time of the recording's first sample of any signal, s since the epoch;
-                None = that of this signal.
-            end: log time of the last one.
-        """
+        """Quality in a recording from log time `begin` to `end`, s; None = the signal's own."""
         mean = self._sum / self._regular if self._regular else 0.0
         jitter = None
         if self._regular >= 2:
@@ -339,20 +310,13 @@ class QualityCounter:
         )
 
     def _silence(self, begin: float | None, end: float | None) -> float:
-        """How long a silence is, s; 0 where it is no longer than an interval may be."""
         if not self._samples or begin is None or end is None:
             return 0.0
         return end - begin if end - begin > self._limit else 0.0
 
 
 def missing_readings(sample: Sample, thresholds: Thresholds, used: tuple[int, ...]) -> int:
-    """How many readings of a sample are no reading (REP-117, and impossible ones: section 11).
-
-    Args:
-        sample: any sample.
-        thresholds: what is impossible.
-        used: the elements of `ranges` that count, for a passage sample.
-    """
+    """How many values of a sample, of the `used` ranges, are no reading (REP-117, section 11)."""
     match sample:
         case PassageSample():
             if all_in_range(sample):
@@ -367,7 +331,6 @@ def missing_readings(sample: Sample, thresholds: Thresholds, used: tuple[int, ..
 
 
 def is_impossible(sample: Sample, thresholds: Thresholds) -> bool:
-    """Whether a sample says a number that its sensor cannot say (section 11)."""
     match sample:
         case DoorSample():
             return math.isfinite(sample.angle) and abs(sample.angle) > thresholds.largest_angle
@@ -378,7 +341,6 @@ def is_impossible(sample: Sample, thresholds: Thresholds) -> bool:
 
 
 def all_in_range(sample: PassageSample) -> bool:
-    """Whether each of the four ranges is a distance in range: so it is nearly always."""
     low, high = sample.range_min, sample.range_max
     for distance in sample.ranges:
         if not low <= distance <= high:
@@ -387,7 +349,6 @@ def all_in_range(sample: PassageSample) -> bool:
 
 
 def is_reading(sample: PassageSample, element: int) -> bool:
-    """Whether `ranges[element]` says anything: a distance in range, or an infinity."""
     if element >= len(sample.ranges):
         return False
     distance = sample.ranges[element]
@@ -398,7 +359,7 @@ def is_reading(sample: PassageSample, element: int) -> bool:
 
 
 LONGEST_WAIT = 0.25
-"""A passage sample waits so long for the door sample after it, s of arrival."""
+"""How long a passage sample waits for the door sample after it, s of arrival."""
 
 _KEPT = 4096
 """Door samples that are kept at least: over a minute at 50 Hz."""
@@ -407,17 +368,11 @@ _stamp = attrgetter("time")
 
 
 class PanelAngles:
-    """Hands on each passage sample with the door angle at its stamp.
+    """Passes each passage sample to `join` with the door angle at its stamp, rad.
 
-    The angle is linear between the two door samples around the stamp. A sample that has waited
-    `LONGEST_WAIT` for the later one gets the last angle before it: a guess. Before any door sample
-    the door counts as closed.
-
-    Args:
-        join: takes a passage sample and the door angle at its stamp, rad.
-
-    Attributes:
-        guesses: stamp, s since the epoch, and angle, rad, of each sample that got a guess.
+    The angle is linear between the door samples around the stamp. After `LONGEST_WAIT` without a
+    later one it is a guess, the last before it; before any door sample the door is closed.
+    `guesses` holds stamp (s since the epoch) and angle of each guess.
     """
 
     def __init__(self, join: Callable[[PassageSample, float], None]) -> None:
@@ -428,7 +383,7 @@ class PanelAngles:
         self._angles: list[float] = []
 
     def add_door(self, sample: DoorSample) -> None:
-        """Take the next door angle that is a reading, and hand on what waited for it."""
+        """Take the next door angle that is a reading; pass on what waited for it."""
         if len(self._times) >= 2 * _KEPT:
             del self._times[:_KEPT], self._angles[:_KEPT]
         self._times.append(sample.time)
@@ -439,14 +394,13 @@ class PanelAngles:
             self._hand_on(known)
 
     def add_passage(self, sample: PassageSample) -> None:
-        """Take the next passage sample; it waits where the door angle at its stamp is not known."""
         if self._times and sample.time <= self._times[-1]:
             self._join(sample, self._at(sample.time))
         else:
             self._waiting.append(sample)
 
     def end_waits(self, now: float) -> None:
-        """Hand on what has waited too long at a log time, s since the epoch; inf = all of it."""
+        """Pass on samples that waited too long at log time `now`, s since the epoch; inf = all."""
         if self._waiting and self._waiting[0].log_time + LONGEST_WAIT < now:
             late = [each for each in self._waiting if each.log_time + LONGEST_WAIT < now]
             self._waiting = self._waiting[len(late) :]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 REST_TIME = 0.5
 """How long the handle is looked at, before the start and at the end of the recording, s."""
 FEWEST_SAMPLES = 10
-"""Fewer samples than this tell no standard deviation."""
+"""Fewer samples tell no standard deviation."""
 STEADY_FORCE = 0.1
 """A standard deviation up to this is steady on any testbed, N."""
 STEADY_FACTOR = 3.0
@@ -28,7 +28,7 @@ STEADY_FACTOR = 3.0
 LOOK_BACK = 30.0
 """How long before the start a quiet stretch may begin, s."""
 _STEP = 0.1
-"""Two stretches that are tried one after the other differ by this, s."""
+"""Distance between two stretches tried one after the other, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,6 @@ class HandleRest:
 
     @property
     def scatter(self) -> str:
-        """How steady they are, and how many, in words."""
         return (
             f"standard deviation {self.deviation:.3f} N, span {self.span:.3f} N "
             f"({self.number} samples in {self.end - self.begin:.2f} s)"
@@ -80,7 +79,6 @@ class RestForce:
 
     @property
     def words(self) -> str:
-        """What the handle read at rest, before and after, and the drift."""
         before = self.no_before if self.before is None else f"{self.before.mean:.3f} N before"
         after = self.no_after if self.after is None else f"{self.after.mean:.3f} N after"
         drift = "" if self.drift is None else f", drift {self.drift:+.3f} N"
@@ -92,21 +90,14 @@ class RestForce:
 
 
 def moved(difference: float, touch_force: float) -> bool:
-    """Whether a difference of the rest force is too large for a touch threshold; both in N.
-
-    Half the threshold is what a handle at rest may differ from its zero (protocol section 4).
-    """
+    """Whether the rest force differs by more than half the touch threshold, N (section 4)."""
     return abs(difference) > touch_force / 2
 
 
 def rest_of(times: Sequence[float], forces: Sequence[float]) -> HandleRest | None:
-    """What samples of a handle at rest say together; None if no handle bears such forces.
+    """Statistics of a handle at rest; None if no handle bears such forces.
 
-    Sums are exact, so that these numbers hang on no library.
-
-    Args:
-        times: s since the epoch, increasing, at least one.
-        forces: N, finite, as many.
+    Sums are exact, so that the numbers depend on no library.
     """
     number = len(forces)
     try:
@@ -135,29 +126,21 @@ def rest_force(
 ) -> RestForce:
     """The rest force of a recording's handle before the run and after it.
 
-    Half a second tells something if it has at least ten samples and no gap (an interval above
-    `largest_gap`, at its ends, too).
+    A half second counts if it has at least ten samples and no gap (an interval above `largest_gap`,
+    also at its ends).
 
     - **before**: the last half second of the 30 s before the start that is *quiet*: its standard
       deviation is at most three times that of the quietest one there, or 0.1 N where that is
-      larger, and at most half the touch threshold. One within the touch threshold of the zero goes
-      before one that is not: who presses the handle evenly in the countdown moves no rest force.
+      larger, and at most half the touch threshold. Half seconds within the touch threshold of the
+      zero come first: an even press on the handle in the countdown moves no rest force.
     - **after**: the last half second of the recording, after the start, if the handle is *free*:
       its standard deviation is at most three times that of `before`, or 0.1 N where that is larger
       or there is no `before`. A force without any change is no rest where there was noise before.
 
-    A hand that moves or trembles is told from a free handle; one that bears on it as evenly as
-    the load cell's noise is not.
+    A hand that presses as evenly as the load cell's noise is not detected.
 
-    Args:
-        time: of the handle's samples over the whole recording, s since the epoch, increasing,
-            shape (n,).
-        force: N, finite, no zero subtracted, shape (n,).
-        start: of the run, s since the epoch.
-        zero: the handle zero of the run, N.
-        end: of the recording, s since the epoch, by the newest stamp of any signal; None = the
-            handle's last sample.
-        thresholds: the testbed's numbers.
+    Times are in s since the epoch, forces in N without the zero subtracted, both of shape (n,).
+    `end` is the newest stamp of any signal; None = the handle's last sample.
     """
     import numpy as np
 
@@ -181,7 +164,6 @@ def _before(
     zero: float,
     known: Thresholds,
 ) -> HandleRest | None:
-    """The last quiet stretch that ends before the start."""
     tried = (start - _STEP * back for back in range(round((LOOK_BACK - REST_TIME) / _STEP) + 1))
     until = times.searchsorted(start)  # a sample at the start belongs to the run
     stretches = (_stretch(times[:until], forces[:until], end, known) for end in tried)
@@ -196,7 +178,6 @@ def _before(
 
 
 def _not_free(found: HandleRest | None, before: HandleRest | None, start: float) -> str | None:
-    """Why the handle is not free in the last stretch, in words; None if it is."""
     if found is None:
         return "too few samples, or a gap, in the last half second of the recording"
     if found.begin < start:
@@ -209,14 +190,14 @@ def _not_free(found: HandleRest | None, before: HandleRest | None, start: float)
 
 
 def _steady(deviation: float) -> float:
-    """The largest standard deviation, N, that is steady beside that of a quiet handle."""
+    """The largest steady standard deviation beside that of a quiet handle, N."""
     return max(STEADY_FACTOR * deviation, STEADY_FORCE)
 
 
 def _stretch(
     times: NDArray[np.float64], forces: NDArray[np.float64], end: float, known: Thresholds
 ) -> HandleRest | None:
-    """The samples in (end - half a second, end]; None if they tell nothing."""
+    """The samples in (end - half a second, end]; None if they do not suffice."""
     import numpy as np
 
     first, last = times.searchsorted([end - REST_TIME, end], side="right")
@@ -258,19 +239,15 @@ _CW_RUNS: dict[BenchmarkType, tuple[tuple[int, int], ...]] = {
         (0, 5),
     ),
 }
-"""The CW tables as runs of (force, how many degrees)."""
 
 
 def braking_table(benchmark_type: BenchmarkType, side: Side) -> tuple[int, ...]:
-    """The 181 braking forces, gram-force, for door angles of -90..+90 deg in steps of 1 deg.
-
-    The CCW table is the CW table reversed.
-    """
+    """181 braking forces, gram-force, for -90..+90 deg in steps of 1 deg; CCW is CW reversed."""
     runs = _CW_RUNS[benchmark_type]
     table = tuple(chain.from_iterable(repeat(force, degrees) for force, degrees in runs))
     return table if side is Side.CW else table[::-1]
 
 
 def door_controller_mode(benchmark_type: BenchmarkType) -> int:
-    """The mode of the testbed's door controller: 0 = brake off, 1 = brake by table."""
+    """0 = brake off, 1 = brake by table."""
     return 0 if benchmark_type is BenchmarkType.NO_FORCE else 1

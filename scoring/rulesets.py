@@ -37,7 +37,7 @@ class LowPassRule(Enum):
     """How the low-pass filter runs.
 
     `ZERO_PHASE`: forth and back (no delay). `ONE_PASS`: forth only. `SECTIONS`: forth and back, in
-    sections of second order, which keep their digits at high rates.
+    second-order sections, which keep their digits at high rates.
     """
 
     ZERO_PHASE = auto()
@@ -46,17 +46,17 @@ class LowPassRule(Enum):
 
 
 class JerkRule(Enum):
-    """Whether rows of a closed door are dropped after or before the jerk is derived."""
+    """When rows of a closed door are dropped: after or before the jerk is derived."""
 
     DERIVE_THEN_SELECT = auto()
     SELECT_THEN_DERIVE = auto()
 
 
 class ForceRule(Enum):
-    """What force the roughness looks at.
+    """The force from which the roughness is computed.
 
-    `RECORDED`: as it was recorded. `ABOUT_REST`: less the zero, which runs from the referee's at
-    the start to the handle's rest force at the end of the recording, where it is free there.
+    `RECORDED`: as recorded. `ABOUT_REST`: less a zero that runs from the referee's at the start to
+    the handle's rest force at the end of the recording, if the handle is free there.
     """
 
     RECORDED = auto()
@@ -78,7 +78,7 @@ class CapabilityRule(Enum):
 
     @property
     def arrival_decides(self) -> tuple[IndicatorName, ...]:
-        """The level counts the arrival under the passage sensors only as an event."""
+        """Indicators that depend on the arrival, which the level counts only as an event."""
         counted = self is CapabilityRule.EVENTS_IN_ANY_ORDER
         return (IndicatorName.CAPABILITY_LEVEL,) if counted else ()
 
@@ -88,40 +88,24 @@ class Ruleset:
     """One way to compute results (section 9).
 
     Attributes:
-        name: how results name it.
-        windows: how long the moving average of the door angle is.
-        window_time: time on which its length is based, s.
-        savgol_window: samples in the Savitzky-Golay filter; None = as in the average.
-        savgol_order: order of its polynomial.
-        low_pass: how the low-pass filter of the acceleration runs.
-        low_pass_order: order of that Butterworth filter.
-        low_pass_frequency: its critical frequency, Hz.
-        knows_gaps: whether a gap between samples ends a stretch of data and stays out of the
-            sampling interval.
-        jerk: how the jerk of the open door is selected.
-        execution_end: what ends the execution time.
+        window_time: base of the length of the door angle's moving average, s.
+        savgol_window: samples; None = as in the moving average.
+        low_pass_frequency: critical frequency of the acceleration's Butterworth filter, Hz.
+        knows_gaps: whether a gap ends a stretch of data and stays out of the sampling interval.
         passage_needs_steps: whether the passage time requires steps 1, 3, 4 and 5.
-        occupation_only_if_positive: whether the door occupation time must be above 0.
-        capability: what the capability level counts.
-        missing_value: what an indicator's YAML file says where there is no value.
+        missing_value: stands in an indicator's YAML file that has no value.
         cut_rows: whether rows outside of [start, stop] are left out.
-        passage_events_to_end: whether passage events up to the end of the recording count.
+        passage_events_to_end: whether passage events up to the recording's end count.
         present_height: an obstacle higher than this is a robot, m; None = as in `Thresholds`.
-        masked_is_absent: whether a masked passage sensor counts as absent (and so makes
-            edges) instead of keeping its state.
-        believes_impossible: whether readings beyond what the sensors can say count.
+        masked_is_absent: whether a masked sensor counts as absent; else it keeps its state.
+        believes_impossible: whether readings beyond the sensors' range count.
         own_steps: whether its own rules find the steps; else the protocol's do.
-        passage_hold: a passage sensor's state counts when it has been held for so long, s.
-        touch_hold: the same of the touch.
-        door_hold: the same of the open and of the closed door.
-        repairs: whether door angles that fit no motion are replaced before the derivatives, and
-            the roughness looks at the median of three forces.
-        hysteresis: the door closes below the closed zone's angle less so many encoder counts.
-        onto_grid: whether the door angle is brought onto a grid of the nominal rate, by linear
-            interpolation.
+        passage_hold, touch_hold, door_hold: a state counts once held this long, s.
+        repairs: whether to replace door angles that fit no motion, and to take the roughness
+            from the median of three forces.
+        hysteresis: the door closes this many encoder counts below the closed zone's angle.
+        onto_grid: whether the door angle is interpolated linearly onto the nominal rate.
         least_velocity: jerk counts while the panel turns faster than this, rad/s; 0 = always.
-        force: what the roughness looks at.
-        explanations: what indicators mean, where it is not what `IndicatorSpec` says.
     """
 
     name: RulesetName
@@ -156,7 +140,6 @@ class Ruleset:
     explanations: Mapping[IndicatorName, str] = field(default_factory=dict, hash=False)
 
     def explanation(self, name: IndicatorName) -> str:
-        """What an indicator means under these rules, for those who do not know the protocol."""
         return self.explanations.get(name, name.spec.explanation)
 
     def largest_angle(self, thresholds: Thresholds) -> float:
@@ -188,7 +171,6 @@ PROTOCOL = Ruleset(
     present_height=None,
     masked_is_absent=False,
 )
-"""The protocol as this project implements it; the default."""
 
 EUROBENCH_2020 = Ruleset(
     name=RulesetName.EUROBENCH_2020,
@@ -218,7 +200,7 @@ EUROBENCH_2020 = Ruleset(
         ),
     },
 )
-"""As the published EUROBENCH scripts compute, so that new results can be put beside old ones."""
+"""As the published EUROBENCH scripts compute, so that new results can be compared with old ones."""
 
 ROBUST_2026 = replace(
     PROTOCOL,
@@ -247,11 +229,6 @@ ROBUST_2026 = replace(
 
 
 def ruleset(name: str) -> Ruleset:
-    """The ruleset called `name`.
-
-    Raises:
-        ScoringError: there is none of that name.
-    """
     try:
         known = RulesetName(name)
     except ValueError:

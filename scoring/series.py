@@ -22,20 +22,18 @@ from scoring.signals import LatchSample, PassageSample, Sample
 
 _PLACES = {sensor: place for place, sensor in enumerate(PASSAGE_SENSORS)}
 _UNKNOWN = -1
-"""Of a passage sensor that has said nothing yet."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassageSeries:
-    """What the used passage sensors saw, one row a sensor and sample, as recorded (section 4).
+    """What the used passage sensors saw, one row per sensor and sample, as recorded (section 4).
 
     Attributes:
-        time: s since the epoch, increasing for each sensor, shape (n,).
-        sensor: its place in `PASSAGE_SENSORS`, shape (n,).
-        distance: down from the lintel, m, inf = nothing there, NaN = no reading, shape (n,).
-        present: 1 = something is under it as it counts after this reading, 0 = nothing,
-            -1 = not known yet, shape (n,).
-        masked: whether the panel passes under it, shape (n,).
+        time: s since the epoch, increasing for each sensor; all arrays have shape (n,).
+        sensor: index in `PASSAGE_SENSORS`.
+        distance: down from the lintel, m, inf = nothing there, NaN = no reading.
+        present: after this reading: 1 = something is there, 0 = nothing, -1 = not known yet.
+        masked: whether the panel passes under it.
     """
 
     time: Array
@@ -47,14 +45,7 @@ class PassageSeries:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WholeSeries:
-    """Everything that was measured, from the opening of the recording to its end.
-
-    Attributes:
-        rows: of panel and handle, not cut.
-        rows_from, rows_until: the rows of the run itself lie between, s since the epoch.
-        passage: of the used passage sensors.
-        latch_time, latch_engaged: of the latch sensor, s and whether it is engaged, shape (k,).
-    """
+    """Everything that was measured; the run's rows lie in [`rows_from`, `rows_until`], s."""
 
     rows: Rows
     rows_from: float
@@ -65,7 +56,7 @@ class WholeSeries:
 
 
 class SeriesAssessment(Assessment):
-    """An assessment that keeps what passage and latch sensors said, too."""
+    """An assessment that also keeps the data of passage and latch sensors."""
 
     def _prepare(self) -> None:
         super()._prepare()
@@ -91,12 +82,7 @@ class SeriesAssessment(Assessment):
             self._masked.append(self._thresholds.masked(sensor.side, sensor.index, angle))
 
     def series(self, ending: Ending, rulings: tuple[Ruling, ...]) -> WholeSeries:
-        """All of it, once the recording has been read to its end.
-
-        Args:
-            ending: how the run ended.
-            rulings: the referee's, in the order in which they were made.
-        """
+        """Call it once the recording has been read to its end."""
         self._finish()
         ending, _ = self._stopped_by_these_rules(ending, rulings)
         end = self._end(ending)

@@ -14,19 +14,16 @@ from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import PassageSensor, Side, Signal, Strip
 
 _STAMP = 1e-6
-"""Stamps are known to 238 ns, as numbers of seconds since the epoch."""
+"""Stamps have a resolution of 238 ns, as numbers of seconds since the epoch."""
 
 
 class Edge(NamedTuple):  # the cheapest frozen type: a strip that flickers makes 500 a second
     """A two-valued signal became `value`.
 
     Attributes:
-        time: at which its first reading says so, s since the epoch.
-        value: what it became.
-        since: time of the reading before, which did not say so yet, s since the epoch; None =
-            there was none, or the edge is no reading's (a signal that is up at the start).
-        reading: number of its first reading, counted from 1; of an edge at the start the first
-            one that said so, before it.
+        time: of the first reading of the new value, s since the epoch.
+        since: time of the reading before; None = there was none, or the signal was up at the start.
+        reading: number of the first reading, from 1; may lie before an edge at the start.
     """
 
     time: float
@@ -36,18 +33,13 @@ class Edge(NamedTuple):  # the cheapest frozen type: a strip that flickers makes
 
 
 def edges_until(edges: Sequence[Edge], time: float) -> int:
-    """How many of the edges of one signal, which alternate and are in order, are up to `time`."""
+    """How many edges of one signal, in order, lie up to `time`."""
     return bisect_right(edges, time, key=lambda edge: edge.time)
 
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """How long a state was held.
-
-    Attributes:
-        readings: that said so one after the other.
-        seconds: from the first of them to the first that said otherwise, or to the last.
-    """
+    """How long a state was held: consecutive readings, and s to the next other one or the last."""
 
     readings: int
     seconds: float
@@ -56,18 +48,8 @@ class Held:
 class BinarySignal:
     """A two-valued signal whose edges count from the start of the run.
 
-    Before the start only its state is kept. If it is up at the start it rises at the start.
-
-    Args:
-        hold: a state counts when it has been held for so long, s; its edge is at the first reading
-            of it. 0 = at once.
-
-    Attributes:
-        state: what it is now; None = not known yet.
-        edges: since the start.
-        begun: whether the run has started.
-        readings: so many were taken.
-        newest: time of the last one, s since the epoch; None before any.
+    Before the start only its state is kept (None = not known yet); if it is up at the start, it
+    rises there. A state counts when held for `hold` s; its edge is at its first reading.
     """
 
     __slots__ = ("_began", "_hold", "_pending", "begun", "edges", "newest", "readings", "state")
@@ -83,11 +65,7 @@ class BinarySignal:
         self._began = 0  # number of the first reading of this state
 
     def update(self, time: float, value: bool, start: float) -> bool:
-        """The signal is `value` at `time`; `start` is the start of the run.
-
-        Returns:
-            Whether that is anything new.
-        """
+        """Take a reading; return whether it changes anything."""
         since, self.newest = self.newest, time
         self.readings += 1
         if value is self.state:
@@ -125,12 +103,10 @@ class BinarySignal:
                 self.edges.append(Edge(start, True, None, self._began))
 
     def at(self, time: float) -> bool:
-        """Whether it was up at `time`, by its edges."""
         known = edges_until(self.edges, time)
         return known > 0 and self.edges[known - 1].value
 
     def held(self, index: int) -> Held:
-        """How long the state was held that began with the edge number `index`."""
         edge = self.edges[index]
         if index + 1 < len(self.edges):
             after = self.edges[index + 1]
@@ -155,7 +131,6 @@ class DoorSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=Tru
 
     @property
     def signal(self) -> Signal:
-        """The signal to which the sample belongs."""
         return Signal.DOOR
 
 
@@ -168,16 +143,14 @@ class HandleSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=T
 
     @property
     def signal(self) -> Signal:
-        """The signal to which the sample belongs."""
         return Signal.HANDLE
 
 
 class PassageSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=True):
-    """Four distances down from the lintel, m, of one strip.
+    """Four distances down from the lintel, m, of one strip, by REP-117.
 
-    Ranges follow REP-117: +inf = nothing there, -inf = something too close, NaN or outside
-    [range_min, range_max] = no reading. `ranges` may be shorter than four: what is missing
-    is no reading.
+    +inf = nothing there, -inf = something too close; NaN, outside [range_min, range_max] or
+    missing = no reading.
     """
 
     time: float
@@ -189,7 +162,6 @@ class PassageSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=
 
     @property
     def signal(self) -> Signal:
-        """The signal to which the sample belongs."""
         return Signal.of_strip(self.strip)
 
 
@@ -202,7 +174,6 @@ class LatchSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=Tr
 
     @property
     def signal(self) -> Signal:
-        """The signal to which the sample belongs."""
         return Signal.LATCH
 
 
@@ -213,7 +184,7 @@ Sample = DoorSample | HandleSample | PassageSample | LatchSample
 
 
 _LOOKED_AT = 0.2
-"""So much of what is under the sensors is looked at, from the edge on, s."""
+"""Time after an edge in which the passage sensors are looked at, s."""
 
 
 class EdgeKind(Enum):
@@ -247,16 +218,13 @@ class EdgeKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class DecidingEdge:
-    """An edge on which indicators hang.
+    """An edge on which indicators depend.
 
     Attributes:
-        kind: which indicators, and its words.
-        signal: on which it was seen.
-        time: of it, s since the epoch.
-        since: time of the reading before, s since the epoch; None where it is no reading's.
-        readings: on so many consecutive ones it rests, before or after it, whichever is less.
-        alone: it rests on one passage sensor only, for so long, s; None = on more, or on others.
-        also: indicators that use it besides those of its kind, by the rules of the run.
+        time, since: of the edge and of the reading before, s since the epoch; None = no reading's.
+        readings: consecutive ones before or after the edge, whichever are fewer.
+        alone: how long the edge rests on one passage sensor only, s; None = not so.
+        also: indicators that use it under the run's rules, besides those of its kind.
     """
 
     kind: EdgeKind
@@ -269,7 +237,6 @@ class DecidingEdge:
 
     @property
     def indicators(self) -> tuple[Name, ...]:
-        """All that use it."""
         return (*self.kind.indicators, *self.also)
 
 
@@ -302,8 +269,6 @@ def door_edges(door: BinarySignal, touch: BinarySignal, end: float) -> Iterator[
 
 @dataclass(frozen=True, slots=True)
 class _Presence:
-    """Something is under one sensor, from `rise` to `fall`, for so many readings."""
-
     sensor: PassageSensor
     rise: float
     fall: float
@@ -316,16 +281,7 @@ def passage_edge(
     sensor: PassageSensor,
     time: float,
 ) -> DecidingEdge:
-    """The arrival, or the leaving, that one sensor saw at `time`, s since the epoch.
-
-    It rests on what the sensors of its side saw from it on, or up to it.
-
-    Args:
-        kind: arrival or leaving.
-        levels: all used sensors.
-        sensor: which of them has an edge then.
-        time: of the edge.
-    """
+    """The arrival or the leaving at `time`, s since the epoch, by all sensors of the side."""
     level = levels[sensor]
     index = edges_until(level.edges, time) - 1
     edge = level.edges[index]
@@ -352,7 +308,7 @@ def departure(
 ) -> DecidingEdge | None:
     """The leaving on a side at `time`, s since the epoch: a last fall, or the stop.
 
-    At the stop something is still there: it rests on what is seen of that until then and later.
+    At the stop, the edge also rests on what is seen of the robot later.
     """
     here = {sensor: level for sensor, level in levels.items() if sensor.side is side}
     for sensor, level in here.items():
@@ -375,7 +331,6 @@ def departure(
 def _presences(
     sensor: PassageSensor, level: BinarySignal, low: float, high: float
 ) -> Iterator[_Presence]:
-    """When something was under a sensor, of what touches [low, high]."""
     first = max(0, edges_until(level.edges, low) - 2)
     for index in range(first, edges_until(level.edges, high)):
         edge = level.edges[index]
@@ -385,7 +340,7 @@ def _presences(
 
 
 def _unbroken(near: list[_Presence], time: float, *, forth: bool) -> tuple[float, list[_Presence]]:
-    """How long something was there without a break from `time` on, or up to it, and by whom."""
+    """How long something was there without a break from `time` on, or up to it, and where."""
     reached, parts = time, list[_Presence]()
     for part in sorted(near, key=lambda p: p.rise if forth else -p.fall):
         meets = part.rise <= reached <= part.fall

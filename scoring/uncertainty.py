@@ -36,31 +36,27 @@ from scoring.rulesets import Ruleset
 from scoring.signals import DecidingEdge
 
 DRAWS = 200
-"""Draws of each value."""
 
 _HELD = 0.98
-"""The expanded uncertainty holds this part of the errors that are drawn: 95 in 100 of all."""
+"""The expanded uncertainty holds this part of the drawn errors: 95 in 100 of all."""
 
 _TRIED = 8
-"""Draws that tell how much jerk encoder and stamps add."""
 
 _MOST_PEAKS = 48
-"""So many of the largest accelerations can be the largest in a draw."""
 
 _NEAR_TOP = 0.9
 """Forces from this part of the largest on can be the largest in a draw."""
 
 _MOST_TOPS = 1024
-"""So many of the largest forces are drawn."""
 
 _LONGEST_COUNT = 0.5
 """A panel that takes longer for one count stands still, s."""
 
 _LEAST_JITTER = 1e-5
-"""Less jitter of the stamps moves nothing, s: they are known to 238 ns."""
+"""Less jitter of the stamps moves nothing, s: their resolution is 238 ns."""
 
 _HIDDEN = 3.0
-"""Noise may hide that a value is the largest where it is lower by so many standard deviations."""
+"""Noise may hide the largest value where it is lower by this many standard deviations."""
 
 _MOTION = (Name.SMOOTHNESS_OF_DOOR_ACTUATION, Name.UNSAFETY_OF_DOOR_OPERATION)
 Values = Mapping[Name, Indicator]
@@ -69,15 +65,7 @@ Values = Mapping[Name, Indicator]
 def uncertainties(
     grounds: Grounds, indicators: Values, times: Callable[[Sequence[Event]], Values]
 ) -> dict[Name, Uncertainty | None]:
-    """The uncertainty of every indicator; 0 where nothing that is drawn moves it.
-
-    None where it is beyond the range of numbers.
-
-    Args:
-        grounds: what the values rest on.
-        indicators: the values.
-        times: the time indicators of other events.
-    """
+    """The uncertainty of every indicator: 0 if no draw moves it, None if out of range."""
     random = np.random.RandomState(_seed(grounds))  # its stream is frozen, unlike a Generator's
     with np.errstate(over="ignore", invalid="ignore"):
         errors = {
@@ -89,7 +77,6 @@ def uncertainties(
 
 
 def _seed(grounds: Grounds) -> list[int]:
-    """From all samples: the same for the same recording, whatever reads it."""
     digest = hashlib.blake2b(digest_size=16)
     for series in (grounds.door.time, grounds.door.angle, grounds.rows.force):
         digest.update(np.ascontiguousarray(series).tobytes())
@@ -97,7 +84,7 @@ def _seed(grounds: Grounds) -> list[int]:
 
 
 def _spread(errors: Array | None) -> Uncertainty | None:
-    """Root of the mean square, and what holds the errors: both are about the value."""
+    """Root mean square of the errors, and the size that holds them; both about the value."""
     finite = np.empty(0) if errors is None else np.abs(errors[np.isfinite(errors)])
     if not finite.size:
         return Uncertainty(0.0, 0.0)
@@ -112,10 +99,7 @@ def _two_digits(value: float) -> float:
 
 
 def _spread_evenly(random: np.random.RandomState, columns: int) -> Array:
-    """Numbers in [0, 1), shape (DRAWS, columns): one of each column in each of DRAWS equal parts.
-
-    So few draws of one column are as good as many at random (a Latin hypercube).
-    """
+    """Numbers in [0, 1), shape (DRAWS, columns), by a Latin hypercube."""
     places = np.array([random.permutation(DRAWS) for _ in range(columns)]).reshape(columns, DRAWS)
     shares: Array = (places.T + random.random_sample((DRAWS, columns))) / DRAWS
     return shares
@@ -130,10 +114,10 @@ def _times(
     times: Callable[[Sequence[Event]], Values],
     random: np.random.RandomState,
 ) -> dict[Name, Array]:
-    """Each edge happened somewhere between its sample and the one before.
+    """Move each edge to somewhere between its sample and the one before.
 
-    One of the door did so at an angle that is off by up to half an encoder count, too; and all of
-    them by the delay of the stamps against the clock of the start, up to one sampling interval.
+    A door edge's angle is off by up to half an encoder count; all edges have a delay against the
+    clock of the start of up to one sampling interval.
     """
     timed = [edge for edge in grounds.edges if edge.since is not None]
     widths = np.array([edge.time - (edge.since or edge.time) for edge in timed])
@@ -154,7 +138,7 @@ def _times(
 
 
 def _known_delay(grounds: Grounds, edge: DecidingEdge) -> float:
-    """How far the stamps of an edge lie behind the clock of the start, s, up to an interval."""
+    """How far an edge's stamps lie behind the clock of the start, s, at most an interval."""
     counter = grounds.counters.get(edge.signal)
     if counter is None or counter.delay is None or counter.interval is None:
         return 0.0
@@ -162,7 +146,6 @@ def _known_delay(grounds: Grounds, edge: DecidingEdge) -> float:
 
 
 def _time_of_a_count(grounds: Grounds, edge: DecidingEdge) -> float:
-    """How long the panel takes for one encoder count at an edge of the door, s."""
     if edge.signal is not Signal.DOOR or not grounds.joint.time.size:
         return 0.0
     row = int(np.searchsorted(grounds.joint.time, edge.time).clip(0, grounds.joint.time.size - 1))
@@ -171,7 +154,7 @@ def _time_of_a_count(grounds: Grounds, edge: DecidingEdge) -> float:
 
 
 def _looked_at(events: Sequence[Event]) -> Iterator[Event]:
-    """The events that indicators look at: of a flickering door there are thousands."""
+    """The events that indicators use; a flickering door makes thousands of others."""
     last = {event.name: event for event in events}
     for name, event in last.items():
         if name is not EventName.DOOR_OPENS:
@@ -184,7 +167,7 @@ def _looked_at(events: Sequence[Event]) -> Iterator[Event]:
 def _motion(
     grounds: Grounds, indicators: Values, random: np.random.RandomState
 ) -> dict[Name, Array]:
-    """The same motion, sampled at other instants by an encoder that stands elsewhere."""
+    """The same motion, sampled at other instants by an encoder at another position."""
     joint, ruleset, thresholds = grounds.joint, grounds.ruleset, grounds.thresholds
     kernel = noise_kernel(joint, ruleset, thresholds)
     window = grounds.rows.joint_state.time
@@ -239,10 +222,7 @@ def _motion(
 
 
 def _alternatives(grounds: Grounds, indicators: Values) -> Iterator[Array]:
-    """What chance decides on, and by how much smoothness and unsafety differ, shape (2, n), each.
-
-    The first of the n is what was decided: no difference.
-    """
+    """Differences of smoothness and unsafety for each chance decision, shape (2, n), first 0."""
     door, rules = grounds.door, grounds.ruleset
     time, angle = door.time, door.without(door.repairable) if rules.repairs else door.angle
     if (other := other_windows(grounds.joint.time, rules)) is not None:
@@ -269,17 +249,14 @@ def _differences(
 
 
 def _share_of_motion(lost: Array, noises: Sequence[Array]) -> float:
-    """How much of the jerk that smoothing took is motion, and not what encoder and stamps add.
-
-    A robot that trembles is not to be taken for a smooth one.
-    """
+    """The part of the jerk lost to smoothing that is motion, so that trembling is not smooth."""
     power = float(np.square(lost).sum())
     noise = sum(float(np.square(each).sum()) for each in noises) / len(noises)
     return math.sqrt(max(0.0, 1 - noise / power)) if power else 0.0
 
 
 def _jerks_in(grounds: Grounds, smooth: JointState, first: int, last: int) -> NDArray[np.intp]:
-    """The later rows of the quotients that can be jerk, in the run, of neighbours; shape (m,)."""
+    """The later rows of the run's difference quotients that can be jerk; shape (m,)."""
     ruleset = replace(grounds.ruleset, least_velocity=0.0)
     before, after = jerk_rows(grounds.joint, ruleset, grounds.thresholds)
     kept = (after >= first) & (after <= last) & (before == after - 1)
@@ -295,12 +272,11 @@ def _angle_errors(
     phases: Array,
     random: np.random.RandomState,
 ) -> Iterator[Array]:
-    """What the encoder makes of a smooth motion, less the motion, rad, shape (rows,), each draw.
+    """For each draw, the encoder's reading of a smooth motion less the motion, rad, shape (rows,).
 
-    Its steps are not noise: a slow panel stays on one for several samples. So each draw has the
-    motion sampled a part of an interval later, by an encoder that stands a part of a count
-    further on. What the stamps' jitter makes of it is noise, of uniform distribution, and so is
-    what the closed door shows, of normal one.
+    A slow panel stays on one encoder step for several samples. So each draw samples the motion a
+    part of an interval later, with the encoder a part of a count further on. The stamps' jitter
+    adds uniform noise, the closed door's own noise is normal.
     """
     count, trembling = grounds.door.count, grounds.door.noise
     intervals = np.diff(grounds.door.time)
@@ -319,13 +295,13 @@ def _angle_errors(
 
 
 def _tops(size: Array, most: int) -> NDArray[np.intp]:
-    """Where the largest of some sizes stand that are not 0, in an order that all libraries give."""
+    """Places of the largest sizes that are not 0, in an order that all libraries give."""
     known = np.flatnonzero(size > 0)
     return np.sort(known[np.argsort(-size[known], kind="stable")[:most]])
 
 
 def _peaks(size: Array) -> NDArray[np.intp]:
-    """Where the largest peaks begin, so that each lies within an interval after one of them."""
+    """Where the largest peaks begin: each lies within an interval after one of them."""
     padded = np.pad(size, 1)
     peaks = _tops(np.where((size >= padded[:-2]) & (size >= padded[2:]), size, 0.0), _MOST_PEAKS)
     return np.unique(np.concatenate((peaks, (peaks - 1).clip(0))))
@@ -333,15 +309,7 @@ def _peaks(size: Array) -> NDArray[np.intp]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Curve:
-    """Parabolas between samples, each as bent as the less bent of its two ends; shape (n,).
-
-    So a step does not overshoot, and a pulse has its peak between two samples.
-
-    Attributes:
-        heights: of the samples.
-        rises: to the next ones.
-        bends: downwards, per interval and interval.
-    """
+    """Parabolas between samples, each as bent as the less bent end: no overshoot at a step."""
 
     heights: Array
     rises: Array
@@ -349,7 +317,6 @@ class _Curve:
 
     @classmethod
     def through(cls, size: Array, places: NDArray[np.intp]) -> _Curve:
-        """From each of some places in a series to the next sample."""
         bent = np.zeros(size.size)
         bent[1:-1] = 2 * size[1:-1] - size[:-2] - size[2:]
         here = places.clip(0, size.size - 1)
@@ -358,17 +325,15 @@ class _Curve:
         return cls(size[here], size[following] - size[here], bends)
 
     def at(self, part: float | Array) -> Array:
-        """The curve at a part of the interval, in [0, 1]."""
         between: Array = self.heights + part * self.rises + self.bends * part * (1 - part) / 2
         return between
 
     def under_noise(self, part: Array, noise: float | Array) -> Array:
-        """The curve as it may be under noise of a standard deviation: as high as the largest."""
+        """The curve raised by what noise of a standard deviation may hide, at most to its top."""
         return np.minimum(self.at(part) + _HIDDEN * noise, self.top)
 
     @property
     def top(self) -> float:
-        """Its largest value; 0 where there is none."""
         with np.errstate(divide="ignore"):
             highest = (self.rises / self.bends + 0.5).clip(0, 1)
         parts = np.where(self.bends > 0, highest, self.rises > 0)
@@ -379,7 +344,6 @@ class _Curve:
 
 
 def _roughness(grounds: Grounds, random: np.random.RandomState) -> Array:
-    """The force's noise, and samples that lie elsewhere about the peak."""
     size, noise = np.abs(grounds.rows.load), grounds.force_noise
     if not size.size:
         return np.full(DRAWS, np.nan)

@@ -15,17 +15,12 @@ if TYPE_CHECKING:
 
 
 def score(path: Path | str, rules: RulesetName | None = None) -> Iterator[ScoredPath]:
-    """Score a bag, or every run of a folder, one after the other.
+    """Score a bag or every run of a folder, one after the other, each when it is asked for.
 
     Args:
         path: a bag, a run folder, a folder with runs at any depth, or one of published
             EUROBENCH files.
-        rules: the ruleset; that of the run if not given, `protocol` for EUROBENCH files whose run
-            info names none.
-
-    Returns:
-        for each run, scored when it is asked for, its `result`, which is what `result.json` says
-        of it, and the pre-processed data behind it as `rows`.
+        rules: None = the run's own; `protocol` for EUROBENCH files whose run info names none.
 
     Raises:
         MadrobError: a run cannot be scored; the message names path and remedy.

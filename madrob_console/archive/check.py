@@ -29,14 +29,13 @@ from scoring.result import Result
 
 
 CLOSEST = 1e-9
-"""Relative; libraries that round otherwise stay far below it."""
+"""Relative; the rounding differences of libraries stay far below it."""
 
 _NAMES = {"python": "Python", "numpy": "NumPy", "scipy": "SciPy", "pandas": "pandas"}
-"""As they call themselves."""
 
 
 class Grade(StrEnum):
-    """How a stored result compares with what its recording gives."""
+    """How a stored result compares with a fresh one of its recording."""
 
     SAME = "same digits"
     CLOSE = "equal to 1e-9"
@@ -44,12 +43,7 @@ class Grade(StrEnum):
 
     @classmethod
     def of(cls, stored: object, now: object) -> Grade:
-        """Of one value that was computed: numbers may differ in their last digits, nothing else.
-
-        Args:
-            stored: the value that was stored.
-            now: what it is now.
-        """
+        """Grade one computed value: only numbers may differ, and only in their last digits."""
         if stored == now:
             return cls.SAME
         numbers = isinstance(stored, float) and isinstance(now, float)
@@ -59,17 +53,10 @@ class Grade(StrEnum):
 
     @classmethod
     def worst(cls, grades: Iterable[Grade]) -> Grade:
-        """Of the parts, that of the whole."""
         return max(grades, key=list(cls).index, default=cls.SAME)
 
 
 def libraries_told(stored: Libraries | None, now: Libraries) -> str:
-    """Which libraries computed a stored result and which compute now, in words.
-
-    Args:
-        stored: None = the result does not say, it is of an older version.
-        now: those of this process.
-    """
     names = [(each.name, _NAMES[each.name]) for each in fields(Libraries)]
     here = ", ".join(f"{name} {getattr(now, key)}" for key, name in names)
     if stored is None:
@@ -88,29 +75,20 @@ _NOT_COMPARED = {
     *("format", "software", "libraries", "remark", "files_left_out", "flags"),
     "removed_evidence",
 }
-"""Keys that tell of the program that wrote the result, in its words what others tell, or of what
-is done beside a result that is written."""
+"""Keys about the program that wrote the result, in its own words, or about work done beside it."""
 
 _COMPUTED = ("indicators.", "quality.")
-"""Where libraries decide the last digits. Times are stamps: of the epoch 1e-9 is over a second."""
+"""Where libraries decide the last digits. Not for times: 1e-9 of the epoch is over a second."""
 
 _UNCERTAINTY = re.compile(r"indicators\.\w+\.uncertainty\b")
 _DOUBTS = re.compile(r"indicators\.\w+\.doubts\b")
-"""What says how far a value can be trusted; no value hangs on it."""
 
 _LONGEST = 80
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One value that is not what was stored.
-
-    Attributes:
-        what: where it stands in `result.json`, as in `events[3].time`.
-        stored: what the file says.
-        recomputed: what the recording gives, or what there is today.
-        grade: how far apart they are.
-    """
+    """One value that differs from the stored one; `what` is its place, as in `events[3].time`."""
 
     what: str
     stored: object
@@ -119,19 +97,14 @@ class Difference:
 
     @property
     def words(self) -> str:
-        """All of it on one line."""
         return f"{self.what}: stored {_short(self.stored)}, now {_short(self.recomputed)}"
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedRun:
-    """What the check of a run found.
+    """The findings of a check: every value that differs from the stored one in any digit.
 
-    Attributes:
-        found: every value that is not what was stored to the last digit.
-        uncertainties: those that are not what was stored; no grade hangs on them.
-        stored_by: what computed the stored result; None = it does not say.
-        libraries: what computes now.
+    The grade does not depend on `uncertainties`. `stored_by` None = the result does not say.
     """
 
     found: tuple[Difference, ...]
@@ -141,26 +114,21 @@ class CheckedRun:
 
     @property
     def grade(self) -> Grade:
-        """The worst of what was found."""
         return Grade.worst(difference.grade for difference in self.found)
 
     def of(self, grade: Grade) -> tuple[Difference, ...]:
-        """What was found of one grade."""
         return tuple(difference for difference in self.found if difference.grade is grade)
 
     @property
     def of_the_rest(self) -> Grade:
-        """The worst of what was found but for doubts: of what was measured."""
         return Grade.worst(each.grade for each in self.found if not _DOUBTS.match(each.what))
 
     @property
     def values_hold(self) -> bool:
-        """Whether it differs in doubts only."""
         return self.grade is Grade.DIFFERS and self.of_the_rest is not Grade.DIFFERS
 
     @property
     def words(self) -> str:
-        """The verdict, on one line."""
         match grade := self.grade:
             case Grade.SAME:
                 return str(grade)
@@ -174,7 +142,7 @@ class CheckedRun:
 
     @property
     def uncertainty_words(self) -> str:
-        """Which uncertainties are other ones, on one line; empty where none is."""
+        """Which uncertainties differ, on one line; empty where none does."""
         last = {each.what.split(".")[1]: each for each in self.uncertainties}  # the expanded one
         told = (
             f"{name} {_short(each.recomputed)} was {_short(each.stored)}"
@@ -183,8 +151,6 @@ class CheckedRun:
         return f"uncertainties differ in {len(last)}: {', '.join(told)}" if last else ""
 
     def content(self) -> dict[str, Any]:
-        """What was found, for programs."""
-
         def values(found: Iterable[Difference]) -> list[dict[str, object]]:
             return [
                 {"what": each.what, "stored": each.stored, "recomputed": each.recomputed}
@@ -204,15 +170,8 @@ class CheckedRun:
 def check_run(run: RunPath) -> CheckedRun:
     """Score a run again by its own ruleset and decisions, and compare with its `result.json`.
 
-    What an older version of the program did not store is not compared. Remarks on the data
-    quality that only the engine could make (messages lost on their way) may be stored beside
-    those that the recording gives.
-
-    Args:
-        run: a run folder.
-
-    Raises:
-        MadrobError: there is no usable result, or the run cannot be scored.
+    Values that an older version did not store are not compared. The engine's own remarks on
+    the data quality (messages lost on their way) may be stored beside those of the recording.
     """
     folder = run.path
     if run.prefix:
@@ -231,13 +190,7 @@ def check_run(run: RunPath) -> CheckedRun:
 
 
 def compare(stored: dict[str, Any], scored: Scored, folder: Path) -> CheckedRun:
-    """What a stored result says against a fresh one of the same run.
-
-    Args:
-        stored: all of its `result.json`; its files are taken out.
-        scored: the run, as it is scored now.
-        folder: of the run.
-    """
+    """Compare a whole `result.json` with a fresh result; removes `files` from `stored`."""
     # cut off after its result and before the journal's line of it: this is the first issue
     first = dataclasses.replace(scored.run, issue=max(1, scored.run.issue))
     scored = dataclasses.replace(scored, run=first)
@@ -293,7 +246,7 @@ def _remark_differences(stored: list[Any], recomputed: list[str]) -> Iterator[Di
 
 
 def _without_place(remark: str) -> str:
-    """A remark on a torn bag begins with a path, and results folders are moved."""
+    """A remark on a torn bag begins with a path, which changes when the folder is moved."""
     return remark.rpartition("/")[2]
 
 
@@ -324,31 +277,24 @@ def _short(value: object) -> str:
 
 
 EQUAL = "equals the stored result to the last digit"
-"""What is said of the result of a replay that differs in nothing."""
 
 _DIGITS = (2, 3, 6)
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What a result is beside the stored one (protocol section 11).
-
-    Attributes:
-        words: all of it, on one line.
-        grade: how far the two agree; None = there is none to compare with.
-    """
+    """A result beside the stored one (protocol section 11); grade None = no stored one."""
 
     words: str
     grade: Grade | None = None
 
     @property
     def agrees(self) -> bool:
-        """Whether nothing but the last digits differs."""
         return self.grade in {Grade.SAME, Grade.CLOSE}
 
 
 def stored_result(path: Path) -> ListedResult | str:
-    """The stored result of a run folder, or why there is none, in words; a bag alone has none."""
+    """A bag alone has none; then why, in words."""
     try:
         return read_result(str(path))[0]
     except FileNotFoundError:
@@ -358,10 +304,7 @@ def stored_result(path: Path) -> ListedResult | str:
 
 
 def compared(stored: ListedResult | str, result: Result) -> Comparison:
-    """What a result is beside the stored one; why there is none, where there is none.
-
-    Digits are given until they tell two values apart.
-    """
+    """With enough digits to tell two values apart."""
     if isinstance(stored, str):
         return Comparison(stored)
     found = tuple(_result_differences(stored, result))
@@ -394,7 +337,6 @@ def _result_differences(stored: ListedResult, result: Result) -> Iterator[tuple[
 
 
 def _apart(value: float | None, stored: float | None) -> tuple[str, str]:
-    """Two values that differ, with as many digits as it takes to see that."""
     for digits in _DIGITS:
         texts = _text(value, digits), _text(stored, digits)
         if texts[0] != texts[1]:

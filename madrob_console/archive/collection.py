@@ -28,7 +28,7 @@ _LINK = "is behind a link and left out: name the folder itself"
 
 
 class Unlisted(NamedTuple):
-    """What lies at or below a path and is in no list, and why and what to do, in words."""
+    """A path, or what lies below it, that no list shows; `why` also says what to do."""
 
     place: str
     why: str
@@ -36,14 +36,7 @@ class Unlisted(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Collection:
-    """The runs at some paths.
-
-    Attributes:
-        root: from where their folders are seen: the results folder where there is only one, and
-            else from where the paths are.
-        runs: oldest first; those that are there twice know it.
-        unlisted: what is left out of them.
-    """
+    """The runs at some paths, oldest first; their folders are relative to `root`."""
 
     root: Path
     runs: tuple[RunSummary, ...]
@@ -51,25 +44,15 @@ class Collection:
 
     @property
     def competitions(self) -> frozenset[str]:
-        """Those that the runs say they are of."""
         return frozenset(run.competition for run in self.runs if run.competition is not None)
 
     @property
     def twins(self) -> tuple[str, ...]:
-        """Which runs are there twice, in words."""
         return tuple(run.why_twin for run in self.runs if run.twin)
 
 
 def collected(paths: Sequence[Path], testbed: str | None = None) -> Collection:
-    """The runs at some paths, at any depth; what cannot be read there does not stop the rest.
-
-    Args:
-        paths: results folders, folders of those, run folders.
-        testbed: only those of the testbed of this name; None = of all.
-
-    Raises:
-        MadrobError: a path is not there, or there is no such testbed.
-    """
+    """The runs at some paths, at any depth; what cannot be read does not stop the rest."""
     of_root: dict[Path, set[str]] = {}
     unlisted = []
     for path in paths:
@@ -102,60 +85,28 @@ def collected(paths: Sequence[Path], testbed: str | None = None) -> Collection:
 
 
 def collected_in(results: Path, testbed: str | None = None) -> Collection:
-    """The runs of one results folder, those that the console shows.
-
-    Args:
-        results: the results folder.
-        testbed: as for `collected`.
-
-    Raises:
-        MadrobError: it cannot be read, or there is no such testbed.
-    """
     runs = History(results).refresh()
     return Collection(results, runs if testbed is None else tuple(of_testbed(runs, testbed)))
 
 
 def of_testbed(runs: Iterable[RunSummary], name: str) -> list[RunSummary]:
-    """The runs of the testbed of a name.
-
-    Raises:
-        MadrobError: there is none.
-    """
     every = list(runs)
     demand_testbed(name, {run.testbed for run in every})
     return [run for run in every if run.testbed == name]
 
 
 def demand_testbed(name: str, testbeds: Iterable[str]) -> None:
-    """There are runs of the testbed of a name.
-
-    Raises:
-        MadrobError: there are none.
-    """
     _demand_known("--testbed-name", name, testbeds)
 
 
 def demand_competition(name: str, competitions: Iterable[str]) -> None:
-    """There are runs of the competition of a name.
-
-    Raises:
-        MadrobError: there are none.
-    """
     _demand_known("--competition", name, competitions)
 
 
 def the_competition(runs: Iterable[RunSummary], name: str | None) -> str | None:
-    """Which competition runs are of; a team is competition and subject (protocol section 2).
+    """The chosen competition, else the only one; MadrobError if several and nobody chose.
 
-    Args:
-        runs: those that would stand beside each other.
-        name: the one that was chosen; None = nobody chose.
-
-    Returns:
-        The one that was chosen, or the only one that there is; None where no run says.
-
-    Raises:
-        MadrobError: there are several, and nobody chose.
+    A team is competition and subject (protocol section 2). None = no run says.
     """
     if name is not None:
         return name
@@ -180,12 +131,11 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def _with_name(path: Path) -> Path:
-    """The same path; `.` and `..` say what they are called."""
+    """Resolves `.` and `..`, which have no name."""
     return path if path.name not in ("", "..") else Path(os.path.abspath(path))  # noqa: PTH100
 
 
 def _why_unlisted(run: RunPath) -> str:
-    """Why a list does not have what lies there, and what to do."""
     if run.path.is_file():
         return "is no run folder: name folders with runs"
     try:
@@ -200,7 +150,6 @@ def _why_unlisted(run: RunPath) -> str:
 
 
 def _place(run: Path) -> tuple[Path, str]:
-    """The results folder of a run folder, and its name as seen from there."""
     within = run.parent if run.parent.name else Path(os.path.abspath(run.parent))  # noqa: PTH100
     if within.name == PRACTICE_FOLDER:
         return within.parent, f"{PRACTICE_FOLDER}/{run.name}"
@@ -225,19 +174,19 @@ _TEXTS: Mapping[str, Callable[[RunSummary], str]] = {
     "competition": lambda run: run.competition or "",
 }
 _FIELD = re.compile(r"([^\W\d]+):(.*)", re.DOTALL)
-"""A word that looks at one field alone; a time of day, `14:28`, does not."""
+"""A word for one field alone; a time of day, `14:28`, does not match."""
 
 
 def matches(run: RunSummary, text: str) -> bool:
-    """Whether a run passes a filter: every word of the text occurs in the run's words.
+    """Whether every word of the text is in the run's words; capitals do not matter.
 
-    Capitals do not matter. `subject:3`, `run:2`, `cond:5` and `team:delft` look at that alone.
+    `subject:3`, `run:2`, `cond:5` and `team:delft` look at that field alone.
     """
     return all(_has(run, word) for word in text.casefold().split())
 
 
 def filter_problem(text: str) -> str | None:
-    """Why no run can pass a filter, in words: it names a field that no run has; None = one can."""
+    """Why no run can pass a filter: it names an unknown field."""
     found = (_FIELD.fullmatch(word) for word in text.casefold().split())
     known = (*_NUMBERS, *_TEXTS)
     unknown = next((word[1] for word in found if word and word[1] not in known), None)

@@ -37,15 +37,9 @@ from recorder.survey import listing, put_listing, remove_metadata_parts
 
 
 def repair_evidence(folder: Path) -> bool:
-    """Repair the evidence of a run that was cut off; a run that goes on is left alone.
+    """Repair the evidence of a run that was cut off; returns whether it wrote.
 
-    Only evidence that `metadata.yaml` does not list is opened: what is listed is whole.
-
-    Returns:
-        Whether anything was written.
-
-    Raises:
-        MadrobError: the folder cannot be read or written.
+    A run that goes on is left alone. Evidence that `metadata.yaml` lists is not opened.
     """
     try:
         names = [name for name in os.listdir(folder) if is_evidence(name)]  # noqa: PTH208
@@ -62,12 +56,7 @@ def repair_evidence(folder: Path) -> bool:
 
 
 def evidence_told(folder: Path, run: Run) -> EvidenceAccount | None:
-    """What a run's journal says of its evidence; where it says nothing, what its folder does.
-
-    Args:
-        folder: of the run.
-        run: as its journal tells it.
-    """
+    """The journal's account of the evidence; without one, the folder's."""
     if run.evidence is not None or run.removed_evidence:
         return run.evidence
     with suppress(OSError):
@@ -79,15 +68,9 @@ def evidence_told(folder: Path, run: Run) -> EvidenceAccount | None:
 def settled_account(
     folder: Path, told: EvidenceAccount, start: float | None
 ) -> EvidenceAccount | None:
-    """What is in a run's files of evidence, by their summaries; None while one is not whole.
+    """The account of complete evidence files, by their summaries; None while one is incomplete.
 
-    Args:
-        folder: of the run.
-        told: its account while they were still being written.
-        start: of the run, s since the epoch; None = unknown.
-
-    Raises:
-        OSError: the folder cannot be read.
+    `told` is the account while they were written; `start` is in s since the epoch.
     """
     from recorder.survey import summarised  # few runs need it
 
@@ -125,19 +108,10 @@ def _since(time_ns: int, start: float) -> float:
 
 
 def settle_account(folder: Path, now: float) -> bool:
-    """Have a run's journal say what is in its evidence, if that was still being written.
+    """Journal what is in a run's evidence, if that was still being written.
 
-    A run on which somebody works is left alone.
-
-    Args:
-        folder: of the run.
-        now: s since the epoch.
-
-    Returns:
-        Whether a line was written: then its result may be out of date.
-
-    Raises:
-        MadrobError: the disk refuses.
+    `now` is in s since the epoch. A run on which somebody works is left alone. Returns whether a
+    line was written: then its result may be out of date.
     """
     try:
         names = os.listdir(folder)  # noqa: PTH208
@@ -159,7 +133,7 @@ def settle_account(folder: Path, now: float) -> bool:
 
 
 def _unsettled(folder: Path) -> tuple[EvidenceAccount, float | None] | None:
-    """What a journal says of evidence that was still being written, or does not; and the start."""
+    """The account and the start, if the journal has no final account of the evidence."""
     run = read_run_journal(folder).run
     over = run.phase in (Phase.STOPPED, Phase.FINAL)
     told = evidence_told(folder, run) if over else run.evidence
@@ -167,12 +141,7 @@ def _unsettled(folder: Path) -> tuple[EvidenceAccount, float | None] | None:
 
 
 def account_entry(account: EvidenceAccount, now: float) -> Entry:
-    """The line of a journal that says what was recorded; the last one counts.
-
-    Args:
-        account: of the evidence.
-        now: s since the epoch.
-    """
+    """A later line replaces it. `now` is in s since the epoch."""
     details = msgspec.to_builtins(account)
     what = Change.EVIDENCE_RECORDED.value
     return Entry(now, Origin.SYSTEM, what, reason=account.words, details=details)
@@ -182,11 +151,7 @@ def account_entry(account: EvidenceAccount, now: float) -> Entry:
 
 
 def evidence_held(results: Path) -> int:
-    """Bytes of all evidence of all runs, practice and official, and of what its repairs have left.
-
-    Raises:
-        MadrobError: the results folder cannot be read.
-    """
+    """Bytes of the evidence of all runs, practice and official, with what repairs have left."""
     held = 0
     for name in run_folder_names(results):
         with suppress(OSError), os.scandir(results / name) as entries:
@@ -201,10 +166,10 @@ def evidence_held(results: Path) -> int:
 
 @dataclass(frozen=True, slots=True)
 class TidyLimits:
-    """How much evidence is to stay beside what always stays.
+    """How much evidence stays beside what always stays.
 
     Attributes:
-        keep_runs: that of so many runs, the newest ones; of official and practice runs each.
+        keep_runs: that of so many newest runs; of official and practice runs each.
         older_than: that of runs of the last so many s.
         until_free: what is left once so many bytes of the disk are free; the oldest goes first.
         filing: that of runs signed in the last so many s: a protest may come.
@@ -218,14 +183,9 @@ class TidyLimits:
 
 @dataclass(frozen=True, slots=True)
 class RunEvidence:
-    """The evidence of one run.
+    """The evidence files of a run and what repairs have left of them; `size` in bytes.
 
-    Attributes:
-        folder: of the run.
-        run: what the history says of it.
-        files: names of the evidence in it, and of what repairs have left of evidence.
-        size: of them, bytes.
-        kept: why it stays, in words; empty = it may go.
+    `kept` says why it stays; empty = it may go.
     """
 
     folder: Path
@@ -236,17 +196,7 @@ class RunEvidence:
 
 
 def evidence_at(root: Path, limits: TidyLimits, now: float, free: float) -> list[RunEvidence]:
-    """The evidence of all runs of a results folder, oldest run first, and what of it stays.
-
-    Args:
-        root: the results folder.
-        limits: what is to stay.
-        now: s since the epoch.
-        free: bytes that are free on its disk.
-
-    Raises:
-        MadrobError: the folder cannot be read.
-    """
+    """All evidence, oldest run first; `now` in s since the epoch, `free` bytes of the disk."""
     runs = History(root).refresh()
     newest: dict[str, int] = {}
     for practice in (True, False):
@@ -271,11 +221,7 @@ def evidence_at(root: Path, limits: TidyLimits, now: float, free: float) -> list
 
 
 def run_going_on(root: Path) -> str | None:
-    """The folder of a run of a results folder that is recorded just now; None = there is none.
-
-    Raises:
-        MadrobError: the folder cannot be read.
-    """
+    """The folder of a run that is being recorded."""
     open_ones = (run.folder for run in History(root).refresh() if run.outcome is None)
     return next((name for name in open_ones if is_held(root / name / JOURNAL_FILE)), None)
 
@@ -285,16 +231,9 @@ def remove_evidence(
 ) -> None:
     """Remove the evidence of a run for good; its journal says so first.
 
-    The bag lists it no more before it goes: a kill at any moment leaves a bag that every reader
-    opens. Done again, it goes on where it was cut off.
-
-    Args:
-        of: a run whose evidence may go.
-        now: s since the epoch.
-        filing: as in `TidyLimits`.
-
-    Raises:
-        MadrobError: somebody works on the run or did so since, or the disk refuses.
+    The bag stops listing it first, so a kill at any moment leaves a bag that every reader opens.
+    Called again, it goes on where it was cut off. `now` is in s since the epoch, `filing` as in
+    `TidyLimits`.
     """
     folder = of.folder
     try:
@@ -332,7 +271,6 @@ def remove_evidence(
 
 
 def _files(folder: Path) -> dict[str, int] | None:
-    """Names and sizes of the evidence of a run; None where there is none."""
     found: dict[str, int] = {}
     try:
         names = os.listdir(folder)  # noqa: PTH208  of the names only
@@ -349,7 +287,7 @@ def _files(folder: Path) -> dict[str, int] | None:
 
 
 def _always_kept(one: RunEvidence, place: int) -> str:
-    """Why the evidence of a run stays whatever is asked for; empty = it need not."""
+    """Why the evidence stays whatever the limits; empty = it need not."""
     run = one.run
     if run.problem is not None:
         return f"its result cannot be used: {run.problem}"
@@ -371,7 +309,7 @@ def _always_kept(one: RunEvidence, place: int) -> str:
 
 
 def _within(limits: TidyLimits, one: RunEvidence, newest: dict[str, int], now: float) -> str:
-    """Why the evidence of a run is to stay, by what was asked for; empty = it is not."""
+    """Why the evidence stays by the limits; empty = it does not."""
     if newest[one.run.folder] <= limits.keep_runs:
         kind = "practice runs" if one.run.practice else "runs"
         return f"it is one of the last {limits.keep_runs} {kind}"
@@ -381,7 +319,7 @@ def _within(limits: TidyLimits, one: RunEvidence, newest: dict[str, int], now: f
 
 
 def _may_be_protested(folder: Path, filing: float, now: float) -> str:
-    """Why the evidence of a signed run stays for the time of protests; empty = that is over."""
+    """Why the evidence stays while a team may protest; empty = that time is over."""
     try:
         return _protest_words(read_run_journal(folder).run, filing, now)
     except (UnusableJournalError, OSError) as error:
@@ -395,7 +333,6 @@ def _protest_words(run: Run, filing: float, now: float) -> str:
 
 
 def _is_recorded(one: RunEvidence) -> bool:
-    """Whether somebody writes, or repairs, the evidence of a run."""
     for name in one.files:
         try:
             file = open_plain(one.folder / name)
@@ -410,14 +347,14 @@ def _is_recorded(one: RunEvidence) -> bool:
 
 
 def _why_not_now(of: RunEvidence, known: RunJournal) -> str:
-    """Why the evidence has to stay by what its journal says now, held; empty = it has not."""
+    """Why the evidence stays by the journal as it is now, locked; empty = it need not."""
     if known.run.phase is not Phase.FINAL and not of.run.practice:
         return "its result is not final any more"
     return "it was protested" if ever_protested(of.folder) else ""
 
 
 def _is_told(known: RunJournal, files: Iterable[str]) -> bool:
-    """Whether the journal says already that these files are removed: that was cut off."""
+    """Whether the journal already says that these files are removed: a removal was cut off."""
     told: Sequence[object] = ()
     for entry in known.entries:
         if entry.what == Change.EVIDENCE_REMOVED:
@@ -428,11 +365,9 @@ def _is_told(known: RunJournal, files: Iterable[str]) -> bool:
 def _list_without(
     folder: Path, folder_fd: int, files: Iterable[str], *, check_only: bool = False
 ) -> None:
-    """List the files of a bag without some; where its recording is torn they must not be listed.
+    """List a bag's files without some.
 
-    Raises:
-        MadrobError: they are, and that cannot be changed.
-        OSError: the disk refuses.
+    Where its recording is torn they must not be listed: MadrobError if that cannot be changed.
     """
     without = frozenset(files)
     make = listing if check_only else put_listing

@@ -25,40 +25,32 @@ from scoring.eurobench.run_info import run_prefixes, series_prefix
 
 
 LARGEST_NUMBER = 999
-"""Subjects and runs are numbered from 1 to this: file names have three digits for them."""
+"""The largest subject and run number: file names have three digits for them."""
 
 NUMBERS_FILE = "run_numbers.jsonl"
 """In the results folder: one line for each run number given out."""
 
 RESULT_FILE = "result.json"
-"""In a run folder: the whole result."""
 
 ISSUE_FILE = "result_issue_{}.json"
-"""In a run folder: the result as it was in an earlier issue, by its number."""
 
 JOURNAL_FILE = "journal.jsonl"
-"""In a run folder: every act and every change of state."""
 
 REPORT_FILE = "report.html"
-"""In a run folder: the page for the team."""
 
 PICTURES_FOLDER = "pictures"
-"""In a run folder: what its cameras saw."""
+"""The camera pictures of a run's moments."""
 
 PICTURES_INDEX = "index.json"
-"""In that folder: which picture is of what."""
 
 FRAMES_FOLDER = "frames"
-"""In a run folder: what its cameras saw at the instants that somebody asked for."""
+"""The camera pictures of instants that somebody asked for."""
 
 INDEX_PAGE = "index.html"
-"""Where the pages of a competition begin; a run has one of its own among them."""
 
 RESULT_FORMAT: Final = 1
-"""Version of the layout of `result.json`."""
 
 PRACTICE_FOLDER = "practice"
-"""In the results folder: the practice runs."""
 
 _LARGEST = 16_000_000  # bytes of the numbers file: some 300,000 runs
 _TIME_FORMAT = "%Y%m%d_%H%M%S"
@@ -68,10 +60,7 @@ _FOLDER = re.compile(r"subject_([0-9]{3})_cond_([0-9]{3})_run_([0-9]{3})_([0-9]{
 
 @dataclass(frozen=True, slots=True)
 class RunName:
-    """What its folder is called after: repetition `run` of `subject` in `condition` (1..20).
-
-    Two testbeds may give the same name; the identity of a run is its `run_id` (section 2).
-    """
+    """Repetition `run` of `subject` in `condition` (1..20). Only `run_id` is unique (section 2)."""
 
     subject: int
     condition: int
@@ -85,28 +74,25 @@ class RunName:
 
 
 def series_folder(root: Path, *, practice: bool) -> Path:
-    """Where the official or the practice runs of a results folder lie."""
     return root / PRACTICE_FOLDER if practice else root
 
 
 def link_problem(root: Path) -> str | None:
-    """Why practice runs cannot be kept there, in words: behind a link nobody would find them."""
+    """Why practice runs cannot be kept there: behind a link nobody would find them."""
     folder = root / PRACTICE_FOLDER
     return f"{folder}: is a link; put a folder in its place" if folder.is_symlink() else None
 
 
 def results_folder_of(run: Path) -> Path:
-    """The results folder in which a run folder lies."""
     return run.parent.parent if run.parent.name == PRACTICE_FOLDER else run.parent
 
 
 def lies_in_practice(name: str) -> bool:
-    """Whether a run folder of this name lies among the practice runs."""
     return name.startswith(_IN_PRACTICE)
 
 
 def parse_folder_name(name: str) -> tuple[RunName, datetime] | None:
-    """Which run a folder is for, and its local start time; None for any other name."""
+    """The run and its local start time; None for any other name."""
     match = _FOLDER.fullmatch(name.removeprefix(_IN_PRACTICE))
     if match is None:
         return None
@@ -119,17 +105,13 @@ def parse_folder_name(name: str) -> tuple[RunName, datetime] | None:
 
 
 def named_by_recording(names: Iterable[str]) -> str | None:
-    """What a run folder was called when its recording was made, by what lies in it; None = unknown.
-
-    Args:
-        names: of the files in it.
-    """
+    """The run folder's name at recording time, from its files' `names`; None = unknown."""
     stems = (name.removesuffix("_0.mcap") for name in names if name.endswith("_0.mcap"))
     return next((stem for stem in stems if parse_folder_name(stem) is not None), None)
 
 
 def pictures_in(folder: str) -> int:
-    """How many pictures there are of what a run's cameras saw; 0 where that cannot be told."""
+    """The number of camera pictures; 0 where their index cannot be read."""
     place = f"{folder}/{PICTURES_FOLDER}"
     try:
         names = os.listdir(place)  # noqa: PTH208  as below
@@ -139,13 +121,7 @@ def pictures_in(folder: str) -> int:
 
 
 def run_folder_names(root: Path) -> list[str]:
-    """The names of the run folders in a results folder, those of practice too, in no order.
-
-    Links are not followed: a run lies in its results folder.
-
-    Raises:
-        MadrobError: the folder exists but cannot be read.
-    """
+    """Practice included, in no order; links are not followed."""
     names = _folder_names(root)
     if PRACTICE_FOLDER in names:
         names.remove(PRACTICE_FOLDER)
@@ -155,7 +131,6 @@ def run_folder_names(root: Path) -> list[str]:
 
 
 def _folder_names(root: Path) -> list[str]:
-    """The names of the run folders that lie there themselves, and of the one for practice."""
     try:
         with os.scandir(root) as found:
             return [
@@ -171,17 +146,6 @@ def _folder_names(root: Path) -> list[str]:
 
 
 def next_run_number(root: Path, subject: int, condition: int, *, practice: bool = False) -> int:
-    """One more than the largest run number ever used for this subject and condition.
-
-    Args:
-        root: the results folder.
-        subject: the robot's number.
-        condition: its number.
-        practice: of the practice runs; else of the official ones.
-
-    Raises:
-        MadrobError: all numbers are used, or the results folder cannot be read.
-    """
     place = series_folder(root, practice=practice)
     number = max(_used_numbers(place, subject, condition), default=0) + 1
     if number > LARGEST_NUMBER:
@@ -195,16 +159,10 @@ def next_run_number(root: Path, subject: int, condition: int, *, practice: bool 
 def reserve_run_folder(
     root: Path, run: RunName, start_time: float, *, practice: bool = False
 ) -> Path:
-    """Give out a run number for good; returns the run's folder, which the recorder makes.
+    """Give out the number of `run` for good; returns its folder, which the recorder makes.
 
-    Args:
-        root: the results folder; made if there is none.
-        run: the run; its number must never have been used for its subject and condition.
-        start_time: s since the epoch; stands in the folder's name.
-        practice: it is a practice run.
-
-    Raises:
-        MadrobError: a number is out of range or used, or the disk refuses.
+    The number must never have been used. `start_time` (s since the epoch) is in the folder's name.
+    The results folder is made if need be.
     """
     for name, number in (("subject", run.subject), ("run number", run.run)):
         if not 1 <= number <= LARGEST_NUMBER:
@@ -227,16 +185,7 @@ def reserve_run_folder(
 
 
 def give_out_run_number(root: Path, subject: int, condition: int) -> int:
-    """A run number that was never used for this subject and condition, given out for good.
-
-    Args:
-        root: holds the runs themselves: the results folder, or that of its practice runs.
-        subject: the robot's number.
-        condition: its number.
-
-    Raises:
-        MadrobError: all numbers are used, or the folder cannot be read or written.
-    """
+    """Give out an unused run number for good; `root` holds the runs (practice has its own)."""
     while not _given_out(
         root, run := RunName(subject, condition, next_run_number(root, subject, condition))
     ):
@@ -249,7 +198,6 @@ def _line(run: RunName) -> bytes:
 
 
 def _used_numbers(root: Path, subject: int, condition: int) -> set[int]:
-    """Every run number of a subject and condition, from the folders and from the numbers file."""
     series = series_prefix(subject, condition)
     try:
         names = os.listdir(root)  # noqa: PTH208  ten thousand Paths take too long
@@ -271,12 +219,9 @@ def _used_numbers(root: Path, subject: int, condition: int) -> set[int]:
 
 
 def _given_out(root: Path, run: RunName) -> bool:
-    """Write a number down for good, and tell whether nobody did so before.
+    """Write a number down for good; returns whether it was unused.
 
-    Nobody is waited for: of two programs that append the same line at once the first one has it.
-
-    Raises:
-        MadrobError: the disk refuses.
+    There is no lock: of two programs that append the same line, the first one has the number.
     """
     line = _line(run)
     flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
@@ -292,7 +237,7 @@ def _given_out(root: Path, run: RunName) -> bool:
 
 
 def _append(file: int, line: bytes) -> int:
-    """Append a line, on disk on return; returns where in the file it stands."""
+    """Returns where in the file the line is, once it is on disk."""
     size = os.fstat(file).st_size
     if size and os.pread(file, 1, size - 1) != b"\n":
         line = b"\n" + line  # the last line is torn: it stays by itself
@@ -324,17 +269,14 @@ _REMEDY = "choose another results folder"
 _OPEN_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NONBLOCK | os.O_CLOEXEC
 _NAMELESS_FILE = os.O_TMPFILE | os.O_WRONLY | os.O_CLOEXEC
 _UNSUPPORTED = (errno.EOPNOTSUPP, errno.EISDIR, errno.ENOENT)
-"""Of file systems that know no file without a name: FAT, NFS."""
+"""Errors of file systems without nameless files: FAT, NFS."""
 
 
 def recording_problem(root: Path, *, attempt: bool, practice: bool = False) -> str | None:
-    """Why no run could be recorded in a results folder, in words; None when one could.
+    """Why no run could be recorded in a results folder; None when one could.
 
-    Args:
-        root: the results folder; one that is not there yet will be made.
-        attempt: make a file without a name there, too: a disk that turned read-only shows itself
-            only then, and one that hangs lets this wait. It leaves nothing.
-        practice: a practice run.
+    With `attempt` it also makes a nameless file, which leaves nothing: only that shows a disk that
+    turned read-only. A disk that hangs then lets this wait.
     """
     if practice and (problem := link_problem(root)) is not None:
         return problem
@@ -360,7 +302,6 @@ def _make_nameless_file(folder: Path) -> None:
 
 
 def _numbers_problem(path: Path) -> str | None:
-    """Why no run number can be given out, in words."""
     try:
         os.close(open_plain(path))
     except FileNotFoundError:
@@ -377,24 +318,19 @@ def _numbers_problem(path: Path) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class RunPath:
-    """One run on disk.
-
-    Attributes:
-        path: its bag, or the folder that holds its files.
-        prefix: how the names of its published files begin; empty for a recorded run.
-    """
+    """A bag or run folder; `prefix` begins the names of published files, else it is empty."""
 
     path: Path
     prefix: str = ""
 
     @property
     def name(self) -> str:
-        """What it is called, its folder included; the runs of one folder differ in it."""
+        """Unique among the runs of one folder."""
         return str(self.path / self.prefix)
 
     @property
     def own_name(self) -> str:
-        """How files made of it are called: like its folder, or its bag where that is a file."""
+        """The name for files made of it: its folder's, or its bag's where that is a file."""
         whole = Path(os.path.abspath(self.path))  # noqa: PTH100  `..` has a name, too
         return self.prefix or (whole.name if whole.is_dir() else whole.stem)
 
@@ -402,15 +338,15 @@ class RunPath:
 def runs_at(path: Path) -> list[RunPath]:
     """The runs at a path, at any depth, in the order of their names.
 
-    Run folders, also those that somebody renamed, and folders of published files; else the path
-    itself, which may be a bag, or nothing that can be read: reading it says so. In a folder with a
-    bag, the bag is the run. Links and hidden folders in it are not followed.
+    These are run folders, renamed ones too, and folders of published files; else the path itself,
+    which may be unreadable. In a folder with a bag, the bag is the run. Links and hidden folders
+    are not followed.
     """
     return list(_runs_below(path)) or [RunPath(path)]
 
 
 def all_runs_at(paths: Iterable[Path]) -> list[RunPath]:
-    """The runs at some paths, in their order; what lies at two of them once."""
+    """Without the duplicates of overlapping paths, in their order."""
     found: dict[tuple[str, str], RunPath] = {}
     for path in paths:
         for run in runs_at(path):
@@ -453,15 +389,11 @@ _FORM = re.compile(r"([0-9]{1,7})/([0-9]{1,7})", re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class Shard:
-    """One of several shares of the runs.
+    """Share `number` (from 1) of `count` shares of the runs.
 
-    Which share a run is in follows from its own name alone (that of its folder, bag or files):
-    machines that see it under other paths, and tasks that start hours apart while runs come in,
-    agree on it. All copies of a run are in one share, and shares are about equally large.
-
-    Attributes:
-        number: which, from 1.
-        count: how many there are.
+    The name of a run alone (of its folder, bag or files) decides its share. So machines with other
+    paths, and tasks that start hours apart, agree. All copies of a run are in one share, and shares
+    are about equally large.
     """
 
     number: int
@@ -476,16 +408,10 @@ class Shard:
 
     @property
     def folder_name(self) -> str:
-        """How a folder of its files is called."""
         return f"shard_{self.number}_of_{self.count}"
 
     @classmethod
     def parse(cls, text: str) -> Shard:
-        """A shard from `2/8`.
-
-        Raises:
-            MadrobError: it is none.
-        """
         match = _FORM.fullmatch(text)
         if match is None or not 1 <= int(match[1]) <= int(match[2]):
             raise MadrobError(f"'{text}': give i/n, from 1/n to n/n")
@@ -493,7 +419,7 @@ class Shard:
 
 
 def shared_out(runs: Iterable[RunPath], shard: Shard | None) -> list[RunPath]:
-    """The runs of a share, in their order; None = all of them."""
+    """In their order; None = all of them."""
     return [run for run in runs if shard is None or run in shard]
 
 
@@ -502,14 +428,7 @@ def shared_out(runs: Iterable[RunPath], shard: Shard | None) -> list[RunPath]:
 
 @dataclass(frozen=True, slots=True)
 class RunPlace:
-    """Where a run with a usable result lies.
-
-    Attributes:
-        name: of the place, unlike any other.
-        run_id: of the run; empty = not known, so that it is like no other.
-        practice: whether it counts for nothing there.
-        issue: of the result there.
-    """
+    """Where a run with a usable result lies; an empty `run_id` equals no other."""
 
     name: str
     run_id: str
@@ -532,5 +451,4 @@ def _rank(place: RunPlace) -> tuple[bool, int]:
 
 
 def why_twin(place: str, counting: str) -> str:
-    """Why the run at a place does not count although it is valid, in words."""
     return f"{place} is the same run as {counting}, which counts"

@@ -57,7 +57,7 @@ from scoring.result import DOUBTED, Uncertainty
 _Item = TypeVar("_Item")
 
 Stamps = tuple[Stamp | None, ...]
-"""Of all files that an item was read from, each time in the same order; None = there is none."""
+"""The stamps of all files of an item, in a fixed order; None = no such file."""
 
 _Kept = tuple[tuple[int, int, int] | None, ...]  # equal to stamps, and decoded sooner
 
@@ -65,15 +65,10 @@ _LARGEST = 100_000_000  # bytes; a larger index is none
 
 
 class StampedIndex(Generic[_Item]):
-    """Items by name, each good as long as its files have the same stamps.
+    """A cache of items by name, each valid while its files keep their stamps.
 
-    An index that is missing, damaged or of another version is empty; one that cannot be written
-    is not kept.
-
-    Args:
-        path: the file.
-        kind: the type of the items; msgspec must be able to read it.
-        version: of what the items mean.
+    A cache file that is missing, damaged or of another version is empty; one that cannot be
+    written is not kept. `version` is that of the items' meaning; msgspec must read `kind`.
     """
 
     def __init__(self, path: Path, kind: type[_Item], version: tuple[int, int]) -> None:
@@ -85,23 +80,20 @@ class StampedIndex(Generic[_Item]):
         self._changed = False
 
     def get(self, name: str, stamps: Stamps) -> _Item | None:
-        """The item of files that have these stamps; None if there is none."""
         kept = self._items.get(name)
         return kept[1] if kept is not None and kept[0] == stamps else None
 
     def put(self, name: str, stamps: Stamps, item: _Item) -> None:
-        """Keep an item."""
         self._items[name] = (stamps, item)
         self._changed = True
 
     def keep_only(self, names: Iterable[str]) -> None:
-        """Forget the items of all other names."""
         for name in self._items.keys() - set(names):
             del self._items[name]
             self._changed = True
 
     def save(self) -> None:
-        """Write the file if anything changed; a folder that refuses is no problem."""
+        """Write the file if anything changed; a folder that cannot be written is no error."""
         if self._changed:
             self._changed = False
             with suppress(MadrobError):
@@ -121,7 +113,6 @@ class StampedIndex(Generic[_Item]):
 
 
 INDEX_FILE = ".history.json"
-"""In the results folder."""
 
 _INDEX_VERSION = (9, RESULT_FORMAT)
 _LONGEST_REASON = 500  # characters
@@ -135,23 +126,20 @@ OUTCOME_WORDS = {
 """In capitals where a run does not count."""
 
 PROTEST_OPEN = "PROTEST"
-"""In place of how far a result is signed, while a protest waits for a decision."""
 
 VOID = "VOID"
-"""In place of these, of a run that the referee voided."""
 
 
 TWICE = "TWICE"
-"""Likewise, of a run that is there a second time."""
 
 
 def time_words(at: float) -> str:
-    """A time, s since the epoch, as local date and time of day: `21 Nov 14:28`."""
+    """Local date and time of day, `21 Nov 14:28`, of s since the epoch."""
     return time.strftime("%d %b %H:%M", time.localtime(at))
 
 
 class ConditionWords(NamedTuple):
-    """A condition in words: `pull, from CW to CCW` and the benchmark type."""
+    """`pull, from CW to CCW` and the benchmark type."""
 
     way: str
     door: str
@@ -159,7 +147,7 @@ class ConditionWords(NamedTuple):
 
 @lru_cache
 def condition_words(number: int) -> ConditionWords:
-    """What a condition asks of the robot; empty words for a number that does not exist."""
+    """A condition in words; empty for a number that does not exist."""
     try:
         found = Condition.from_number(number)
     except ScoringError:
@@ -171,40 +159,29 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     """One run in a list.
 
     Attributes:
-        folder: its folder as seen from the results folder.
-        subject, condition, run_number: which run it is; the condition's number.
-        started: s since the epoch; before there is a result, as the folder's name has it.
-        team: the team's name; empty where unknown.
+        folder: relative to the results folder.
+        started: s since the epoch; without a result, from the folder's name.
         outcome: None = no result yet: the run goes on, or it was cut off.
-        reason: why it does not count, in the referee's words; empty for a valid run. Long ones
-            are cut.
-        values: indicator file name -> value, those with a value only.
-        uncertainties: indicator file name -> that of the value, where one is known.
-        doubts: indicator file name -> how many doubts there are on it; those without are missing.
+        reason: why it does not count, in the referee's words (shortened); empty if valid.
+        values, uncertainties: by indicator file name, where known.
+        doubts: their number by indicator file name; those without are missing.
         issue: of the result; 0 = none yet.
-        final: whether the result is finalised.
-        team_word: what the team said to the final result.
-        protest_due: when the open protest that is due first is to be decided, s since the epoch;
-            None = none is open.
-        protest_at: the instant in question of that protest, else of the last one, s from the start;
-            None = there is none.
-        protested: whether a team ever protested against it, whatever became of it.
+        protest_due: when the first open protest must be decided, s since the epoch.
+        protest_at: the instant in question of that or the last protest, s from the start.
+        protested: a team protested at some time, whatever became of it.
         source: `ros`, `simulated` or `replay`; None = unknown.
-        practice: it counts for nothing and stands apart (protocol section 2); a run without a
-            result that an older version left may be one and not say so.
-        competition: its name; empty = none was set, None = its files do not say.
-        ruleset: as it was set.
-        problem: what is wrong with the result, in words; None = nothing. With a problem, all but
-            folder, numbers and start is unknown.
+        practice: it does not count (protocol section 2). A run of an older version without
+            a result may be practice and not say so.
+        competition: empty = none was set, None = its files do not say.
+        problem: what is wrong with the result; then only folder, numbers and start are known.
         repairable: the result is damaged or out of date, and can be made again.
-        voided: the referee says that it counts nowhere, whatever its outcome.
-        never_ran: why there is nothing to score, in words; empty = there is, or may be.
-        flags: what a decision on it hangs on, the heaviest first.
-        run_id: which run of all testbeds it is; empty where its files do not say.
-        testbed: the name of the testbed; empty where it had none.
-        thresholds: which of the testbed's numbers are not the protocol's; None = not known.
-        rate: how often the door's angle was sampled, Hz; None = not known.
-        twin: the folder of the same run that counts in place of this one; empty = this one does.
+        voided: the referee voided it, whatever its outcome.
+        never_ran: why there is nothing to score; empty = there is, or may be.
+        flags: open questions, the most serious first.
+        run_id: unique over all testbeds; empty where its files do not say.
+        thresholds: those of the testbed that are not the protocol's; None = not known.
+        rate: of the door's angle, Hz; None = not known.
+        twin: the folder of the same run that counts in place of this one; empty = none.
     """
 
     folder: str
@@ -247,12 +224,11 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
     @property
     def comparable(self) -> bool:
-        """Whether it is compared with other runs: it counts and was completed (section 11)."""
+        """Whether it can be compared: it counts and was completed (protocol section 11)."""
         return self.valid and self.outcome is Outcome.COMPLETED
 
     @property
     def why_twin(self) -> str:
-        """Why it does not count although it is valid, in words."""
         return why_twin(self.folder, self.twin)
 
     @property
@@ -261,12 +237,11 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         return self.source == SourceKind.ROS and not self.practice
 
     def sign(self, name: str) -> str:
-        """What stands directly behind an indicator of that name, as `Indicator.sign`."""
+        """As `Indicator.sign`."""
         return DOUBTED if name in self.doubts else ""
 
     @property
     def outcome_word(self) -> str:
-        """How it ended, in a word; in capitals where it does not count."""
         if self.problem is not None:
             return "DAMAGED"
         if self.twin:
@@ -286,12 +261,11 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
     @property
     def started_text(self) -> str:
-        """Local date and time of day: `21 Nov 14:28`."""
         return time_words(self.started)
 
     @cached_property
     def words(self) -> str:
-        """Everything that a filter looks at, in small letters."""
+        """The text that a filter searches, in small letters."""
         day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.started))
         parts = (
             *(self.started_text, day, str(self.subject), self.team, str(self.run_number)),
@@ -314,11 +288,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
 
 class History:
-    """All runs of a results folder. Any thread may ask; one at a time is served.
-
-    Args:
-        root: the results folder; it need not exist.
-    """
+    """All runs of a results folder, which need not exist. Thread-safe."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
@@ -329,10 +299,7 @@ class History:
     def refresh(self) -> tuple[RunSummary, ...]:
         """Every run, oldest first; only a `result.json` that changed is read.
 
-        Links are not followed. Whatever is wrong with a run's files stands in its `problem`.
-
-        Raises:
-            MadrobError: the results folder exists but cannot be read.
+        Links are not followed. What is wrong with a run's files is in its `problem`.
         """
         with self._lock:
             names = run_folder_names(self._root)
@@ -381,14 +348,14 @@ class History:
         return run
 
     def _told(self, unread: RunSummary, result: ListedResult) -> RunSummary:
-        """A run with its result; that of an earlier issue may have been protested."""
+        """Adds the result; an earlier issue of it may have been protested."""
         run = _of_result(unread, result)
         if run.protested or run.issue <= 1:
             return run
         return replace(run, protested=ever_protested(self._root / unread.folder))
 
     def _without_result(self, unread: RunSummary) -> RunSummary:
-        """A run that goes on or was cut off; a journal that did not change is not read again."""
+        """An unchanged journal is not read again."""
         folder = self._root / unread.folder
         stamp = stamp_of(str(folder / JOURNAL_FILE))
         known = self._open.get(unread.folder)
@@ -401,7 +368,7 @@ class History:
 
 
 def twins_told(runs: Sequence[RunSummary]) -> tuple[RunSummary, ...]:
-    """The same runs; those that are there several times have the `twin` that counts but for it."""
+    """Sets `twin` of each duplicate that does not count."""
     known = [run.run_id for run in runs if run.run_id]
     if len(set(known)) == len(known):  # as nearly always, and ten thousand places take their time
         return tuple(runs)
@@ -416,7 +383,7 @@ def twins_told(runs: Sequence[RunSummary]) -> tuple[RunSummary, ...]:
 
 
 def of_competition(runs: Iterable[RunSummary], name: str | None) -> tuple[RunSummary, ...]:
-    """The runs of a competition; one whose files do not say of which it is may be of any."""
+    """A run whose files name no competition may be of any."""
     return tuple(run for run in runs if run.competition in (name, None))
 
 
@@ -430,16 +397,10 @@ def earlier_runs(
     practice: bool,
     ruleset: str | None = None,
 ) -> tuple[RunSummary, ...]:
-    """The runs with which a run can be compared: completed, same robot, same condition.
+    """The runs to compare a run with: completed, same robot, same condition, before it.
 
-    Args:
-        runs: from a history.
-        subject: of the run.
-        condition: its number.
-        before: the start of the run, s since the epoch; only runs started before it.
-        competition: of the run: another competition has another team of this number.
-        practice: of the run: practice runs compare with practice runs only.
-        ruleset: of the run: other rules make other numbers; None = any.
+    `before` is its start, s since the epoch. Another competition has another team of this number;
+    practice is compared with practice only; `ruleset` None = any.
     """
     return tuple(
         run
@@ -453,10 +414,7 @@ def earlier_runs(
 
 
 def rank(run: RunSummary) -> tuple[float, bool, float, float]:
-    """By which the best of a team's runs is found: smaller is better; of equals the earlier run.
-
-    The time of a failed run is none of the robot's.
-    """
+    """Sort key for the best of a team's runs, smallest first. A failed run's time is left out."""
     completed = run.outcome is Outcome.COMPLETED
     return (
         -run.values.get(IndicatorName.CAPABILITY_LEVEL, -1),
@@ -467,14 +425,12 @@ def rank(run: RunSummary) -> tuple[float, bool, float, float]:
 
 
 def _unusable(unread: RunSummary, folder: str, why: str, *, repairable: bool = False) -> RunSummary:
-    """A run whose result cannot be used; its journal says of which competition it is."""
     setup = read_setup(f"{folder}/{JOURNAL_FILE}")
     competition = None if setup is None else setup.competition
     return replace(unread, problem=why, repairable=repairable, competition=competition)
 
 
 def _of_journal(unread: RunSummary, folder: Path) -> RunSummary:
-    """What is known without a result."""
     problem, never_ran = None, ""
     try:
         never_ran = read_run_journal(folder).never_ran
@@ -536,7 +492,6 @@ def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
 
 
 def _unlike_protocol(thresholds: Thresholds | None) -> dict[str, Any] | None:
-    """Which of a testbed's numbers are not the protocol's."""
     if thresholds is None:
         return None
     usual = msgspec.to_builtins(Thresholds())
@@ -545,7 +500,7 @@ def _unlike_protocol(thresholds: Thresholds | None) -> dict[str, Any] | None:
 
 
 def misplaced(result: ListedResult, folder: RunName) -> str | None:
-    """A result in the folder of another run would count twice, or for another team."""
+    """Why a result is in the wrong folder, where it would count twice or for another team."""
     run = RunName(result.subject, result.condition_number, result.run_number)
     if result.corrections:  # the folder is named after what was set up first
         first = result.corrections[0].before

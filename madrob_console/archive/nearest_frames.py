@@ -31,13 +31,13 @@ from scoring.protocol import Signal
 
 
 FEWEST = 5
-"""Fewer messages tell nothing of a clock."""
+"""With fewer messages no clock offset is estimated."""
 
 STEP = 0.5
-"""A delay that changes by more than this, and stays so, is a clock that was stepped, s."""
+"""A lasting change of the delay by more than this is a clock step, s."""
 
 LEAST_DRIFT = 0.002
-"""A change over the whole recording below this is not told, s."""
+"""A smaller change over the whole recording is not reported, s."""
 
 _LOW, _HIGH = 0.05, 0.2
 _WINDOWS = 8
@@ -55,7 +55,7 @@ class Arrival(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
-    """A time within which the clock was not stepped; its lowest delay is `low` at `at`."""
+    """A time without a clock step; its lowest delay is `low` at `at`."""
 
     begin: float
     at: float
@@ -65,17 +65,10 @@ class _Piece:
 
 
 class LowestDelay:
-    """The lowest delay of a stream of messages, as it changes with time.
-
-    Args:
-        arrivals: of its messages, in any order, at least `FEWEST`.
-
-    Attributes:
-        steps: how often its clock was stepped.
-        drift: by how much the delay grows, s/s; 0 = by nothing that could be told from jitter.
+    """The lowest delay of a stream of messages over time. `drift` (s/s) is 0 within the jitter.
 
     Raises:
-        ValueError: there are fewer.
+        ValueError: fewer than `FEWEST` arrivals.
     """
 
     def __init__(self, arrivals: Iterable[Arrival]) -> None:
@@ -89,12 +82,12 @@ class LowestDelay:
         self.drift = max((piece.slope for piece in pieces), key=abs)
 
     def at(self, log: float) -> float:
-        """Log time minus stamp of a message that came without hold-up, s."""
+        """Log time minus stamp of a message that was not held up, s."""
         piece = self._piece_at(log)
         return piece.low + piece.slope * (log - piece.at)
 
     def spread(self, log: float) -> float:
-        """How far `at` may be off for what varies, s."""
+        """How far `at` may be off because delays vary, s."""
         return self._piece_at(log).spread
 
     def _piece_at(self, log: float) -> _Piece:
@@ -103,12 +96,7 @@ class LowestDelay:
 
 @dataclass(frozen=True, slots=True)
 class CameraClock:
-    """A camera's clock beside the testbed's.
-
-    Attributes:
-        camera: the delays of its frames.
-        testbed: those of the testbed's messages.
-    """
+    """A camera's clock beside the testbed's, by the delays of their messages."""
 
     camera: LowestDelay
     testbed: LowestDelay
@@ -118,16 +106,16 @@ class CameraClock:
         return self.testbed.at(log) - self.camera.at(log)
 
     def spread(self, log: float) -> float:
-        """How far `offset` may be off for what varies, s; a constant delay is not in it."""
+        """How far `offset` may be off because delays vary, s; a constant delay is not in it."""
         return math.hypot(self.camera.spread(log), self.testbed.spread(log))
 
     @property
     def drift(self) -> float:
-        """By how much the camera's clock gains on the testbed's, s/s."""
+        """s/s; positive when the camera's clock gains on the testbed's."""
         return self.testbed.drift - self.camera.drift
 
     def words(self, log: float) -> str:
-        """`camera clock +0.132 s +- 0.008 s against the testbed's`, drift and steps behind it."""
+        """`camera clock +0.132 s +- 0.008 s against the testbed's`, then drift and steps."""
         apart = f"{self.offset(log):+.3f} s +- {self.spread(log):.3f} s"
         told = [f"camera clock {apart} against the testbed's"]
         if self.drift:
@@ -139,7 +127,7 @@ class CameraClock:
 
 
 def _unstepped(arrivals: Sequence[Arrival]) -> list[Sequence[Arrival]]:
-    """Cut where the clock was stepped; no part is too short for a clock."""
+    """Cut at each clock step; no part has fewer than `FEWEST` messages."""
     delays = [one.log - one.stamp for one in arrivals]
     cuts = [0]
     for place in range(FEWEST, len(delays) - FEWEST + 1):
@@ -164,7 +152,7 @@ def _piece(arrivals: Sequence[Arrival]) -> _Piece:
 
 
 def _slope(arrivals: Sequence[Arrival], delays: Sequence[float]) -> float:
-    """The drift, by the lowest delays of parts of the time; 0 where jitter explains it."""
+    """The drift, from the lowest delay of each part of the time; 0 where jitter explains it."""
     size = len(arrivals) // _WINDOWS
     if size < FEWEST:
         return 0.0
@@ -189,7 +177,7 @@ def _slope(arrivals: Sequence[Arrival], delays: Sequence[float]) -> float:
 
 
 def _trimmed(delays: Sequence[float]) -> Sequence[float]:
-    """Without the lowest tenth: a wrong stamp now and then is no clock."""
+    """Without the lowest tenth: occasional wrong stamps are outliers."""
     return sorted(delays)[len(delays) // 10 :]
 
 
@@ -198,13 +186,12 @@ def _quantile(level: Sequence[float], part: float) -> float:
 
 
 PICTURE_TYPES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
-"""Types of messages that are pictures."""
 
 FARTHEST = 1.0
-"""A frame that is farther from an instant is not that instant's, s."""
+"""The largest distance of a frame from its instant, s."""
 
 MOST_CAMERAS = 16
-"""Of more cameras the first by name are looked at."""
+"""Of more cameras, the first by name are used."""
 
 _HELD_UP = 2.0  # s: a frame that comes so late is still found
 _CHUNKS_LOOKED_AT = 48  # for the stamps from which a clock is estimated
@@ -214,13 +201,7 @@ _LATEST = 2**62  # ns: what lies behind is no time
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
-    """A topic of pictures.
-
-    Attributes:
-        topic: its name.
-        type: of its messages.
-        clock: beside the testbed's; None = too few stamps to tell.
-    """
+    """A topic of pictures; `clock` is None where it has too few stamps."""
 
     topic: str
     type: str
@@ -229,14 +210,9 @@ class Camera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraFrame:
-    """A picture that was found, and not read yet.
+    """A picture that was found, and not read yet; times in s since the epoch.
 
-    Attributes:
-        camera: whose.
-        stamp: of its header, s since the epoch; None = it has none.
-        log: when it was logged, s since the epoch.
-        difference: how much later it is than the instant, by the testbed's clock, s.
-        found: where it lies.
+    `difference` is how much later it is than the instant, by the testbed's clock, s.
     """
 
     camera: Camera
@@ -247,7 +223,6 @@ class CameraFrame:
 
     @property
     def clock_words(self) -> str:
-        """How its time was told from the camera's clock."""
         clock = self.camera.clock
         if clock is None:
             return "camera clock unknown, too few stamps: time of reception"
@@ -257,7 +232,6 @@ class CameraFrame:
 
 
 def has_evidence(folder: Path) -> bool:
-    """Whether a run folder has evidence in its bag, pictures or other."""
     try:
         return any(is_evidence(item.name) for item in folder.iterdir())
     except OSError:
@@ -267,17 +241,7 @@ def has_evidence(folder: Path) -> bool:
 class Cameras:
     """The cameras of a run's evidence, open to look for frames; a context manager.
 
-    Args:
-        folder: of the run.
-        mappings: which topics carry the testbed's signals: theirs is the clock of all events.
-        wanted: takes a topic's name; the cameras to look at.
-
-    Attributes:
-        cameras: by topic.
-        problems: what of the evidence cannot be used, in words.
-
-    Raises:
-        MadrobError: the evidence cannot be read.
+    The topics of `mappings` carry the testbed's signals, whose clock is that of all events.
     """
 
     def __init__(
@@ -304,18 +268,13 @@ class Cameras:
         self._open.close()
 
     def of_testbed(self, log: float) -> float:
-        """A log time, as the referee's marks have it, by the testbed's clock, s since the epoch."""
+        """A log time, as in the referee's marks, by the testbed's clock, s since the epoch."""
         return log - (0.0 if self._testbed is None else self._testbed.at(log))
 
     def nearest(self, camera: Camera, time: float) -> CameraFrame | None:
-        """The frame that is nearest to an instant; None where none is within `FARTHEST`.
+        """The frame nearest to an instant (by the testbed's clock, s since the epoch).
 
-        Args:
-            camera: whose.
-            time: the instant by the testbed's clock, as events have it, s since the epoch.
-
-        Raises:
-            RecorderError: the evidence cannot be read.
+        None where none is within `FARTHEST`. Raises RecorderError where it cannot be read.
         """
         logged = time + (0.0 if self._testbed is None else self._testbed.at(time))
         begin, end = logged - FARTHEST, logged + FARTHEST + _HELD_UP
@@ -345,15 +304,10 @@ class Cameras:
         return CameraFrame(camera, stamp, log, looked_at[number], found)
 
     def message(self, frame: CameraFrame, limit: int) -> RawMessage:
-        """The message of a frame, of at most `limit` bytes.
-
-        Raises:
-            RecorderError: it cannot be read, or it is larger.
-        """
+        """RecorderError if it cannot be read, or has more than `limit` bytes."""
         return self._frames.message(frame.found, limit)
 
     def _time(self, camera: Camera, found: Found) -> float:
-        """When a frame was taken, by the testbed's clock."""
         stamp, log = self._stamp(found), seconds(found.log_ns)
         if stamp is None or camera.clock is None:
             return self.of_testbed(log)
@@ -382,7 +336,7 @@ class Cameras:
     def _delay_of_testbed(
         self, folder: Path, mappings: Sequence[TopicMapping]
     ) -> LowestDelay | None:
-        """Of the door, from which most events come; else of the first signal that has stamps."""
+        """From the door, the source of most events, else the first signal with stamps."""
         with Seeker(folder) as recording:
             topics = {topic.name: topic for topic in recording.topics()}
             by_signal = sorted(mappings, key=lambda one: one.signal is not Signal.DOOR)
@@ -403,7 +357,7 @@ def _is_stamped(topic: Topic) -> bool:
 
 
 def _delay(bag: Seeker, name: str) -> LowestDelay | None:
-    """The lowest delay of a topic; None where too few of its messages have stamps."""
+    """None where too few messages of the topic have stamps."""
     found = bag.spread(name, _CHUNKS_LOOKED_AT)
     step = max(1, len(found) // _STAMPS_LOOKED_AT)
     arrivals = []
@@ -421,4 +375,4 @@ def _delay(bag: Seeker, name: str) -> LowestDelay | None:
 
 
 SIDE = 960
-"""Of a picture that is kept, the most pixels in a row and in a column."""
+"""The most pixels in a row and in a column of a picture that is kept."""

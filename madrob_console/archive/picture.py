@@ -25,13 +25,13 @@ from madrob_console.messages.message_types import Message, MessageError, standar
 from recorder.bag import RawMessage
 
 MOST_MESSAGE = 32_000_000
-"""Of a message that is read, bytes."""
+"""The most bytes of a message."""
 
 MOST_PIXELS = 24_000_000
-"""Of a picture before it is made small: 6000 x 4000."""
+"""The most pixels of a picture before it is made small: 6000 x 4000."""
 
 MOST_BYTES = 200_000
-"""Of a picture of that size."""
+"""The most bytes of a small picture."""
 
 _PACKED, _RAW = PICTURE_TYPES
 _LONGEST = 16_384  # pixels in a row or a column
@@ -47,31 +47,21 @@ Pixels = NDArray[np.uint8]
 
 
 class PictureError(MadrobError):
-    """A message holds no picture that can be shown; the text says why, for one line."""
+    """A message without a picture that can be shown; the text is one line."""
 
 
 class Decoded(NamedTuple):
-    """What a message of a camera shows.
-
-    Attributes:
-        picture: RGB or grey, without anything beside it.
-        scale: what its grey stands for, in words; empty where it is what was seen.
-    """
+    """The picture of a camera message, RGB or grey; `scale` says what its grey stands for."""
 
     picture: Image.Image
     scale: str = ""
 
 
 def decoded(message: RawMessage, side: int = SIDE) -> Decoded:
-    """The picture in a message of a camera, made small.
+    """The picture in a camera message, at most `side` pixels in a row and in a column.
 
-    Args:
-        message: a `sensor_msgs/msg/CompressedImage` (JPEG or PNG, whatever it says that it is) or a
-            `sensor_msgs/msg/Image`.
-        side: the most pixels in a row and in a column.
-
-    Raises:
-        PictureError: it holds none, one that is damaged, or one that is too large.
+    `message` is a `sensor_msgs/msg/CompressedImage` (JPEG or PNG, whatever it claims) or a
+    `sensor_msgs/msg/Image`. Raises PictureError where none can be shown.
     """
     if len(message.data) > MOST_MESSAGE:
         raise PictureError(f"it has {len(message.data) / 1e6:.0f} MB, more than 32 MB")
@@ -98,11 +88,7 @@ def decoded(message: RawMessage, side: int = SIDE) -> Decoded:
 
 
 def opened(data: bytes, side: int = SIDE) -> Image.Image:
-    """A JPEG that was kept, as `decoded` makes it.
-
-    Raises:
-        PictureError: it is none, or it is damaged.
-    """
+    """A JPEG that was kept, as `decoded` makes it."""
     try:
         picture = _unpacked(data, side)
         picture.thumbnail((side, side), Image.Resampling.BILINEAR)
@@ -116,12 +102,7 @@ def opened(data: bytes, side: int = SIDE) -> Image.Image:
 
 @dataclass(frozen=True, slots=True)
 class Jpeg:
-    """A picture as a file.
-
-    Attributes:
-        data: the file.
-        width, height: pixels.
-    """
+    """A JPEG file with its size in pixels."""
 
     data: bytes
     width: int
@@ -129,11 +110,7 @@ class Jpeg:
 
 
 def jpeg(picture: Image.Image, most: int = MOST_BYTES) -> Jpeg:
-    """A picture as JPEG of at most so many bytes: as good as it can be in them.
-
-    Raises:
-        PictureError: it cannot be made so small.
-    """
+    """The best JPEG of at most `most` bytes, else PictureError."""
     while True:
         for quality in _QUALITIES:
             file = io.BytesIO()
@@ -147,7 +124,6 @@ def jpeg(picture: Image.Image, most: int = MOST_BYTES) -> Jpeg:
 
 
 def _unpacked(data: bytes, side: int) -> Image.Image:
-    """A JPEG or a PNG; the first picture of several."""
     if not data:
         raise PictureError("it is empty")
     if data.count(_SCAN) > _MOST_SCANS and data.startswith(_JPEG):
@@ -172,17 +148,12 @@ def _unpacked(data: bytes, side: int) -> Image.Image:
 
 
 def _check_png_head(data: bytes) -> None:
-    """What a PNG claims that Pillow does not open.
-
-    Raises:
-        PictureError: it claims too many pixels, or none.
-    """
+    """Refuse a PNG that claims too many pixels, or none."""
     if data.startswith(_PNG) and len(data) >= _PNG_HEAD.size:
         _check_size(*_PNG_HEAD.unpack_from(data))
 
 
 def _damaged(data: bytes) -> str:
-    """What something is that Pillow does not open, in words."""
     if data.startswith(_PNG):
         return "a damaged PNG"
     return "a damaged JPEG" if data.startswith(_JPEG) else "neither JPEG nor PNG"
@@ -225,7 +196,7 @@ def _raw(message: Message) -> Decoded:
 
 
 class _Depth(NamedTuple):
-    """How distances are sent: bytes of a pixel, numpy's name of the number, its unit in m."""
+    """How distances are sent: bytes per pixel, numpy's type, its unit in m."""
 
     size: int
     number: str
@@ -233,7 +204,7 @@ class _Depth(NamedTuple):
 
 
 def _depth(rows: Pixels, kind: _Depth, order: str) -> Decoded:
-    """Distances as grey: the nearest dark, the farthest white, what has none black."""
+    """Distances as grey: the nearest dark, the farthest white, no distance black."""
     found = np.ascontiguousarray(rows).view(f"{order}{kind.number}")
     there = np.isfinite(found) if kind.number == "f4" else found > 0
     if not there.any():
@@ -250,7 +221,6 @@ def _depth(rows: Pixels, kind: _Depth, order: str) -> Decoded:
 
 
 def _swapped(rows: Pixels) -> Pixels:
-    """Of numbers of two bytes the higher byte first."""
     height, size = rows.shape
     return (
         np.ascontiguousarray(rows).reshape(height, size // 2, 2)[:, :, ::-1].reshape(height, size)
@@ -282,7 +252,7 @@ def _grey(values: NDArray[Any]) -> Image.Image:
 
 
 def _colours(*order: int) -> Callable[[Pixels], Image.Image]:
-    """Bytes side by side, of which those at `order` are red, green and blue; how many in all."""
+    """`order` gives the places of red, green and blue, and how many bytes there are in all."""
     *places, size = order
 
     def make(rows: Pixels) -> Image.Image:
@@ -292,7 +262,7 @@ def _colours(*order: int) -> Callable[[Pixels], Image.Image]:
 
 
 def _yuv(luma: int, blue: int, red: int) -> Callable[[Pixels], Image.Image]:
-    """Two pixels in four bytes: where the first brightness and both colours stand."""
+    """Two pixels in four bytes; the places of the first brightness and of both colours."""
 
     def make(rows: Pixels) -> Image.Image:
         height, size = rows.shape
@@ -345,13 +315,11 @@ _ENCODINGS: Mapping[str, tuple[int, Callable[[Pixels], Image.Image]]] = {
     **{f"bayer_{pattern}8": (1, _bayer(pattern)) for pattern in _PATTERNS},
     **{f"bayer_{pattern}16": (2, _bayer(pattern, wide=True)) for pattern in _PATTERNS},
 }
-"""By the names of `sensor_msgs/image_encodings.hpp`: bytes of a pixel, and what makes a picture."""
+"""By the names of `sensor_msgs/image_encodings.hpp`: bytes per pixel and the decoder."""
 
 _DEPTHS: Mapping[str, _Depth] = {"32FC1": _Depth(4, "f4", 1.0), "16UC1": _Depth(2, "u2", 0.001)}
-"""Those of distances, as REP 118 has them: m, and mm of which 0 is none."""
+"""Distances, by REP 118: m, or mm with 0 for none."""
 
 _NEAREST = 40
-"""The grey of the nearest, apart from black."""
 
 _WIDE = frozenset({"mono16", *(f"bayer_{pattern}16" for pattern in _PATTERNS)})
-"""Those whose numbers have two bytes."""

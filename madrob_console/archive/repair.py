@@ -54,16 +54,13 @@ from scoring.rulesets import RulesetName
 def recover_recording(path: Path) -> Recovered:
     """Repair the recording of a run, or any other bag.
 
-    A run of an earlier version is known by its recording's digest, and is the same run after it.
-
-    Raises:
-        RecorderError: it cannot be repaired; nothing is lost, the message names the remedy.
+    A run of an earlier version keeps its identity, which was its recording's digest. Raises
+    RecorderError; nothing is then lost.
     """
     return recover(path, lambda: _identity(path))
 
 
 def _identity(path: Path) -> dict[str, dict[str, str]]:
-    """What a recording says of its run from now on; nothing where it says so already."""
     record = read_bag(path).records.get(RECORD_NAME)
     try:
         if record is None or RunRecord.from_metadata(record).setup.run_id or kept_run_id(path):
@@ -74,10 +71,7 @@ def _identity(path: Path) -> dict[str, dict[str, str]]:
 
 
 def _told_run_id(path: Path) -> str:
-    """The identity by the result beside a recording, which may be older than its damage.
-
-    Empty where none is told.
-    """
+    """The run id in the result beside a recording: that may be older than the damage."""
     folder = path.parent if path.is_file() else path
     if path.is_file() and path.name not in read_file_digests(str(folder)):
         return ""  # of another run
@@ -90,14 +84,8 @@ def _told_run_id(path: Path) -> str:
 def repair(folder: Path) -> Scored | None:
     """Make a result again from journal and recording; only files that differ are written.
 
-    A run without a result waits for the referee, one that nobody worked on since its result was
-    written is as it should be.
-
-    Returns:
-        The run, if anything was written.
-
-    Raises:
-        MadrobError: somebody works on the run, it cannot be read, or the disk refuses.
+    A run without a result waits for the referee. One that nobody worked on since its result was
+    written is left as it is. Returns None when nothing was written.
     """
     if stamp_of(str(folder / RESULT_FILE)) is None:
         return None
@@ -124,12 +112,7 @@ def repair(folder: Path) -> Scored | None:
 
 
 def _note_written(folder: Path, hold: Hold, details: Details) -> None:
-    """Journal what was written, where there is a journal.
-
-    Raises:
-        MadrobError: the disk refuses.
-        OSError: likewise.
-    """
+    """Journal it, if there is a journal; raises MadrobError or OSError if the disk refuses."""
     with suppress(FileNotFoundError), journal_held(folder, hold) as journal:
         written = Entry(time.time(), Origin.SYSTEM, Change.RESULT_WRITTEN, details=details)
         if not journal.append([written]) and journal.refused is not None:
@@ -137,7 +120,6 @@ def _note_written(folder: Path, hold: Hold, details: Details) -> None:
 
 
 def _has_all_files(folder: Path) -> bool:
-    """Whether the data files that the result names are there, in their size."""
     sizes = {name: digest.bytes for name, digest in read_file_digests(str(folder)).items()}
     for name, size in sizes.items():
         if name.endswith(".mcap") or "/" in name:
@@ -164,13 +146,9 @@ _RECORDING = re.compile(r"files\..*\.mcap\b")
 
 @dataclass(frozen=True, slots=True)
 class RuleChange:
-    """Why results are re-issued, and by what.
+    """Why results are re-issued, and by which rules; `time` in s since the epoch.
 
-    Attributes:
-        reason: for the journal.
-        rules: the ruleset; None = that of each result, as this version of the program has it.
-        referee: who says so; empty where no name is known.
-        time: when, s since the epoch.
+    `rules` None = those of each result, as this version of the program has them.
     """
 
     reason: str
@@ -180,19 +158,13 @@ class RuleChange:
 
     @property
     def entry(self) -> Entry:
-        """The journal's line of it."""
         details = {} if self.rules is None else {"ruleset": self.rules.value}
         return Entry(self.time, Origin.REFEREE, Change.REISSUED, self.referee, self.reason, details)
 
 
 @dataclass(frozen=True, slots=True)
 class ChangedValue:
-    """An indicator that a rule change changes.
-
-    Attributes:
-        indicator: which.
-        before, after: its values; None = it has none.
-    """
+    """An indicator that a rule change changes; None = no value."""
 
     indicator: IndicatorName
     before: int | float | None
@@ -200,7 +172,7 @@ class ChangedValue:
 
     @property
     def words(self) -> str:
-        """All of it, with as many digits as tell the two apart."""
+        """With as many digits as tell the two values apart."""
         texts = [_rounded(self.before), _rounded(self.after)]
         if texts[0] == texts[1]:
             texts = [str(self.before), str(self.after)]
@@ -209,18 +181,14 @@ class ChangedValue:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NextIssue:
-    """The next issue of a result that a rule change changes, to be written.
+    """The next issue of a changed result, to be written.
 
     Attributes:
-        folder: of the run.
-        number: of the issue.
-        values: what it changes of the indicators.
-        others: how much else differs.
+        others: the number of differences beside `values`.
         signed: the team's word on the issue before; None = that was not final.
         counts: whether the run enters the standings: it is valid and official.
         made_of: the journal that it was made of, with all its lines.
         entry: the journal's next line.
-        files: of the result, those that are to be written.
     """
 
     folder: Path
@@ -235,7 +203,6 @@ class NextIssue:
 
     @property
     def words(self) -> str:
-        """What it changes, on one line."""
         parts = [value.words for value in self.values]
         if self.others:
             parts.append(f"{self.others} {'others' if parts else 'beside the values'}")
@@ -244,17 +211,11 @@ class NextIssue:
 
 
 class OutOfDateError(MadrobError):
-    """A result that is not what its journal says: it is to be made again first."""
+    """A result that does not agree with its journal: make it again first."""
 
 
 class UnwrittenError(MadrobError):
-    """An issue that is journalled, but whose result the disk refuses.
-
-    Args:
-        folder: of the run.
-        number: of the issue.
-        why: in words.
-    """
+    """An issue that is journalled, but whose result the disk refuses."""
 
     def __init__(self, folder: Path, number: int, why: object) -> None:
         super().__init__(
@@ -264,16 +225,9 @@ class UnwrittenError(MadrobError):
 
 
 def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextIssue | None:
-    """Score a run and see whether its result would be another one; nothing is written.
+    """Score a run by changed rules; None = its result stays, or the run was aborted.
 
-    Args:
-        run: a run folder.
-        change: by what.
-        files: whether they are wanted.
-
-    Returns:
-        The next issue; None = there is nothing to re-issue: the result stays as it is, or the run
-        was aborted and has no indicators.
+    Nothing is written. Without `files` they are not made.
 
     Raises:
         OutOfDateError: the result is not what the journal says.
@@ -300,18 +254,9 @@ def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextI
 
 
 def unwritten_issue(folder: Path) -> NextIssue | None:
-    """The issue whose line a journal has, but that was not written: the disk was full, say.
+    """The issue whose line a journal has but which was not written, as when the disk was full.
 
-    `archive/repair.py` writes it; this tells what it changes, as long as it is not written.
-
-    Args:
-        folder: of the run.
-
-    Returns:
-        It, without its files; None = there is none, or nobody can tell what it changes.
-
-    Raises:
-        MadrobError: the run cannot be read.
+    Without its files; None = there is none, or its changes cannot be told. `repair` writes it.
     """
     opened = open_run(folder)
     recorded = opened.recorded
@@ -330,17 +275,9 @@ def unwritten_issue(folder: Path) -> NextIssue | None:
 def _issue(
     opened: OpenedRun, entries: Sequence[Entry], before: Run, entry: Entry, *, files: bool
 ) -> NextIssue | None:
-    """The issue that a line makes of a run; None = the result stays as it is.
+    """The issue that a journal line makes of a run; None = the result stays as it is.
 
-    Args:
-        opened: the run, followed by the rules of the line.
-        entries: the lines before.
-        before: the state after these.
-        entry: the line.
-        files: whether they are wanted.
-
-    Raises:
-        MadrobError: the recording is not the one that the stored result was made of.
+    `opened` was assessed by the rules of `entry`; `before` is the state after `entries`.
     """
     folder, recorded = opened.folder, opened.recorded
     found = _differences(folder, Scored.of(recorded.record, before, opened.assessment))
@@ -367,9 +304,7 @@ def _issue(
 def write_next_issue(made: NextIssue, now: float) -> None:
     """Journal and write a next issue; the one before stays under its number.
 
-    Args:
-        made: the issue, with its files.
-        now: s since the epoch.
+    `made` has its files, `now` is in s since the epoch.
 
     Raises:
         UnwrittenError: the disk refuses the result, but took the journal's line.
@@ -404,7 +339,7 @@ def write_next_issue(made: NextIssue, now: float) -> None:
 
 
 def _whole(entries: Sequence[Entry]) -> JournalMark:
-    """The mark of every line, of those too from which no result changes: a note on a final one."""
+    """The mark of every line, also of those that change no result: a note on a final one."""
     digest = hashlib.sha256()
     for entry in entries:
         digest.update(f"{entry.to_json()}\n".encode())
@@ -416,11 +351,6 @@ def _busy(folder: Path) -> MadrobError:
 
 
 def _differences(folder: Path, scored: Scored) -> Sequence[Difference]:
-    """In what the stored result of a run is another one than the fresh one.
-
-    Raises:
-        MadrobError: the recording is not the one that the result was made of, or of another run.
-    """
     try:
         stored = read_whole_result(str(folder))
     except UnusableResultError as error:

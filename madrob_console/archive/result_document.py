@@ -48,7 +48,6 @@ if TYPE_CHECKING:
     from madrob_console.archive.scored import Scored
 
 SCHEMA_FILE = f"madrob_result_schema_{RESULT_FORMAT}.json"
-"""How the schema is called where it is a file."""
 
 _ADDED = {
     *("competition", "doubts", "impossible", "out_of_plan", "practice", "run_id", "team_reason"),
@@ -152,13 +151,6 @@ class ResultDocument(Result, Heading):
 
     @classmethod
     def of(cls, scored: Scored, folder: Path, data: Mapping[str, bytes]) -> ResultDocument:
-        """The content of `result.json`.
-
-        Args:
-            scored: the run.
-            folder: holds the recording.
-            data: the files that are written there together with it.
-        """
         record, run, setup = scored.record, scored.run, scored.record.setup
         files, left_out = digests_of(folder, data)
         return cls(
@@ -236,12 +228,11 @@ def result_schema() -> dict[str, Any]:
 
 
 def schema_text() -> bytes:
-    """The schema as a file."""
     return msgspec.json.format(msgspec.json.encode(result_schema()), indent=2) + b"\n"
 
 
 def _describe(part: dict[str, Any], *docs: str) -> None:
-    """What the docstrings say of the attributes goes to the properties."""
+    """Copies the texts of the docstrings' attributes to the properties."""
     texts = [cleandoc(doc).partition("\n\nAttributes:\n") for doc in docs]
     if about := texts[0][0]:
         part["description"] = about

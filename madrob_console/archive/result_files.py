@@ -43,34 +43,17 @@ if TYPE_CHECKING:
     from madrob_console.archive.scored import ScoredPath
 
 ResultFiles = Mapping[str, bytes | memoryview]
-"""Every file of a result by its name, in the order in which they are written."""
 
 
 def result_files(folder: Path, scored: Scored) -> dict[str, bytes]:
-    """Every file of the result, to be written into the run's folder; `result.json` is the last.
-
-    Args:
-        folder: holds the recording, whose digest stands in the result.
-        scored: the run.
-
-    Raises:
-        MadrobError: something that was set for the run cannot be written down.
-    """
+    """Every file of the result; `result.json` is the last. `folder` holds the recording."""
     data = eurobench_files(folder.name, scored)
     document = msgspec.json.encode(ResultDocument.of(scored, folder, data))
     return data | {RESULT_FILE: msgspec.json.format(document, indent=2) + b"\n"}
 
 
 def eurobench_files(name: str, scored: Scored) -> dict[str, bytes]:
-    """EUROBENCH's files of a run: set-up, pre-processed data and indicators (section 10).
-
-    Args:
-        name: of the run's folder.
-        scored: the run.
-
-    Raises:
-        MadrobError: something that was set for the run cannot be written down.
-    """
+    """Set-up, pre-processed data and indicators (section 10); `name` is of the run's folder."""
     record, result, rows = scored.record, scored.result, scored.rows
     setup, first = record.setup, scored.run.set_up_as
     info = RunInfo(
@@ -112,17 +95,9 @@ def eurobench_files(name: str, scored: Scored) -> dict[str, bytes]:
 
 
 def write_result(folder: Path, files: ResultFiles, issue: int) -> None:
-    """Write the files of a result that are not there yet; an earlier issue is kept by its number.
+    """Write the files of a result that are missing; an earlier issue is kept by its number.
 
-    A folder that was deleted is made again: the result is all that is left of the run.
-
-    Args:
-        folder: of the run.
-        files: as `result_files` made them.
-        issue: number of the result's issue.
-
-    Raises:
-        MadrobError: a file cannot be written; the recording is untouched.
+    A deleted folder is made again: the result is all that is left of the run.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -138,7 +113,6 @@ def write_result(folder: Path, files: ResultFiles, issue: int) -> None:
 
 
 def _keep_earlier_issue(folder: Path, issue: int) -> None:
-    """Keep the result of the issue before this one under its number, once."""
     current, kept = folder / RESULT_FILE, folder / ISSUE_FILE.format(issue - 1)
     try:
         if issue < 2 or kept.exists():
@@ -152,7 +126,7 @@ def _keep_earlier_issue(folder: Path, issue: int) -> None:
 
 
 def has_content(path: Path, content: bytes | memoryview) -> bool:
-    """Whether a file has this content: it has it on disk then, for it was written whole."""
+    """Whether a file has this content, and so has it on disk: files are written whole."""
     try:
         return read_all(path, len(content)) == content
     except OSError:
@@ -164,19 +138,13 @@ def has_content(path: Path, content: bytes | memoryview) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class StoredRun:
-    """A run with its result.
-
-    Attributes:
-        folder: where it lies; a bag may be a file.
-        result: what its `result.json` says, or would say.
-    """
+    """A run with its result, as stored or freshly scored; `folder` may be a bag file."""
 
     folder: Path
     result: TabledResult
 
     @property
     def label(self) -> RunLabel:
-        """Whose run it is."""
         told = self.result
         return RunLabel(
             told.subject,
@@ -190,18 +158,12 @@ class StoredRun:
 
     @property
     def practice(self) -> bool:
-        """Whether it counts for nothing and stands apart (protocol section 2)."""
         return self.result.practice or self.folder.parent.name == PRACTICE_FOLDER
 
 
 @dataclass(frozen=True, slots=True)
 class Counted:
-    """Which of the places of each run counts, where it is there several times.
-
-    Attributes:
-        places: by `run_id`, the name of the place that counts.
-        testbeds, competitions: the names of all.
-    """
+    """Which place of each run counts (by `run_id`), where it has duplicates."""
 
     places: dict[str, str]
     testbeds: frozenset[str]
@@ -209,7 +171,6 @@ class Counted:
 
     @classmethod
     def of(cls, runs: Iterable[RunPath]) -> Counted:
-        """Look through the results of runs; what cannot be used is passed over."""
         testbeds, competitions = set(), set()
 
         def places() -> Iterator[RunPlace]:
@@ -224,11 +185,6 @@ class Counted:
 
 
 def stored_run(run: RunPath) -> StoredRun:
-    """The stored result of a run.
-
-    Raises:
-        MadrobError: it has none, or one that cannot be used; the message names path and remedy.
-    """
     folder = run.path
     try:
         result = read_tabled_result(str(folder))
@@ -247,15 +203,7 @@ def stored_run(run: RunPath) -> StoredRun:
 
 
 def fresh_runs(run: RunPath, rules: Sequence[RulesetName | None]) -> list[StoredRun]:
-    """The same of a run that is scored now, by each of some rulesets; it is read only once.
-
-    Args:
-        run: what to score.
-        rules: as for `score_run`.
-
-    Raises:
-        MadrobError: it cannot be scored; the message names path and remedy.
-    """
+    """A run scored now by each ruleset, as for `score_run`; it is read only once."""
     # they load numpy and SciPy, which the tables of stored results do without
     from madrob_console.archive.result_document import ResultDocument
     from madrob_console.archive.scored import score_recording, score_run
@@ -272,7 +220,6 @@ def fresh_runs(run: RunPath, rules: Sequence[RulesetName | None]) -> list[Stored
 
 
 def _published_content(scored: ScoredPath) -> dict[str, Any]:
-    """What EUROBENCH's files tell of what a `result.json` says."""
     label = scored.label
     return {
         **msgspec.to_builtins(scored.result),

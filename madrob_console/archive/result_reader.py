@@ -30,7 +30,7 @@ from madrob_console.referee.flags import Flag, flags
 from madrob_console.referee.records import Reissuing
 
 LARGEST_RESULT = 10_000_000
-"""A larger `result.json` is none, bytes."""
+"""A larger `result.json` is refused, bytes."""
 
 _Item = TypeVar("_Item")
 
@@ -74,61 +74,43 @@ _first_entries = msgspec.json.Decoder(_FirstEntry)
 
 
 class UnusableResultError(MadrobError):
-    """A `result.json` that says nothing about a run."""
+    """A `result.json` that cannot be used."""
 
 
 class DamagedResultError(UnusableResultError):
-    """One that was spoilt: it can be made again."""
+    """A damaged `result.json`, which can be made again."""
 
 
 def read_result(folder: str) -> tuple[ListedResult, Stamp]:
-    """What the `result.json` of a run folder says.
+    """The `result.json` of a run folder.
 
     Raises:
         FileNotFoundError: there is none.
-        UnusableResultError: it cannot be used; the message says why and what to do.
+        UnusableResultError: the message says why and what to do.
     """
     data, stamp = _read(folder)
     return _own(_decoded(_results, data), folder, data), stamp
 
 
 def read_tabled_result(folder: str) -> TabledResult:
-    """The same, and what the tables of runs want besides.
-
-    Raises:
-        FileNotFoundError: there is none.
-        UnusableResultError: it cannot be used; the message says why and what to do.
-    """
+    """As `read_result`, with what the tables of runs need."""
     data, _ = _read(folder)
     return _own(_decoded(_tabled, data), folder, data)
 
 
 def tabled_result(folder: str, data: bytes) -> TabledResult:
-    """The same of a result that is in memory.
-
-    Args:
-        folder: of the run, or its bag.
-        data: what `result.json` has.
-
-    Raises:
-        UnusableResultError: it cannot be used; the message says why.
-    """
+    """As `read_tabled_result`, of a `result.json` in memory; `folder` may be its bag."""
     return _completed(_decoded(_tabled, data), folder, data)
 
 
 def _own(result: _Listed, folder: str, data: bytes) -> _Listed:
-    """The result of a run folder, as its journal says it was written.
-
-    Raises:
-        DamagedResultError: it was changed since.
-    """
+    """Raises DamagedResultError if the file was changed since it was written."""
     if was_changed(data, Path(folder)):
         raise DamagedResultError(f"{RESULT_FILE} was changed after it was written: {_AGAIN}")
     return _completed(result, folder, data)
 
 
 def _completed(result: _Listed, folder: str, data: bytes) -> _Listed:
-    """With what a result of an earlier version does not say itself."""
     if result.flags is None:
         result = replace(result, flags=_flags_of(data))
     if not result.run_id:
@@ -137,7 +119,6 @@ def _completed(result: _Listed, folder: str, data: bytes) -> _Listed:
 
 
 def _run_id_of(folder: str, data: bytes) -> str:
-    """The identity of a run whose result has none; of its recording, where it has no digest."""
     try:
         found = run_id_of(_files.decode(data).files)
     except _DAMAGED:
@@ -146,7 +127,6 @@ def _run_id_of(folder: str, data: bytes) -> str:
 
 
 def _flags_of(data: bytes) -> tuple[Flag, ...]:
-    """The flags of a result that has none with it; none where it does not say."""
     try:
         marks = _marks.decode(data)
     except _DAMAGED:
@@ -155,26 +135,13 @@ def _flags_of(data: bytes) -> tuple[Flag, ...]:
 
 
 def read_paged_result(folder: str) -> PagedResult:
-    """The same, and what the page of a run wants besides.
-
-    Raises:
-        FileNotFoundError: there is none.
-        UnusableResultError: it cannot be used; the message says why and what to do.
-    """
+    """As `read_result`, with what the page of a run needs."""
     data, _ = _read(folder)
     return _own(_decoded(_paged, data), folder, data)
 
 
 def earlier_issues(folder: Path, reissues: Iterable[Reissuing]) -> tuple[ListedResult, ...]:
-    """What a result said before it was issued again.
-
-    Args:
-        folder: of the run.
-        reissues: of its result.
-
-    Returns:
-        The issues before; those that cannot be read are missing.
-    """
+    """The earlier issues of a result; those that cannot be read are missing."""
     found = []
     for number in {one.issue - 1 for one in reissues}:
         with suppress(OSError, *_DAMAGED):
@@ -184,12 +151,7 @@ def earlier_issues(folder: Path, reissues: Iterable[Reissuing]) -> tuple[ListedR
 
 
 def read_whole_result(folder: str) -> dict[str, Any]:
-    """All of the `result.json` of a run folder, as JSON values.
-
-    Raises:
-        FileNotFoundError: there is none.
-        UnusableResultError: it cannot be used; the message says why and what to do.
-    """
+    """All of `result.json` as JSON values; raises as `read_result`."""
     data, _ = _read(folder)
     _decoded(_results, data)  # refuses what is no result
     whole: dict[str, Any] = _decoded(_anything, data)
@@ -197,7 +159,7 @@ def read_whole_result(folder: str) -> dict[str, Any]:
 
 
 def read_remarks(folder: str) -> list[str]:
-    """What a stored result says of the data quality; nothing where it is missing or damaged."""
+    """Empty where the result is missing or damaged."""
     try:
         data, _ = read_bounded(f"{folder}/{RESULT_FILE}", LARGEST_RESULT)
         remarks = _quality.decode(data).quality.remarks
@@ -207,7 +169,7 @@ def read_remarks(folder: str) -> list[str]:
 
 
 def read_steps(folder: str) -> StepsPart | None:
-    """When the steps were done, as a stored result says; None where it is missing or damaged."""
+    """None where the result is missing or damaged."""
     try:
         data, _ = read_bounded(f"{folder}/{RESULT_FILE}", LARGEST_RESULT)
         return _steps.decode(data)
@@ -216,7 +178,7 @@ def read_steps(folder: str) -> StepsPart | None:
 
 
 def read_file_digests(folder: str) -> dict[str, FileDigest]:
-    """The files that a stored result names; none where it is missing, damaged or older."""
+    """Empty where the result is missing, damaged or older."""
     try:
         data, _ = read_bounded(f"{folder}/{RESULT_FILE}", LARGEST_RESULT)
         return _files.decode(data).files
@@ -225,7 +187,6 @@ def read_file_digests(folder: str) -> dict[str, FileDigest]:
 
 
 def _read(folder: str) -> tuple[bytes, Stamp]:
-    """A `result.json` of a format that is known."""
     try:
         data, stamp = read_bounded(f"{folder}/{RESULT_FILE}", LARGEST_RESULT)
     except FileNotFoundError:
@@ -257,7 +218,7 @@ def _decoded(decoder: msgspec.json.Decoder[_Item], data: bytes) -> _Item:
 
 
 def read_setup(journal: str) -> SetupPart | None:
-    """The set-up in the first line of a run's journal; None when it does not say."""
+    """From the first line of the journal."""
     try:
         data, _ = read_bounded(journal, _FIRST_LINE)
         return _first_entries.decode(data.partition(b"\n")[0]).details.setup
@@ -266,7 +227,7 @@ def read_setup(journal: str) -> SetupPart | None:
 
 
 def competition_of(folder: str) -> str | None:
-    """Of which competition a run is, as its result says, else its journal; None = neither does."""
+    """From the result, else the journal; None = neither says."""
     try:
         return read_result(folder)[0].competition
     except (FileNotFoundError, UnusableResultError):

@@ -47,17 +47,14 @@ from scoring.result import Indicator, Uncertainty
 
 
 Number = Annotated[int, Meta(ge=1, le=LARGEST_NUMBER)]
-"""Of a subject or a run."""
 ConditionNumber = Annotated[int, Meta(ge=1, le=20)]
 Name = Annotated[str, Meta(max_length=200)]
-"""Longer than any name that the console writes."""
 StartTime = Annotated[float, Meta(ge=0, le=1e11)]
-"""s since the epoch, within what calendars reach."""
+"""s since the epoch, within the range of calendars."""
 
 _UNTOLD = "why is not told"
 
 Spread = Annotated[float, Meta(ge=0)]
-"""Of a value, in its unit."""
 
 
 class UncertaintyPart(msgspec.Struct, frozen=True):
@@ -68,7 +65,7 @@ class UncertaintyPart(msgspec.Struct, frozen=True):
 
 
 class IndicatorPart(msgspec.Struct, frozen=True):
-    """One indicator; no value where there is a reason instead."""
+    """One indicator; a value or a reason why not."""
 
     value: int | float | None
     unit: str = ""
@@ -77,7 +74,6 @@ class IndicatorPart(msgspec.Struct, frozen=True):
     doubts: tuple[str, ...] = ()
 
     def of(self, name: IndicatorName) -> Indicator:
-        """The same of an indicator that is known, in its unit."""
         if self.value is None:
             return Indicator(None, name.spec.unit, self.reason or _UNTOLD, doubts=self.doubts)
         known = self.uncertainty
@@ -112,7 +108,7 @@ class ProtestPart(msgspec.Struct, frozen=True):
 
 
 class FormerSetup(msgspec.Struct, frozen=True):
-    """As which run a run was set up, before a correction."""
+    """Which run it was set up as, before a correction."""
 
     subject: Number
     run_number: Number
@@ -139,19 +135,19 @@ class SignalRate(msgspec.Struct, frozen=True):
 
 
 class RatesPart(msgspec.Struct, frozen=True):
-    """What is read of the data quality."""
+    """The part of the data quality that lists read."""
 
     signals: Annotated[tuple[SignalRate, ...], Meta(max_length=50)] = ()
 
 
 class RunKind(msgspec.Struct, frozen=True):
-    """What is read of the set-up in a result; older ones know no practice."""
+    """The set-up part of a result; older ones have no practice."""
 
     practice: bool = False
 
 
 class ListedResult(msgspec.Struct, frozen=True):
-    """What lists of runs read of a `ResultDocument`; words of later versions pass as they are."""
+    """The part of a `ResultDocument` that lists read; later versions' words pass unchanged."""
 
     subject: Number
     condition_number: ConditionNumber
@@ -187,19 +183,18 @@ class ListedResult(msgspec.Struct, frozen=True):
 
     @property
     def rate(self) -> float | None:
-        """How often the door's angle was sampled, Hz; None where it does not say."""
+        """Sampling rate of the door's angle, Hz; None where it does not say."""
         door = Signal.DOOR.value
         return next((one.rate for one in self.quality.signals if one.signal == door), None)
 
     @property
     def open_protest(self) -> ProtestPart | None:
-        """The open protest that is due first; None = none is open."""
         waiting = (one for one in self.protests if one.answer is None)
         return min(waiting, key=lambda one: one.due, default=None)
 
     @property
     def instant_in_question(self) -> float | None:
-        """Of the protest that is open, else of the last one, s from the start; None = none."""
+        """The instant of the open protest, else of the last one, s from the start."""
         of = self.open_protest or (self.protests[-1] if self.protests else None)
         return None if of is None or of.at is None else of.at - self.start
 
@@ -210,14 +205,14 @@ class ListedResult(msgspec.Struct, frozen=True):
 
     @property
     def why_invalid(self) -> str:
-        """Why they do not, in the referee's words or the machine's; empty where they do."""
+        """The referee's or the machine's reason; empty where it is valid."""
         if self.voided is not None:
             return self.voided.reason
         return "" if self.valid else self.outcome_reason
 
     @property
     def practice(self) -> bool:
-        """Whether it is of a practice run; all those of a simulated testbed are."""
+        """Whether it counts for nothing; all runs of a simulated testbed do."""
         return self.setup.practice or self.source == SourceKind.SIMULATED
 
 
@@ -239,7 +234,7 @@ class StepPart(msgspec.Struct, frozen=True):
 
 
 class StepsPart(msgspec.Struct, frozen=True):
-    """When what was done in a run, s since the epoch; no stop where the machine failed."""
+    """When the steps were done, s since the epoch; no stop where the machine failed."""
 
     start: StartTime
     stop: StartTime | None
@@ -247,12 +242,11 @@ class StepsPart(msgspec.Struct, frozen=True):
 
     @property
     def done(self) -> dict[Step, float]:
-        """The steps that count."""
         return {one.step: one.final for one in self.steps if one.final is not None}
 
 
 class SetupPart(msgspec.Struct, frozen=True):
-    """What is read of a run's set-up in its journal."""
+    """The part of a set-up that is read from the journal."""
 
     subject: Number
     team: Name
@@ -264,13 +258,13 @@ class SetupPart(msgspec.Struct, frozen=True):
 
 
 class RemarksPart(msgspec.Struct):
-    """What is said of the data quality."""
+    """The remarks on the data quality."""
 
     remarks: list[str]
 
 
 class MarksPart(msgspec.Struct, frozen=True):
-    """What a result of a version that wrote no flags has of them."""
+    """Stands in for flags in a result of a version that wrote none."""
 
     outcome: Outcome
     source: SourceKind
@@ -287,43 +281,37 @@ class MarksPart(msgspec.Struct, frozen=True):
 
     @property
     def practice(self) -> bool:
-        """Whether it was set up as practice."""
         return self.setup.practice
 
     @property
     def out_of_plan(self) -> bool:
-        """Who wrote no flags knew no plan."""
         return False
 
     @property
     def team_reason(self) -> str:
-        """There was no list of teams to differ from."""
         return ""
 
     @property
     def accepted_doubts(self) -> tuple[AcceptedDoubts, ...]:
-        """Nor any doubts."""
         return ()
 
     @property
     def protests(self) -> tuple[Protest, ...]:
-        """Nor any protests but the team's word."""
         return ()
 
     @property
     def faults(self) -> tuple[TestbedFault, ...]:
-        """They stand among the remarks, as `Run.remarks` words them."""
+        """Found among the remarks, as `Run.remarks` words them."""
         found = (text for text in self.quality.remarks if text.startswith(("fault at ", "fault: ")))
         return tuple(TestbedFault(0.0, text) for text in found)
 
     @property
     def unrecorded(self) -> int:
-        """It was told by the remarks alone."""
         return 0
 
 
 class EventPart(msgspec.Struct, frozen=True):
-    """Something that happened, s since the epoch and since the start."""
+    """An event, s since the epoch and since the start."""
 
     time: float
     since_start: float
@@ -331,14 +319,14 @@ class EventPart(msgspec.Struct, frozen=True):
 
 
 class PagedResult(ListedResult, frozen=True):
-    """What the page of a run on a competition's site reads besides."""
+    """What the page of a run also reads."""
 
     steps: Annotated[tuple[StepRecord, ...], Meta(max_length=len(Step))] = ()
     reissues: tuple[Reissuing, ...] = ()
 
 
 class TabledResult(ListedResult, frozen=True):
-    """What the tables of runs read besides."""
+    """What the tables of runs also read."""
 
     stop: float | None = None
     lock_detection: Name = ""
@@ -354,12 +342,9 @@ _LINK = re.compile(r'<a href="([^"#][^"]*)">([^<]*</a>)?')
 
 
 def led_elsewhere(page: str, place: Callable[[str], str | None], nowhere: str = "") -> str:
-    """A page with other links; those to places on the page itself stay.
+    """Replaces a page's links by `place`; links to places on the page itself stay.
 
-    Args:
-        page: its text.
-        place: where a link leads now, by where it led: relative paths; None = nowhere.
-        nowhere: stands behind words that are no link any more.
+    `place` takes a relative path; None = no link. `nowhere` then follows the words.
     """
 
     def led(found: re.Match[str]) -> str:
@@ -379,7 +364,7 @@ LARGEST_DIGESTED = 4_000_000_000
 """Larger files have no digest, bytes: it would take a minute. A run of 3 h takes half of that."""
 
 IDENTITY_RECORD = "madrob_identity"
-"""Name of the metadata record of a repaired recording, whose digest is another one since."""
+"""The metadata record of a repaired recording, whose digest has changed since."""
 
 _RUN_ID = "run_id"
 _RECORDING = ".mcap"
@@ -403,12 +388,7 @@ class FileDigest:
 def digests_of(
     folder: Path, new: Mapping[str, bytes] | None = None
 ) -> tuple[dict[str, FileDigest], tuple[str, ...]]:
-    """The digests of a run's recording and data files, and which have none and why, in words.
-
-    Args:
-        folder: of the run.
-        new: files that are about to be written there, in the place of those that there are.
-    """
+    """Digests of recording and data files, `new` ones included; then why others have none."""
     digests, left_out, new = {}, [], new or {}
     names = {f"{folder.name}_0.mcap", _METADATA, *_data_files(folder), *new}
     if lists_evidence(folder):
@@ -422,10 +402,9 @@ def digests_of(
 
 
 def lists_evidence(folder: Path) -> bool:
-    """Whether a bag has evidence, or had some: then its `metadata.yaml` has no digest.
+    """Whether a bag has or had evidence: then its `metadata.yaml` has no digest.
 
-    Evidence may be finished after the result, and is thinned away later; both make another
-    `metadata.yaml`, which only repeats what the files say themselves.
+    Evidence may be finished after the result, and is thinned later. Both change `metadata.yaml`.
     """
     from recorder.bag import is_evidence
 
@@ -433,7 +412,7 @@ def lists_evidence(folder: Path) -> bool:
 
 
 def listed_in(folder: Path) -> list[str]:
-    """The files of a bag, by its `metadata.yaml`; none where that is missing or damaged."""
+    """The files in a bag's `metadata.yaml`; none where that is missing or damaged."""
     from recorder.bag import YAML_PROBLEMS
     from recorder.mcap_reader import DamageError
     from recorder.reader import bag_information, listed_names
@@ -445,9 +424,9 @@ def listed_in(folder: Path) -> list[str]:
 
 
 def run_id_of(files: Mapping[str, FileDigest]) -> str:
-    """The identity of a run of an earlier version, by its files; empty without a recording.
+    """The run id of a run of an earlier version, from its files; empty without a recording.
 
-    An empty recording, as a sync that keeps names only leaves it, says nothing of which run it is.
+    An empty recording, as from a sync that keeps names only, identifies no run.
     """
     named = (name for name, of in files.items() if name.endswith(_RECORDING) and of.bytes)
     recordings = sorted(named)
@@ -455,7 +434,7 @@ def run_id_of(files: Mapping[str, FileDigest]) -> str:
 
 
 def run_id_at(path: Path) -> str:
-    """The same of a bag or a run folder on disk; empty where its recording cannot be read."""
+    """As `run_id_of`, on disk; empty where its recording cannot be read."""
     if kept := kept_run_id(path):
         return kept
     names = [path.name] if path.is_file() else _data_files(path)
@@ -468,12 +447,10 @@ def run_id_at(path: Path) -> str:
 
 
 def identity_record(run_id: str) -> dict[str, dict[str, str]]:
-    """The metadata record that tells a repaired recording's run."""
     return {IDENTITY_RECORD: {_RUN_ID: run_id}}
 
 
 def kept_run_id(path: Path) -> str:
-    """The identity that a repair wrote into a bag or run folder; empty where none did."""
     from recorder.errors import RecorderError  # lists of runs do without the recorder
     from recorder.reader import read_bag
 
@@ -495,7 +472,7 @@ def _names(folder: Path) -> list[str]:
 
 
 def _is_data(name: str) -> bool:
-    """Evidence is none: nothing of the result comes from it, and a digest of it takes long."""
+    """Evidence is not: the result takes nothing from it, and its digest takes long."""
     from recorder.bag import is_evidence  # lists of runs do without the recorder
 
     return name.endswith(_DATA) and not name.startswith(".") and not is_evidence(name)

@@ -32,28 +32,22 @@ from scoring.protocol import event_words
 
 
 class UnusableJournalError(MadrobError):
-    """A journal that says nothing about a run."""
+    """A journal that cannot be used."""
 
 
 _OF_A_RUN = (Change.COUNTDOWN_BEGINS, Change.RUN_STARTS, Change.RUN_STOPS)
-"""Lines that only a run has that began."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunJournal:
-    """A journal as it was read.
-
-    Attributes:
-        entries: its lines.
-        run: the state after all of them, with the journal's mark; the handle zero is not in it.
-    """
+    """A journal as read; `run` has all lines and the journal's mark, but no handle zero."""
 
     entries: tuple[Entry, ...]
     run: Run
 
     @property
     def never_ran(self) -> str:
-        """Why there is nothing to score, in words; empty where a run began or nothing is known."""
+        """Why there is nothing to score; empty where a run began or nothing is known."""
         if self.run.start is not None or not self.entries:
             return ""
         last = self.entries[-1]
@@ -62,12 +56,7 @@ class RunJournal:
 
 
 def read_run_journal(folder: Path) -> RunJournal:
-    """The journal of a run folder.
-
-    Raises:
-        FileNotFoundError: there is none.
-        UnusableJournalError: it cannot be used; the message says why and what to do.
-    """
+    """The journal of a run folder; FileNotFoundError if there is none."""
     try:
         entries, _ = read_journal(folder / JOURNAL_FILE)
         return RunJournal(entries, replace(_run_of(entries), journal=mark_of(entries)))
@@ -85,15 +74,10 @@ def read_run_journal(folder: Path) -> RunJournal:
 
 @contextmanager
 def journal_held(folder: Path, hold: Hold | None = None) -> Iterator[Journal]:
-    """The journal of a run, to be gone on with, on which nobody else works meanwhile.
-
-    Args:
-        folder: of the run.
-        hold: of the caller on the run; None = there is none yet.
+    """Opens a run's journal to append, under its lock. `hold` is the caller's.
 
     Raises:
-        BlockingIOError: somebody does.
-        OSError: there is none, or it cannot be written.
+        BlockingIOError: somebody else works on the run.
     """
     journal = Journal(hold)
     journal.reopen(folder / JOURNAL_FILE)
@@ -104,10 +88,7 @@ def journal_held(folder: Path, hold: Hold | None = None) -> Iterator[Journal]:
 
 
 def ever_protested(folder: Path) -> bool:
-    """Whether a team ever protested against a run, whatever became of it.
-
-    A journal that cannot be used does not say: then somebody may have.
-    """
+    """Whether a team ever protested, or may have: the journal cannot be used."""
     try:
         entries, _ = read_journal(folder / JOURNAL_FILE)
     except FileNotFoundError:
@@ -122,7 +103,7 @@ def ever_protested(folder: Path) -> bool:
 
 
 def evidence_removed(folder: Path) -> str:
-    """When the evidence of a run was removed, in words; empty = it was not, or nobody knows."""
+    """When the evidence of a run was removed; empty = never, or unknown."""
     try:
         return read_run_journal(folder).run.evidence_removed(_utc)
     except (UnusableJournalError, OSError):
@@ -134,11 +115,6 @@ def _utc(at: float) -> str:
 
 
 def _run_of(entries: tuple[Entry, ...]) -> Run:
-    """The state after all lines.
-
-    Raises:
-        MadrobError: one is damaged, or it is missing that set the run up or started it.
-    """
     run = rebuild(entries)
     if run.start is None and any(entry.what in _OF_A_RUN for entry in entries):
         raise MadrobError("the line of its set-up or of its start cannot be read")
@@ -163,27 +139,18 @@ class _Marked(msgspec.Struct):
 
 
 def written_details(result: bytes | memoryview, issue: int) -> Details:
-    """What the journal's line `result written` says of a `result.json`.
-
-    Args:
-        result: its content.
-        issue: its number.
-    """
+    """What the journal's line `result written` says of a `result.json`."""
     mark = msgspec.json.decode(result, type=_Marked).journal
     lines = 0 if mark is None else mark.lines
     return {"issue": issue, "lines": lines, _DIGEST: hashlib.sha256(result).hexdigest()}
 
 
 def was_changed(data: bytes, folder: Path) -> bool:
-    """Whether a `result.json` is another one than the journal beside it says was written.
+    """Whether a `result.json` differs from the one that the journal says was written.
 
-    The journal's line follows the file. A result made of more lines than the last one that was
-    noted waits for its line; a kill can come between the two. A journal of an earlier version has
-    no digests, and one that cannot be used says nothing here.
-
-    Args:
-        data: its content.
-        folder: of the run.
+    The journal's line follows the file, and a kill can come between. So a result of more lines
+    than the last one noted waits for its line. A journal of an earlier version has no digests,
+    and one that cannot be used says nothing here.
 
     Raises:
         msgspec.MsgspecError: it is no JSON.
@@ -203,13 +170,7 @@ def was_changed(data: bytes, folder: Path) -> bool:
 
 
 def disagreement(result: ListedResult, folder: Path) -> str | None:
-    """Why the result in a run folder is not what the journal beside it says; None = it is.
-
-    A folder without a journal says nothing else.
-
-    Raises:
-        UnusableJournalError: the journal cannot be used.
-    """
+    """Why a result does not agree with its journal; None = it does, or there is none."""
     try:
         run = read_run_journal(folder).run
     except FileNotFoundError:
@@ -218,11 +179,9 @@ def disagreement(result: ListedResult, folder: Path) -> str | None:
 
 
 def disagreements(result: ListedResult, run: Run) -> Iterator[str]:
-    """In what a result differs from the state of its run, in words; cheap, and not in numbers.
+    """The differences between a result and the state of its run; cheap, numbers left out.
 
-    Args:
-        result: of this version, or of one that did not note the journal's mark.
-        run: after all lines of its journal, with the journal's mark.
+    `result` may be of a version without the journal's mark; `run` has all lines and the mark.
     """
     issue = max(1, run.issue)
     if result.issue != issue:
@@ -240,7 +199,6 @@ def disagreements(result: ListedResult, run: Run) -> Iterator[str]:
 
 
 def out_of_date(why: str) -> str:
-    """What is said of a result that is not what its journal says."""
     return (
         f"{RESULT_FILE} is not what the journal says ({why}): an engine that starts makes it again,"
         " and so does `madrob recover`"
@@ -251,20 +209,18 @@ def out_of_date(why: str) -> str:
 
 
 MOST_READ = 2 * LARGEST_JOURNAL
-"""Of journals at one look, bytes: less than 2 s, whatever they hold."""
+"""Bytes of journals read at once: less than 2 s, whatever they hold."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unfinished:
-    """What is known of a run that was cut off.
+    """What is known of a run that was cut off; numbers are 0 and texts empty where unknown.
 
     Attributes:
-        folder: as seen from the results folder.
-        subject, team, run_number, condition: whose and which; 0 and empty where unknown.
-        phase: where it stood.
+        folder: relative to the results folder.
         started: planned or actual start, s since the epoch; None before the countdown.
         last_time: of the last line of its journal, s since the epoch; None without a line.
-        last_event: the last thing that the sensors said, in words; empty for nothing.
+        last_event: the last event of the sensors; empty for none.
         recorded: bytes of its recording on disk.
     """
 
@@ -281,7 +237,6 @@ class Unfinished:
 
     @property
     def words(self) -> str:
-        """All of it in one sentence."""
         kind = "practice run" if lies_in_practice(self.folder) else "run"
         who = f"{kind} {self.run_number} of subject {self.subject} {self.team}".rstrip()
         known = [f"{who} was cut off while {self.phase}"]
@@ -295,13 +250,9 @@ class Unfinished:
 def find_unfinished(root: Path) -> tuple[Unfinished, ...]:
     """The runs of a results folder that were cut off, oldest first.
 
-    A run whose journal is held goes on elsewhere; one whose countdown never began
-    is none: nothing is to be decided about it. One whose journal cannot be used is left out: the
-    history says what is wrong with it. Beyond `MOST_READ` bytes of journals the later ones wait
-    until those before them are decided.
-
-    Raises:
-        MadrobError: the folder cannot be read.
+    Left out are runs whose journal is locked (they go on elsewhere), whose countdown never began
+    (nothing to decide), or whose journal cannot be used (the history says so). Beyond `MOST_READ`
+    bytes of journals the later runs wait until those before them are decided.
     """
     found: list[Unfinished] = []
     left = MOST_READ
@@ -323,8 +274,8 @@ def find_unfinished(root: Path) -> tuple[Unfinished, ...]:
 def is_held(journal: Path) -> bool:
     """Whether an engine works on the run of this journal.
 
-    Where its hold does not tell (another user's run, or one that an older version recorded), the
-    lock of the journal itself does, which everybody can hold who may read it.
+    Where the hold does not tell (another user's run, or one of an older version), the lock of the
+    journal does: everybody can take it who may read the file.
     """
     if (told := files.is_held(journal.with_name(HOLD_FILE))) is not None:
         return told

@@ -35,16 +35,15 @@ if TYPE_CHECKING:
     from recorder.bag import RawMessage
 
 INDEX_FORMAT: Final = 1
-"""Version of the layout of the index."""
 
 FAR = 0.1
 """A frame farther from its moment may show something else, s: three periods at 30 Hz."""
 
 MOST_PICTURES = 200
-"""Of a run; what happens later has none."""
+"""The most pictures of a run; later moments have none."""
 
 WORKING_TIME = 60.0
-"""Finding and decoding takes so long at most, s; what is left then has no picture."""
+"""Time to find and decode, s; what is left then has no picture."""
 
 _LONGEST_NAME = 36  # of what happened, and of a camera: whole names stay below 100, as zips want
 _LARGEST_INDEX = 4_000_000
@@ -56,14 +55,10 @@ class CameraEntry(msgspec.Struct, frozen=True, kw_only=True):
     """A camera in the index.
 
     Attributes:
-        topic: its name.
-        type: of its messages.
-        clock_offset: how far its clock is ahead of the testbed's at the first moment, s; null =
-            too few stamps to tell.
-        clock_spread: how far that may be off for what varies, s; a constant delay on the way
-            cannot be told.
-        clock_drift: by how much it gains on the testbed's, s/s.
-        clock_steps: how often it was stepped.
+        clock_offset: how far it is ahead of the testbed's clock at the first moment, s; null =
+            too few stamps.
+        clock_spread: how far that may be off for what varies, s; a constant delay is not in it.
+        clock_drift: how much it gains on the testbed's clock, s/s.
     """
 
     topic: str
@@ -75,23 +70,19 @@ class CameraEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """A picture in the index, or why there is none.
+    """A picture in the index, or why there is none. Times in s since the epoch.
 
     Attributes:
         moment: its number in the run, from 1.
-        event: what happened, as file names have it.
-        words: the same for people.
-        time: when, s since the epoch.
-        since_start: when, s since the start of the run.
-        topic: of the camera.
+        event: the moment's name, as in file names; `words` for people.
+        since_start: s.
         file: beside the index; empty = there is none.
         width, height: of the file, pixels.
-        stamp: of the frame's header, s since the epoch; null = it has none.
-        log_time: when the frame was logged, s since the epoch.
+        stamp: of the frame's header; null = it has none.
+        log_time: when the frame was logged.
         difference: how much later the frame is than the moment, by the testbed's clock, s.
-        clock: how its time was told from the camera's clock, in words.
-        scale: what the grey of the picture stands for, in words; empty = it is what was seen.
-        problem: why there is no picture, in words.
+        clock: how its time follows from the camera's clock, in words.
+        scale: what the grey of the picture stands for; empty = an ordinary picture.
     """
 
     moment: int
@@ -112,14 +103,7 @@ class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PictureIndex(msgspec.Struct, frozen=True, kw_only=True):
-    """What `index.json` says.
-
-    Attributes:
-        cameras: by topic.
-        pictures: by moment and topic.
-        problems: what else is wrong with the evidence, in words.
-        format: version of the layout.
-    """
+    """The content of `index.json`; `problems` says what else is wrong with the evidence."""
 
     cameras: tuple[CameraEntry, ...] = ()
     pictures: tuple[PictureEntry, ...] = ()
@@ -129,32 +113,24 @@ class PictureIndex(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class RunPictures:
-    """The pictures of a run with their index.
-
-    Attributes:
-        index: which is of what.
-        files: JPEG by name.
-    """
+    """The pictures of a run (JPEG by name) with their index."""
 
     index: PictureIndex
     files: Mapping[str, bytes] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
-        """Whether there is anything to be told."""
         return bool(self.index.pictures or self.index.problems)
 
 
 NO_PICTURES = RunPictures(PictureIndex())
-"""Of a run without evidence."""
 
 
 def events_of(scored: Scored) -> list[tuple[str, float]]:
-    """The events of a run: as EUROBENCH names them, and when they were, s since the epoch."""
+    """By EUROBENCH's names, with times in s since the epoch."""
     return [(one.event.value, one.time) for one in scored.result.events]
 
 
 def moments_in(scored: Scored) -> tuple[Moment, ...]:
-    """What there are pictures of."""
     return moments_of(events_of(scored), scored.run, scored.result.start)
 
 
@@ -168,15 +144,8 @@ def pictures_of(
 ) -> RunPictures:
     """The nearest frame of each camera at each moment, decoded; none without evidence.
 
-    What a camera says wrongly of its pictures is told in one line, and harms nothing else.
-
-    Args:
-        folder: of the run.
-        moments: by time.
-        mappings: which topics carry the testbed's signals.
-        cameras: a pattern for the names of their topics.
-        side: the most pixels in a row and in a column.
-        monotonic: real time, s.
+    A wrong picture of a camera is reported in one line and harms nothing else. `cameras` is a
+    pattern for topic names, `side` the most pixels in a row and column, `monotonic` real time, s.
     """
     if not has_evidence(folder):
         return NO_PICTURES
@@ -192,7 +161,7 @@ def pictures_of(
 
 
 def stored_pictures(folder: Path) -> RunPictures:
-    """The pictures that were made of a run before; none where there are none that can be read."""
+    """The pictures made before; none where they cannot be read."""
     place = folder / PICTURES_FOLDER
     try:
         index = msgspec.json.decode(
@@ -211,21 +180,13 @@ def stored_pictures(folder: Path) -> RunPictures:
 
 
 def run_pictures(folder: Path, scored: Scored) -> RunPictures:
-    """The pictures of a run of the results folder.
-
-    They are made of its evidence. Where that is not there any more, those that were made before
-    are all there is.
-    """
+    """The pictures of a run from its evidence; without evidence, those made before."""
     made = pictures_of(folder, moments_in(scored), scored.record.mappings)
     return made or stored_pictures(folder)
 
 
 def renewed_pictures(folder: Path, scored: Scored) -> RunPictures:
-    """The same, put into a folder of their own in the run's, in place of those before.
-
-    Raises:
-        MadrobError: the disk refuses, or something else has that name.
-    """
+    """As `run_pictures`, written to the pictures folder of the run in place of those before."""
     made = pictures_of(folder, moments_in(scored), scored.record.mappings)
     if not made:
         return stored_pictures(folder)
@@ -241,7 +202,7 @@ def _write(place: Path, pictures: RunPictures) -> None:
 
 
 class _Maker:
-    """Finds and decodes, until all is made or the time is up."""
+    """Finds and decodes until `WORKING_TIME` is up."""
 
     def __init__(self, cameras: Cameras, side: int, monotonic: Callable[[], float]) -> None:
         self._cameras = cameras
@@ -306,7 +267,6 @@ class _Maker:
         )
 
     def _picture(self, frame: CameraFrame) -> tuple[Jpeg, str] | str:
-        """A frame as JPEG and what its grey is, or why there is none; each is decoded once."""
         if frame.found.key not in self._made:
             self._made[frame.found.key] = self._decode(frame)
         return self._made[frame.found.key]
@@ -330,24 +290,21 @@ class _Maker:
 
 
 def nothing_near(entry: PictureEntry) -> str:
-    """Why there is no picture, in words; empty where there is one."""
     if entry.file:
         return ""
     return entry.problem or f"no frame within {FARTHEST:g} s"
 
 
 def caption_words(entry: PictureEntry) -> str:
-    """What is to be known of a picture: what its grey stands for, and its camera's clock."""
     return "; ".join(filter(None, (entry.scale, entry.clock)))
 
 
 def is_far(entry: PictureEntry) -> bool:
-    """Whether a frame is so far from its moment that it may show something else."""
     return abs(entry.difference or 0.0) > FAR
 
 
 def difference_words(entry: PictureEntry) -> str:
-    """How far a frame is from its moment: `-12 ms` where it is earlier; `389 ms LATER` if far."""
+    """`-12 ms` where the frame is earlier than its moment; `389 ms LATER` if far."""
     ms = _ms(entry)
     if is_far(entry):
         return f"{abs(ms)} ms {'LATER' if ms > 0 else 'EARLIER'}"
@@ -355,10 +312,7 @@ def difference_words(entry: PictureEntry) -> str:
 
 
 def named_by_distance(made: RunPictures) -> RunPictures:
-    """The same with names of files that say how far each frame is from its moment.
-
-    For files that no index lies beside.
-    """
+    """With the distance of each frame in its file name, for files without an index."""
     names: dict[str, str] = {}
     for entry in made.index.pictures:
         if entry.file in made.files:
@@ -392,7 +346,6 @@ def _described(camera: Camera, at: float) -> CameraEntry:
 
 
 def _file_names(topics: Sequence[str]) -> dict[str, str]:
-    """A plain name for each topic, of no other one."""
     names: dict[str, str] = {}
     for topic in topics:
         name = plain = _plain(topic)
@@ -405,5 +358,4 @@ def _file_names(topics: Sequence[str]) -> dict[str, str]:
 
 
 def _plain(text: str) -> str:
-    """Letters, digits and underscores of it, so that any system takes it for a file name."""
     return _NOT_PLAIN.sub("_", text).strip("_")[:_LONGEST_NAME] or "unnamed"

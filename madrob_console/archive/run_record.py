@@ -27,7 +27,6 @@ from scoring.rulesets import RulesetName, ruleset
 
 
 RECORD_NAME = "madrob_run"
-"""Name of the metadata record."""
 
 _KEY = "run"
 
@@ -36,16 +35,9 @@ A = TypeVar("A", bound=LiveAssessment)
 
 @dataclass(frozen=True, slots=True)
 class RunLabel:
-    """Whose run it is, and which of all: what tables for programs join by.
+    """Whose run it is, as tables for programs name it; empty or None where unknown.
 
-    Attributes:
-        subject: the robot's number; None = not known.
-        team: the team's name; empty where unknown.
-        condition: its number.
-        run: the repetition; None = not known.
-        run_id: which run of all testbeds it is (section 2); empty where unknown.
-        testbed: the name of the testbed; empty where it had none.
-        competition: its name; empty where none was set.
+    `run` is the repetition, `run_id` unique over all testbeds (section 2).
     """
 
     subject: int | None
@@ -59,17 +51,10 @@ class RunLabel:
 
 @dataclass(frozen=True, slots=True)
 class RunRecord:
-    """Everything set for a run when its recording was opened.
+    """Everything set for a run when its recording was opened; `handle_zero` in N.
 
-    Attributes:
-        setup: subject, condition, start pose and so on.
-        handle_zero: N.
-        thresholds: the testbed's numbers.
-        mappings: which topic carried which signal.
-        source: where the messages came from; `simulated` also where that testbed spoke over ROS.
-        competition: its name.
-        version: of the software that recorded.
-        zero_samples: behind the handle zero; None = it was never set, or by an earlier version.
+    `source` is `simulated` also where that testbed spoke over ROS. `version` is the recording
+    software's. `zero_samples` None = the zero was never set, or by an earlier version.
     """
 
     setup: RunSetup
@@ -82,15 +67,10 @@ class RunRecord:
     zero_samples: HandleRest | None = None
 
     def corrected(self, run: Run) -> RunRecord:
-        """With the set-up of the run as it stands, after what was corrected."""
         return self if run.setup is None else replace(self, setup=run.setup)
 
     def label(self, recording: Path) -> RunLabel:
-        """Whose run it is.
-
-        Args:
-            recording: its bag or its folder, which identifies a run of an earlier version.
-        """
+        """Its bag or folder identifies a run of an earlier version."""
         setup = self.setup
         return RunLabel(
             setup.subject,
@@ -103,16 +83,10 @@ class RunRecord:
         )
 
     def to_metadata(self) -> dict[str, str]:
-        """The record as MCAP metadata."""
         return {_KEY: msgspec.json.encode(self).decode()}
 
     @classmethod
     def from_metadata(cls, metadata: dict[str, str]) -> RunRecord:
-        """The record in a bag's metadata.
-
-        Raises:
-            MadrobError: it is damaged, or from a version with other fields.
-        """
         try:
             return msgspec.json.decode(metadata[_KEY], type=cls)
         except KeyError:
@@ -121,16 +95,10 @@ class RunRecord:
             raise MadrobError(f"metadata record {RECORD_NAME} is damaged: {error}") from None
 
     def assessment(self, start: float, rules: RulesetName | None = None) -> Assessment:
-        """A new assessment of the run.
-
-        Args:
-            start: its (planned) start, s since the epoch.
-            rules: another ruleset than the run's.
-        """
+        """`start` is the (planned) start, s since the epoch; `rules` None = the run's own."""
         return self.assessed_by(Assessment, start, rules)
 
     def assessed_by(self, kind: type[A], start: float, rules: RulesetName | None = None) -> A:
-        """A new assessment of some kind, likewise."""
         return kind(
             self.setup.condition,
             start,
@@ -143,11 +111,6 @@ class RunRecord:
 
 
 def demand_record(records: Mapping[str, object], path: Path) -> None:
-    """A bag with these metadata records is of a run.
-
-    Raises:
-        MadrobError: it is of none.
-    """
     if RECORD_NAME not in records:
         raise MadrobError(f"{path}: a bag without a MADROB run cannot be replayed")
 
@@ -162,14 +125,9 @@ _NOT_A_WORD = re.compile(r"[\W_]+")
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """Something that happened in a run.
+    """Something that happened in a run; `name` as in file names, `time` in s since the epoch.
 
-    Attributes:
-        name: as it stands in file names.
-        words: what happened, for people.
-        time: s since the epoch.
-        since_start: s since the start of the run.
-        logged: its time is a log time, as the referee's marks have it; else the testbed's.
+    `logged`: a log time, as for the referee's marks; else the testbed's time.
     """
 
     name: str
@@ -180,14 +138,10 @@ class Moment:
 
 
 def moments_of(events: Sequence[tuple[str, float]], run: Run, start: float) -> tuple[Moment, ...]:
-    """What happened in a run, by time; of very many events the first and the last.
+    """The moments of a run by time; of very many events the first and the last.
 
-    Events, incidents, false starts, and the instants that protests are about.
-
-    Args:
-        events: their names as EUROBENCH has them, and when they were, s since the epoch.
-        run: what the referee marked.
-        start: of the run, s since the epoch.
+    These are events, incidents, false starts, and the instants of protests. `events` are
+    EUROBENCH's names and times, s since the epoch, as is `start`.
     """
     if len(events) > 2 * _MOST_EVENTS:
         events = (*events[:_MOST_EVENTS], *events[-_MOST_EVENTS:])
@@ -209,18 +163,11 @@ def moments_of(events: Sequence[tuple[str, float]], run: Run, start: float) -> t
 def moments_called(
     text: str, events: Sequence[tuple[str, float]], run: Run, start: float
 ) -> tuple[Moment, ...]:
-    """What somebody means by a time or by what happened, the earliest first.
+    """The moments that somebody means by a time or a name, the earliest first.
 
-    Args:
-        text: seconds from the start (`12.5`, `1:05`), `start`, `stop`, `protest` (the instant in
-            question of the one that is open, else of the last), or what happened, as files or
-            screens have it: `door_opens`, `Door opens`, `protest 1`.
-        events: as for `moments_of`.
-        run: as there.
-        start: as there.
-
-    Raises:
-        MadrobError: nothing of this run is called so; the message has what is.
+    `text` is seconds from the start (`12.5`, `1:05`), `start`, `stop`, `protest` (the instant in
+    question of the open one, else of the last), or an event as in files or on screens:
+    `door_opens`, `Door opens`, `protest 1`. The rest is as for `moments_of`.
     """
     if (typed := seconds_of(text)) is not None:
         # a file name keeps no sign
@@ -238,7 +185,7 @@ def moments_called(
 
 
 def _named(events: Sequence[tuple[str, float]], run: Run, start: float) -> Iterator[Moment]:
-    """Whatever has a name: what happened, the run's ends, a protest without an instant, too."""
+    """Also the run's ends and a protest without an instant."""
     yield Moment("start", "start", start, 0.0)
     if run.stop is not None:
         yield Moment("stop", "stop", run.stop, run.stop - start)
@@ -256,5 +203,4 @@ def _called(moment: Moment) -> Iterable[str]:
 
 
 def _key(text: str) -> str:
-    """What is left where case, blanks and underscores do not matter."""
     return _NOT_A_WORD.sub(" ", text.casefold()).strip()

@@ -49,15 +49,10 @@ A = TypeVar("A", bound=Assessment)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedRun:
-    """What a bag and its journal say of a run, before scoring.
+    """A bag and its journal, before scoring.
 
-    Attributes:
-        bag: the recording.
-        record: what was set, as it was corrected.
-        recorded_as: what was set when it was recorded.
-        entries: the journal.
-        run: the state after all of it.
-        remarks: what could not be read, in words.
+    `record` is what was set, as corrected; `recorded_as` what was set when it was recorded; `run`
+    the state after all of the journal; `remarks` what could not be read.
     """
 
     bag: Bag
@@ -70,14 +65,7 @@ class RecordedRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenedRun:
-    """A run of the results folder, read back: where it stands, and its data.
-
-    Attributes:
-        folder: where it lies.
-        recorded: what bag and journal say.
-        assessment: fed with its samples.
-        out_of_date: there is no result on disk, or it is not what the journal says.
-    """
+    """A run read back, with its samples; `out_of_date`: its result is missing or disagrees."""
 
     folder: Path
     recorded: RecordedRun
@@ -87,14 +75,7 @@ class OpenedRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scored:
-    """A scored run.
-
-    Attributes:
-        record: what was set.
-        run: its state, with what the referee said.
-        result: what the sensors and the referee make of it.
-        rows: the pre-processed data behind the result, cut to the run.
-    """
+    """A scored run; `rows` is the pre-processed data, cut to the run."""
 
     record: RunRecord
     run: Run
@@ -103,34 +84,22 @@ class Scored:
 
     @property
     def flags(self) -> tuple[Flag, ...]:
-        """What a decision on the run hangs on, the heaviest first."""
         result = self.result
         source, remarks = self.record.source, result.quality.remarks
         return flags(self.run, result.steps, source, remarks, result.indicators)
 
     @classmethod
     def of(cls, record: RunRecord, run: Run, assessment: Assessment) -> Scored:
-        """Score a run that is over.
-
-        Args:
-            record: what was set.
-            run: its state after everything that was said of it.
-            assessment: fed with all of its samples.
-        """
+        """Score a run that is over; `assessment` has all of its samples."""
         return cls(record, run, *assessment.result(run.ending, run.rulings, run.remarks()))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoredPath:
-    """The result of one run on disk, and the data behind it.
+    """The result of one run on disk, and the data behind it, cut to the run.
 
-    Attributes:
-        path: the bag or folder; of a published run, the folder and how its files begin.
-        result: by the ruleset that was asked for.
-        rows: cut to the run.
-        condition: of the run.
-        label: whose run it is.
-        flags: what a decision on the run hangs on; of EUROBENCH's files, whether it was practice.
+    `path` is the bag or folder; of a published run, the folder and how its files begin. `flags`
+    of EUROBENCH's files only say whether it was practice.
     """
 
     path: Path
@@ -144,13 +113,7 @@ class ScoredPath:
 def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[ScoredPath, ...]:
     """Score one run by each of some rulesets; it is read only once.
 
-    Args:
-        run: what to score.
-        rules: the rulesets; None = that of the run; `protocol` for EUROBENCH files whose run
-            info names none.
-
-    Raises:
-        MadrobError: it cannot be scored; the message names path and remedy.
+    None = the ruleset of the run; `protocol` for EUROBENCH files whose run info names none.
     """
     found: list[tuple[Flag, ...]]
     with _naming(run.path):
@@ -176,7 +139,6 @@ def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[Scored
 
 
 def _flags_told(published: EurobenchRun) -> tuple[Flag, ...]:
-    """What the run info of files that were written by this program says of their run."""
     settings = published.run_info.get("settings")
     if not isinstance(settings, dict):
         return ()
@@ -185,11 +147,7 @@ def _flags_told(published: EurobenchRun) -> tuple[Flag, ...]:
 
 
 def score_recording(path: Path, rules: Sequence[RulesetName | None] = (None,)) -> list[Scored]:
-    """Score a bag or a run folder by each of some rulesets (None = the run's).
-
-    Raises:
-        MadrobError: it cannot be scored; the message names path and remedy.
-    """
+    """As `score_run`, of a bag or a run folder."""
     with _naming(path):
         recorded = read_recorded_run(path)
         return [
@@ -199,11 +157,7 @@ def score_recording(path: Path, rules: Sequence[RulesetName | None] = (None,)) -
 
 
 def score_with_series(path: Path, rules: RulesetName | None) -> tuple[Scored, WholeSeries]:
-    """Score a bag or a run folder, with all that its sensors said.
-
-    Raises:
-        MadrobError: it cannot be scored; the message names path and remedy.
-    """
+    """As `score_recording`, with all that its sensors said."""
     with _naming(path):
         recorded = read_recorded_run(path)
         run = recorded.run
@@ -213,21 +167,12 @@ def score_with_series(path: Path, rules: RulesetName | None) -> tuple[Scored, Wh
 
 
 def score_opened(path: Path) -> Scored:
-    """Score a run folder or bag again, with what its stored result says of the data.
-
-    Raises:
-        MadrobError: it cannot be read; the message names path and remedy.
-    """
     opened = open_run(path)
     return Scored.of(opened.recorded.record, opened.recorded.run, opened.assessment)
 
 
 def score_once(path: Path) -> Scored:
-    """As `score_opened`, and again only where result or journal of the run have changed since.
-
-    Raises:
-        MadrobError: it cannot be read; the message names path and remedy.
-    """
+    """As `score_opened`, cached until result or journal of the run change."""
     return _score_as_of(path, *(stamp_of(f"{path}/{name}") for name in (RESULT_FILE, JOURNAL_FILE)))
 
 
@@ -238,7 +183,7 @@ def _score_as_of(path: Path, *_stamps: Stamp | None) -> Scored:
 
 @contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """Turn what reading a run raises into a `MadrobError` that names its path."""
+    """Any error becomes a `MadrobError` that names the path."""
     try:
         yield
     except (MadrobError, RecorderError, ScoringError) as error:
@@ -254,14 +199,10 @@ def _naming(path: Path) -> Iterator[None]:
 
 
 def read_recorded_run(path: Path) -> RecordedRun:
-    """Read what a bag or a run folder says of its run.
+    """Read what a bag or a run folder says of its run; a run that goes on is refused.
 
-    The journal file of a run folder comes first, it also tells what the referee said after the
-    recording; without it the journal in the bag is used.
-
-    Raises:
-        MadrobError: no run is recorded there, it is damaged, or it goes on.
-        RecorderError: there is no bag.
+    The journal file comes first, which also has what the referee said after the recording;
+    without it the journal in the bag is used. RecorderError if there is no bag.
     """
     _refuse_unfinished(path)
     bag = read_bag(path)
@@ -303,7 +244,6 @@ def _journal_in(bag: Bag) -> Iterable[Entry]:
 
 
 def _refuse_unfinished(path: Path) -> None:
-    """Refuse a run that an engine records: it would be taken for one that was cut off."""
     with suppress(OSError):  # reading the bag says what is wrong
         folder = path if path.is_dir() else path.parent
         if not (folder / RESULT_FILE).exists() and is_held(folder / JOURNAL_FILE):
@@ -313,24 +253,16 @@ def _refuse_unfinished(path: Path) -> None:
 
 
 def _refuse_unusable_journal(folder: Path) -> None:
-    """Refuse to go on with a journal that would be written on without having been read."""
+    """Refuse a journal that would be appended to without having been read."""
     with suppress(FileNotFoundError):
         read_run_journal(folder)
 
 
 def assess_recording(folder: Path, record: RunRecord, run: Run, *, stored: bool) -> Assessment:
-    """Follow the recording of a run that is known once more, to the end of its bag.
+    """Assess a known run's recording again, to the end of its bag.
 
-    Its journal is not read: an engine writes it.
-
-    Args:
-        folder: of the run; nobody records into it any more.
-        record: what was set.
-        run: its state.
-        stored: keep what its stored result says of the data and the bag cannot tell.
-
-    Raises:
-        MadrobError: it cannot be read; the message names path and remedy.
+    Its journal is not read, since an engine writes it. `stored` keeps what the stored result says
+    of the data and the bag cannot tell. Nobody may record into the folder any more.
     """
     with _naming(folder):
         recorded = RecordedRun(read_bag(folder), record, record, (), run, ())
@@ -341,12 +273,9 @@ def assess_recording(folder: Path, record: RunRecord, run: Run, *, stored: bool)
 
 
 def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None], kind: type[A]) -> list[A]:
-    """Follow a recorded run once more, to the end of its bag, by each of some rulesets.
+    """Assess a recorded run to the end of its bag, by each of some rulesets.
 
-    None among them is the one by which it was re-issued last, else the one that was set.
-
-    Raises:
-        RecorderError: the bag cannot be read.
+    None = the ruleset of its last re-issue, else the one that was set.
     """
     load_filters()
     run, record, bag = recorded.run, recorded.record, recorded.bag
@@ -369,7 +298,7 @@ def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None], kind: ty
 
 
 def report_bag(assessment: LiveAssessment, recorded: RecordedRun) -> None:
-    """What is wrong with a recording, once it was read to its end, stands in the result."""
+    """Adds what is wrong with a recording, once it is read, to the result."""
     for remark in recorded.remarks:
         assessment.report_problem(remark)
     if recorded.bag.problem is not None:
@@ -379,9 +308,9 @@ def report_bag(assessment: LiveAssessment, recorded: RecordedRun) -> None:
 
 
 def _lost_steps(assessment: LiveAssessment, recorded: RecordedRun) -> str | None:
-    """What completed a run, but is not in its torn bag, in words; None = all of it is.
+    """What completed a run but is not in its torn bag; None = all of it is.
 
-    A line of the journal is on disk at once, what it was decided by up to half a second later.
+    A line of the journal is on disk at once, the samples behind it up to half a second later.
     """
     run, entries = recorded.run, recorded.entries
     if run.outcome is not Outcome.COMPLETED:
@@ -401,15 +330,7 @@ def _lost_steps(assessment: LiveAssessment, recorded: RecordedRun) -> str | None
 
 
 def open_run(folder: Path, rules: RulesetName | None = None) -> OpenedRun:
-    """Read a run of the results folder, to look at it and to go on with it.
-
-    Args:
-        folder: of the run.
-        rules: the ruleset; None = that of its result.
-
-    Raises:
-        MadrobError: it cannot be read; the message names path and remedy.
-    """
+    """Read a run, to look at it and to go on with it; `rules` None = those of its result."""
     with _naming(folder):
         _refuse_unusable_journal(folder)
         recorded = read_recorded_run(folder)
@@ -437,5 +358,4 @@ def keep_stored_remarks(assessment: LiveAssessment, run: Run, folder: Path) -> N
 
 
 def _of_the_moment(remark: str) -> bool:
-    """Whether a remark follows from the ruleset, or what the referee has decided up to now."""
     return remark.startswith((*DECISION_REMARKS, BY_THE_RULES)) or remark.endswith(AGAINST_OPENING)

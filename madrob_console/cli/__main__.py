@@ -8,11 +8,10 @@ import signal
 import sys
 
 REFUSED = 255
-"""Exit code of `run_madrob` for what cannot be scored: -1, as a shell has it."""
+"""Exit code of `run_madrob` for a run that cannot be scored: -1, as a shell shows it."""
 
 
 def main() -> int:
-    """Run `madrob`; returns the exit code."""
     stopped: list[int] = []
     atexit.register(_die, stopped)  # the first that is registered comes last
     try:
@@ -41,7 +40,7 @@ def run_madrob() -> int:
 
 
 def _die(stopped: list[int]) -> None:
-    """Die of the signal, which shells call 130: a script that called this stops, too."""
+    """Die of the signal (shells report 130), so that a calling script stops, too."""
     if stopped:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

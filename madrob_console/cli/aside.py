@@ -18,14 +18,14 @@ from typing import NoReturn
 from madrob_console.engine.reports import OLDER, PAGE, RENEW, REPAIR
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.cli.aside")
-"""What a process is started with that does such work."""
+"""Command line that starts a process for such work."""
 
 NICENESS = 10
-"""Added to the niceness of who starts it: the engine, a run, a screen come first."""
+"""Added to the niceness of the caller: the engine, a run, a screen come first."""
 
 
 def main() -> int:
-    """Work with low priority; a TERM leaves no half file behind; returns the exit code."""
+    """Work with low priority; SIGTERM leaves no half-written file behind."""
     signal.signal(signal.SIGTERM, _end)
     os.nice(NICENESS)
     if sys.argv[1:2] == [PAGE]:
@@ -43,10 +43,7 @@ def main() -> int:
 
 
 def _page(file: Path) -> None:
-    """Write a report without reading and scoring the run again, and without SciPy and pandas.
-
-    What its cameras saw is found and decoded here: whatever they sent, it costs this process.
-    """
+    """Write a report without reading and scoring the run again, and without SciPy and pandas."""
     from madrob_console.cli.output import BAD_INPUT, complain
     from madrob_console.cli.repairing import write_report
     from madrob_console.common.errors import MadrobError

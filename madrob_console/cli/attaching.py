@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from madrob_console.engine.client import RemoteEngine
 
 STARTING_TIME = 30.0
-"""An engine that is not there after this time will not come, s."""
+"""Timeout for an engine to appear after its start, s."""
 
 TAKEN = 75
-"""Exit code of an engine that finds its testbed's engine running; EX_TEMPFAIL of sysexits."""
+"""Exit code of an engine whose testbed already has one; EX_TEMPFAIL of sysexits."""
 
 _ANSWERING_TIME = 5.0
-"""An engine that has not said who it is after this time has hung, s."""
+"""Timeout for an engine to identify itself, after which it counts as hung, s."""
 
 _PERIOD = 0.02
 
@@ -46,7 +46,6 @@ _NOTHING_TO_WATCH = (
 
 
 def who_am_i() -> str:
-    """This console, for the people at the others."""
     try:
         user = getpass.getuser()
     except (OSError, KeyError):  # a user without a name
@@ -56,11 +55,7 @@ def who_am_i() -> str:
 
 
 def owned_testbed(arguments: argparse.Namespace, settings: Settings) -> Owned:
-    """What the engine of the testbed owns: the same words, the same names.
-
-    Raises:
-        MadrobError: speed, latency or jitter cannot be set on this testbed.
-    """
+    """Names that the testbed's engine owns; the same command line gives the same names."""
     named = arguments.testbed or [settings.testbed.kind or SourceKind.ROS]
     kind = SourceKind(named[0])
     results = options.results_folder(arguments, settings).resolve()
@@ -86,11 +81,7 @@ def owned_testbed(arguments: argparse.Namespace, settings: Settings) -> Owned:
 
 
 def attach(arguments: argparse.Namespace, settings: Settings, role: Role) -> RemoteEngine:
-    """Attach to the engine; a referee's console starts it where none runs.
-
-    Raises:
-        MadrobError: there is none and none can be started; the message says why.
-    """
+    """Attach to the engine; a referee's console starts it where none runs."""
     owned = owned_testbed(arguments, settings)
     who = who_am_i()
     if (engine := _running(owned, role, who)) is not None:
@@ -111,22 +102,12 @@ def attach(arguments: argparse.Namespace, settings: Settings, role: Role) -> Rem
 
 
 def demand_engine(arguments: argparse.Namespace, settings: Settings) -> None:
-    """There is an engine of the testbed, or something that looks like one.
-
-    Raises:
-        MadrobError: nothing of the kind runs.
-    """
     owned = owned_testbed(arguments, settings)
     if _found(owned) is None and not _listens(place_of(owned).socket):
         raise MadrobError(_NOTHING_TO_WATCH)
 
 
 def _running(owned: Owned, role: Role, who: str) -> RemoteEngine | None:
-    """The engine that has the testbed, wherever its socket lies; None where there is none.
-
-    Raises:
-        MadrobError: there is one that cannot be used; the message says why and what to do.
-    """
     from madrob_console.engine.client import RemoteEngine
 
     end = time.monotonic() + STARTING_TIME
@@ -144,24 +125,19 @@ def _running(owned: Owned, role: Role, who: str) -> RemoteEngine | None:
 
 
 def _found(owned: Owned) -> FoundEngine | None:
-    """The engine that has the testbed's name; None where nobody or another user has it."""
     with suppress(MadrobError):
         return found_at(owned.testbed, _ANSWERING_TIME)
     return None
 
 
 def _listens(path: Path) -> bool:
-    """Whether somebody listens on a socket: an engine may have no other name."""
+    """Whether a process listens on a socket: an engine may hold no other name."""
     with socket.socket(socket.AF_UNIX) as connection:
         return connection.connect_ex(str(path)) == 0
 
 
 def _socket_of(found: FoundEngine) -> Path | None:
-    """Where screens attach to an engine; None: nowhere yet.
-
-    Raises:
-        MadrobError: it takes none, or does not answer.
-    """
+    """Socket on which an engine accepts screens; None: not yet; MadrobError: it accepts none."""
     presence = found.presence
     ends_it = found.end_words
     if presence is None:
@@ -182,7 +158,6 @@ def _socket_of(found: FoundEngine) -> Path | None:
 
 
 def _not_yet(found: FoundEngine) -> str:
-    """Why no screen can attach to an engine that answers."""
     if found.presence is not None and found.presence.phase == ENDING:
         return "is ending and not gone yet: a disk may hold it up"
     return "has no socket for screens yet"
@@ -191,7 +166,7 @@ def _not_yet(found: FoundEngine) -> str:
 def _checked(
     engine: RemoteEngine, arguments: argparse.Namespace, settings: Settings
 ) -> RemoteEngine:
-    """An engine that keeps its runs elsewhere is not the one that was meant."""
+    """Refuse an engine that keeps its runs in another folder than the one that was meant."""
     wanted = options.results_folder(arguments, settings)
     named = arguments.testbed and arguments.testbed[0] == SourceKind.REPLAY
     if not named and engine.results.resolve() != wanted.resolve():
@@ -229,7 +204,6 @@ def _start(arguments: argparse.Namespace, place: Place) -> subprocess.Popen[byte
 
 
 def engine_options(arguments: argparse.Namespace) -> list[str]:
-    """The options of the engine: testbed and lists, as they were given."""
     words: list[str] = []
     names = (*options.SIMULATION, "domain", "results", "settings")
     for name in (*names, "teams", "plan", "idle_time"):
@@ -244,12 +218,10 @@ def engine_options(arguments: argparse.Namespace) -> list[str]:
 
 
 def ros_words(arguments: argparse.Namespace) -> list[str]:
-    """The arguments of ROS as they were given, behind all others."""
     return ["--ros-args", *arguments.ros_args] if arguments.ros_args else []
 
 
 def _last_words(place: Place) -> str:
-    """Why the engine ended, as it said itself."""
     try:
         lines = place.log.read_text(errors="replace").strip().splitlines()
     except OSError:

@@ -28,13 +28,12 @@ if TYPE_CHECKING:
     from madrob_console.pages.competition import CompetitionStandings
 
 DEFAULT_BACKEND = "loky"
-"""joblib's own processes."""
 
 WORTH_A_PROCESS = 10
-"""By default a process gets at least this many items: it needs a second to get ready."""
+"""By default a process gets at least this many items: it needs a second to start."""
 
 _BLOCK = 256
-"""Items handed at once to a backend that does not give results as they come."""
+"""Items handed at once to a backend that does not return results one by one."""
 
 _Item = TypeVar("_Item")
 _Done = TypeVar("_Done")
@@ -46,19 +45,12 @@ def in_order(
     jobs: int | None = None,
     backend: str | None = None,
 ) -> Generator[_Done, None, None]:
-    """Do the work on every item; what comes of it, in the order of the items, as it gets ready.
+    """Do the work on every item; yield the results in the order of the items, as they get ready.
 
-    Few items, or one job, are worked on here, without joblib. Closed, it ends what still works.
-
-    Args:
-        work: what to do; it must be importable by name, and so must what it takes and gives.
-        items: on what.
-        jobs: how many at once; None = as many as there are cores and enough to do, or as the
-            backend has.
-        backend: joblib's name of it; None = processes on this machine.
-
-    Raises:
-        MadrobError: joblib knows no such backend, it does not start, or a process died.
+    Few items, or one job, are worked on in this process, without joblib. Closing the generator
+    ends the work in progress. `work`, its argument and its result must be importable by name.
+    `jobs` None = as many as there are cores and enough to do, or as the backend has. `backend` is
+    joblib's name of it; None = processes on this machine.
     """
     here = backend is None and jobs is None and _worthwhile(items) == 1
     if len(items) < 2 or jobs == 1 or here:
@@ -67,7 +59,6 @@ def in_order(
 
 
 def _worthwhile(items: Sequence[object]) -> int:
-    """How many processes have enough to do."""
     return max(1, len(items) // WORTH_A_PROCESS)
 
 
@@ -117,7 +108,6 @@ def _results(
 
 
 def add(parser: argparse.ArgumentParser, done: str) -> None:
-    """How the work is shared; `done` is what is done with the runs."""
     options.add_jobs(parser, done)
     parser.add_argument(
         "--scheduler",
@@ -147,7 +137,6 @@ def _shard(text: str) -> Shard:
 
 
 def runs_of(arguments: argparse.Namespace) -> list[RunPath]:
-    """The runs at the paths that are named, of the shard; options that contradict end it."""
     from madrob_console.archive.folders import all_runs_at, shared_out
 
     if arguments.scheduler is not None:
@@ -172,17 +161,11 @@ def shared(
     *,
     at_once: int | None = None,
 ) -> Generator[_Done, None, None]:
-    """Do the work on every run, where the arguments say; what comes of it, in order.
+    """Do the work on every run, where the arguments say; yield the results in order.
 
-    Args:
-        arguments: of the command.
-        work: what to do; it must be importable by name, and so must what it takes and gives.
-        runs: on what.
-        lost: what stands for a run that no worker of a cluster survives, from why, in words.
-        at_once: of what comes of them so many are in memory; None = they are small.
-
-    Raises:
-        MadrobError: the processes or the cluster cannot be used.
+    `work`, its argument and its result must be importable by name. `lost` makes the result of a run
+    that no worker of a cluster survives. `at_once` limits the results in memory; None = they are
+    small.
     """
     if arguments.scheduler is None or not runs:
         jobs, backend = arguments.jobs, arguments.backend
@@ -207,7 +190,6 @@ def _one_by_one(
 
 
 def lost_words(run: RunPath, why: str) -> str:
-    """What is said of a run that no worker survives."""
     return f"{run.name}: cannot be scored: {why}"
 
 
@@ -215,7 +197,6 @@ def lost_words(run: RunPath, why: str) -> str:
 
 
 def add_which_runs(parser: argparse.ArgumentParser) -> None:
-    """Which runs stand beside each other."""
     parser.add_argument(
         "--best",
         type=whole_within(0),
@@ -232,7 +213,6 @@ def add_which_runs(parser: argparse.ArgumentParser) -> None:
 def standings(
     arguments: argparse.Namespace, settings: Settings, collection: Collection
 ) -> CompetitionStandings:
-    """The standings of them."""
     from madrob_console.pages.competition import competition_standings
 
     chosen: int | None = arguments.best
@@ -248,25 +228,19 @@ def standings(
 
 
 def name_practice_alone(found: CompetitionStandings, collection: Collection) -> None:
-    """Say so where official runs were asked for and there is practice only."""
+    """Print a note where official runs were asked for and there is practice only."""
     practice = sum(run.practice for run in collection.runs)
     if found.official and practice and not any(run.official for run in collection.runs):
         complain(f"note: no official run, {practice} of practice: --practice shows them")
 
 
 def demand_results(arguments: argparse.Namespace, settings: Settings) -> None:
-    """Where no paths are named there is a results folder.
-
-    Raises:
-        MadrobError: there is none.
-    """
     results = results_folder(arguments, settings)
     if not arguments.paths and not results.is_dir():
         raise MadrobError(f"{results}: no such results folder; name one with --results")
 
 
 def named_places(arguments: argparse.Namespace, settings: Settings) -> list[str]:
-    """The options that name the results folder, the settings and the teams to another command."""
     where = [f"--results={results_folder(arguments, settings)}"]
     if arguments.settings is not None:
         where.append(f"--settings={arguments.settings}")
@@ -276,7 +250,7 @@ def named_places(arguments: argparse.Namespace, settings: Settings) -> list[str]
 
 
 def site_arguments(arguments: argparse.Namespace, settings: Settings) -> list[str]:
-    """Those of `madrob publish` after each result; none where nobody wants it."""
+    """Arguments of `madrob publish` after each result; empty where it is not wanted."""
     if not settings.results.publish:
         return []
     plan: Path | None = getattr(arguments, "plan", None)  # `madrob run` takes the settings'
@@ -294,11 +268,7 @@ _ONE = ("run", "rest", "weight")
 
 
 def find_runs(arguments: argparse.Namespace) -> None:
-    """Put the path of each run in the place of its name, in whatever takes runs.
-
-    Raises:
-        MadrobError: two runs are called so, or the settings cannot be read that say where they are.
-    """
+    """Replace the names of runs by their paths in all arguments that take runs."""
     for name in _ONE:
         if isinstance(named := getattr(arguments, name, None), Path):
             setattr(arguments, name, _found(named, arguments))
@@ -310,7 +280,7 @@ def find_runs(arguments: argparse.Namespace) -> None:
 
 
 def _found(named: Path, arguments: argparse.Namespace) -> Path:
-    """What is there stays as it is, and so does what is no name of a run."""
+    """An existing path, or one that is no run name, is returned unchanged."""
     from madrob_console.archive.folders import PRACTICE_FOLDER, parse_folder_name
 
     named = named.expanduser()

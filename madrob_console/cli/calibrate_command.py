@@ -25,7 +25,6 @@ it: its folder holds the recording. Topics, types and units are those of the set
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "calibrate",
@@ -114,7 +113,6 @@ def _note_problems(recordings: Iterable[CalibrationRecording]) -> None:
 
 
 def _propose(toml: str, output: Path | None) -> int:
-    """Print the settings, and keep them in a file if one is named."""
     from madrob_console.common.files import atomic_write
 
     if output is not None:

@@ -23,14 +23,13 @@ if TYPE_CHECKING:
     from scoring.libraries import Libraries
 
 ANSWERS_WITHIN = 10.0
-"""A scheduler that does not is none, s."""
+"""Timeout for the scheduler to answer, s."""
 
 _AHEAD, _LEAST_AHEAD = 4, 256
-"""Items that are handed out at once: so many for each thread that there is, and so many in all,
-from which a cluster that adapts sees that it is too small."""
+"""Items handed out at once: per thread, and in all, which tells an adaptive cluster to grow."""
 
 _LOOK = 10.0
-"""While nothing is done the workers are counted so often, s."""
+"""Interval at which workers are counted while no item finishes, s."""
 
 _CANCELLED = (asyncio.CancelledError, concurrent.futures.CancelledError)
 
@@ -40,13 +39,7 @@ _Done = TypeVar("_Done")
 
 @dataclass(frozen=True, slots=True)
 class WorkerFacts:
-    """What a worker of a cluster says of itself.
-
-    Attributes:
-        software: this program's version there.
-        libraries: what computes there.
-        unseen: those of the paths that it was asked for and does not see.
-    """
+    """What a worker of a cluster reports of itself; `unseen` are paths that it does not see."""
 
     software: str
     libraries: Libraries
@@ -54,7 +47,6 @@ class WorkerFacts:
 
 
 def worker_facts(paths: Sequence[str]) -> WorkerFacts:
-    """What there is where it is called, and which of the paths are not."""
     from madrob_console.common.version import software_version
     from scoring.libraries import libraries_here
 
@@ -64,13 +56,7 @@ def worker_facts(paths: Sequence[str]) -> WorkerFacts:
 
 @dataclass(frozen=True, slots=True)
 class _Answer(Generic[_Done]):
-    """What comes of an item.
-
-    Attributes:
-        worker: that had it.
-        facts: what the worker says of itself.
-        done: what came of it; nothing where the worker does not fit.
-    """
+    """A worker's answer; `done` is empty where the worker does not fit."""
 
     worker: str
     facts: WorkerFacts
@@ -80,7 +66,7 @@ class _Answer(Generic[_Done]):
 def answer_of(
     work: Callable[[_Item], _Done], item: _Item, here: WorkerFacts
 ) -> _Answer[_Done | None]:
-    """Do the work on an item, on a worker that is as what is here."""
+    """Do the work on an item, if the worker has the same software as `here`."""
     from distributed import get_worker
 
     facts = worker_facts(())
@@ -97,19 +83,13 @@ def on_cluster(
     *,
     at_once: int | None = None,
 ) -> Generator[_Done, None, None]:
-    """Do the work on every item; what comes of it, in the order of the items, as it gets ready.
+    """Do the work on every item; yield the results in the order of the items, as they get ready.
 
-    What a worker that dies had in hand is given to others, and so is what one with other versions
-    got: it may have joined late. An item that takes worker after worker with it is tried once more
-    without any other beside it, and then given up. Closed, it cancels what still works.
-
-    Args:
-        work: what to do; it must be importable by name on the workers.
-        items: on what.
-        address: of the scheduler.
-        paths: which the workers must see.
-        lost: what stands for an item that is given up, from why, in words.
-        at_once: no more than so many are out or in memory; None = as many as keep it busy.
+    Items of a worker that dies go to others, and so do those of a worker with other versions, which
+    may have joined late. An item on which worker after worker dies is tried once more alone, and
+    then given up: `lost` makes its result from the reason in words. Closing the generator cancels
+    the work in progress. `work` must be importable by name on the workers, which must see `paths`.
+    `at_once` limits the items handed out or in memory; None = as many as keep the cluster busy.
 
     Raises:
         MadrobError: `distributed` is not installed, the scheduler does not answer or goes away, or
@@ -124,8 +104,6 @@ def on_cluster(
 
 
 class _Spread(Generic[_Item, _Done]):
-    """Items that are handed out, and what comes of them."""
-
     def __init__(
         self,
         client: Client,
@@ -143,7 +121,7 @@ class _Spread(Generic[_Item, _Done]):
         self._misfits: dict[str, str] = {}
 
     def results(self, ahead: int) -> Iterator[_Done]:
-        """In the order of the items; no more than so many are handed out or ready at once."""
+        """Yield results in the order of the items; at most `ahead` are out or ready at once."""
         left = iter(range(len(self._items)))
         try:
             for number in range(len(self._items)):
@@ -184,7 +162,6 @@ class _Spread(Generic[_Item, _Done]):
             self._take(last=True)
 
     def _take(self, *, last: bool) -> None:
-        """Wait until something is done, and take it."""
         from distributed import wait
 
         try:
@@ -223,11 +200,6 @@ class _Spread(Generic[_Item, _Done]):
         del self._waiting[future]
 
     def _take_answer(self, number: int, answer: object) -> None:
-        """Take what came of an item, or give the item to a worker that fits.
-
-        Raises:
-            MadrobError: there is none.
-        """
         if not isinstance(answer, _Answer):
             raise MadrobError("a worker answers as no madrob-console does: install the same there")
         problem = _misfit(answer.worker, answer.facts)
@@ -261,11 +233,6 @@ def _connected(address: str) -> Iterator[Client]:
 
 
 async def _ask(address: str) -> None:
-    """Ask who is there.
-
-    Raises:
-        MadrobError: no scheduler.
-    """
     from distributed.core import rpc
     from distributed.security import Security
 
@@ -284,11 +251,6 @@ async def _ask(address: str) -> None:
 
 
 def _demand_fitting(client: Client, address: str, paths: Sequence[str]) -> None:
-    """There are workers, and each of them gives the same results here as there.
-
-    Raises:
-        MadrobError: one does not.
-    """
     try:
         client.wait_for_workers(1, timeout=ANSWERS_WITHIN)
     except TimeoutError:
@@ -314,7 +276,7 @@ def _demand_fitting(client: Client, address: str, paths: Sequence[str]) -> None:
 
 
 def _misfit(worker: str, facts: object) -> str | None:
-    """Why results of a worker are not those of this machine, in words; None = they are."""
+    """Why a worker's results would differ from this machine's, in words; None = they would not."""
     if not isinstance(facts, WorkerFacts):
         return f"worker {worker} does not say its versions: install the same madrob-console there"
     here = worker_facts(())

@@ -24,17 +24,13 @@ class Shell(StrEnum):
 
 
 Completer: TypeAlias = "dict[str, str | dict[str, str]]"
-"""What shtab takes for an option, by shell."""
+"""shtab's completion of an option, by shell."""
 
 
 def _first_word(name: str, words: Iterable[str], then: str, *, folders: bool = False) -> Completer:
-    """What comes after an option whose first word is one of some.
+    """Completion of an option whose first word is one of `words`; zsh then completes `then`.
 
-    Args:
-        name: of the shells' function for it.
-        words: the first word's.
-        then: what zsh is to complete after it.
-        folders: bash knows of one kind of word only: names folders there, too.
+    bash completes one kind of word only: with `folders` it completes folders there, too.
     """
     listed = " ".join(words)
     lines = [f'  compgen -W "{listed}" -- "$1"']
@@ -55,18 +51,17 @@ _SEVERAL_WORDS: dict[str, tuple[str, Completer]] = {
     "testbed": ("TESTBED", _first_word("testbed", SourceKind, ":bag:_files")),
     "write": ("RULESET", _first_word("write", RulesetName, "folder:_files -/", folders=True)),
 }
-"""By its name among the arguments, what is said of an option and what comes after it."""
+"""Metavar and completion of each option with several words, by its argument name."""
 
 _REPLAY = {
     Shell.BASH: "complete -o bashdefault -o default -F _shtab_madrob madrob",
     Shell.ZSH: "",  # it knows of a second word
     Shell.FISH: "complete -c madrob -n 'test (commandline -opc)[-1] = replay' -F",
 }
-"""What comes after `--testbed replay`: the path of a bag."""
+"""Completion after `--testbed replay`: the path of a bag."""
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "completion",
@@ -86,7 +81,7 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Print the script of a shell, made of the parser of all commands; TAB starts no program."""
+    """Print a shell's script, made from the parser of all commands; TAB starts no program."""
     import shtab
 
     from madrob_console.cli.main import build_parser

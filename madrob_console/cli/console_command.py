@@ -27,7 +27,6 @@ _FIRST_TIME = "No run yet. To practise: `madrob console --testbed simulated`. F1
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "console",
@@ -65,7 +64,6 @@ def add(commands: options.Commands) -> None:
 
 
 def add_look_options(parser: argparse.ArgumentParser) -> None:
-    """Who is on the screens and how they look."""
     options.add_teams(parser)
     options.add_plan(parser)
     options.add_choice(parser, "--theme", ThemeName, None, "colours; else setting `console.theme`")
@@ -77,7 +75,6 @@ def add_look_options(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Show the screens; the engine is a process behind them, started where none runs."""
     from madrob_console.engine.requests import Role
 
     begin_at: float | None = arguments.begin_at
@@ -104,12 +101,8 @@ def show(
 ) -> int:
     """Show the screens for a referee or for a spectator.
 
-    Args:
-        arguments: the command line.
-        role: what the screens are for.
-        begin_at: where a replay begins, s from the start of its run.
-        named: at which event it is shown instead, paused.
-        wall: show the wall display.
+    A replay begins at `begin_at`, s from the start of its run, or paused at the event `named`.
+    `wall` shows the wall display.
     """
     with imports_kept():
         from msgspec.structs import replace
@@ -163,13 +156,9 @@ def show(
 def _check_replay(
     arguments: argparse.Namespace, begin_at: float | None, named: str | None
 ) -> float | None:
-    """There is a run to be replayed, and it has that time.
+    """Check that a run can be replayed from there.
 
-    Returns:
-        Where it begins, s from the start of the run; None = where the recording does.
-
-    Raises:
-        MadrobError, RecorderError: it cannot be replayed, or not from there.
+    Returns the start of the replay, s from the start of the run; None = start of the recording.
     """
     from madrob_console.archive.run_record import demand_record
     from recorder.reader import read_bag
@@ -195,11 +184,7 @@ def _check_replay(
 
 
 def check_lists(client: EngineClient, arguments: argparse.Namespace, settings: Settings) -> None:
-    """The lists of teams and the plan are the engine's: others can only be named when it starts.
-
-    Raises:
-        MadrobError: it has others than the command line names.
-    """
+    """Refuse lists of teams or a plan other than the engine's, which are named when it starts."""
     snapshot = client.snapshot()
     if snapshot.playback is not None:
         return
@@ -220,16 +205,9 @@ def check_lists(client: EngineClient, arguments: argparse.Namespace, settings: S
 def _move(
     client: EngineClient, speed: float | None, begin_at: float | None, *, pause: bool = False
 ) -> None:
-    """Let a replay, which may be going on already, go as the command line says.
+    """Set speed, place and pause of a replay, which may already be playing.
 
-    Args:
-        client: the engine.
-        speed: None = as it goes.
-        begin_at: s from the start of its run; None = where it is.
-        pause: it stands still there.
-
-    Raises:
-        MadrobError: it cannot begin there.
+    `begin_at` is in s from the start of its run; None keeps the speed or the place.
     """
     from madrob_console.engine.requests import JumpTo, SetSpeed, Skip
 

@@ -50,19 +50,12 @@ def doctor(  # noqa: PLR0913  what it looks at
     lists: Callable[[], Iterator[Finding]] = lambda: iter(()),
     evidence: Callable[[], Iterator[Finding]] = lambda: iter(()),
 ) -> Iterator[Finding]:
-    """Look at everything the console needs, one after the other; never raises.
+    """Check everything the console needs, one after the other; never raises.
 
-    Args:
-        mappings: the configured topics.
-        results: the folder in which runs are kept.
-        domain: ROS domain; None = `ROS_DOMAIN_ID`, or 0.
-        disk_space: bytes that should be free.
-        listen: how long to listen to the testbed, s, once it is found; 0 = not. Looking for it
-            takes 3 s at most.
-        environment: environment variables.
-        services: what other programs of the ROS domain may call.
-        lists: looks at the competition's lists.
-        evidence: looks at what would be recorded beside the testbed's topics.
+    `domain` None = `ROS_DOMAIN_ID`, or 0. `disk_space` is in bytes. `listen` is how long to listen
+    to the testbed, s, once it is found; 0 = not. Looking for it takes 3 s at most. `services` are
+    what other programs of the ROS domain may call. `lists` and `evidence` check the competition's
+    lists and what would be recorded beside the testbed's topics.
     """
 
     def testbed() -> Iterator[Finding]:
@@ -89,17 +82,14 @@ def doctor(  # noqa: PLR0913  what it looks at
 
 
 def usable(findings: Sequence[Finding]) -> bool:
-    """Whether the console runs here."""
     return all(finding.severity is not Severity.ERROR for finding in findings)
 
 
 def line(finding: Finding) -> str:
-    """A finding as a line of plain text."""
     return f"{finding.severity.name.lower():7}  {finding.subject:{SUBJECT_WIDTH}}  {finding.text}"
 
 
 def verdict(findings: Sequence[Finding]) -> str:
-    """What all findings come to, as a line."""
     if not usable(findings):
         return "not usable: see the errors above"
     warnings = sum(finding.severity is Severity.WARNING for finding in findings)
@@ -107,7 +97,6 @@ def verdict(findings: Sequence[Finding]) -> str:
 
 
 def look_at_python() -> Iterator[Finding]:
-    """Python itself."""
     version = ".".join(map(str, sys.version_info[:3]))
     if sys.version_info[:2] < OLDEST_PYTHON:
         needed = ".".join(map(str, OLDEST_PYTHON))
@@ -117,10 +106,9 @@ def look_at_python() -> Iterator[Finding]:
 
 
 def look_at_packages(requirements: Sequence[str] | None) -> Iterator[Finding]:
-    """The libraries without which the console does not run.
+    """Check the libraries without which the console does not run.
 
-    Args:
-        requirements: as pyproject.toml has them (PEP 508), extras and all; None = nobody knows.
+    `requirements` are as in pyproject.toml (PEP 508), with extras; None = unknown.
     """
     if requirements is None:
         unknown = f"nothing says which are needed: install {DISTRIBUTION} to have them looked at"
@@ -148,7 +136,7 @@ def _missing(package: str) -> Finding:
 
 
 def _requirements() -> Sequence[str] | None:
-    """What this installation needs, or this source tree that is not installed."""
+    """Requirements of this installation, or of this source tree if it is not installed."""
     try:
         return metadata.requires(DISTRIBUTION)
     except metadata.PackageNotFoundError:
@@ -162,7 +150,6 @@ def _requirements() -> Sequence[str] | None:
 
 
 def look_at_results(folder: Path, disk_space: int) -> Iterator[Finding]:
-    """The results folder: whether it can be written, and how much fits."""
     place = next((place for place in (folder, *folder.parents) if place.exists()), folder)
     if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
         yield Finding(
@@ -179,7 +166,6 @@ def look_at_results(folder: Path, disk_space: int) -> Iterator[Finding]:
 
 
 def look_at_terminal(environment: Mapping[str, str]) -> Iterator[Finding]:
-    """The terminal: kind, colours, size, characters."""
     kind = environment.get("TERM", "")
     if not sys.stdout.isatty():
         yield Finding(Severity.OK, "terminal", "none: the output goes elsewhere")
@@ -232,7 +218,6 @@ def _safely(subject: str, check: Callable[[], Iterator[Finding]]) -> list[Findin
 
 
 def look_at_lists(teams: TeamSource, plan: PlanSource) -> Iterator[Finding]:
-    """Whether all of both lists can be used, and whether they know the same teams."""
     listed, planned = teams.read(), plan.read()
     for name, problems in (("teams", listed.problems), ("plan", planned.problems)):
         yield from (Finding(Severity.WARNING, name, problem) for problem in problems)
@@ -255,7 +240,7 @@ def look_at_lists(teams: TeamSource, plan: PlanSource) -> Iterator[Finding]:
 
 AS_A_SERVICE = "run it as a service (`madrob engine unit`)"
 _CONFIGURED = ("etc/systemd", "run/systemd", "usr/local/lib/systemd", "usr/lib/systemd")
-"""Where logind's settings lie; the first one with a file of some name has it."""
+"""Folders of logind's settings; of files with the same name the first folder's counts."""
 
 _PATIENCE = 3.0
 _ASK_LOGIND = (
@@ -264,11 +249,10 @@ _ASK_LOGIND = (
 )
 
 RunCommand = Callable[[Sequence[str]], str | None]
-"""Runs a command; what it prints, None where that is not possible."""
+"""Runs a command and returns its output; None where that is not possible."""
 
 
 def answer_of(command: Sequence[str]) -> str | None:
-    """What a command prints; None where there is none, or it fails, or takes too long."""
     try:
         done = subprocess.run(
             command, capture_output=True, text=True, check=True, timeout=_PATIENCE
@@ -281,13 +265,7 @@ def answer_of(command: Sequence[str]) -> str | None:
 def look_at_session(
     environment: Mapping[str, str], root: Path = Path("/"), ask: RunCommand = answer_of
 ) -> Iterator[Finding]:
-    """Where the socket lies, and what ends an engine when its user logs out.
-
-    Args:
-        environment: environment variables.
-        root: where the system's files are.
-        ask: asks the running system.
-    """
+    """Check where the socket lies, and what ends an engine when its user logs out."""
     managed = (root / "run/systemd/system").is_dir()
     yield _socket(environment, managed=managed)
     if not managed:
@@ -341,10 +319,10 @@ def _log_out(kills: bool | None) -> Finding:
 
 
 def kills_processes(user: str, root: Path, ask: RunCommand) -> bool | None:
-    """Whether a log-out ends what a user started; None where nothing tells.
+    """Whether a log-out ends the user's processes; None if unknown.
 
-    What logind itself says comes first, then its settings; a build of systemd may have another
-    default, which stands nowhere.
+    logind's own answer comes first, then its settings. The default that a build of systemd may have
+    changed stands nowhere.
     """
     settings = _logind_settings(root)
     if user in settings.get("killexcludeusers", "root").split():
@@ -392,16 +370,16 @@ def _user() -> str:
 
 
 LISTENS = 4.0
-"""So long it listens once it has found something, s."""
+"""Listening time once a topic is found, s."""
 
 PATIENCE = 10.0
-"""So long it looks for topics that are not seen yet, s: on a busy machine some take as long."""
+"""Timeout for topics that are not seen yet, s: on a busy machine some take as long."""
 
 _LOOK_PERIOD, _REST = 0.5, 0.02
 _HOUR = 3600.0
 
 _LARGE = 100_000
-"""Mean bytes of messages that are easily lost: Fast DDS hands over 512 kB at once."""
+"""Mean size of messages that are easily lost, bytes: Fast DDS hands over 512 kB at once."""
 
 
 def look_at_evidence(
@@ -412,15 +390,10 @@ def look_at_evidence(
     environment: Mapping[str, str],
     ros_args: Sequence[str] = (),
 ) -> Iterator[Finding]:
-    """What matches now, with its rate, and what an hour of it costs.
+    """Report which topics match now, their rates, and what an hour of recording costs.
 
-    Args:
-        choice: what is wanted.
-        own_topics: those that are recorded anyway.
-        domain: ROS domain; None = as the environment has it.
-        budget: of evidence, bytes.
-        environment: environment variables.
-        ros_args: what a launch file says of names.
+    `own_topics` are recorded anyway. `domain` None = as the environment has it. `budget` is in
+    bytes. `ros_args` remap names, as a launch file does.
     """
     if not choice.topics:
         yield Finding(Severity.OK, "evidence", "none is wanted: setting `recording.topics`")
@@ -440,12 +413,7 @@ def look_at_evidence(
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """What was seen.
-
-    Attributes:
-        flows: what comes.
-        left_over, unseen, scored: see `EvidenceIntakes`.
-    """
+    """The topics that were seen; see `EvidenceIntakes` for the last three."""
 
     flows: Sequence[TopicFlow]
     left_over: Sequence[str]
@@ -460,11 +428,6 @@ def _listen(
     environment: Mapping[str, str],
     ros_args: Sequence[str],
 ) -> _Seen:
-    """What comes: it listens for a while once there is something for each pattern.
-
-    Raises:
-        MadrobError: ROS does not start, or there is no such domain.
-    """
     intakes = EvidenceIntakes(
         domain_id(domain, environment),
         choice,
@@ -490,7 +453,6 @@ def _listen(
 
 
 def _comes(flows: Sequence[TopicFlow]) -> bool:
-    """Whether something comes, or there is nothing that could."""
     return not flows or any(flow.rate for flow in flows)
 
 

@@ -14,11 +14,10 @@ if TYPE_CHECKING:
     from madrob_console.config import Settings
 
 OFF = 1
-"""Exit code of `--reference` where a value is not as it must be."""
+"""Exit code of `--reference` if a value is not as it must be."""
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "doctor",

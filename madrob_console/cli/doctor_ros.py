@@ -49,11 +49,10 @@ class Severity(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was looked at.
+    """One thing that the doctor checked.
 
     Attributes:
         severity: WARNING = the console runs, but look at it; ERROR = it does not run.
-        subject: what was looked at, one or two words.
         text: what was found and, unless all is well, the remedy; one line.
     """
 
@@ -66,7 +65,6 @@ class Finding:
 
 
 MOST_LINES = 5
-"""Different lines that are kept."""
 
 _LARGEST = 1 << 20
 _STREAMS = (1, 2)  # standard output and error output
@@ -76,11 +74,10 @@ _PLACE = re.compile(r" -> Function \w+$")
 
 @contextmanager
 def overheard() -> Iterator[list[str]]:
-    """While inside, nothing of it reaches the terminal.
+    """Keep the output of libraries from the terminal while inside.
 
-    Yields:
-        A list that has the lines afterwards, each once, without their times: what a library says
-        ten times a second is one line. Empty where nothing can be caught.
+    Yields a list that holds the lines afterwards, each once, without their times: what a library
+    prints ten times a second is one line. Empty where output cannot be caught.
     """
     lines: list[str] = []
     try:
@@ -103,7 +100,6 @@ def overheard() -> Iterator[list[str]]:
 
 
 def _redirected(file: BinaryIO) -> dict[int, int]:
-    """Let the streams end in a file; copies of what they were."""
     _flush()
     kept: dict[int, int] = {}
     for stream in _STREAMS:
@@ -132,7 +128,7 @@ ENOUGH_SHARED_MEMORY = 16_000_000
 
 _WHEELS = "ros-jazzy-rclpy"
 _DISCOVERY = 3.0
-"""Seconds to find everything; less where everything is there."""
+"""Timeout of discovery, s; it ends sooner if everything is found."""
 
 
 def look_at_ros(
@@ -142,7 +138,6 @@ def look_at_ros(
     environment: Mapping[str, str],
     services: Collection[RemoteService] = (),
 ) -> Iterator[Finding]:
-    """Which ROS is here, how it is set up, what others may call, and what the testbed sends."""
     yield from look_at_installation(environment)
     try:
         number = domain_id(domain, environment)
@@ -170,7 +165,6 @@ def _look_inside(
     environment: Mapping[str, str],
     services: Collection[RemoteService],
 ) -> Iterator[Finding]:
-    """What ROS says when one joins the domain."""
     try:
         load_rclpy()
         utilities = load_module("rclpy.utilities")
@@ -188,15 +182,10 @@ _MESSAGES = {
     "std_srvs": "no service can be offered (setting `ros.services`)",
     "tf2_msgs": "`madrob testbed` publishes no /tf_static",
 }
-"""Packages of messages without which all else works, and what does not."""
+"""Optional message packages, each with what does not work without it."""
 
 
 def look_at_messages(services: Collection[RemoteService]) -> Iterator[Finding]:
-    """What is missing for other programs.
-
-    Args:
-        services: what the settings allow them to call.
-    """
     for package, lacks in _MESSAGES.items():
         if importlib.util.find_spec(package) is not None:
             continue
@@ -207,7 +196,6 @@ def look_at_messages(services: Collection[RemoteService]) -> Iterator[Finding]:
 
 
 def look_at_shared_memory(folder: Path = SHARED_MEMORY) -> Iterator[Finding]:
-    """Where programs on one machine hand messages to each other."""
     with suppress(OSError):
         free = shutil.disk_usage(folder).free
         if free < ENOUGH_SHARED_MEMORY:
@@ -222,12 +210,6 @@ def look_at_shared_memory(folder: Path = SHARED_MEMORY) -> Iterator[Finding]:
 def look_at_installation(
     environment: Mapping[str, str], system: Path = SYSTEM_ROS
 ) -> Iterator[Finding]:
-    """The system's ROS, the wheels, both, or none.
-
-    Args:
-        environment: environment variables.
-        system: the folder with the system's ROS distributions.
-    """
     distributions = sorted(path.name for path in system.glob("*/") if (path / "share").is_dir())
     try:
         wheels = metadata.version(_WHEELS)
@@ -257,11 +239,7 @@ def look_at_testbed(
     listen: float,
     environment: Mapping[str, str],
 ) -> Iterator[Finding]:
-    """Listen to every configured topic for `listen` s.
-
-    Raises:
-        MadrobError: ROS does not start.
-    """
+    """Listen to every configured topic for `listen` s."""
     needed = {m.topic for m in mappings if not m.signal.optional}
     source = RosSource(
         mappings, MessageTypes(), SystemClock(), domain, speaks=False, environment=environment
@@ -296,7 +274,6 @@ def _all_matched(source: RosSource, topics: set[str]) -> bool:
 
 
 def _take(source: RosSource, duration: float) -> Counter[str]:
-    """How many messages came on each topic within `duration` s."""
     counts: Counter[str] = Counter()
     ends = time.monotonic() + duration
     while (left := ends - time.monotonic()) > 0:

@@ -35,10 +35,10 @@ FAILED = 1
 """Exit code of an engine that failed: systemd starts it again."""
 
 PRACTICE_IDLE_TIME = 20.0
-"""A simulated or replayed testbed is soon there again: its engine waits no longer, s."""
+"""Idle time of a simulated or replayed testbed's engine, s: it is quickly started again."""
 
 REPAIR_AFTER = 3.0
-"""So long after its start, when the screens are there, an engine has results looked through, s."""
+"""Delay from an engine's start to its check of the results, s: the screens come first."""
 
 _EXIT_CODES = (
     "Exit codes of `stop`: 0 what was named has ended; 1 it goes on, or does not run. Of `status`: "
@@ -48,7 +48,6 @@ _EXIT_CODES = (
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "engine",
@@ -84,7 +83,6 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Serve, or look after engines that run."""
     match arguments.action:
         case "serve":
             return serve(arguments)
@@ -103,7 +101,6 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def serve(arguments: argparse.Namespace) -> int:
-    """Be the engine of a testbed until nobody needs it."""
     from msgspec.structs import replace
 
     from madrob_console.cli.attaching import TAKEN, owned_testbed
@@ -176,7 +173,6 @@ def serve(arguments: argparse.Namespace) -> int:
 
 
 def _fallen_threads() -> FallenThreads:
-    """Notes every thread of this process that ends with an error from now on."""
     from madrob_console.engine.server_socket import FallenThreads
 
     fallen = FallenThreads()
@@ -187,7 +183,6 @@ def _fallen_threads() -> FallenThreads:
 def _follow_lists(
     teams: TeamSource, plan: PlanSource, engine: Engine, reporting: Reporting, stack: ExitStack
 ) -> None:
-    """The engine hears of teams and plan, and of every change in their files; pages follow."""
     from madrob_console.engine.engine_thread import ListWatch
 
     changed = reporting.publish
@@ -196,14 +191,13 @@ def _follow_lists(
 
 
 def _attend(local: LocalEngine, engine: Engine, settings: Settings) -> None:
-    """Other programs of the testbed can ask, and hear how it is."""
     from madrob_console.engine.service import Attendant
 
     engine.source.attend(Attendant(local, settings.ros.services, settings.checks.rate))
 
 
 def _idle_time(arguments: argparse.Namespace, settings: Settings, kind: SourceKind) -> float:
-    """After so long without a screen and a run it ends, s."""
+    """Time without a screen and a run after which the engine ends, s."""
     idle_time: float = arguments.idle_time or settings.engine.idle_time
     if arguments.idle_time is None and kind is not SourceKind.ROS:
         return min(idle_time, PRACTICE_IDLE_TIME)
@@ -211,7 +205,10 @@ def _idle_time(arguments: argparse.Namespace, settings: Settings, kind: SourceKi
 
 
 def _end_in_order(server: EngineServer) -> None:
-    """TERM and INT end the server; the loop's own handlers would end before the run is closed."""
+    """End the server at SIGTERM and SIGINT.
+
+    The loop's own handlers would end it before the run is closed.
+    """
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: server.stop())
 

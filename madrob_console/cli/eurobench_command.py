@@ -11,7 +11,6 @@ from madrob_console.common.names import terminal_safe
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "eurobench",
@@ -37,7 +36,7 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Score the files, then write the indicators, each file whole."""
+    """Score the files, then write the indicators, each file atomically."""
     from madrob_console.cli.score_output import result_lines
     from madrob_console.common.files import atomic_writes
     from scoring.eurobench.published import evaluate_published

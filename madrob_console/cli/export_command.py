@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "export",
@@ -79,7 +78,7 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Make the zip; what could not be packed is named. The last line is the path of the zip."""
+    """Make the zip; name what could not be packed. The last line is the path of the zip."""
     check_options(arguments)
     with imports_kept():
         from madrob_console.config import load_settings
@@ -114,7 +113,6 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _told(export: Export, notes: Sequence[str] = ()) -> int:
-    """Say what was packed, and what could not be; returns the exit code."""
     for problem in export.problems:
         complain(problem)
     others = (f"another name of the team, {words}" for words in export.other_names)
@@ -127,7 +125,6 @@ def _told(export: Export, notes: Sequence[str] = ()) -> int:
 
 
 def _tell_size(size: int, evidence: int) -> None:
-    """Say what is packed before hours are spent on it, where it is much."""
     if evidence:
         words = f"{evidence / 1e6:.1f} MB of it evidence (--without-evidence leaves that out)"
         complain(f"note: packing {size / 1e6:.1f} MB, {words}")
@@ -137,11 +134,7 @@ def _tell_size(size: int, evidence: int) -> None:
 
 
 def check_options(arguments: argparse.Namespace) -> None:
-    """A dossier is of one run, all else of a team.
-
-    Raises:
-        MadrobError: what is given does not belong together.
-    """
+    """Refuse options that contradict: a dossier is of one run, all else of a team."""
     of_run = arguments.run is not None
     if of_run is not arguments.dossier:
         raise MadrobError("one run is packed as a dossier: give --run RUN with --dossier")
@@ -155,11 +148,6 @@ def check_options(arguments: argparse.Namespace) -> None:
 
 
 def make_dossier(arguments: argparse.Namespace, tell_size: Callable[[int, int], None]) -> Export:
-    """Make the zip of the run that is named.
-
-    Raises:
-        MadrobError: there is no such run, it goes on, or the zip cannot be written.
-    """
     with imports_kept():
         from madrob_console.archive.folders import JOURNAL_FILE
         from madrob_console.export.dossier import check_dossier, dossier_target, export_dossier
@@ -183,9 +171,9 @@ def make_dossier(arguments: argparse.Namespace, tell_size: Callable[[int, int], 
 
 
 def rendered_report(run: Path, around: Surroundings) -> tuple[dict[str, bytes], list[str]]:
-    """The report of a run as it is now, with its pictures where there are none; and what is wrong.
+    """Render a run's report as of now, with pictures if it has none; returns files and problems.
 
-    Only the zip has it. The files are named as in the run's folder.
+    The files go into the zip only. They are named as in the run's folder.
     """
     with imports_kept():
         from madrob_console.archive.folders import PICTURES_FOLDER, REPORT_FILE
@@ -209,12 +197,6 @@ def rendered_report(run: Path, around: Surroundings) -> tuple[dict[str, bytes], 
 
 @contextmanager
 def _tables(run: Path, at: float) -> Iterator[tuple[Path | None, list[str]]]:
-    """A folder with the samples as tables while inside; and why there are none.
-
-    Args:
-        run: its folder.
-        at: what the tables are stamped with, s since the epoch.
-    """
     with imports_kept():
         from madrob_console.archive.folders import RunPath
         from madrob_console.cli.table_command import write_samples

@@ -16,11 +16,10 @@ PAGES = {
     "data": "files, tables, scoring again, several testbeds, Python",
     "organiser": "teams, plan, standings, web pages, zips",
 }
-"""What each page is about; the pages lie in the folder `guide` of the package."""
+"""The pages and their subjects; they lie in the folder `guide` of the package."""
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "guide",
@@ -35,7 +34,7 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Print a page, with layout where a terminal shows it; or the list of pages."""
+    """Print a page (with layout on a terminal), or the list of pages."""
     from rich.console import Console
     from rich.markdown import Markdown
 

@@ -37,7 +37,7 @@ Whatever takes a run takes its name, too: it is looked for in the results folder
 
 
 _FAILED = 1
-"""Exit code of a program that failed for no reason that it knows; python's."""
+"""Exit code of an unexpected error; Python's."""
 
 
 class _Version(argparse.Action):
@@ -49,7 +49,6 @@ class _Version(argparse.Action):
 
 
 def build_parser(names: Sequence[str] = COMMANDS) -> Parser:
-    """The command line with its help texts, of all commands or of some."""
     parser = Parser(
         prog="madrob",
         description="Referee console for the MADROB robot-door benchmark.",
@@ -75,7 +74,6 @@ def _with_pose(argv: Sequence[str]) -> list[str]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run `madrob`; returns the exit code."""
     with safe_output(), interruptible() as interruption:
         try:
             return _main(_with_pose(sys.argv[1:] if argv is None else argv))

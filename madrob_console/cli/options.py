@@ -35,23 +35,22 @@ Main: TypeAlias = Callable[[argparse.Namespace], int]
 """Carries a command out and returns its exit code."""
 
 FASTEST = 1000.0
-"""Of a simulation or replay: so many times as fast as real time."""
+"""Highest speed of a simulation or replay, times real time."""
 
 _SHORT = 40
 """Longer lists of words stand in the text of an option, not beside its name."""
 
 SIMULATION = ("scenario", "seed", "speed", "latency", "jitter")
-"""The options that tell one simulated testbed from another."""
+"""Options that tell one simulated testbed from another."""
 
 _DELAYED: dict[str, Sequence[Signal]] = {
     "all": tuple(Signal),
     "passage": tuple(map(Signal.of_strip, Strip)),
     **{signal.name.lower(): (signal,) for signal in Signal},
 }
-"""The names under which messages of the simulation are delayed."""
+"""Names by which `--latency` and `--jitter` choose the delayed messages."""
 
 NO_COMMAND = 1
-"""Exit code where no command is given."""
 
 
 def command(
@@ -62,15 +61,11 @@ def command(
     more: str = "",
     examples: Sequence[str] = (),
 ) -> Parser:
-    """The parser of one command.
+    """Add the parser of one command.
 
-    Args:
-        commands: all of them; it is added to them.
-        name: the command.
-        main: carries it out; None = its parts do, and alone it prints its help.
-        text: what it does, as the list of commands says it.
-        more: what its own help says beyond that.
-        examples: lines to type, with what each does after a `#`.
+    `main` None = it has subcommands, and alone it prints its help. `text` is for the list of
+    commands, `more` is added to the command's own help. `examples` are lines to type, with what
+    each does after a `#`.
     """
     lines = ["examples:" if len(examples) > 1 else "example:", *(f"  {line}" for line in examples)]
     parser: Parser = commands.add_parser(
@@ -84,13 +79,11 @@ def command(
 
 
 def print_help(arguments: argparse.Namespace) -> int:
-    """Where a command is missing: say which there are; the exit code is git's."""
     arguments.parser.print_help()
     return NO_COMMAND
 
 
 def add_testbed(parser: argparse.ArgumentParser) -> None:
-    """Where the data come from and the results go."""
     parser.add_argument(
         "--testbed",
         action=_Testbed,
@@ -120,7 +113,6 @@ def add_testbed(parser: argparse.ArgumentParser) -> None:
 
 
 def add_domain(parser: argparse.ArgumentParser) -> None:
-    """The ROS domain."""
     parser.add_argument(
         "--domain",
         type=_domain,
@@ -131,7 +123,7 @@ def add_domain(parser: argparse.ArgumentParser) -> None:
 
 
 def add_ros_args(parser: argparse.ArgumentParser) -> None:
-    """What a launch file or `ros2 run` puts behind a program's own arguments."""
+    """Accept the arguments that a launch file or `ros2 run` appends."""
     parser.add_argument(
         "--ros-args",
         nargs=argparse.REMAINDER,
@@ -155,7 +147,7 @@ def ros_domain(arguments: argparse.Namespace, settings: Settings) -> int | None:
 
 
 class _Testbed(argparse.Action):
-    """The words of a testbed: its kind, and for a replay the path of what is played."""
+    """Words of a testbed: its kind, and for a replay the path of the recording."""
 
     def __call__(
         self,
@@ -183,7 +175,6 @@ def _check_testbed(words: Sequence[str]) -> None:
 
 
 def add_results(parser: argparse.ArgumentParser) -> None:
-    """The results folder."""
     parser.add_argument(
         "--results",
         type=Path,
@@ -194,13 +185,11 @@ def add_results(parser: argparse.ArgumentParser) -> None:
 
 
 def results_folder(arguments: argparse.Namespace, settings: Settings) -> Path:
-    """Where the runs are kept."""
     chosen: Path = getattr(arguments, "results", None) or settings.results.root  # not all take it
     return chosen.expanduser().absolute()
 
 
 def add_run_paths(parser: argparse.ArgumentParser) -> None:
-    """Whose runs: any number of folders, or the results folder; and of which testbed."""
     parser.add_argument(
         "paths",
         nargs="*",
@@ -218,7 +207,7 @@ def add_run_paths(parser: argparse.ArgumentParser) -> None:
 
 
 def add_competition(parser: argparse.ArgumentParser) -> None:
-    """Whose teams: every competition has a number 1."""
+    """Add the choice of the competition: every competition has a team number 1."""
     parser.add_argument(
         "--competition",
         default=None,
@@ -228,12 +217,7 @@ def add_competition(parser: argparse.ArgumentParser) -> None:
 
 
 def collection(arguments: argparse.Namespace, settings: Settings) -> Collection:
-    """The runs that are named, each once; of whichever competition.
-
-    Raises:
-        MadrobError: a folder does not exist or cannot be read, or there is no such testbed, or no
-            such competition; that of the settings may have no runs yet.
-    """
+    """The named runs, without duplicates, of all competitions."""
     from madrob_console.archive.collection import collected, collected_in, demand_competition
 
     paths = run_paths(arguments, settings)
@@ -247,11 +231,6 @@ def collection(arguments: argparse.Namespace, settings: Settings) -> Collection:
 
 
 def run_paths(arguments: argparse.Namespace, settings: Settings) -> list[Path]:
-    """Where runs are to be looked for.
-
-    Raises:
-        MadrobError: paths and a results folder are named.
-    """
     paths: list[Path] = arguments.paths
     if paths and arguments.results is not None:
         raise MadrobError("PATH and --results: give one of the two")
@@ -259,12 +238,10 @@ def run_paths(arguments: argparse.Namespace, settings: Settings) -> list[Path]:
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
-    """Standard output for programs."""
     parser.add_argument("--json", action="store_true", help="JSON for programs")
 
 
 def add_teams(parser: argparse.ArgumentParser) -> None:
-    """The list of teams."""
     parser.add_argument(
         "--teams",
         type=Path,
@@ -275,7 +252,6 @@ def add_teams(parser: argparse.ArgumentParser) -> None:
 
 
 def team_source(arguments: argparse.Namespace, settings: Settings) -> TeamSource:
-    """Where the list of teams comes from."""
     from madrob_console.referee.lists import TeamSource
 
     named: Path | None = arguments.teams
@@ -285,11 +261,7 @@ def team_source(arguments: argparse.Namespace, settings: Settings) -> TeamSource
 
 
 def team_list(arguments: argparse.Namespace, settings: Settings) -> TeamList:
-    """The list of teams; a file that only the settings name may be missing.
-
-    Raises:
-        MadrobError: the file named on the command line cannot be read.
-    """
+    """The list of teams; a file that only the settings name may be missing."""
     from madrob_console.referee.lists import read_teams
 
     source = team_source(arguments, settings)
@@ -301,11 +273,7 @@ def team_list(arguments: argparse.Namespace, settings: Settings) -> TeamList:
 def team_names(
     arguments: argparse.Namespace, settings: Settings, found: Collection
 ) -> Mapping[int, str]:
-    """The list of teams, for these runs; that of the settings is of their competition alone.
-
-    Raises:
-        MadrobError: the file named on the command line cannot be read.
-    """
+    """The list of teams for these runs; that of the settings holds for their competition only."""
     own, chosen = settings.competition.name, arguments.competition
     of = found.competitions if chosen is None else {chosen}
     if arguments.teams is None and own and of and own not in of:
@@ -314,7 +282,6 @@ def team_names(
 
 
 def add_plan(parser: argparse.ArgumentParser) -> None:
-    """The competition's plan."""
     parser.add_argument(
         "--plan",
         type=Path,
@@ -325,7 +292,6 @@ def add_plan(parser: argparse.ArgumentParser) -> None:
 
 
 def plan_source(arguments: argparse.Namespace, settings: Settings) -> PlanSource:
-    """Where the competition's plan comes from; a file that is named, or the settings' own."""
     from madrob_console.referee.competition_plan import PlanSource
 
     named: Path | None = arguments.plan
@@ -335,7 +301,6 @@ def plan_source(arguments: argparse.Namespace, settings: Settings) -> PlanSource
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
-    """The settings file."""
     parser.add_argument(
         "--settings",
         type=Path,
@@ -346,7 +311,6 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 
 
 def add_idle_time(parser: argparse.ArgumentParser) -> None:
-    """How long an engine stays that nobody needs."""
     parser.add_argument(
         "--idle-time",
         type=number_within(0),
@@ -360,7 +324,6 @@ def add_idle_time(parser: argparse.ArgumentParser) -> None:
 def add_format(
     parser: argparse.ArgumentParser, default: TableFormat | None = TableFormat.CSV
 ) -> None:
-    """How tables are written; without a default it is seen whether it was asked for."""
     add_choice(
         parser,
         "--format",
@@ -371,7 +334,6 @@ def add_format(
 
 
 def add_jobs(parser: argparse.ArgumentParser, done: str) -> None:
-    """How work on many runs is shared; `done` is what is done with them."""
     parser.add_argument(
         "--jobs",
         type=whole_within(1),
@@ -388,13 +350,13 @@ def add_jobs(parser: argparse.ArgumentParser, done: str) -> None:
 
 
 run_number = whole_within(1, 999)
-"""A subject or a run, as file names have three digits for them; for the type of an argument."""
+"""Argument type of a subject or a run: file names have three digits for them."""
 
 
 def add_subject(
     parser: argparse.ArgumentParser, default: int | None = None, *, needed: bool = True
 ) -> None:
-    """The team, by its subject number (protocol section 1); `--team` means the same."""
+    """Add the team, by its subject number (protocol section 1); `--team` means the same."""
     either = parser.add_mutually_exclusive_group(required=needed and default is None)
     for flag, text in (("--subject", "the team's number"), ("--team", argparse.SUPPRESS)):
         either.add_argument(
@@ -403,7 +365,6 @@ def add_subject(
 
 
 def add_simulation(parser: argparse.ArgumentParser) -> None:
-    """What the simulated robot does, and how slow the simulated network is."""
     add_choice(parser, "--scenario", Scenario, Scenario.NOMINAL, "what the simulated robot does")
     parser.add_argument(
         "--seed", type=whole_number, default=0, metavar="N", help="of the simulation"
@@ -433,7 +394,7 @@ def delays(text: str | None) -> Mapping[Signal, float]:
 
 
 def add_condition(parser: argparse.ArgumentParser) -> None:
-    """The condition, in its three parts (protocol section 1)."""
+    """Add the condition, in its three parts (protocol section 1)."""
     add_choice(parser, "--opening-side", Side, Side.CCW, "side towards which the door may open")
     add_choice(parser, "--starting-side", Side, Side.CCW, "side on which the robot starts")
     add_choice(
@@ -452,7 +413,6 @@ def add_choice(
     default: StrEnum | None,
     text: str,
 ) -> None:
-    """An option that takes one of some words."""
     metavar = None
     if len(listed := ", ".join(words)) > _SHORT:
         metavar = flag.rpartition("-")[2].upper()
@@ -468,5 +428,4 @@ def add_choice(
 
 
 def condition_of(arguments: argparse.Namespace) -> Condition:
-    """The condition that was chosen."""
     return Condition(arguments.benchmark_type, arguments.opening_side, arguments.starting_side)

@@ -20,19 +20,11 @@ BAD_INPUT = 2
 """Exit code of bad input and of refusals; also argparse's."""
 
 MOST_ALIKE = 3
-"""So many problems of one kind are told one by one; the others are counted."""
+"""Problems of one kind that are printed one by one; the others are counted."""
 
 
 class StoppedError(MadrobError):
-    """A signal stopped the command before anything was begun.
-
-    Args:
-        what: in words.
-        number: of the signal.
-
-    Attributes:
-        exit_code: as shells have it.
-    """
+    """A signal stopped the command before anything was begun; `exit_code` is that of shells."""
 
     def __init__(self, what: str, number: int) -> None:
         super().__init__(what)
@@ -40,20 +32,10 @@ class StoppedError(MadrobError):
 
 
 def complain(problem: object) -> None:
-    """Name a problem on a line of the error output.
-
-    Args:
-        problem: a text, or the error whose message names the cause and the remedy.
-    """
     print(f"madrob: {terminal_safe(str(problem))}", file=sys.stderr, flush=True)
 
 
 def name_twins(pairs: Sequence[tuple[str, str]]) -> None:
-    """Name runs that are there several times; of many the first.
-
-    Args:
-        pairs: of each two places.
-    """
     for place, other in pairs[:MOST_ALIKE]:
         complain(f"note: {place} is the same run as {other}")
     if len(pairs) > MOST_ALIKE:
@@ -61,11 +43,7 @@ def name_twins(pairs: Sequence[tuple[str, str]]) -> None:
 
 
 class Complaints:
-    """Names the problems of many things; what is the same of all of them is counted at the end.
-
-    Attributes:
-        count: how many there were.
-    """
+    """Prints the problems of many things; counts repeated ones and prints the number at the end."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -82,12 +60,7 @@ class Complaints:
                 complain(f"and {count - MOST_ALIKE} more like it: {words}")
 
     def add(self, problem: object, of: object) -> None:
-        """Name a problem.
-
-        Args:
-            problem: as for `complain`.
-            of: what it is a problem of, as the problem names it.
-        """
+        """Print a problem, as `complain` does; `of` is the thing as the problem names it."""
         self.count += 1
         words = str(problem).replace(str(of), "").strip(": ")
         self._alike[words] += 1
@@ -95,11 +68,6 @@ class Complaints:
             complain(problem)
 
     def add_each(self, problems: Iterable[tuple[str, str]]) -> None:
-        """Name problems.
-
-        Args:
-            problems: of each, what it is a problem of, and the problem.
-        """
         for of, problem in problems:
             self.add(f"{of}: {problem}", of)
 
@@ -108,12 +76,10 @@ class Complaints:
 
 
 def somebody_there() -> bool:
-    """Whether there is somebody to ask."""
     return sys.stdin.isatty() and sys.stdout.isatty()
 
 
 def says_yes(question: str) -> bool:
-    """Whether somebody at a terminal says yes."""
     if not somebody_there():
         return False
     try:
@@ -130,15 +96,10 @@ def says_yes(question: str) -> bool:
 
 
 class SafeStream:
-    """A text stream that keeps line breaks and nothing else that a terminal would obey.
+    """A text stream that removes what a terminal would obey, except line breaks.
 
-    Bytes that are written to its `buffer` are data for a program, and stay as they are.
-
-    Args:
-        stream: where everything goes.
-
-    Attributes:
-        raw_stream: the same stream as it was, for what draws on a terminal.
+    Bytes written to its `buffer` are data for a program and stay as they are. `raw_stream` is the
+    original stream, for code that draws on a terminal.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -148,20 +109,13 @@ class SafeStream:
         """Write a text; returns its length, as streams do.
 
         Raises:
-            MadrobError: it cannot be written.
-            BrokenPipeError: nobody reads it any more.
+            BrokenPipeError: the reader has gone.
         """
         with _told(self.raw_stream):
             self.raw_stream.write("\n".join(map(terminal_safe, text.split("\n"))))
         return len(text)
 
     def flush(self) -> None:
-        """Bring it to whoever reads it.
-
-        Raises:
-            MadrobError: it cannot be written.
-            BrokenPipeError: nobody reads it any more.
-        """
         with _told(self.raw_stream):
             self.raw_stream.flush()
 
@@ -171,7 +125,6 @@ class SafeStream:
 
 @contextmanager
 def safe_output() -> Iterator[None]:
-    """While inside, standard output and error output are safe."""
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = _safe(sys.stdout), _safe(sys.stderr)
     try:
@@ -181,19 +134,14 @@ def safe_output() -> Iterator[None]:
 
 
 def put_bytes(data: bytes) -> None:
-    """Write data for a program to the standard output, as they are.
-
-    Raises:
-        MadrobError: they cannot be written.
-        BrokenPipeError: nobody reads them any more.
-    """
+    """Write data for a program to the standard output, unchanged; raises as `SafeStream.write`."""
     with _told(sys.stdout):
         sys.stdout.buffer.write(data)
         sys.stdout.buffer.flush()
 
 
 def forget(stream: TextIO) -> None:
-    """What has not been written yet never is; Python would complain of it at its end."""
+    """Discard what is not written yet; Python would complain of it when it exits."""
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, stream.fileno())
     os.close(null)
@@ -213,12 +161,11 @@ def _told(stream: TextIO) -> Iterator[None]:
 
 
 def raw(stream: TextIO) -> TextIO:
-    """The stream behind a safe one, for what draws on a terminal itself."""
     return stream.raw_stream if isinstance(stream, SafeStream) else stream
 
 
 def _safe(stream: TextIO | None) -> TextIO:
-    """It is None where the program was started without."""
+    """Wrap a stream, which is None where the program was started without one."""
     return cast("TextIO", stream and SafeStream(raw(stream)))
 
 
@@ -234,7 +181,7 @@ _IMPORTING = "<frozen importlib._bootstrap>"
 
 
 def say_stopped() -> int:
-    """The line, and the exit code; from here on another Ctrl+C ends the process at once."""
+    """Print the line; returns the exit code. Another Ctrl+C then ends the process at once."""
     if _is_main_thread():
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     if sys.stderr is not None and sys.stderr.isatty():
@@ -244,12 +191,12 @@ def say_stopped() -> int:
 
 
 class Interruption:
-    """The handler of Ctrl+C: a KeyboardInterrupt, at a moment at which it is heeded.
+    """The handler of Ctrl+C: raises KeyboardInterrupt at a moment at which it takes effect.
 
-    Raised in the middle of an import, NumPy makes an ImportError of it and prints a traceback;
-    raised while an object is finalised, Python prints it and goes on. Both are waited for. While
-    what was begun is put away, for two seconds, another one is none. An alarm that the caller has
-    set is the caller's, as before.
+    In the middle of an import, NumPy would turn it into an ImportError with a traceback; in a
+    finaliser, Python would print it and go on. The handler waits for the end of both. For two
+    seconds, while the command cleans up, it ignores another Ctrl+C. An alarm that the caller has
+    set stays as it was.
 
     Attributes:
         raised: whether it was; whatever fails afterwards fails because of it.
@@ -262,11 +209,7 @@ class Interruption:
         self._alarm = signal.getsignal(signal.SIGALRM)
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Raise, or come back by a timer.
-
-        Raises:
-            KeyboardInterrupt: it is heeded.
-        """
+        """Raise KeyboardInterrupt, or try again by a timer."""
         if number == signal.SIGALRM and not self._comes_again:
             if callable(self._alarm):
                 self._alarm(number, frame)
@@ -282,7 +225,7 @@ class Interruption:
         raise KeyboardInterrupt
 
     def unraisable(self, what: sys.UnraisableHookArgs) -> None:
-        """One that was raised where nothing could take it comes again; what it broke is silent."""
+        """Raise again an interrupt that nothing could catch; the error it caused is not printed."""
         if what.exc_type is KeyboardInterrupt:
             self._heeded = -_CLEANING
             self._come_again()
@@ -296,7 +239,7 @@ class Interruption:
 
 @contextmanager
 def interruptible() -> Iterator[Interruption]:
-    """While inside, Ctrl+C is what `Interruption` says; where it is ignored it stays so."""
+    """Let `Interruption` handle Ctrl+C while inside; an ignored Ctrl+C stays ignored."""
     interruption = Interruption()
     if not _is_main_thread() or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield interruption
@@ -320,7 +263,7 @@ def interruptible() -> Iterator[Interruption]:
 
 @contextmanager
 def children_spared() -> Iterator[None]:
-    """Processes that are started while inside never hear of Ctrl+C; here it is heeded afterwards.
+    """Keep Ctrl+C from processes started while inside; it takes effect here afterwards.
 
     A terminal sends it to all processes, and each of them would print a traceback of its own.
     """
@@ -353,19 +296,15 @@ def _is_main_thread() -> bool:
 
 
 Tell: TypeAlias = Callable[[int, int], None]
-"""Is told how many are done, and of how many."""
+"""Takes how many are done, and of how many."""
 
 
 @contextmanager
 def progress(what: str) -> Iterator[Tell]:
-    """While inside, a bar below what is printed; nothing where the error output is no terminal.
+    """Show a progress bar below the output while inside, if the error output is a terminal.
 
-    Args:
-        what: is counted: `runs`.
-
-    Yields:
-        What is told how many are done; until it is, and where there is only one, the bar says
-        that work goes on.
+    `what` names what is counted: `runs`. Until the first count, and where there is only one, the
+    bar shows that work goes on.
     """
     if not sys.stderr.isatty():
         yield lambda _done, _total: None

@@ -18,11 +18,11 @@ _Number = TypeVar("_Number", int, float)
 
 _SETTING = re.compile(r"setting `([a-z_]+)\.([a-z_]+)`")
 _MANY = 6
-"""So many choices are not listed where one of them is near to what was typed."""
+"""More choices than this are not listed if one of them is near to what was typed."""
 
 
 class CommandHelp(argparse.HelpFormatter):
-    """Says the default of every option that has one, also where the settings have it.
+    """Adds the default to the help of every option that has one, also where the settings have it.
 
     A help text with "setting `run.timeout`" gets that setting's default. In a description, lines
     that begin with blanks stay as they are; the rest is wrapped.
@@ -61,7 +61,7 @@ def _default_words(default: object) -> str:
 
 
 class Parser(argparse.ArgumentParser):
-    """Says what is wrong with the command line in one line, and what may have been meant."""
+    """Reports an error of the command line in one line, with what may have been meant."""
 
     def __init__(self, **how: Any) -> None:  # noqa: ANN401  argparse's own, of the subparsers
         super().__init__(**({"formatter_class": CommandHelp} | how))
@@ -71,7 +71,7 @@ class Parser(argparse.ArgumentParser):
     def parse_known_args(  # type: ignore[override]  # argparse's own has overloads
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
-        """Parse; where any number of things can be named, options may stand between them."""
+        """Parse; options may stand between the words of an argument that takes any number."""
         lists = any(action.nargs in ("*", "+") for action in self._get_positional_actions())
         if self._between or not lists:
             return super().parse_known_args(args, namespace)
@@ -82,11 +82,7 @@ class Parser(argparse.ArgumentParser):
             self._between = False
 
     def read(self, words: Sequence[str]) -> argparse.Namespace:
-        """The arguments; `parser` among them is that of the command.
-
-        Raises:
-            SystemExit: help was asked for, or the words cannot be used; that is said.
-        """
+        """Parse; `parser` among the arguments is that of the command."""
         arguments, unknown = self.parse_known_args(words)
         if unknown:
             command: Parser = arguments.parser
@@ -94,7 +90,6 @@ class Parser(argparse.ArgumentParser):
         return arguments
 
     def refuse(self, unknown: Sequence[str]) -> NoReturn:
-        """End with what was typed beside all that there is."""
         first = unknown[0].partition("=")[0]
         if not first.startswith("-"):
             self.error(f"{' '.join(unknown)}: nothing more is expected here")
@@ -102,7 +97,6 @@ class Parser(argparse.ArgumentParser):
         self.error(f"{first}: no such option{near}")
 
     def error(self, message: str) -> NoReturn:
-        """End with the exit code of bad input."""
         words = message.removeprefix("argument ")
         self.exit(BAD_INPUT, f"{self.prog}: {words}; see `{self.prog} --help`\n")
 
@@ -112,7 +106,6 @@ class Parser(argparse.ArgumentParser):
 
 
 def none_of(text: str, choices: Iterable[str]) -> str:
-    """What to say of a text that is none of the choices."""
     known = list(choices)
     near = _meant(text, known)
     listed = "" if near and len(known) > _MANY else f", use {_either(known)}"
@@ -120,7 +113,7 @@ def none_of(text: str, choices: Iterable[str]) -> str:
 
 
 def _meant(text: str, known: Iterable[str]) -> str:
-    """The one that the text begins, or else the most similar; empty = none is near."""
+    """The choice that the text begins, or else the most similar; empty = none is near."""
     words = list(known)
     begun = [word for word in words if word.startswith(text)]
     near = begun if len(begun) == 1 else get_close_matches(text, words, n=1)
@@ -132,8 +125,6 @@ def _either(words: Sequence[str]) -> str:
 
 
 def one_of(words: type[_Words]) -> Callable[[str], _Words]:
-    """What makes one of some words of the text that was typed; for the type of an argument."""
-
     def convert(text: str) -> _Words:
         try:
             return words(text)
@@ -144,7 +135,6 @@ def one_of(words: type[_Words]) -> Callable[[str], _Words]:
 
 
 def whole_number(text: str) -> int:
-    """A whole number; for the type of an argument."""
     try:
         return int(text)
     except ValueError:
@@ -152,8 +142,6 @@ def whole_number(text: str) -> int:
 
 
 def whole_within(low: int, high: float = math.inf) -> Callable[[str], int]:
-    """What makes a whole number in [low, high] of a text; for the type of an argument."""
-
     def convert(text: str) -> int:
         return _demand(whole_number(text), low, high)
 
@@ -168,17 +156,17 @@ _LONGEST_DELAY = 10.0
 
 
 def size(text: str) -> float:
-    """Bytes, as in `50GB`; for the type of an argument."""
+    """Argument type: bytes, as in `50GB`."""
     return _measured(text, _UNITS, "size, as 50GB or 500MB are")
 
 
 def period(text: str) -> float:
-    """Seconds, as in `7d`; for the type of an argument."""
+    """Argument type: seconds, as in `7d`."""
     return _measured(text, _PERIODS, "time, as 12h, 7d or 2w are")
 
 
 def delay(text: str) -> float:
-    """Seconds, as in `50ms`; for the type of an argument."""
+    """Argument type: seconds, as in `50ms`."""
     if (typed := _measured(text, _DELAYS, "delay, as 50ms or 0.2s are")) > _LONGEST_DELAY:
         raise argparse.ArgumentTypeError(f"'{text}' is too long: use 0s to {_LONGEST_DELAY:g}s")
     return typed
@@ -192,15 +180,13 @@ def _measured(text: str, units: Mapping[str, float], what: str) -> float:
 
 
 def number(text: str) -> float:
-    """A number, neither infinite nor none; for the type of an argument."""
+    """Argument type: a finite number."""
     if not math.isfinite(typed := _number(text)):
         raise argparse.ArgumentTypeError(f"'{text}' is no number")
     return typed
 
 
 def number_within(low: float, high: float = math.inf) -> Callable[[str], float]:
-    """What makes a number in [low, high] of a text; for the type of an argument."""
-
     def convert(text: str) -> float:
         return _demand(_number(text), low, high)
 
@@ -208,8 +194,6 @@ def number_within(low: float, high: float = math.inf) -> Callable[[str], float]:
 
 
 def as_setting(table: str, key: str) -> Callable[[str], float]:
-    """What makes a number of a text that is in the range of a setting."""
-
     def convert(text: str) -> float:
         from madrob_console.config import Settings
 
@@ -228,7 +212,7 @@ def _number(text: str) -> float:
 
 
 def _demand(typed: _Number, low: float, high: float) -> _Number:
-    """A number in [low, high]; none that is not a number is in there."""
+    """Refuse a number outside [low, high], and NaN."""
     if low <= typed <= high:
         return typed
     most = "or more" if high == math.inf else f"to {high:g}"

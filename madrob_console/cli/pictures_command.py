@@ -23,7 +23,6 @@ _WIDEST = 6000
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "pictures",
@@ -66,7 +65,6 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Find the frames and write them; what cannot be shown is named."""
     with imports_kept():
         from madrob_console.archive.run_pictures import (
             caption_words,
@@ -93,7 +91,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, str]:
-    """The pictures, where they were written, and how their names begin there."""
+    """The pictures, the folder they were written to, and the prefix of their names."""
     from madrob_console.archive.folders import PICTURES_FOLDER
     from madrob_console.archive.nearest_frames import SIDE, has_evidence
     from madrob_console.archive.run_pictures import (
@@ -139,7 +137,6 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
 
 
 def _why_no_evidence(folder: Path) -> str:
-    """Why a folder holds no evidence, and what to do, in words."""
     from madrob_console.archive.run_journal import UnusableJournalError, read_run_journal
 
     choose = "choose the folder of a run that was recorded with cameras"
@@ -159,18 +156,12 @@ def _why_no_evidence(folder: Path) -> str:
 
 
 def _with_cameras(made: RunPictures, run: Path, wanted: str) -> RunPictures:
-    """The same, if there is anything to be told.
-
-    Raises:
-        MadrobError: there is no such camera.
-    """
     if not made:
         raise MadrobError(f"{run}: no camera {wanted} in its evidence: see `ros2 bag info`")
     return made
 
 
 def _asked(run: Path, at: Sequence[str]) -> tuple[Sequence[Moment], Sequence[TopicMapping]]:
-    """The instants that were asked for: times, and events by their names."""
     from madrob_console.archive.run_pictures import events_of
     from madrob_console.archive.run_record import moments_called
     from madrob_console.archive.scored import read_recorded_run, score_opened

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "plan",
@@ -40,7 +39,6 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Print the plan or its JSON; lines and runs that cannot be used are named."""
     with imports_kept():
         from madrob_console.common.version import software_version
         from madrob_console.config import load_settings
@@ -72,11 +70,6 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _plan(source: PlanSource) -> Plan:
-    """The plan that is named, or that of the settings, as it is now.
-
-    Raises:
-        MadrobError: there is none, or it cannot be read.
-    """
     from madrob_console.referee.competition_plan import Plan, read_plan
 
     if source.file is not None:

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "publish",
@@ -50,7 +49,6 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Write what has changed; the last line is the path of the first page."""
     with imports_kept():
         from madrob_console.archive.folders import INDEX_PAGE
         from madrob_console.config import load_settings

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "recover",
@@ -38,7 +37,6 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Repair every path; a bad one is named and does not stop the rest."""
     with imports_kept():
         from madrob_console.archive.folders import all_runs_at
 
@@ -55,7 +53,6 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _recovered(run: RunPath) -> str:
-    """Repair one run; returns what became of it."""
     from madrob_console.archive.repair import recover_recording
     from madrob_console.cli.repairing import repair_run
 
@@ -71,11 +68,7 @@ def _recovered(run: RunPath) -> str:
 
 @contextmanager
 def _journal_held(path: Path) -> Iterator[None]:
-    """Keep the engine from going on with the run meanwhile.
-
-    Raises:
-        MadrobError: it does so already.
-    """
+    """Keep the engine from resuming the run while inside."""
     from madrob_console.archive.folders import JOURNAL_FILE
     from madrob_console.archive.run_journal import is_held
     from madrob_console.common.files import Hold

@@ -27,7 +27,6 @@ from scoring.result import Indicator, Result
 from scoring.rulesets import RulesetName
 
 FOLDER = Path(__file__).parent / "references"
-"""Where the recordings lie."""
 
 EXPECTED_FILE = "expected.json"
 
@@ -37,16 +36,13 @@ _LARGEST = 4_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Expected:
-    """What one value must be.
+    """What one value must be: in an interval, or missing for a reason. Else ValueError.
 
     Attributes:
         lowest, highest: a right score lies between them, both included; null where there is none.
         truth: what happened, before sensors and filters; null where no number says it.
         missing: why there is no value, in words; null where there is one.
         why: how this follows.
-
-    Raises:
-        ValueError: there are both or neither of an interval and of words.
     """
 
     lowest: float | None = None
@@ -60,7 +56,7 @@ class Expected:
             raise ValueError("give lowest and highest, or why there is no value")
 
     def problem(self, value: float | None, reason: str | None) -> str | None:
-        """What is off with a value, or with the reason why there is none; None = nothing is."""
+        """The error of a value, or of the reason why there is none; None = right."""
         if self.missing is not None:
             wanted = f"no value ({self.missing})"
             right = value is None and reason == self.missing
@@ -81,10 +77,8 @@ class Reference:
     """A recording and what it must score to.
 
     Attributes:
-        recording: name of its file.
-        sha256: of that file.
+        recording: file name.
         about: what was recorded, in words.
-        outcome: how the run ended.
         steps: by number: when each was done, s since the start. They are the same in all rulesets.
         indicators: of each ruleset for which they are known.
     """
@@ -98,22 +92,19 @@ class Reference:
 
     @property
     def name(self) -> str:
-        """What it is called."""
         return Path(self.recording).stem
 
     @property
     def values(self) -> int:
-        """How many values are known of it."""
         return 1 + len(self.steps) + sum(map(len, self.indicators.values()))
 
 
 @dataclass(frozen=True, slots=True)
 class ReferenceScore:
-    """What this installation made of a reference.
+    """This installation's score of a reference.
 
     Attributes:
-        reference: which.
-        off: what is not as it must be: name, value and what was expected, a line each.
+        off: each wrong value: name, value and what was expected, a line each.
         values: how many values are off; all of them where it could not be scored.
     """
 
@@ -123,11 +114,7 @@ class ReferenceScore:
 
 
 def read_references(folder: Path) -> tuple[Reference, ...]:
-    """The references of a folder, in order.
-
-    Raises:
-        MadrobError: the file that tells of them is missing, damaged, or names none.
-    """
+    """The references of a folder, in order."""
     path = folder / EXPECTED_FILE
     try:
         references = msgspec.json.decode(read_all(path, _LARGEST), type=tuple[Reference, ...])
@@ -141,11 +128,7 @@ def read_references(folder: Path) -> tuple[Reference, ...]:
 
 
 def score_references(references: tuple[Reference, ...], folder: Path) -> Iterator[ReferenceScore]:
-    """Score each reference from its recording; all files are looked at before the first is.
-
-    Raises:
-        MadrobError: a recording is missing, or not the one that was shipped.
-    """
+    """Score each reference from its recording, after all files have been checked."""
     for reference in references:
         _check_file(folder / reference.recording, reference.sha256)
     for reference in references:
@@ -153,7 +136,6 @@ def score_references(references: tuple[Reference, ...], folder: Path) -> Iterato
 
 
 def versions() -> Finding:
-    """What scores here: Python and the libraries that the numbers depend on, with versions."""
     found = [f"{name} {metadata.version(name)}" for name in _LIBRARIES]
     return Finding(
         Severity.OK, "versions", ", ".join([f"Python {platform.python_version()}", *found])
@@ -161,7 +143,6 @@ def versions() -> Finding:
 
 
 def reference_findings(score: ReferenceScore) -> Iterator[Finding]:
-    """What a score comes to: one line where it is right, else one for each value that is off."""
     name = score.reference.name
     if not score.off:
         yield Finding(Severity.OK, name, f"{score.reference.values} values right")
@@ -170,7 +151,6 @@ def reference_findings(score: ReferenceScore) -> Iterator[Finding]:
 
 
 def reference_verdict(scores: Sequence[ReferenceScore]) -> str:
-    """What all scores come to, as a line."""
     off = sum(score.values for score in scores)
     if off:
         are = "value is" if off == 1 else "values are"

@@ -20,15 +20,9 @@ if TYPE_CHECKING:
 
 
 def repair_run(folder: Path) -> bool:
-    """Make result and report of a run again, where they are not what its journal says.
+    """Remake result and report of a run if they contradict its journal; returns whether it wrote.
 
-    What is in its evidence is told first, where that was still being written.
-
-    Returns:
-        Whether anything was written.
-
-    Raises:
-        MadrobError: it cannot be.
+    If its evidence was still being written, the content of the evidence is determined first.
     """
     # they load numpy and SciPy, which most looks at a results folder do without
     from madrob_console.archive.repair import repair
@@ -47,22 +41,12 @@ def repair_run(folder: Path) -> bool:
 
 
 def renew_report(folder: Path, around: Surroundings) -> None:
-    """Make the report of a run again.
-
-    Raises:
-        MadrobError: it cannot be.
-    """
     from madrob_console.archive.scored import score_once
 
     write_report(folder, score_once(folder), around)
 
 
 def write_report(folder: Path, scored: Scored, around: Surroundings) -> None:
-    """Write the report of a scored run, and what its cameras saw.
-
-    Raises:
-        MadrobError: the disk refuses.
-    """
     from madrob_console.archive.run_pictures import renewed_pictures
     from madrob_console.common.files import atomic_write
     from madrob_console.common.version import software_version
@@ -74,11 +58,6 @@ def write_report(folder: Path, scored: Scored, around: Surroundings) -> None:
 
 
 def repair_all(root: Path) -> Iterator[str]:
-    """Do so with all runs of a results folder; yields what could not be done, in words.
-
-    Raises:
-        MadrobError: the folder cannot be read.
-    """
     repairable = {root / run.folder for run in History(root).refresh() if run.repairable}
     for name in run_folder_names(root):
         folder = root / name
@@ -97,9 +76,9 @@ def repair_all(root: Path) -> Iterator[str]:
 
 
 def renew_all(root: Path) -> Iterator[str]:
-    """Make the reports again that tell of other runs of their team than there are now.
+    """Remake the reports that name other runs of their team than there are now.
 
-    Yields what could not be done, in words.
+    Yields what could not be remade, in words.
     """
     from madrob_console.pages.surroundings import Surroundings
 

@@ -21,11 +21,9 @@ if TYPE_CHECKING:
     from scoring.result import Result
 
 NamedFile: TypeAlias = tuple[Path, bytes]
-"""Where it goes, and what is in it."""
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "report",
@@ -49,7 +47,6 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Make the files of every path; a bad one is named and does not stop the rest."""
     with imports_kept():
         from madrob_console.archive.folders import all_runs_at
         from madrob_console.pages.surroundings import Surroundings
@@ -125,7 +122,6 @@ def _pictures(path: Path, pictures: PictureFormat, output: Path | None) -> Itera
 
 
 def _results(path: Path) -> Iterator[tuple[str, Result, Rows, Condition]]:
-    """What the figures of a path show, and how the files of each run begin."""
     with imports_kept():
         from madrob_console.archive import score
         from madrob_console.archive.scored import score_opened
@@ -139,7 +135,6 @@ def _results(path: Path) -> Iterator[tuple[str, Result, Rows, Condition]]:
 
 
 def _published(path: Path) -> bool:
-    """Whether there are EUROBENCH files without a recording."""
     return any(path.glob("*_event.csv")) and not any(path.glob("*.mcap"))
 
 

@@ -30,7 +30,6 @@ _CODES = ", ".join(f"{code} {outcome}" for outcome, code in EXIT_CODES.items())
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "run",
@@ -123,7 +122,6 @@ def _pose(text: str) -> tuple[float, float, float]:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """One run from the set-up to its result."""
     with imports_kept():
         from msgspec.structs import replace
 
@@ -211,7 +209,6 @@ def _setup(
 
 
 def _out_of_plan(subject: int, condition: int, settings: Settings, engine: Engine) -> bool:
-    """Whether a run is beyond the competition's plan; never where there is none."""
     from madrob_console.archive.history import History
     from madrob_console.referee.competition_plan import Task, plan_progress
 

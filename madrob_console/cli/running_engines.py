@@ -29,19 +29,18 @@ from madrob_console.referee.run import Phase
 from madrob_console.ui.look.words import PHASES
 
 ENDING_TIME = 30.0
-"""An engine that ends in order has so long to close its recording and write the result, s."""
+"""Time for an engine to close its recording and write the result, s."""
 
 HANGING_TIME = 10.0
-"""One that did not answer has so long to heed a signal, s."""
+"""Time for an engine that did not answer to react to a signal, s."""
 
 KILLING_TIME = 5.0
-"""What is killed is gone by then, unless the kernel waits for a disk, s."""
+"""Time for a killed process to disappear, unless the kernel waits for a disk, s."""
 
 _UNSEEN = "whether a run goes on cannot be seen"
 
 
 def _all_the_same(found: FoundEngine) -> str:
-    """What --force does to a run that goes on, and to one that is not on disk."""
     by_itself = found.presence is not None and not found.presence.wire  # `madrob run`
     what = "aborted and does not count" if by_itself else "cut off and kept as interrupted"
     unsaved = found.presence is not None and found.presence.unsaved
@@ -50,7 +49,7 @@ def _all_the_same(found: FoundEngine) -> str:
 
 
 def status() -> int:
-    """One line for each engine of this user; exit code 1 if there is none."""
+    """Print one line for each engine of this user; exit code 1 if there is none."""
     found, unseen = all_engines()
     for one in found:
         print(status_line(one))
@@ -63,7 +62,6 @@ def status() -> int:
 
 
 def status_line(found: FoundEngine) -> str:
-    """What is known of an engine."""
     parts = [f"{found.label}: {found.process}"]
     presence = found.presence
     if presence is None:
@@ -89,7 +87,6 @@ def status_line(found: FoundEngine) -> str:
 
 
 def _without_answer(found: FoundEngine) -> str:
-    """What is known of an engine that does not say what it does."""
     if found.silent:
         return "there, but silent"
     if found.speaks == wire.VERSION:
@@ -100,20 +97,12 @@ def _without_answer(found: FoundEngine) -> str:
 
 
 def run_words(snapshot: Snapshot) -> str:
-    """How far the run is, for people."""
     run = WhoAnswer().of(snapshot.run, busy=False).run
     return ", ".join(filter(None, (PHASES[snapshot.run.phase], run)))
 
 
 def stop(arguments: argparse.Namespace) -> int:
-    """End the engines that are named, or the only one.
-
-    Returns:
-        The exit code: 1 if one of them goes on, or none runs that is named.
-
-    Raises:
-        MadrobError: what is named does not exist.
-    """
+    """End the named engines, or the only one; exit code 1 if one goes on or none is found."""
     is_meant = _Named(arguments)
     found, unseen = all_engines(is_meant.names)
     chosen = [one for one in found if is_meant(one)]
@@ -142,17 +131,7 @@ def _complain_of(unseen: Sequence[str]) -> None:
 
 
 class _Named:
-    """What the engines must be that are meant; a console's options mean the one it would show.
-
-    Args:
-        arguments: the command line.
-
-    Attributes:
-        names: under which they may be found.
-
-    Raises:
-        MadrobError: there is no such testbed.
-    """
+    """Selects the engines that the command line names, by their `names` or other facts."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self.names: list[str] = []
@@ -180,7 +159,6 @@ class _Named:
 
     @property
     def named(self) -> bool:
-        """Whether anything is named."""
         return bool(self._tests)
 
     def _add_results(self, folder: Path) -> None:
@@ -190,7 +168,6 @@ class _Named:
             self.names.append(name)
 
     def __call__(self, found: FoundEngine) -> bool:
-        """Whether it is meant."""
         return all(is_so(found) for is_so in self._tests)
 
 
@@ -248,15 +225,10 @@ def _say(found: FoundEngine, words: str, code: int = 0) -> int:
 def owning(
     arguments: argparse.Namespace, owned: Owned, wire_version: int = 0
 ) -> Iterator[tuple[ControlPort, WhoAnswer, Holding]]:
-    """Hold what an engine owns and answer whoever asks for it, while inside.
+    """Hold the names that an engine owns, and answer inquiries, while inside.
 
-    Args:
-        arguments: the command line.
-        owned: by this engine.
-        wire_version: what it will speak with screens; 0 = it takes none.
-
-    Yields:
-        What answers, what it says until more is known, and what is held.
+    `wire_version` is the version that it will speak with screens; 0 = it accepts none. Yields the
+    port that answers, its answer until more is known, and the held names.
 
     Raises:
         HeldError: another engine has some of it.
@@ -281,7 +253,6 @@ def owning(
 
 
 def _console_options(arguments: argparse.Namespace, owned: Owned) -> tuple[str, ...]:
-    """The options with which a console attaches to the engine of these arguments."""
     words = ["--testbed", *(arguments.testbed or [owned.kind.value])]
     if owned.domain is not None:
         words += ["--domain", str(owned.domain)]
@@ -300,10 +271,10 @@ def _console_options(arguments: argparse.Namespace, owned: Owned) -> tuple[str, 
 
 
 WATCHDOG = 15
-"""The service manager ends an engine whose core hangs for so long, s, and starts it again."""
+"""Timeout after which the service manager restarts an engine whose core hangs, s."""
 
 ENDING = 120
-"""An engine has so long to close its recording and write the result when it is stopped, s."""
+"""Time for a stopped engine to close its recording and write the result, s."""
 
 _ROS_ENVIRONMENT = (
     *("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "ROS_DISTRO", "ROS_VERSION"),
@@ -311,15 +282,10 @@ _ROS_ENVIRONMENT = (
     *("ROS_DISCOVERY_SERVER", "RMW_IMPLEMENTATION", "CYCLONEDDS_URI"),
     *("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"),
 )
-"""Of the shell that prints the unit: where ROS is, and whom it finds."""
+"""Variables copied from the shell that prints the unit: where ROS is, and whom it finds."""
 
 
 def print_unit(arguments: argparse.Namespace) -> int:
-    """Print the service of the testbed that the command line names.
-
-    Raises:
-        MadrobError: a replay needs no service.
-    """
     settings = load_settings(arguments.settings)
     owned = owned_testbed(arguments, settings)
     if owned.kind is SourceKind.REPLAY:
@@ -331,14 +297,6 @@ def print_unit(arguments: argparse.Namespace) -> int:
 def unit_lines(
     arguments: argparse.Namespace, settings: Settings, owned: Owned, environment: Mapping[str, str]
 ) -> Iterator[str]:
-    """The lines of the service.
-
-    Args:
-        arguments: the command line: those of `serve`, and `system`.
-        settings: its settings.
-        owned: by its engine.
-        environment: what of it ROS needs goes with the service.
-    """
     name = f"madrob-{owned.stem.replace('_', '-')}"
     testbed = _testbed(arguments, settings, owned)
     madrob = command_line()
@@ -389,7 +347,7 @@ def unit_lines(
 
 
 def command_line() -> list[str]:
-    """This `madrob`, with its whole path."""
+    """This `madrob`, with its absolute path."""
     script = Path(sys.executable).with_name("madrob")
     if script.is_file():
         return [str(script)]
@@ -416,7 +374,7 @@ def _head(name: str, arguments: argparse.Namespace, *, system: bool) -> Iterator
 
 
 def _ros_environment(environment: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """What ROS needs of the environment; what lies in this Python's folder it finds by itself."""
+    """Variables that ROS needs, without the paths that this Python finds by itself."""
     for name in _ROS_ENVIRONMENT:
         value = environment.get(name, "")
         if name.endswith("PATH"):
@@ -427,7 +385,7 @@ def _ros_environment(environment: Mapping[str, str]) -> Iterator[tuple[str, str]
 
 
 def _testbed(arguments: argparse.Namespace, settings: Settings, owned: Owned) -> list[str]:
-    """The options that name the testbed wherever they are read: all paths whole."""
+    """Options that name the testbed, with absolute paths."""
     words = [f"--results={options.results_folder(arguments, settings)}"]
     if owned.domain is not None:
         words.insert(0, f"--domain={owned.domain}")
@@ -442,11 +400,7 @@ def _testbed(arguments: argparse.Namespace, settings: Settings, owned: Owned) ->
 
 
 def _quoted(words: Sequence[str]) -> str:
-    """Words of a line of a unit file (systemd.syntax(7)): nothing in them is expanded.
-
-    Raises:
-        MadrobError: a word cannot stand in a unit file.
-    """
+    """Words of a line of a unit file (systemd.syntax(7)): nothing in them is expanded."""
     return " ".join(_word(word) for word in words)
 
 
@@ -461,15 +415,13 @@ def _word(word: str) -> str:
 
 
 _NAMING = ("testbed", "domain", "results", "settings", *options.SIMULATION)
-"""The options of which any says which engine is meant."""
+"""Options that name an engine; any one of them is enough."""
 
 
 def engines_meant(arguments: argparse.Namespace, results: Path) -> tuple[FoundEngine, ...]:
-    """The engines to which a command line without a testbed could attach; none for any other.
+    """Engines to which a command line without a testbed could attach; none for any other.
 
-    Args:
-        arguments: the command line.
-        results: the folder of its settings; the engine that keeps its runs there is meant alone.
+    If an engine keeps its runs in `results`, the folder of the settings, it is the only one.
     """
     usual = _parsed(())
     if any(getattr(arguments, name) != getattr(usual, name) for name in _NAMING):
@@ -480,7 +432,6 @@ def engines_meant(arguments: argparse.Namespace, results: Path) -> tuple[FoundEn
 
 
 def mean(arguments: argparse.Namespace, engine: FoundEngine) -> None:
-    """Let a command line mean an engine, as if what names it had been typed."""
     assert engine.presence is not None
     typed = _parsed(engine.presence.console)
     for name in _NAMING:
@@ -488,13 +439,7 @@ def mean(arguments: argparse.Namespace, engine: FoundEngine) -> None:
 
 
 def ask_which(engines: Sequence[FoundEngine], command: str, results: Path) -> int:
-    """Say which engines run and what to type for each; returns the exit code.
-
-    Args:
-        engines: them.
-        command: that is to attach, `console` or `watch`.
-        results: the folder of the settings; a console starts an engine for it.
-    """
+    """List the running engines and what to type for each; a console starts one for `results`."""
     count = "1 engine runs" if len(engines) == 1 else f"{len(engines)} engines run"
     complain(f"{count}: type the line of the one that you mean")
     for one in engines:
@@ -506,7 +451,7 @@ def ask_which(engines: Sequence[FoundEngine], command: str, results: Path) -> in
 
 
 def _parsed(words: Sequence[str]) -> argparse.Namespace:
-    """What names a testbed; what a later version says beyond that is left out."""
+    """Parse the options that name a testbed; unknown options of a later version are ignored."""
     parser = Parser(add_help=False)
     options.add_testbed(parser)
     return parser.parse_known_args(list(words))[0]

@@ -8,7 +8,6 @@ from madrob_console.cli import options
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     options.command(
         commands,
         "schema",
@@ -19,7 +18,6 @@ def add(commands: options.Commands) -> None:
 
 
 def main(_arguments: argparse.Namespace) -> int:
-    """Print the JSON schema."""
     from madrob_console.archive.result_document import schema_text
 
     print(schema_text().decode(), end="")

@@ -28,22 +28,20 @@ if TYPE_CHECKING:
     from scoring.result import Result
 
 DIFFERENCES = 1
-"""Exit code of `--check` where a result is not what its recording gives."""
+"""Exit code of `--check` if a result is not what its recording gives."""
 
 _ALL = "all"
-"""Every ruleset, side by side."""
 
 
 class RunText(NamedTuple):
-    """What there is to say of one run.
+    """What is printed of one run.
 
     Attributes:
         text: lines for people, or one JSON document; empty where there is a problem.
-        problem: why it cannot be scored, on one line; None = it can.
-        grade: what a check found; None = nothing was checked.
+        problem: why it cannot be scored, on one line.
         values_hold: whether it differs in doubts only.
-        uncertainties: whether some are not what was stored; no grade hangs on them.
-        run_id: which run it is; empty = not known, or it does not matter.
+        uncertainties: whether some differ from the stored ones; no grade depends on them.
+        run_id: empty = not known, or it does not matter.
     """
 
     text: str
@@ -55,19 +53,13 @@ class RunText(NamedTuple):
 
 
 class Destination(NamedTuple):
-    """Where files of a ruleset are to be written.
-
-    Attributes:
-        rules: the ruleset.
-        folder: holds a folder for each run.
-    """
+    """Target of a ruleset's files; `folder` holds a folder for each run."""
 
     rules: RulesetName
     folder: Path
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "score",
@@ -142,7 +134,7 @@ def add(commands: options.Commands) -> None:
 
 
 class _Write(argparse.Action):
-    """A ruleset, and the folder for what it makes of the runs."""
+    """A ruleset, and the folder for its files."""
 
     def __call__(
         self,
@@ -159,7 +151,6 @@ class _Write(argparse.Action):
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Score every run at the paths; a bad one is named and does not stop the rest."""
     _refuse_contradictions(arguments)
     runs = _chosen(batch.runs_of(arguments), arguments)
     rules = _rules(arguments.ruleset)
@@ -176,11 +167,6 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _chosen(runs: list[RunPath], arguments: argparse.Namespace) -> list[RunPath]:
-    """Those of the competition that was asked for; runs that do not say of which they are named.
-
-    Raises:
-        MadrobError: there are none.
-    """
     if arguments.competition is None:
         return runs
     from madrob_console.archive.collection import demand_competition
@@ -196,7 +182,6 @@ def _chosen(runs: list[RunPath], arguments: argparse.Namespace) -> list[RunPath]
 
 
 def _refuse_contradictions(arguments: argparse.Namespace) -> None:
-    """End where options do not go together, as far as argparse does not know it."""
     parser, tables, issues = arguments.parser, arguments.output, arguments.reissue
     if arguments.ruleset is not None and (arguments.check or arguments.write is not None):
         parser.error(f"--ruleset: not allowed with {'--check' if arguments.check else '--write'}")
@@ -215,7 +200,6 @@ def _refuse_contradictions(arguments: argparse.Namespace) -> None:
 def _describe(
     arguments: argparse.Namespace, runs: Sequence[RunPath], rules: tuple[RulesetName | None, ...]
 ) -> int:
-    """Print what is to be said of each run."""
     from madrob_console.archive.check import Grade
 
     write = arguments.write
@@ -255,11 +239,10 @@ def _rules(name: str | None) -> tuple[RulesetName | None, ...]:
 def _print(
     runs: Sequence[RunPath], texts: Iterable[RunText], tell: Tell, *, as_json: bool
 ) -> tuple[int, Counter[Grade | None], int, int]:
-    """Print what is said of each run as soon as it is.
+    """Print the text of each run as soon as it is ready.
 
-    Returns:
-        how many were bad, how many of each grade, of how many that differ the values hold, and of
-        how many the uncertainties differ.
+    Returns how many were bad, how many of each grade, of how many that differ the values hold, and
+    of how many the uncertainties differ.
     """
     grades: Counter[Grade | None] = Counter()
     printed = held = unsure = 0
@@ -300,16 +283,9 @@ def describe_run(
     write: Destination | None = None,
     as_json: bool = False,
 ) -> RunText:
-    """Score or check a run, or write its files by some rules.
+    """Score or check a run, or write its files by other rules.
 
-    Never raises: one bad run must not stop the others.
-
-    Args:
-        run: which one.
-        rules: the rulesets, each once; None = that of the run.
-        check: compare with the stored result instead.
-        write: write its files by other rules there instead; None = nothing is written.
-        as_json: for programs instead of people.
+    Never raises: one bad run must not stop the others. `rules` None = that of the run.
     """
     try:
         if write is not None:
@@ -361,7 +337,7 @@ def _document(scored: tuple[ScoredPath, ...]) -> dict[str, Any]:
 
 
 def _content(result: Result) -> dict[str, Any]:
-    """A result as `result.json` has it, without what was set for the run."""
+    """A result as `result.json` has it, without the set-up of the run."""
     import msgspec
 
     content: dict[str, Any] = msgspec.to_builtins(result)

@@ -40,13 +40,7 @@ _ALL = (*RUN_TABLES, UNREADABLE)
 
 
 class FreshRows(NamedTuple):
-    """What the tables have of one run.
-
-    Attributes:
-        rows: by the name of the table.
-        run_id: which run it is; empty = not known.
-        problem: why it cannot be scored, on one line; None = it can.
-    """
+    """Rows of one run by the name of the table, or why it cannot be scored, on one line."""
 
     rows: Mapping[str, Sequence[Row]]
     run_id: str = ""
@@ -54,12 +48,7 @@ class FreshRows(NamedTuple):
 
 
 def fresh_rows(run: RunPath, *, rules: tuple[RulesetName | None, ...]) -> FreshRows:
-    """Score a run for the tables. Never raises: one bad run must not stop the others.
-
-    Args:
-        run: which one.
-        rules: the rulesets, each once; None = that of the run.
-    """
+    """Score a run for the tables; never raises. `rules` None = the ruleset of the run."""
     from madrob_console.archive.result_files import fresh_runs
     from madrob_console.export.rows import rows_of
 
@@ -79,11 +68,7 @@ def fresh_rows(run: RunPath, *, rules: tuple[RulesetName | None, ...]) -> FreshR
 def write_tables(
     arguments: argparse.Namespace, runs: Sequence[RunPath], rules: tuple[RulesetName | None, ...]
 ) -> int:
-    """Write the tables of all runs, whole or not at all; one that cannot be read has its row.
-
-    Raises:
-        MadrobError: the folder is there already, or the disk refuses.
-    """
+    """Write the tables of all runs atomically; one that cannot be read has its row."""
     from madrob_console.common.files import new_folder, whole_file
     from madrob_console.export.rows import RowWriter, TableWriter, check_writable
 
@@ -107,11 +92,6 @@ def write_tables(
 
 
 def _folder(output: Path, shard: Shard | None) -> Path:
-    """Where the tables go; no two shards of a division to the same place.
-
-    Raises:
-        MadrobError: there are tables of another division.
-    """
     if shard is None:
         return output
     others = sorted(path.name for path in output.glob("shard_*_of_*"))
@@ -130,7 +110,6 @@ def _write(
     bad: Complaints,
     tell: Tell,
 ) -> None:
-    """The rows of all runs, each run once, one after the other."""
     from madrob_console.archive.result_files import Counted
 
     counted = Counted.of(runs).places
@@ -158,13 +137,12 @@ def _lost_rows(run: RunPath, why: str) -> FreshRows:
 
 
 _DECIMALS = 6
-"""Times of the epoch, of which values are made, have no more."""
+"""Times since the epoch, from which values are computed, have no more."""
 
 _NONE, _SPREAD = "-", "+-"
 
 
 def result_lines(result: Result, found: Sequence[Flag] = ()) -> Iterator[str]:
-    """A result as a table for people, its flags first."""
     yield f"{_outcome(result)}, ruleset {result.ruleset}"
     yield from flag_lines(found)
     if reason := common_reason(result.indicators):
@@ -178,13 +156,11 @@ def result_lines(result: Result, found: Sequence[Flag] = ()) -> Iterator[str]:
 
 
 def doubt_lines(result: Result) -> Iterator[str]:
-    """Each doubt with the indicators that it is on."""
     for words, on in result.doubts.items():
         yield terminal_safe(f"doubt: {words} ({', '.join(name.words for name in on)})")
 
 
 def flag_lines(found: Sequence[Flag]) -> Iterator[str]:
-    """What a decision on a run hangs on, on one line; none where nothing does."""
     if found:
         yield terminal_safe(f"flags: {'; '.join(flag.words for flag in found)}")
 
@@ -192,7 +168,7 @@ def flag_lines(found: Sequence[Flag]) -> Iterator[str]:
 def comparison_lines(results: Sequence[Result], found: Sequence[Flag] = ()) -> Iterator[str]:
     """The results of one run by several rulesets, side by side.
 
-    Beside each but the first stands its difference to the first: that one's value is subtracted.
+    Each but the first is followed by its difference to the first, whose value is subtracted.
     """
     first, *others = results
     yield _outcome(first)
@@ -218,7 +194,7 @@ def comparison_lines(results: Sequence[Result], found: Sequence[Flag] = ()) -> I
 
 
 def difference(one: Indicator, two: Indicator) -> float | int | None:
-    """By how much the second is larger, in their unit; None where one has no value."""
+    """The second value minus the first, in their unit; None where one has no value."""
     return None if one.value is None or two.value is None else two.value - one.value
 
 
@@ -249,7 +225,7 @@ def _notes(result: Result) -> Iterator[str]:
 
 
 def _value(indicator: Indicator) -> str:
-    """With the digits that it has: where its uncertainty is 0, all that mean something."""
+    """With the digits that its uncertainty leaves; where that is 0, all significant ones."""
     value, known = indicator.value, indicator.uncertainty
     if value is None:
         return _NONE
@@ -280,17 +256,11 @@ def _number(value: float) -> str:
 
 
 _AT_ONCE = 200
-"""So many next issues are in memory at once, with their files, less than 2 MB each."""
+"""Limit of next issues in memory, with their files, less than 2 MB each."""
 
 
 class MadeIssue(NamedTuple):
-    """What came of scoring a run for its next issue.
-
-    Attributes:
-        issue: it; None = there is nothing to re-issue.
-        problem: why it cannot be, on one line; None = it can.
-        out_of_date: whether the result is to be made again first.
-    """
+    """Outcome of scoring a run for its next issue; `out_of_date`: remake the result first."""
 
     issue: NextIssue | None = None
     problem: str | None = None
@@ -298,13 +268,6 @@ class MadeIssue(NamedTuple):
 
 
 def made_issue(run: RunPath, *, change: RuleChange, files: bool) -> MadeIssue:
-    """Score a run for its next issue. Never raises: one bad run must not stop the others.
-
-    Args:
-        run: which one.
-        change: of the rules.
-        files: whether they are to be written.
-    """
     from madrob_console.archive.repair import OutOfDateError, next_issue
 
     try:
@@ -319,15 +282,12 @@ def made_issue(run: RunPath, *, change: RuleChange, files: bool) -> MadeIssue:
 
 @dataclass
 class ChangeTotals:
-    """What a rule change comes to.
+    """Effects of a rule change.
 
     Attributes:
-        issues: results that it changes.
-        counting: of these, how many enter the standings.
-        signed: of these, how many were final.
-        values: by indicator, how many values it changes.
+        counting: of the changed results, how many enter the standings.
+        signed: of the changed results, how many were final.
         levels: by the capability level before and after, how many runs.
-        unchanged: runs that it leaves as they are.
         unwritten: issues that the disk refused after the journal's line.
     """
 
@@ -340,7 +300,6 @@ class ChangeTotals:
     unwritten: int = 0
 
     def add(self, issue: NextIssue) -> None:
-        """One more result."""
         self.issues += 1
         self.counting += issue.counts
         self.signed += issue.signed is not None
@@ -350,7 +309,6 @@ class ChangeTotals:
                 self.levels[value.before, value.after] += 1
 
     def lines(self, bad: int, *, dry: bool) -> Iterator[str]:
-        """All of it, for people."""
         done = "would be re-issued" if dry else "re-issued"
         counts = [f"{self.issues} {done}", f"{self.unchanged} unchanged"]
         if self.unwritten:
@@ -374,11 +332,6 @@ def reissue(
     rules: RulesetName | None,
     clock: Clock,
 ) -> int:
-    """Re-issue what a rule change changes, or say what it would change.
-
-    Raises:
-        MadrobError: the settings cannot be used, or not the processes or the cluster.
-    """
     from madrob_console.archive.repair import RuleChange
     from madrob_console.config import load_settings
 
@@ -404,7 +357,6 @@ def _go_through(
     totals: ChangeTotals,
     bad: Complaints,
 ) -> None:
-    """Every run: what the rule change changes of it is said, and written if it is to be."""
     from madrob_console.archive.repair import UnwrittenError
 
     dry: bool = arguments.dry_run
@@ -429,11 +381,7 @@ def _go_through(
 def _settled(
     run: RunPath, made: MadeIssue, change: RuleChange, clock: Clock, *, dry: bool
 ) -> Iterator[NextIssue]:
-    """Write what is to be written of one run: what was journalled before, and what is new.
-
-    Raises:
-        MadrobError: it cannot be.
-    """
+    """Write the issues of one run: those journalled before, and the new one."""
     from madrob_console.archive.repair import UnwrittenError, unwritten_issue, write_next_issue
     from madrob_console.cli.repairing import repair_run
 
@@ -462,7 +410,6 @@ def _settled(
 def _renew_reports(
     arguments: argparse.Namespace, runs: Sequence[RunPath], change: RuleChange, bad: Complaints
 ) -> None:
-    """Make reports again that tell of an earlier issue, when all results are there to compare."""
     from madrob_console.archive.folders import results_folder_of
     from madrob_console.cli.repairing import renew_all
     from madrob_console.pages.surroundings import report_is_old
@@ -480,13 +427,10 @@ def _renew_reports(
 
 
 def renewed_report(run: RunPath, *, time: float) -> str:
-    """Make the report of a run again; says why it cannot be, empty = it is.
+    """Remake the report of a run; returns why it cannot be remade, empty = it was.
 
-    That of a run that a console works on is left to it.
-
-    Args:
-        run: which one.
-        time: of the rule change: what lies around runs is looked at once for each.
+    A run that a console works on is left to the console. `time` is that of the rule change: the
+    surroundings of runs are read once for each time.
     """
     from madrob_console.archive.run_journal import is_held
     from madrob_console.cli.repairing import renew_report

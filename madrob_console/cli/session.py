@@ -48,15 +48,9 @@ def open_engine(
     settings: Settings,
     scorer: Callable[[], Scorer] = InlineScorer,
 ) -> Engine:
-    """The engine that the command line asks for; not opened yet.
+    """Make the engine that the command line asks for, without opening it.
 
-    Args:
-        arguments: the command line.
-        settings: of the testbed.
-        scorer: what makes the results of runs in real time; else they are made at once.
-
-    Raises:
-        MadrobError: the testbed does not exist or cannot be used.
+    `scorer` makes the results of runs in real time; all other results are made at once.
     """
     kind, replayed = _testbed(arguments, settings)
     types = MessageTypes()
@@ -114,7 +108,6 @@ def _evidence_plan(settings: Settings) -> EvidencePlan | None:
 def _witness(
     arguments: argparse.Namespace, settings: Settings, types: MessageTypes
 ) -> Witness | None:
-    """What records the evidence of a ROS domain; None where none is wanted."""
     if not settings.recording.topics:
         return None
     from madrob_console.engine.evidence_process import EvidenceProcess
@@ -130,13 +123,11 @@ def _witness(
 
 
 def own_topics(settings: Settings, types: MessageTypes) -> tuple[str, ...]:
-    """The topics that are recorded whatever is wanted as evidence: the testbed's and our own."""
     own = {mapping.topic for mapping in settings.mappings()}
     return (*sorted(own | {topic.name for topic in referee_topics(types)}), INFO_TOPIC)
 
 
 def simulated_testbed(arguments: argparse.Namespace, settings: Settings) -> SimulatedTestbed:
-    """The simulated testbed of the settings, with the robot and network of the command line."""
     return SimulatedTestbed(
         arguments.scenario,
         arguments.seed,
@@ -203,33 +194,24 @@ def _find_testbed(arguments: argparse.Namespace, settings: Settings) -> SourceKi
 
 
 STEP = 0.02
-"""The engine waits this long for messages, s of its clock."""
+"""Interval at which the engine receives messages, s of its clock."""
 
 _LOOK_PERIOD = 0.5
 _REST = 1.5
 
 
 class SetupMaker(Protocol):
-    """Makes what is set for a run."""
+    """Makes the set-up of a run."""
 
-    def __call__(self, *, simulated: bool) -> RunSetup:
-        """The set-up for a simulated testbed, or for a real one."""
-        ...
+    def __call__(self, *, simulated: bool) -> RunSetup: ...
 
 
 class _LogPrinter:
-    """Prints every line of a log once.
-
-    Args:
-        log: of an engine.
-    """
-
     def __init__(self, log: EventLog) -> None:
         self._log = log
         self._printed = 0
 
     def print_new(self) -> None:
-        """Print what has come since."""
         for line in self._log.lines:
             if line.number < self._printed:
                 continue
@@ -239,7 +221,6 @@ class _LogPrinter:
 
 
 def print_replay(engine: Engine, replay: Replay) -> Outcome:
-    """Print a replay to its end, and in what it differs from the stored result; write nothing."""
     log = _LogPrinter(engine.log)
     engine.open()
     try:
@@ -263,9 +244,7 @@ def print_replay(engine: Engine, replay: Replay) -> Outcome:
 class UnattendedRun:
     """Drives an engine as a referee would, and prints what happens.
 
-    Args:
-        engine: not opened yet.
-        reporting: makes the report; None = there shall be none.
+    The engine must not be open yet. Without `reporting` there is no report.
     """
 
     def __init__(self, engine: Engine, reporting: Reporting | None) -> None:
@@ -277,13 +256,10 @@ class UnattendedRun:
         self._signal: int | None = None
 
     def go(self, setup: SetupMaker, wait: float, waive: str | None) -> Outcome:
-        """Do the run, to its report; how it ended.
+        """Do the run, to its report; returns how it ended.
 
-        Args:
-            setup: tells what is set, for a simulated testbed or a real one; asked when the engine
-                is open.
-            wait: for the pre-start checks, s.
-            waive: why failing checks shall pass; None = they shall not.
+        `setup` is called when the engine is open. `wait` is for the pre-start checks, s. `waive` is
+        the reason to start despite failing checks; None = they must pass.
 
         Raises:
             MadrobError: it did not start; nothing was recorded.
@@ -321,14 +297,13 @@ class UnattendedRun:
         self._do(Start())
 
     def _set_up(self, setup: SetupMaker) -> bool:
-        """Set the run up and say on what; whether that is known to be simulated."""
+        """Set the run up and print the testbed; returns whether it is known to be simulated."""
         simulated = self._engine.source.announcement.simulated is not None
         self._do(SetUp(setup(simulated=simulated)))
         print(f"testbed: {self._engine.snapshot().label}", flush=True)
         return simulated
 
     def _wait_for_checks(self, wait: float) -> None:
-        """Let the handle rest for a while, and wait for the checks that time can mend."""
         by_hand = (CheckName.TEAM, CheckName.POSE, CheckName.HANDLE, CheckName.HANDLE_ZERO)
         begin = looked = self._engine.now()
         while (now := self._engine.now()) < begin + wait:
@@ -365,7 +340,7 @@ class UnattendedRun:
 
     @contextmanager
     def stopping_on_signals(self) -> Iterator[None]:
-        """INT, TERM and HUP abort the run; it is kept on record as invalid."""
+        """Let SIGINT, SIGTERM and SIGHUP abort the run while inside; it is kept as invalid."""
 
         def note(number: int, _frame: FrameType | None) -> None:
             self._signal = number
@@ -391,7 +366,6 @@ class UnattendedRun:
         return scored.result.outcome
 
     def _wait_for_report(self, reporting: Reporting) -> None:
-        """Wait until the report is made; a signal ends the waiting, and it gets ready alone."""
         self._signal = None
         while not reporting.wait(_LOOK_PERIOD) and self._signal is None:
             pass

@@ -11,7 +11,6 @@ from madrob_console.common.names import terminal_safe
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "settings",
@@ -24,7 +23,6 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Check the settings file, if there is one, and print every setting with its default."""
     from madrob_console.config import default_settings_path, load_settings
     from madrob_console.config.settings import example_toml
 

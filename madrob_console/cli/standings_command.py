@@ -21,7 +21,6 @@ _STDOUT = Path("-")
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "standings",
@@ -54,7 +53,6 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Write the files that were asked for, or print a table; damaged results are named."""
     with imports_kept():
         from madrob_console.common.files import atomic_write
         from madrob_console.common.version import software_version

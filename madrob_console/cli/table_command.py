@@ -45,14 +45,11 @@ _STDOUT = Path("-")
 
 
 class _Written(NamedTuple):
-    """What came of one run: its files, or why there are none."""
-
     files: tuple[Path, ...] = ()
     problem: str | None = None
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "table",
@@ -94,7 +91,6 @@ def add(commands: options.Commands) -> None:
 
 
 def _add_runs(parts: options.Commands, table: TidyTable) -> None:
-    """The command line of a table of all runs."""
     parser = options.command(
         parts,
         table.name,
@@ -116,7 +112,6 @@ def _add_runs(parts: options.Commands, table: TidyTable) -> None:
 
 
 def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
-    """Write a table of all runs; one that cannot be used is named and does not stop the rest."""
     from madrob_console.archive.folders import all_runs_at
     from madrob_console.common.files import whole_file
     from madrob_console.config import load_settings
@@ -153,7 +148,6 @@ def _write_runs(
     bad: Complaints,
     tell: Tell,
 ) -> None:
-    """The rows of all runs, some runs after the other."""
     from madrob_console.archive.collection import demand_competition, demand_testbed
     from madrob_console.archive.result_files import Counted, stored_run
     from madrob_console.export.rows import rows_of
@@ -182,16 +176,12 @@ def _write_runs(
 
 
 class _StandardOutput(BytesIO):
-    """The standard output as a file."""
-
     def write(self, data: Buffer, /) -> int:
-        """Write bytes at once."""
         put_bytes(bytes(data))
         return len(bytes(data))
 
 
 def _samples(arguments: argparse.Namespace) -> int:
-    """Write the tables of every run at the paths; a bad one is named and does not stop the rest."""
     from madrob_console.archive.folders import all_runs_at
     from madrob_console.cli.batch import in_order
     from madrob_console.export.rows import check_writable
@@ -226,14 +216,7 @@ def _samples(arguments: argparse.Namespace) -> int:
 def write_samples(
     run: RunPath, *, output: Path, rules: RulesetName | None, kind: TableFormat
 ) -> _Written:
-    """Write the tables of one run. Never raises: one bad run must not stop the others.
-
-    Args:
-        run: which one; no more than one is in memory.
-        output: folder for the tables.
-        rules: the ruleset; None = that of the run.
-        kind: of the files.
-    """
+    """Write the tables of one run, which alone is in memory; never raises."""
     from madrob_console.archive.scored import score_with_series
     from madrob_console.export.rows import sample_rows, write_table
 

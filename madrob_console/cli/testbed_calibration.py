@@ -30,11 +30,7 @@ _SWEPT = (Signal.DOOR, *(Signal.of_strip(strip) for strip in Strip))
 
 
 class CalibrationRecording:
-    """The samples of some signals in a bag, as the settings map the topics.
-
-    Args:
-        path: a bag recorded here or by `ros2 bag record`, or a run folder.
-        mappings: the topics that must be in it.
+    """The samples of some signals in a bag, which must have all topics of the mappings.
 
     Raises:
         RecorderError: there is no bag to read.
@@ -60,11 +56,7 @@ class CalibrationRecording:
         return self._bag.problem
 
     def samples(self) -> Iterator[Sample]:
-        """The samples in the order of the bag.
-
-        Raises:
-            MadrobError: a message is none of the type that the settings say, or a topic is silent.
-        """
+        """The samples in the order of the bag."""
         decoder = Decoder(self._mappings, self._types)
         counts: Counter[Signal] = Counter()
         for message in self._bag.messages():
@@ -87,21 +79,12 @@ class CalibrationRecording:
 
 
 def sweep_recordings(paths: Sequence[Path], settings: Settings) -> list[CalibrationRecording]:
-    """The recordings of a swept door.
-
-    Raises:
-        RecorderError, MadrobError: one of them cannot be used.
-    """
     mappings = [m for m in settings.mappings() if m.signal in _SWEPT]
     return [CalibrationRecording(path, mappings) for path in paths]
 
 
 def masks_of(recordings: Sequence[CalibrationRecording], settings: Settings) -> MaskProposal:
-    """The masks that recordings show together.
-
-    Raises:
-        MadrobError: they are of no use; names the first of them, the reason and the remedy.
-    """
+    """The masks that all recordings together show."""
     thresholds = settings.scoring_thresholds()
     sweeps = []
     for recording in recordings:
@@ -116,25 +99,15 @@ def masks_of(recordings: Sequence[CalibrationRecording], settings: Settings) -> 
 
 
 def handle_mapping(settings: Settings) -> TopicMapping:
-    """How the testbed publishes the handle's force."""
     return next(m for m in settings.mappings() if m.signal is Signal.HANDLE)
 
 
 def handle_recording(path: Path, mapping: TopicMapping) -> CalibrationRecording:
-    """A recording of the numbers as they are published, without scale and offset.
-
-    Raises:
-        RecorderError, MadrobError: it cannot be used.
-    """
+    """A recording of the published numbers, without scale and offset."""
     return CalibrationRecording(path, [replace(mapping, scale=1.0, offset=0.0)])
 
 
 def level_of(recording: CalibrationRecording) -> SteadyForce:
-    """The steady force in a recording.
-
-    Raises:
-        MadrobError, ScoringError: it is of no use.
-    """
     guard = StampGuard()
     found = [
         sample
@@ -145,11 +118,6 @@ def level_of(recording: CalibrationRecording) -> SteadyForce:
 
 
 def masks_toml(found: MaskProposal) -> str:
-    """The settings for the masks, with what they rest on as comments.
-
-    Raises:
-        MadrobError: the settings do not take these numbers.
-    """
     low, high = found.swept
     panel = "too close" if found.panel_height is None else f"{found.panel_height:.3f} m high"
     lines = [
@@ -178,15 +146,6 @@ def masks_toml(found: MaskProposal) -> str:
 
 
 def handle_toml(found: HandleProposal, mapping: TopicMapping) -> str:
-    """The settings for the handle, with what they rest on as comments.
-
-    Args:
-        found: the proposal.
-        mapping: the settings as they are.
-
-    Raises:
-        MadrobError: the settings do not take these numbers.
-    """
     unit = abs(found.scale)
     lines = [
         f"# {name}: {level.samples} samples in {level.duration:.1f} s, median {level.median:.6g}, "

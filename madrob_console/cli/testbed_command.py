@@ -11,7 +11,6 @@ from scoring.imports import imports_kept
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "testbed",
@@ -38,7 +37,6 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Be a testbed until its runs are over."""
     with imports_kept():
         from madrob_console.cli.session import simulated_testbed
         from madrob_console.config import load_settings

@@ -21,11 +21,10 @@ if TYPE_CHECKING:
     from madrob_console.archive.evidence import RunEvidence, TidyLimits
 
 NOT_REMOVED = 1
-"""Exit code where somebody said no."""
+"""Exit code if the user said no."""
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "tidy",
@@ -70,7 +69,6 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Say what goes and what stays, ask, and remove it."""
     with imports_kept():
         from madrob_console.archive.evidence import evidence_at, run_going_on
         from madrob_console.common.files import free_space
@@ -120,7 +118,6 @@ def _limits(arguments: argparse.Namespace, filing: float) -> TidyLimits:
 
 
 def _lacking(limits: TidyLimits, free: float) -> str:
-    """How much less than wanted is free then, in words; empty = it is enough."""
     from madrob_console.ui.look.words import size_text
 
     wanted = limits.until_free
@@ -131,7 +128,6 @@ def _lacking(limits: TidyLimits, free: float) -> str:
 
 
 def _lines(found: Sequence[RunEvidence], now: float) -> list[str]:
-    """One a run: which, how old, how much, and why it stays, below it on a narrow terminal."""
     from madrob_console.ui.look.words import size_text
 
     rows = [
@@ -180,7 +176,6 @@ def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int
 
 
 def _renew_reports(removed: Sequence[RunEvidence], bad: Complaints) -> None:
-    """Have the reports say that the evidence is gone."""
     from madrob_console.archive.folders import REPORT_FILE
     from madrob_console.cli.repairing import renew_report
     from madrob_console.pages.surroundings import Surroundings

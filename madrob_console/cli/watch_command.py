@@ -9,7 +9,6 @@ from madrob_console.cli.console_command import add_look_options, show
 
 
 def add(commands: options.Commands) -> None:
-    """Its command line."""
     parser = options.command(
         commands,
         "watch",
@@ -27,7 +26,6 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Show the screens; no key of theirs does anything to the run."""
     from madrob_console.engine.requests import Role
 
     return show(arguments, Role.WATCH, wall=arguments.big)

@@ -14,16 +14,15 @@ from madrob_console.common.errors import MadrobError
 
 
 NS = 1_000_000_000
-"""Nanoseconds in a second."""
 
 _STEP = NS // 2
 """Simulated time that falls back by more was paused or set back, ns."""
 
 _SLOWEST = 0.01
-"""Simulated time never stands quite still: what is received has an order."""
+"""Lowest rate of simulated time: it never stands still, so that received messages have an order."""
 
 _SILENT = 2 * NS
-"""After so long without news the simulation is paused or gone, ns."""
+"""Timeout after which the simulation counts as paused or gone, ns."""
 
 
 def seconds(ns: int) -> float:
@@ -32,12 +31,11 @@ def seconds(ns: int) -> float:
 
 
 def nanoseconds(s: float) -> int:
-    """Seconds as whole nanoseconds."""
     return round(s * NS)
 
 
 class Clock(Protocol):
-    """What the engine and its sources know about time."""
+    """Time for the engine and its sources."""
 
     def now_ns(self) -> int:
         """Steady time, ns since the epoch."""
@@ -69,31 +67,27 @@ class SystemClock:
         self._held = speed != 1.0  # a scaled clock has left the wall clock for good
 
     def now_ns(self) -> int:
-        """Steady time, ns since the epoch."""
         if not self._held:
             return time.time_ns()
         return self._wall + round((time.monotonic_ns() - self._monotonic) * self.speed)
 
     def sleep(self, duration: float) -> None:
-        """Let `duration` seconds of this clock's time pass."""
         time.sleep(max(0.0, duration) / self.speed)
 
     def hold(self) -> None:
-        """From now on run on monotonic time alone (a bag is open)."""
         if not self._held:
             self._wall, self._monotonic, self._held = time.time_ns(), time.monotonic_ns(), True
 
     def release(self) -> None:
-        """Follow the wall clock again (the bag is closed)."""
         self._held = self.speed != 1.0
 
 
 class SimulationClock(SystemClock):
-    """The time of a simulation, as its topic `/clock` tells it (protocol section 3).
+    """The time of a simulation, from its topic `/clock` (protocol section 3).
 
-    Between two messages it goes on at their pace, and 2 s after the last one at the machine's: a
+    Between two messages it runs on at their pace, and 2 s after the last one at the machine's: a
     simulation that pauses or ends holds up no abort and no file. It goes back only while it is not
-    held; what it went on through a pause stays until it is released.
+    held; what it ran on through a pause stays until it is released.
     """
 
     def __init__(self) -> None:
@@ -105,7 +99,7 @@ class SimulationClock(SystemClock):
         self._ahead = 0
 
     def hear(self, told: int, age: int) -> None:
-        """The simulation said that it is `told`, `age` of the machine's time ago, ns."""
+        """Take a message of the simulation's time, `age` ns of the machine's time old."""
         if told == self._told:
             return  # it is paused
         self._told, now = told, time.monotonic_ns()
@@ -146,11 +140,9 @@ class VirtualClock:
         self._now = start_ns
 
     def now_ns(self) -> int:
-        """The virtual time, ns since the epoch."""
         return self._now
 
     def sleep(self, duration: float) -> None:
-        """Move on by `duration` seconds at once."""
         self.advance_to(self._now + nanoseconds(max(0.0, duration)))
 
     def advance_to(self, now_ns: int) -> None:
@@ -168,13 +160,13 @@ class VirtualClock:
 
 
 TICK = 0.02
-"""Between two ticks, s: one door sample at 50 Hz."""
+"""Seconds between two ticks: one door sample at 50 Hz."""
 
 FASTEST = 1000.0
-"""Times as fast as it was."""
+"""The highest replay speed, as a factor of real time."""
 
 LONGEST = 200_000
-"""No run takes longer, s: the longest timeout is a day."""
+"""Seconds; no run takes longer, for the longest timeout is a day."""
 
 _TICK_NS = nanoseconds(TICK)
 _LONGEST_LEAP = 0.1
@@ -183,23 +175,9 @@ _LONGEST_LEAP = 0.1
 class RecordedClock:
     """Goes from instant to instant of a recording.
 
-    The instants are whole ticks from its beginning, and those given to `stop_at`: what is decided
-    at them is the same whatever was paused, stepped, jumped or hurried on the way.
-
-    Args:
-        begin_ns, end_ns: first and last instant of the recording, ns since the epoch.
-        speed: how many times as fast as it was; 0 = as fast as possible.
-        monotonic: real time, s.
-        wait: lets real time pass, s.
-
-    Attributes:
-        ticks: how many have passed; -1 = not even the beginning was reached.
-        last_tick: the one at or after the end of the recording.
-        target: the tick to which a jump goes on; None when none does.
-        speed, paused: how it goes.
-
-    Raises:
-        MadrobError: the speed is impossible.
+    The instants are whole ticks from its beginning, and those given to `stop_at`. So pauses, steps,
+    jumps and speed change nothing that is decided at them. The `speed` is a factor of real time; 0
+    = as fast as possible. `ticks` is -1 before the beginning; `target` is where a jump ends.
     """
 
     def __init__(
@@ -231,17 +209,15 @@ class RecordedClock:
         self._looked = self._monotonic()
 
     def stop_at(self, instants: Iterable[int]) -> None:
-        """Do not pass over these instants, ns since the epoch, in order."""
+        """Adds instants that the clock stops at, ns since the epoch, in order."""
         self._stops = tuple(instants)
 
     # ------------------------------------------------------------------ for the engine
 
     def now_ns(self) -> int:
-        """Recorded time, ns since the epoch."""
         return self._now_ns
 
     def sleep(self, duration: float) -> None:
-        """Go on to the next instant if it is due; else `duration` s of real time pass, at most."""
         if self._is_due(duration):
             self._move()
         if self.target is not None and self.ticks >= self.target:
@@ -249,14 +225,13 @@ class RecordedClock:
             self._go_on_from_here()
 
     def hold(self) -> None:
-        """Nothing to do: recorded time has no steps."""
+        """Does nothing: recorded time has no steps."""
 
     def release(self) -> None:
-        """Nothing to do: recorded time has no steps."""
+        """Does nothing: recorded time has no steps."""
 
     @property
     def ended(self) -> bool:
-        """Whether the end of the recording is reached."""
         return self.ticks >= self.last_tick
 
     def _is_due(self, timeout: float) -> bool:
@@ -291,7 +266,6 @@ class RecordedClock:
     # ------------------------------------------------------------------ for who looks at it
 
     def play_or_pause(self) -> str | None:
-        """Pause, or go on; a jump that goes on ends here. Returns why not, in words."""
         if self.ended:
             return "the recording is at its end: < goes back, j jumps to a time"
         self.paused = not self.paused
@@ -300,7 +274,6 @@ class RecordedClock:
         return None
 
     def set_speed(self, speed: float) -> str | None:
-        """Go so many times as fast as it was. Returns why not, in words."""
         if not 0 <= speed <= FASTEST:
             return f"replay speed {speed:g} is impossible: use 0 to {FASTEST:g}"
         self.speed = speed
@@ -308,7 +281,6 @@ class RecordedClock:
         return None
 
     def skip(self, duration: float) -> str | None:
-        """Pause so many s later than here, or than where a jump goes. Returns why not, in words."""
         if not abs(duration) < LONGEST:
             return "give a number of seconds"
         self.paused = True
@@ -316,7 +288,7 @@ class RecordedClock:
         return None
 
     def go_to(self, ticks: int) -> None:
-        """Jump to a tick or the nearer end; one that has passed is reached by beginning anew."""
+        """Jumps to a tick or the nearer end; an earlier tick needs a replay from the start."""
         self.target = min(max(0, ticks), self.last_tick)
         if self.target < self.ticks:
             self._rewind()

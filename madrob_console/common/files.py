@@ -17,21 +17,13 @@ from madrob_console.common.errors import MadrobError
 
 
 def atomic_write(path: Path, data: bytes | memoryview) -> None:
-    """Write a file as `whole_file` does.
-
-    Raises:
-        MadrobError: the disk refuses.
-    """
     atomic_writes(path.parent, {path.name: data})
 
 
 def atomic_writes(folder: Path, files: Mapping[str, bytes | memoryview]) -> None:
-    """Write several files of a folder in their order, each as `whole_file` does.
+    """Write files of a folder in their order, each as `whole_file` does; sync the folder once.
 
-    The folder is brought to the disk once, at the end.
-
-    Raises:
-        MadrobError: the disk refuses; the files before the one that it names are written.
+    On MadrobError the files before the one that it names are written.
     """
     path = folder
     try:
@@ -45,41 +37,21 @@ def atomic_writes(folder: Path, files: Mapping[str, bytes | memoryview]) -> None
 
 
 def atomic_write_in(folder: int, name: str, data: bytes) -> None:
-    """Write a file of an open folder as `whole_file` does.
-
-    Raises:
-        OSError: the disk refuses.
-    """
+    """Write a file of an open folder as `whole_file` does, but raise OSError."""
     with _replaced(Path(name), folder) as file:
         file.write(data)
     os.fsync(folder)
 
 
 def write_new_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> None:
-    """Make a folder with these files, as `new_folder` does.
-
-    Args:
-        path: of the folder.
-        files: by name.
-
-    Raises:
-        MadrobError: something is there already, or the disk refuses.
-    """
     with new_folder(path) as part:
         atomic_writes(part, files)
 
 
 def replaced_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> None:
-    """Make a folder with these files in place of one with others.
+    """Replace a folder by one with these files.
 
-    It is there with all of them; where that is cut off, as it was before or not at all.
-
-    Args:
-        path: of the folder.
-        files: by name.
-
-    Raises:
-        MadrobError: the disk refuses.
+    After an interruption the folder is as it was before, or missing, but never partly filled.
     """
     old, new = (path.with_name(f".{path.name}.{secrets.token_hex(4)}.part") for _ in range(2))
     write_new_folder(new, files)
@@ -99,16 +71,9 @@ def replaced_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> None
 
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """A folder to be filled; it is there with all that was put into it or not at all.
+    """Fill a new folder atomically; the yielded path is where the files go until then.
 
-    Args:
-        path: of the folder; the one that it lies in is made, too. There must be nothing yet.
-
-    Yields:
-        where to put the files until then.
-
-    Raises:
-        MadrobError: something is there already, or the disk refuses.
+    The parent folder is made, too. MadrobError if something is there already.
     """
     taken = MadrobError(f"{path}: is there already; move it away or choose another folder")
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
@@ -130,12 +95,9 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """A file to be written that, whatever happens, is either the old one or the whole new one.
+    """Write a file atomically: whatever happens, it is either the old one or the whole new one.
 
     The data are on disk at the end. A link at `path` is replaced, not followed.
-
-    Raises:
-        MadrobError: the disk refuses.
     """
     try:
         with _replaced(path) as file:
@@ -171,7 +133,7 @@ def _refused(path: Path, error: OSError) -> MadrobError:
 
 
 def free_space(path: Path) -> int | None:
-    """Bytes free where `path` lies or will lie; None if that cannot be found out."""
+    """Bytes free where `path` lies or will lie; None if unknown."""
     for place in (path, *path.absolute().parents):
         try:
             return shutil.disk_usage(place).free
@@ -198,29 +160,18 @@ _READ = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC  # a pipe mus
 
 
 def open_plain(path: str | Path, *, folder: int | None = None) -> int:
-    """A file descriptor for reading; the caller closes it.
+    """Open a plain file for reading; OSError for a link or anything else. The caller closes it.
 
-    Args:
-        path: of the file.
-        folder: descriptor of the folder where `path` begins; None = where it always does.
-
-    Raises:
-        OSError: it cannot be read, or it is a link or no file.
+    `folder` is the descriptor of the folder where `path` begins.
     """
     return checked_plain(os.open(path, _READ, dir_fd=folder))
 
 
 @contextmanager
 def opened_folder(root: Path, *below: str, make: bool = False) -> Iterator[int]:
-    """Descriptor of a folder for as long as inside; no folder below `root` may be a link.
+    """Descriptor of a folder while inside; no folder below `root` may be a link (`ENOTDIR`).
 
-    Args:
-        root: where to begin.
-        below: the folders on the way, each in the one before.
-        make: make those that are missing.
-
-    Raises:
-        OSError: it cannot be opened, or a link is on the way (`ENOTDIR`).
+    `below` are the nested folders on the way; `make` makes those that are missing.
     """
     number = os.open(root, _FOLDER)
     try:
@@ -237,11 +188,7 @@ def opened_folder(root: Path, *below: str, make: bool = False) -> Iterator[int]:
 
 
 def checked_plain(number: int) -> int:
-    """An open file that is a plain one; another is closed.
-
-    Raises:
-        OSError: it is no file.
-    """
+    """Return the descriptor of a plain file; close any other and raise OSError."""
     if stat.S_ISREG(os.fstat(number).st_mode):
         return number
     os.close(number)
@@ -249,7 +196,6 @@ def checked_plain(number: int) -> int:
 
 
 def refusal(error: OSError) -> str:
-    """Why a file cannot be read, in words."""
     return "it is a link" if error.errno == errno.ELOOP else error.strerror or "no reason given"
 
 
@@ -257,7 +203,7 @@ def refusal(error: OSError) -> str:
 
 
 class Stamp(NamedTuple):
-    """Of one version of a file: another stamp, another content.
+    """Version of a file: another stamp, another content.
 
     Attributes:
         modified: when its content changed, ns; any program can put that back.
@@ -284,11 +230,7 @@ def _stamp(found: os.stat_result) -> Stamp:
 
 
 def read_bounded(path: str, limit: int) -> tuple[bytes, Stamp]:
-    """The content of a file and its stamp; of a larger file only the first `limit` bytes.
-
-    Raises:
-        OSError: it cannot be read, or it is a link or no file.
-    """
+    """The content and stamp of a plain file; of a larger one only the first `limit` bytes."""
     number = open_plain(path)
     try:
         found = os.fstat(number)
@@ -299,11 +241,7 @@ def read_bounded(path: str, limit: int) -> tuple[bytes, Stamp]:
 
 
 def read_all(path: str | Path, limit: int) -> bytes:
-    """The content of a file that may have up to `limit` bytes.
-
-    Raises:
-        OSError: it cannot be read, it is a link or no file, or it is larger (`EFBIG`).
-    """
+    """The content of a plain file; OSError (`EFBIG`) if it has more than `limit` bytes."""
     number = open_plain(path)
     try:
         size = os.fstat(number).st_size
@@ -330,13 +268,7 @@ _FLAGS = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 
 class Hold:
-    """A lock that is held until `release`, or until the process ends.
-
-    Args:
-        path: its file; made if there is none.
-
-    Attributes:
-        path: the same.
+    """A lock that is held until `release`, or until the process ends; it makes its file.
 
     Raises:
         BlockingIOError: another holds it.
@@ -356,12 +288,11 @@ class Hold:
         return _names(self.path, self._number)
 
     def share(self) -> Self:
-        """Hold it once more: it is let go of when everybody has released it."""
+        """Hold the lock once more: it is free when every holder has released it."""
         self._holders += 1
         return self
 
     def release(self) -> None:
-        """Let go of it; its file goes, too."""
         self._holders -= 1
         if self._holders:
             return
@@ -381,10 +312,7 @@ class Hold:
 
 
 def is_held(path: Path) -> bool | None:
-    """Whether somebody holds the lock of this file; None where it does not tell.
-
-    It does not where there is none, or where it is another user's.
-    """
+    """Whether a process holds the lock; None without a file, or for another user's."""
     try:
         number = open_plain(path)
     except OSError:
@@ -396,7 +324,6 @@ def is_held(path: Path) -> bool | None:
 
 
 def locked_by_another(number: int) -> bool:
-    """Whether another than who asks has locked an open file for writing."""
     try:
         fcntl.flock(number, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:

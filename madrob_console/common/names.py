@@ -31,9 +31,8 @@ _PATH_SEPARATORS = str.maketrans("/\\", "  ")
 def terminal_safe(text: str) -> str:
     """The text on one line, without anything that a terminal would obey rather than show.
 
-    Escape sequences, control characters and marks of direction are dropped, every kind of line
-    break and tab becomes a blank, and what is no valid character becomes U+FFFD. It does not
-    concern itself with a screen library's markup.
+    Escape sequences, control characters and direction marks are dropped. Line breaks and tabs
+    become blanks, invalid characters U+FFFD. A screen library's markup is left as it is.
     """
     if text.isascii() and text.isprintable():
         return text
@@ -42,23 +41,16 @@ def terminal_safe(text: str) -> str:
 
 
 def valid_text(text: str) -> str:
-    """The text for a file: bytes of a path that are no UTF-8 become U+FFFD, the rest stays."""
+    """The text for a file: bytes of a path that are not UTF-8 become U+FFFD, the rest stays."""
     return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
 def clean_name(text: str, field: str, fallback: str = "") -> str:
     """A name of a person, team or competition, safe in a file name and on the terminal.
 
-    Blanks are collapsed, path separators become blanks, leading dots go; East-Asian and other
-    scripts and emoji stay. Cleaning a clean name changes nothing.
-
-    Args:
-        text: what somebody typed.
-        field: what it is, for the message: `team`, `referee`.
-        fallback: the name when nothing visible is left.
-
-    Raises:
-        MadrobError: it is longer than `LONGEST_NAME` characters.
+    Blanks are collapsed, path separators become blanks, leading dots go; other scripts and emoji
+    stay. Cleaning a clean name changes nothing. `field` is for the message: `team`, `referee`.
+    `fallback` is the name when nothing visible is left. MadrobError if it is too long.
     """
     plain = terminal_safe(text).translate(_PATH_SEPARATORS)
     name = " ".join(unicodedata.normalize("NFC", plain).split()).lstrip(". ")
@@ -86,7 +78,7 @@ def _shown(char: str) -> str:
 
 
 class ThemeName(StrEnum):
-    """How the screens look; what a terminal cannot show is brought down to what it can."""
+    """Look of the screens, reduced to what the terminal can show."""
 
     DARK = "dark"
     LIGHT = "light"
@@ -102,7 +94,7 @@ class SourceKind(StrEnum):
 
 
 class RemoteService(StrEnum):
-    """What another program may ask of the engine over ROS, by the name of the service."""
+    """Services that other programs may call over ROS, by the name of the service."""
 
     START = "start"
     ABORT = "abort"
@@ -110,7 +102,7 @@ class RemoteService(StrEnum):
 
 
 class Scenario(StrEnum):
-    """What a simulated robot does, by the name under which a user asks for it."""
+    """Behaviour of a simulated robot."""
 
     NOMINAL = "nominal"
     JERKY = "jerky"

@@ -21,28 +21,23 @@ if TYPE_CHECKING:
     import zipfile
 
 RELEASE = "0.1.0"
-"""Given by hand; what changed in it stands in CHANGELOG.md."""
+"""Set by hand; its changes stand in CHANGELOG.md."""
 
 DISTRIBUTION = "madrob-console"
-"""What pip calls it."""
 
 CODE = ("madrob_console", "recorder", "scoring")
-"""The packages."""
 
 REST = (".ci", ".github", ".gitignore", ".readme", "README.md", "pyproject.toml", "tests")
-"""What else a source tree holds."""
+"""The other contents of a source tree."""
 
 _Place: TypeAlias = "Path | zipfile.Path"
 
 
 @cache
 def software_version() -> str:
-    """The version of the code that runs here, as PEP 440 has it.
+    """The version of the running code, in the format of PEP 440.
 
-    The second digest is missing where only the packages lie, of which nobody knows whence.
-
-    Raises:
-        MadrobError: the code cannot be read; no result could say what made it.
+    The second digest is missing where only the packages lie, without a known source tree.
     """
     try:
         packages = {name: _package(name) for name in CODE}
@@ -70,7 +65,6 @@ def _rest(tree: _Place) -> str:
 
 
 def _package(name: str) -> _Place:
-    """Where a package is imported from."""
     spec = find_spec(name)
     if spec is None or not spec.submodule_search_locations:
         raise FileNotFoundError(f"there is no package {name}")
@@ -89,7 +83,7 @@ def _is_source(tree: _Place) -> bool:
 
 
 def _installed(folder: _Place, version: str) -> str | None:
-    """What the installation says, which was made where the source tree was; None = it is not it."""
+    """Version recorded in the installation, from its source tree; None = other code."""
     from importlib.metadata import distributions
 
     found = distributions(name=DISTRIBUTION, path=[str(folder).rstrip("/")])
@@ -106,7 +100,7 @@ def _digest(places: Mapping[str, _Place]) -> str:
 
 
 def _files(path: str, place: _Place) -> Iterator[tuple[str, bytes]]:
-    """The files at a place by their paths in the tree, but for what Python and editors make."""
+    """The files by their paths in the tree, but for what Python and editors make."""
     if place.is_file():
         yield path, place.read_bytes()
     elif place.is_dir():

@@ -75,16 +75,7 @@ _WORDS = {
 
 
 def explain(message: str, settings: type[msgspec.Struct], content: object) -> str:
-    """What msgspec finds wrong with a file of settings, for the person who wrote it.
-
-    Args:
-        message: of its ValidationError.
-        settings: the type of all settings.
-        content: of the file.
-
-    Returns:
-        One line that begins with the key.
-    """
+    """Explains msgspec's `message` about a settings file, in one line that begins with the key."""
     message = terminal_safe(message)
     place = _PLACE.fullmatch(message)
     what, key = (place["what"], place["key"] or "") if place else (message, "")
@@ -106,7 +97,6 @@ def explain(message: str, settings: type[msgspec.Struct], content: object) -> st
 
 
 def _value_at(content: object, parts: Sequence[str]) -> object:
-    """What stands at a place of a file."""
     for part in parts:
         match content:
             case dict():
@@ -117,7 +107,7 @@ def _value_at(content: object, parts: Sequence[str]) -> object:
 
 
 LARGEST_SETTINGS = 1_000_000
-"""A longer text is none, characters; no more bytes of a file are read."""
+"""Longest settings text, characters; at most so many bytes of a file are read."""
 
 
 class Settings(SettingsTable, frozen=True):
@@ -148,15 +138,11 @@ class Settings(SettingsTable, frozen=True):
         _no_repetition("start_poses", [pose.name for pose in self.start_poses])
 
     def testbed_name(self, host: str) -> str:
-        """What the testbed is called (protocol section 2).
-
-        Args:
-            host: the name of this machine, for a testbed that was given none.
-        """
+        """The testbed's name (protocol section 2); without one in the settings, `host`."""
         return self.testbed.name or clean_name(host[:LONGEST_NAME], "host")
 
     def team_names(self) -> dict[int, str]:
-        """Subject number -> team."""
+        """Team names by subject number."""
         return {team.subject: team.name for team in self.teams}
 
     def start_pose(self, side: Side) -> StartPose:
@@ -164,7 +150,6 @@ class Settings(SettingsTable, frozen=True):
         return start_pose_on(side, self.start_poses)
 
     def scoring_thresholds(self) -> Thresholds:
-        """The thresholds as `scoring` takes them."""
         return Thresholds(
             **asdict(self.thresholds),
             largest_skew=self.checks.largest_skew,
@@ -173,7 +158,6 @@ class Settings(SettingsTable, frozen=True):
         )
 
     def protest_times(self) -> ProtestTimes:
-        """The deadlines for protests as the engine takes them."""
         return ProtestTimes(**asdict(self.protests))
 
     def door_geometry(self) -> DoorGeometry:
@@ -181,13 +165,12 @@ class Settings(SettingsTable, frozen=True):
         return self.simulated.door.geometry(self.scoring_thresholds())
 
     def sensor_limits(self) -> SensorLimits:
-        """The limits of a healthy testbed as the engine takes them."""
         c = self.checks
         rates = {"rate": c.rate, "least_rate": c.least_rate, "most_rate": c.most_rate}
         return SensorLimits(**asdict(self.freshness), **rates)
 
     def mappings(self) -> tuple[TopicMapping, ...]:
-        """The topics of protocol section 3, with [[topics]] put over them.
+        """Topics of protocol section 3, overridden by [[topics]].
 
         Raises:
             MadrobError: a field path is malformed, or two signals share a topic.
@@ -199,15 +182,12 @@ class Settings(SettingsTable, frozen=True):
 
 
 def default_settings_path() -> Path:
-    """Where the settings are looked for when no file is named."""
+    """Path of the settings file when none is named."""
     return user_config_path("madrob") / "madrob.toml"
 
 
 def load_settings(path: Path | None = None) -> Settings:
-    """Read the settings.
-
-    Args:
-        path: the file; None = the one at `default_settings_path()`, which may be missing.
+    """Reads the settings; None reads `default_settings_path()`, which may be missing.
 
     Raises:
         MadrobError: the file cannot be read or is not valid; names the key and the remedy.
@@ -232,11 +212,7 @@ def load_settings(path: Path | None = None) -> Settings:
 
 
 def parse_settings(text: str) -> Settings:
-    """The settings that a TOML text holds.
-
-    Raises:
-        MadrobError: it is not valid; names the key and the remedy.
-    """
+    """Parses a TOML text; MadrobError names the key and the remedy if it is not valid."""
     if len(text) > LARGEST_SETTINGS:
         raise MadrobError("has more than 1 MB, no settings; name a file with --settings")
     try:
@@ -332,7 +308,7 @@ def _tables(name: str, table: msgspec.Struct) -> Iterator[str]:
 
 
 def _tables_in(kind: inspect.Type) -> bool:
-    """Whether it is a list of tables: they are explained at the end."""
+    """Whether it is a list of tables, which the example explains at its end."""
     match kind:
         case inspect.VarTupleType(item_type=inspect.StructType()):
             return True
@@ -340,7 +316,7 @@ def _tables_in(kind: inspect.Type) -> bool:
 
 
 def toml_value(value: object) -> str:
-    """A text, a number, a choice or a list of them, as TOML."""
+    """A text, a number, a choice or a list of them as TOML."""
     if isinstance(value, Enum):
         value = value.value
     return json.dumps(value, ensure_ascii=False)

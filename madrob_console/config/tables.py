@@ -37,7 +37,6 @@ _WORDS = "words"
 
 
 def description(kind: inspect.Type) -> str:
-    """What a setting means, in its own words."""
     if isinstance(kind, inspect.UnionType):
         kind = _without_none(kind)
     schema = kind.extra_json_schema if isinstance(kind, inspect.Metadata) else None
@@ -45,7 +44,7 @@ def description(kind: inspect.Type) -> str:
 
 
 def text_words(kind: inspect.Type) -> str:
-    """What a text that has to match a pattern is, in words; see `written_as`."""
+    """Explains in words which texts match the pattern; see `written_as`."""
     if isinstance(kind, inspect.UnionType):
         kind = _without_none(kind)
     extra = kind.extra if isinstance(kind, inspect.Metadata) else None
@@ -53,12 +52,7 @@ def text_words(kind: inspect.Type) -> str:
 
 
 def written_as(pattern: str, words: str) -> Meta:
-    """A text that matches a pattern.
-
-    Args:
-        pattern: of the whole text.
-        words: what it is and how it is written, for somebody who wrote it otherwise.
-    """
+    """Limits a whole text to `pattern`; `words` explain the form to an author who missed it."""
     return Meta(pattern=rf"^({pattern})$", extra={_WORDS: words})
 
 
@@ -70,12 +64,12 @@ def plain(kind: inspect.Type) -> inspect.Type:
 
 
 def fields(kind: inspect.Type) -> tuple[inspect.Field, ...]:
-    """The fields of a table; none for anything else."""
+    """The fields of a table; empty for any other type."""
     return kind.fields if isinstance(kind, inspect.StructType) else ()
 
 
 def type_at(kind: inspect.Type, parts: list[str]) -> inspect.Type:
-    """The type at a place in the settings, with its limits; a number is a place in a list."""
+    """The type with its limits at a place in the settings; a number is an index into a list."""
     if not parts:
         return kind
     kind = plain(kind)
@@ -125,7 +119,7 @@ class SettingsTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class Competition(SettingsTable, frozen=True):
-    """[competition]: what stands over every run. Names are cleaned."""
+    """[competition]: what applies to every run. Names are cleaned."""
 
     name: Annotated[str, Meta(description="stands on screens and in reports")] = ""
     referee: Annotated[str, Meta(description="the referee's name, proposed at set-up")] = ""
@@ -144,7 +138,6 @@ class Competition(SettingsTable, frozen=True):
 
     @property
     def teams_path(self) -> Path | None:
-        """The teams file, if there is one."""
         return Path(self.teams_file).expanduser() if self.teams_file else None
 
 
@@ -181,7 +174,6 @@ class PlanSettings(SettingsTable, frozen=True):
 
     @property
     def source(self) -> PlanSource:
-        """Where the plan comes from."""
         lines = (
             PlanLine(Task(subject, condition), count) for subject, condition, count in self.runs
         )
@@ -203,7 +195,7 @@ class RunDefaults(SettingsTable, frozen=True):
 
 
 class ProtestSettings(SettingsTable, frozen=True):
-    """[protests]: a competition's deadlines; past one it is told, and nothing happens by itself."""
+    """[protests]: a competition's deadlines. A missed one is reported and has no other effect."""
 
     filing: Annotated[
         float, within(0, 1e6, "s after a result is signed; later ones need a reason")
@@ -212,7 +204,7 @@ class ProtestSettings(SettingsTable, frozen=True):
 
 
 class TeamSetting(SettingsTable, frozen=True):
-    """One [[teams]]: which team a subject number belongs to. The name is cleaned."""
+    """One [[teams]]: the team of a subject number. The name is cleaned."""
 
     subject: Annotated[int, Meta(ge=1, le=999)]
     name: str
@@ -222,7 +214,7 @@ class TeamSetting(SettingsTable, frozen=True):
 
 
 class StartPoseSetting(SettingsTable, frozen=True):
-    """One [[start_poses]]: a pose to choose from, in the frame `madrob_door` (section 1)."""
+    """One [[start_poses]]: a pose to choose, in the frame `madrob_door` (protocol section 1)."""
 
     name: str
     x: Annotated[float, within(-20, 20, "m, positive on the CCW side")]
@@ -236,7 +228,6 @@ class StartPoseSetting(SettingsTable, frozen=True):
 
     @property
     def pose(self) -> StartPose:
-        """The pose itself."""
         return StartPose(self.x, self.y, self.yaw)
 
 
@@ -244,11 +235,11 @@ DEFAULT_START_POSES = (
     StartPoseSetting(name="CCW, 1.5 m", x=1.5, yaw=180.0),
     StartPoseSetting(name="CW, 1.5 m", x=-1.5),
 )
-"""One pose a side, in front of the door and facing it."""
+"""One pose for each side, in front of the door and facing it."""
 
 
 def start_pose_on(side: Side, poses: Iterable[StartPoseSetting]) -> StartPose:
-    """The first of some start poses on `side`; where there is none, that of the defaults."""
+    """The first of `poses` on `side`, else the default one."""
     choices = (setting.pose for setting in (*poses, *DEFAULT_START_POSES))
     return next(pose for pose in choices if pose.side is side)
 
@@ -344,7 +335,7 @@ class ThresholdSettings(SettingsTable, frozen=True):
 
 
 class DoubtSettings(SettingsTable, frozen=True):
-    """[doubt]: from where on a value is doubted; no value changes (protocol section 11)."""
+    """[doubt]: limits beyond which a value is doubted; no value changes (protocol section 11)."""
 
     least_readings: Annotated[
         int, Meta(ge=1, le=1000, description="consecutive samples that an edge rests on")
@@ -430,12 +421,11 @@ class Results(SettingsTable, frozen=True):
 
     @property
     def root(self) -> Path:
-        """The results folder."""
         return Path(self.folder).expanduser()
 
 
 class EvidenceLimitSetting(SettingsTable, frozen=True):
-    """One [[recording.limits]]: what is recorded of some topics of the evidence."""
+    """One [[recording.limits]]: what is recorded of some evidence topics."""
 
     topics: _Topics
     most_rate: (
@@ -474,14 +464,12 @@ class RecordingSettings(SettingsTable, frozen=True):
 
     @property
     def choice(self) -> EvidenceChoice:
-        """What is recorded."""
         limits = (TopicLimit(each.topics, each.most_rate, each.priority) for each in self.limits)
         largest = round(self.largest * 1e6)
         return EvidenceChoice(self.topics, self.excluded, tuple(limits), largest)
 
     @property
     def budget_bytes(self) -> int:
-        """The budget, bytes."""
         return round(self.budget * 1e9)
 
 
@@ -505,7 +493,7 @@ class ConsoleSettings(SettingsTable, frozen=True):
 
 
 def _demand_whole_path(key: str, path: str) -> None:
-    """A path that means the same wherever the console is started."""
+    """Demands a path that means the same wherever the console is started."""
     try:
         whole = Path(path).expanduser()
     except RuntimeError:  # `~name` of a user that does not exist
@@ -518,10 +506,7 @@ def _demand_whole_path(key: str, path: str) -> None:
 
 
 class SimulatedDoor(SettingsTable, frozen=True):
-    """[simulated.door]: doorway, panel and sensor places. Lengths in m.
-
-    The lintel's height is `lintel_height` of [thresholds].
-    """
+    """[simulated.door]: doorway, panel, sensor places; m. `lintel_height` is in [thresholds]."""
 
     doorway_width: Annotated[float, within(0.5, 5, "m between the jambs")] = 1.0
     panel_length: Annotated[float, within(0.5, 5, "m")] = 0.98
@@ -534,7 +519,6 @@ class SimulatedDoor(SettingsTable, frozen=True):
     encoder_counts: Annotated[int, Meta(ge=36, le=10**7, description="a turn")] = 3600
 
     def geometry(self, thresholds: Thresholds) -> DoorGeometry:
-        """The doorway as the simulation takes it."""
         from madrob_console.testbeds.simulated.geometry import DoorGeometry
 
         return DoorGeometry(
@@ -553,7 +537,6 @@ class SimulatedSensors(SettingsTable, frozen=True):
     latch: Annotated[bool, Meta(description="whether there is a latch sensor")] = False
 
     def settings(self) -> SensorSettings:
-        """The sensors as the simulation takes them."""
         from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 
         return SensorSettings(**asdict(self))
@@ -572,7 +555,6 @@ class SimulatedRobot(SettingsTable, frozen=True):
     ) = None
 
     def settings(self) -> RobotSettings:
-        """The robot as the simulation takes it."""
         from madrob_console.testbeds.simulated.geometry import RobotBody
         from madrob_console.testbeds.simulated.scenarios import RobotSettings
 

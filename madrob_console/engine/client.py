@@ -34,24 +34,17 @@ from madrob_console.engine.wire import ON_ITS_WAY, awaited
 
 
 SIGN_OF_LIFE = 0.5
-"""Screens hear this often from an engine that has nothing new to say but its time, s.
-
-Also from one whose core stands still: its pulse says so.
-"""
+"""How often an engine without news sends its time, s; its pulse says if its core stands still."""
 
 OWN = "right"
-"""The part that is not the same for all screens: it crosses beside the others."""
+"""The part that differs by screen: it crosses beside the others."""
 
 _NAMES = tuple(field.name for field in fields(Snapshot))
 _SHARED = tuple(name for name in _NAMES if name != OWN)
 
 
 class Outgoing:
-    """What is new in the engine's state, for any number of screens that saw other versions last.
-
-    Attributes:
-        version: of the state that is sent now; 0 = none yet.
-    """
+    """News of the engine's state, for screens that saw different versions last."""
 
     def __init__(self) -> None:
         self.version = 0
@@ -61,12 +54,7 @@ class Outgoing:
         self._frames: dict[int, bytes] = {}
 
     def show(self, snapshot: Snapshot, now: float) -> None:
-        """Take the engine's latest snapshot.
-
-        Args:
-            snapshot: the latest.
-            now: s of a monotonic clock.
-        """
+        """Take the engine's latest snapshot; `now` is s of a monotonic clock."""
         sent = self._sent
         new = [
             name
@@ -82,7 +70,7 @@ class Outgoing:
         self._sent, self._sent_at = snapshot, now
 
     def since(self, version: int) -> bytes:
-        """What is new since a version, as it crosses the socket; everything since version 0."""
+        """What is new since a version, encoded; everything since version 0."""
         if version not in self._frames:
             new = {name: raw for name, (since, raw) in self._parts.items() if since > version}
             self._frames[version] = wire.frame(wire.State(new))
@@ -96,11 +84,7 @@ class Incoming:
         self._parts: dict[str, Any] = {}
 
     def take(self, state: wire.State) -> Snapshot | None:
-        """The state with what has arrived now; None while parts of the first one are missing.
-
-        Raises:
-            MadrobError: what has arrived is no part of a state.
-        """
+        """The updated state; None while parts of the first one are missing."""
         for name, raw in state.parts.items():
             if name not in _NAMES:
                 raise MadrobError("not a message of an engine: an unknown part of its state")
@@ -119,13 +103,7 @@ _GREETING_TIME = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Asked:
-    """A request and its answer to come.
-
-    Attributes:
-        number: of the question.
-        request: what is asked.
-        deadline: after this the engine does not begin it any more, s of the monotonic clock.
-    """
+    """A request and its future answer; the engine begins it before `deadline` (monotonic s)."""
 
     number: int
     request: Request[Any]
@@ -133,7 +111,6 @@ class _Asked:
     answer: Future[Any]
 
     def call(self) -> wire.Call | None:
-        """What is sent: it cannot be cancelled any more. None where it was, or comes too late."""
         if time.monotonic() > self.deadline:
             fail(self.answer, NO_ANSWER)
         if not begun(self.answer):
@@ -141,7 +118,6 @@ class _Asked:
         return wire.Call(self.number, self.deadline, wire.raw(self.request))
 
     def take(self, reply: wire.Reply) -> None:
-        """The engine has answered."""
         try:
             value = wire.answer_of(self.request, reply)
         except MadrobError as error:
@@ -154,14 +130,8 @@ class _Asked:
 class RemoteEngine:
     """A connection to an engine; an `EngineClient`.
 
-    Args:
-        path: the engine's socket.
-        role: what for.
-        who: this screen, for the people at the others.
-        pid: the engine's process, if that is known: it may have lost the socket to another one.
-
-    Attributes:
-        results: where the engine keeps the runs.
+    `who` is this screen's name at other screens. `pid` is the engine's process, if known:
+    another process may have taken its socket.
 
     Raises:
         MadrobError: the engine rejects this screen, or does not speak.
@@ -203,11 +173,6 @@ class RemoteEngine:
             thread.start()
 
     def snapshot(self) -> Snapshot:
-        """The latest snapshot.
-
-        Raises:
-            MadrobError: the connection is lost.
-        """
         if self._failure is not None:
             raise MadrobError(
                 _ENDS if self._failure == self._lost and self._goes_on else self._failure
@@ -216,7 +181,7 @@ class RemoteEngine:
 
     @property
     def _goes_on(self) -> bool:
-        """Whether the engine's process is there: it may close files, which a disk holds up."""
+        """Whether the engine's process still exists: a disk may hold it up while closing."""
         if self._process is None:
             return False
         poll = select.poll()
@@ -224,7 +189,6 @@ class RemoteEngine:
         return not poll.poll(0)
 
     def begin(self, request: Request[T]) -> Future[T]:
-        """Have a request carried out by the engine, and do not wait."""
         deadline = time.monotonic() + request.latest_begin
         asked = _Asked(next(self._numbers), request, deadline, Future[T]())
         self._asked[asked.number] = asked
@@ -237,13 +201,11 @@ class RemoteEngine:
         """Have a request carried out by the engine.
 
         Raises:
-            UnsureError: no answer came, though it may have begun.
-            MadrobError: it failed, or the engine has ended or does not answer.
+            UnsureError: no answer came, though the engine may have begun.
         """
         return awaited(self.begin(request), request.timeout + ON_ITS_WAY)
 
     def close(self) -> None:
-        """End the connection; the engine goes on."""
         with suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._outbox.close()
@@ -257,7 +219,7 @@ class RemoteEngine:
     # ------------------------------------------------------------------ the socket
 
     def _speak(self) -> None:
-        """Send what is asked, unless it was given up before: that never reaches the engine."""
+        """Send the requests, except those given up before: they never reach the engine."""
         try:
             while (asked := self._outbox.next()) is not None:
                 if (call := asked.call()) is not None:
@@ -272,7 +234,6 @@ class RemoteEngine:
                 self._socket.shutdown(socket.SHUT_RDWR)
 
     def _greeted(self) -> tuple[wire.Welcome, Snapshot]:
-        """What the engine says first."""
         welcome: wire.Welcome | None = None
         snapshot: Snapshot | None = None
         while welcome is None or snapshot is None:
@@ -337,16 +298,10 @@ _LOST = {
     Role.WATCH: "the engine has ended: what you see is old; the next one is looked for",
 }
 _AGAIN = {Role.REFEREE: "Ctrl+R connects again", Role.WATCH: "it is tried again"}
-"""What becomes of a connection that is lost: who only watches starts nothing."""
 
 
 def _refuse_strangers(connection: socket.socket, pid: int) -> None:
-    """Only an engine of this user, or of root.
-
-    Raises:
-        MadrobError: it is somebody else's.
-        ConnectionRefusedError: another process listens there.
-    """
+    """Accept only an engine of this user, or of root."""
     peer = peer_of(connection)
     if peer.user not in (os.getuid(), 0):
         raise MadrobError("another user's process listens where the engine should")

@@ -30,21 +30,19 @@ LONGEST_LINE = 65536
 """Bytes of a question or an answer."""
 
 PATIENCE = 2.0
-"""An engine that has not answered after this time is silent, s."""
+"""An engine without an answer for this long is silent, s."""
 
 ENDING = "ending"
 """The phase of an engine that lets its screens go and closes its files."""
 
 _ITS_TIME = 0.5
-"""Who asks has so long to say what, s."""
+"""Time of a caller to send its question, s."""
 
 
 class Inquiry(msgspec.Struct, frozen=True):
-    """What is asked.
+    """A question: `ask` is `who` or `stop`.
 
-    Attributes:
-        ask: `who` or `stop`.
-        force: stop: also while a run goes on or screens are attached.
+    A stop with `force` works even while a run goes on or screens are attached.
     """
 
     ask: str = ""
@@ -55,21 +53,16 @@ class WhoAnswer(msgspec.Struct, frozen=True):
     """What an engine says of itself.
 
     Attributes:
-        pid: its process.
-        version: of its software.
         wire: the version of the protocol that it speaks with screens.
         testbed: for people, such as `LIVE ros domain 0`.
         kind: of its testbed: `ros`, `simulated`, `replay`.
-        domain: its ROS domain; None without one.
         results: where it keeps the runs; empty if it keeps none.
         socket: where screens attach; empty if nowhere, or not yet.
         started: s since the epoch.
-        phase: of the run at hand, or `starting`, `failed`, `ending`.
-        run: the run at hand, for people; empty without one.
+        phase: of the current run, or `starting`, `failed`, `ending`.
+        run: the current run, for people.
         busy: whether a run goes on or is still being recorded.
-        screens: how many are attached.
         console: the options with which a console attaches to it.
-        remarks: what is not as it should be, in words.
         unsaved: whether anything of a run is in its memory alone.
     """
 
@@ -91,14 +84,13 @@ class WhoAnswer(msgspec.Struct, frozen=True):
     unsaved: bool = False
 
     def of(self, run: Run, *, busy: bool, unsaved: bool = False) -> WhoAnswer:
-        """The same with the run at hand."""
         setup = run.setup
         words = "" if setup is None else f"run {setup.run_number} of subject {setup.subject}"
         return replace(self, phase=run.phase.value, run=words, busy=busy, unsaved=unsaved)
 
     @property
     def against_stopping(self) -> str:
-        """Why it should not be stopped without being asked twice, in words; empty = it may."""
+        """Why a stop needs `force`, in words; empty = it does not."""
         reasons = []
         if self.busy:
             reasons.append("a run is going on")
@@ -113,7 +105,7 @@ class WhoAnswer(msgspec.Struct, frozen=True):
 
 
 class StopAnswer(msgspec.Struct, frozen=True):
-    """Whether it ends; else why not, in words."""
+    """Whether the engine ends; else why not, in words."""
 
     ends: bool = False
     refused: str = ""
@@ -122,15 +114,9 @@ class StopAnswer(msgspec.Struct, frozen=True):
 class ControlPort:
     """Answers the shared part of the protocol, in a thread of its own that waits for nobody.
 
-    Only the user who runs the engine, and root, gets an answer. Who may stop it is told so and the
-    process gets SIGTERM, as from anybody else who ends it in order.
-
-    Args:
-        listening: on the engine's names; closed by whoever made them.
-        describe: what the engine says of itself now; must not wait.
-
-    Attributes:
-        describe: assigned anew when it has more to say.
+    Only the user who runs the engine, and root, gets an answer. If the stop is granted, the
+    caller is told so and the process gets SIGTERM, as from anybody else who ends it in
+    order. `listening` is closed by whoever made it; `describe` must not wait.
     """
 
     def __init__(
@@ -197,27 +183,14 @@ class ControlPort:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What came of a question.
-
-    Attributes:
-        peer: who listens there.
-        line: the answer; empty = it is silent.
-    """
+    """The process that listens, and its answer; an empty line = it is silent."""
 
     peer: Peer
     line: bytes
 
 
 def ask(name: str, question: Inquiry, patience: float = PATIENCE) -> Heard | None:
-    """Ask the process that has a name of this user.
-
-    Args:
-        name: what an engine owns.
-        question: what.
-        patience: how long to wait for the answer, s.
-
-    Returns:
-        What was heard; None where nobody listens.
+    """Ask the process that has a name of this user; waits `patience` s at most.
 
     Raises:
         MadrobError: another user's process listens there.
@@ -252,7 +225,6 @@ def _no_stranger(peer: Peer, name: str) -> Peer:
 
 
 def who_answer_in(line: bytes) -> WhoAnswer | None:
-    """What an engine said of itself; None where it said nothing of the kind."""
     try:
         return _WHO_ANSWERS.decode(line)
     except _NO_LINE:
@@ -260,7 +232,6 @@ def who_answer_in(line: bytes) -> WhoAnswer | None:
 
 
 def stop_answer_in(line: bytes) -> StopAnswer:
-    """What an engine answered to `stop`; neither one where it said nothing of the kind."""
     try:
         return _STOP_ANSWERS.decode(line)
     except _NO_LINE:
@@ -268,7 +239,6 @@ def stop_answer_in(line: bytes) -> StopAnswer:
 
 
 _NO_LINE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
-"""What decoding raises for bytes that are no such line."""
 
 _INQUIRIES = msgspec.json.Decoder(Inquiry)
 _WHO_ANSWERS = msgspec.json.Decoder(WhoAnswer)
@@ -280,11 +250,7 @@ def _say(connection: socket.socket, what: msgspec.Struct) -> None:
 
 
 def _line(connection: socket.socket, patience: float) -> bytes:
-    """The next line, or what there is before the other side hangs up.
-
-    Raises:
-        TimeoutError: it did not come in time.
-    """
+    """The next line, or what came before the other side hung up; `TimeoutError` if late."""
     end = time.monotonic() + patience
     line = bytearray()
     while not line.endswith(b"\n") and len(line) <= LONGEST_LINE:

@@ -41,39 +41,33 @@ from recorder.bag import RawMessage
 from scoring.protocol import POST_ROLL
 
 CLOSING_TIME = 30.0
-"""At its end it waits so long for a disk that does not answer, s."""
+"""At the engine's end, the wait for a disk that does not answer, s."""
 
 STEP = 0.02
-"""So long it waits for messages while an act waits for the disk, s."""
+"""Wait for messages while an act waits for the disk, s."""
 
 HURRIED_STEP = 0.002
-"""After the end of a run it waits only so long for messages: a result is coming, s."""
+"""Wait for messages after the end of a run, s: a result is coming."""
 
 DISK_WAITS = 0.6
-"""Evidence leaves the disk to the score when the score has waited for it for so long, s."""
+"""Evidence yields the disk when scoring has waited for it this long, s."""
 
 WATCH_PERIOD = 0.1
-"""Between two looks at the topics in a run, s."""
+"""Between two checks of the topics in a run, s."""
 
 
 class Engine:
-    """One testbed, one run after the other; or one recorded run once more.
+    """One testbed, one run after the other; or the replay of one recorded run.
 
-    Args:
-        source: the testbed; opened with `open`.
-        clock: steady time.
-        config: what it needs to know.
-        types: the message types, shared with the source.
-        replay: the recorded run that `source` and `clock` belong to; None = a live testbed.
-        keepers: do what touches a file; closed with the engine. Not given: at once, in its thread.
-        scorer: makes the results; closed with the engine. Not given: at once, in its thread.
-        witness: records evidence; closed with the engine. Not given: nobody does.
+    `keepers`, `scorer` and `witness` are closed with the engine. Without `keepers` and
+    `scorer` files and results are made at once, in the engine's thread; without `witness`
+    no evidence is recorded.
 
     Attributes:
         on_result: called with the run's folder and the scored run, pickled, when its result is on
             disk; must not wait.
         on_left_unsettled: called with the next result after a run was left whose evidence was still
-            being written: its journal has to say what of it is there; must not wait.
+            being written: its journal must say how much of it is there; must not wait.
     """
 
     def __init__(  # noqa: PLR0913, PLR0917  what it works with
@@ -113,12 +107,10 @@ class Engine:
 
     @classmethod
     def of_recording(cls, replay: Replay, config: EngineConfig, types: MessageTypes) -> Engine:
-        """An engine that goes through a recorded run once more, with the recording's numbers."""
         source = replay.source
         return cls(source, source.clock, replay.config(config), types, replay)
 
     def _begin(self) -> None:
-        """Nothing was seen and nothing done; a replay begins anew."""
         config, equipment = self.config, self._equipment
         if self._replay is not None:
             self._replay.begin()
@@ -141,27 +133,22 @@ class Engine:
 
     @property
     def log(self) -> EventLog:
-        """The event log."""
         return self._at_hand.chronicle.log
 
     @property
     def run(self) -> Run:
-        """The state of the run."""
         return self._at_hand.run
 
     @property
     def scored(self) -> RenderedResult | None:
-        """The run's result, once it was computed."""
         return self._result.scored
 
     @property
     def result_problem(self) -> str | None:
-        """Why the result is not on disk, in words; None when it is."""
         return self._result.problem
 
     @property
     def folder(self) -> Path | None:
-        """The run's folder, once there is one."""
         return self._at_hand.folder
 
     @property
@@ -171,15 +158,12 @@ class Engine:
 
     @property
     def refused(self) -> str:
-        """What the disk refuses of the run at hand, in words; empty = nothing.
-
-        It is in memory alone, and tried again until it is written. From any thread.
-        """
+        """What of the current run is in memory alone and retried. From any thread."""
         return self._result.problem or self._at_hand.chronicle.problem or ""
 
     @property
     def waiting(self) -> tuple[str, ...]:
-        """Which runs before it are in memory alone, likewise, and why. From any thread."""
+        """Earlier runs that are in memory alone, and why. From any thread."""
         return self._result.waiting
 
     @property
@@ -190,7 +174,7 @@ class Engine:
 
     @property
     def busy(self) -> bool:
-        """Whether a run goes on or its files are being written; nothing is lost with a replay."""
+        """Whether a run goes on or its files are being written; never for a replay."""
         if self._replay is not None:
             return False
         files = self._recorder.open or self._result.writing
@@ -204,19 +188,12 @@ class Engine:
 
     @property
     def replay(self) -> Replay | None:
-        """The recorded run that is gone through; None for a live testbed."""
         return self._replay
 
     def now(self) -> float:
-        """Steady time, s since the epoch."""
         return self._equipment.now()
 
     def open(self) -> None:
-        """Connect to the testbed.
-
-        Raises:
-            MadrobError: it cannot be reached.
-        """
         self.source.open()
         if self._replay is not None:
             self._repeat_decisions(self._replay)  # before the first message
@@ -226,12 +203,10 @@ class Engine:
         self._earlier.look()
 
     def step(self, timeout: float, interrupt: Interrupt | None = None) -> None:
-        """Take what the testbed sends within `timeout` s of clock time, and decide.
+        """Take the testbed's messages within `timeout` s of clock time, and decide.
 
-        Args:
-            timeout: s of clock time.
-            interrupt: asked between two messages whether its owner wants a turn; None = no step
-                ends before all messages were looked at. Virtual time and replays know no other.
+        `interrupt` is asked between two messages whether the owner wants a turn; without it, and in
+        virtual time and replays, a step ends only after all messages were processed.
         """
         self._keepers.deliver()
         self._scorer.deliver()
@@ -249,7 +224,7 @@ class Engine:
         self._advance()
 
     def close(self) -> None:
-        """Disconnect; a run that goes on is cut off, scored as interrupted and kept."""
+        """Disconnect; a current run is cut off, scored as interrupted and kept."""
         acts = self._acting.durable
         if acts.waiting is not None and not acts.withdraw("the engine ended"):
             self._keepers.own.settle(CLOSING_TIME)  # it takes effect
@@ -270,14 +245,13 @@ class Engine:
         self._keepers.close(CLOSING_TIME if answers else 0.0)
 
     def _settle(self) -> bool:
-        """Wait for the bag, the result and its files; False when the disk does not answer."""
         answers = self._keepers.own.settle(CLOSING_TIME)  # the bag is closed
         if answers and self._scorer.settle(CLOSING_TIME):
             answers = self._keepers.own.settle(CLOSING_TIME)  # the result is written
         return answers
 
     def read(self, job: Callable[[], T], *, first: bool = True) -> Future[T]:
-        """Have something read that the run needs not. From any thread; see `Reader`."""
+        """Have something read that the run does not need. From any thread; see `Reader`."""
         return self._keepers.reading.ask(job, first=first)
 
     def next_run_number(
@@ -288,10 +262,9 @@ class Engine:
         practice: bool = False,
         first: bool = True,
     ) -> Future[int]:
-        """The next run number never used for this subject and condition, official or practice.
+        """The next run number never used, official or practice. From any thread.
 
-        A `MadrobError` in it: the results folder cannot be read, or all numbers are used. From any
-        thread.
+        Fails with a `MadrobError` if the folder cannot be read or all numbers are used.
         """
         results = self.config.results
         look = partial(next_run_number, results, subject, condition_number, practice=practice)
@@ -312,11 +285,7 @@ class Engine:
         return self._at_hand.generation
 
     def opening_refusal(self, instead_of: int | None = None) -> str | None:
-        """Why no earlier run can be opened now, in words; None when one can.
-
-        Args:
-            instead_of: the `generation` in which that was asked for; None = this one.
-        """
+        """Why no earlier run can be opened now, in words; `instead_of`: see `open_run`."""
         if self._replay is not None:
             return OWN_RUN
         if self.run.active or self._acting.waiting is not None:
@@ -330,20 +299,19 @@ class Engine:
         return None
 
     def hear_of_teams(self, teams: TeamList) -> None:
-        """Judge set-ups by this list of teams from now on. From any thread."""
+        """Check set-ups against this list of teams from now on. From any thread."""
         self._teams = teams
 
     def hear_of_plan(self, plan: Plan) -> None:
-        """Show this plan of the competition from now on. From any thread."""
+        """From any thread."""
         self._plan = plan
 
     def warm(self) -> None:
-        """Get ready to score and to record evidence, beside the caller: nothing shall wait."""
         self._scorer.warm()
         self._witness.warm()
 
     def read_run(self, folder: Path) -> Future[EarlierRun]:
-        """Read an earlier run, to open it; a `MadrobError` says why not. From any thread."""
+        """Read an earlier run, to open it. From any thread."""
         return self._scorer.read(folder)
 
     def open_run(
@@ -356,15 +324,9 @@ class Engine:
     ) -> None:
         """Show a run of the results folder as if it had stopped just now: rule, note, finalise.
 
-        A run that was cut off is stopped as interrupted, and scored. Reading it took a while: a run
-        that was set up meanwhile stays.
-
-        Args:
-            opened: the run.
-            done: told once, in this thread: why that is not possible, in words (another console
-                works on it, say), or None when it is done.
-            invalid: stop a run that was cut off as aborted: it does not count.
-            instead_of: the `generation` in which it was asked for; None = this one.
+        A run that was cut off is stopped as interrupted, with `invalid` as aborted, and scored.
+        Reading took a while: a run set up since the `generation` `instead_of` stays. `done` is
+        called once, in this thread: why that is not possible, in words, or None.
         """
         asked = self.generation if instead_of is None else instead_of
         refusal = partial(self.opening_refusal, asked)
@@ -380,7 +342,6 @@ class Engine:
     # ------------------------------------------------------------------ acts
 
     def situation(self) -> Situation:
-        """What acts are judged against."""
         now = self._sensors_now
         return Situation(
             run=self.run,
@@ -405,7 +366,7 @@ class Engine:
 
     @property
     def _sensors_now(self) -> float:
-        """Up to when messages were surely taken: a program held up makes no topic silent."""
+        """Time up to which all messages were taken: a program held up makes no topic silent."""
         return self.now() if self._looked is None or self._replay is not None else self._looked
 
     def submit(
@@ -418,12 +379,9 @@ class Engine:
     ) -> None:
         """Do an act, if it is possible: at once, or when its line is on disk.
 
-        Args:
-            act: what to do.
-            done: told once, in this thread: why it was refused, in words, or None when it took
-                effect. What was refused never takes effect later.
-            id: made by who asks; an act that is known by it is answered again, not done twice.
-            origin: who asks, for the journal.
+        `done` is called once, in this thread: why the act was refused, in words, or None when
+        it took effect. A refused act never takes effect later. A known `id` is answered again,
+        not done twice.
         """
         if self._replay is not None:
             done(NO_ACTS)
@@ -431,11 +389,7 @@ class Engine:
             self._acting.submit(act, done, id, origin)
 
     def perform(self, act: Act) -> str | None:
-        """Do an act of the referee as `submit` does, and go on until it is answered.
-
-        Returns:
-            Why it was refused, in words; None when it took effect.
-        """
+        """Do an act as `submit` does, and step until it is answered; returns why it was refused."""
         told: list[str | None] = []
         self.submit(act, told.append)
         while not told:
@@ -466,7 +420,6 @@ class Engine:
         self._result.look(now, busy=at_hand.run.active)
 
     def _watch(self, now: float) -> None:
-        """Look at the disk, and at the topics that are recorded, ten times a second."""
         # also while a bag is closed and then: evidence that was held is let go again
         self._witness.hold(held=self._recorder.silent > DISK_WAITS)
         if not self._recorder.recording:
@@ -487,7 +440,6 @@ class Engine:
             self._at_hand.note_evidence(status, now)
 
     def _finish(self) -> None:
-        """The post-roll is over."""
         self._receive(self.source.take(0.0))  # what is still on its way
         self._backlog.work_off()
         self._at_hand.finish()
@@ -495,13 +447,10 @@ class Engine:
     # ------------------------------------------------------------------ a recorded run
 
     def control(self, command: PlaybackCommand) -> str | None:
-        """Pause, step, jump, change the speed of a replay.
+        """Control a replay; returns in words why that is not possible.
 
-        Going back begins the run anew and goes on to the time that was asked for, so that what is
-        shown is always what the data up to then say.
-
-        Returns:
-            Why that is not possible, in words; None when it is done or on its way.
+        Going back begins the run anew and goes on to the requested time, so that the screen
+        always shows what the data up to then say.
         """
         if self._replay is None:
             return NO_REPLAY
@@ -513,7 +462,6 @@ class Engine:
         return refused
 
     def _repeat_decisions(self, replay: Replay) -> None:
-        """What was decided then is decided again, at its time; at the end the result is made."""
         at_hand = self._at_hand
         for entry in replay.due():
             self._advance()
@@ -532,12 +480,7 @@ class Engine:
     def snapshot(
         self, export: ExportView | None = None, others: Iterable[str | None] = ()
     ) -> Snapshot:
-        """Everything that a screen shows, now.
-
-        Args:
-            export: the last export of a team's runs.
-            others: what is wrong around the engine, in words.
-        """
+        """Everything that a screen shows; `others` is what is wrong around the engine, in words."""
         return self._view.snapshot(
             self.now(),
             self._sensors_now,

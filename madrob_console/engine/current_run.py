@@ -40,31 +40,20 @@ from madrob_console.referee.run import Phase, Run, stop
 from scoring.protocol import Outcome
 
 SETTLING_PERIOD = 1.0
-"""Evidence that is still being written is looked at this often, s."""
+"""How often evidence that is still being written is checked, s."""
 
 
 class RunAtHand:
-    """One run after the other: the one that is set up or goes on, or was the last; or an earlier.
-
-    Args:
-        equipment: what the engine works with.
-        observation: follows it.
-        earlier: hears of a run that is left without a result.
-        tell: told of each result that is on disk.
+    """The current run, one after the other: set up, going on or over, or an earlier one.
 
     Attributes:
-        generation: another one for each run that takes the place of the one before.
-        run: its state.
-        record: what is set for it; None before its start.
-        folder: of it; None before its start.
+        generation: changes with each run that replaces the one before.
+        record, folder: None before its start.
         opened: the earlier run that it is; None = it is of this engine.
         decided: when it was found to be over, s since the epoch; None = it is not.
-        over: whether its post-roll is, too: nothing more is recorded.
-        left_unsettled: whether one was left whose evidence was still being written.
+        over: whether its post-roll is over, too: nothing more is recorded.
+        left_unsettled: whether a run was left whose evidence was still being written.
         kept: a clean run with the handle zero of runs to come, while an earlier one is opened.
-        chronicle: gets a line of whatever happens.
-        recorder: its recording.
-        result: its result.
     """
 
     def __init__(
@@ -112,7 +101,7 @@ class RunAtHand:
 
     @property
     def came_words(self) -> str:
-        """Why it makes no room for a run that was asked for before it came."""
+        """Why the current run cannot be replaced by the requested one."""
         setup = self.run.setup
         if self.opened is not None or setup is None:
             return "another run was opened meanwhile"
@@ -121,10 +110,10 @@ class RunAtHand:
 
     @property
     def drift(self) -> float | None:
-        """How far from its zero the handle was at rest after the last run of this engine, N.
+        """Offset of the handle at rest from its zero after the last run of this engine, N.
 
-        None where that is no more than half the touch threshold, where nobody can tell, and where
-        it was zeroed since.
+        None up to half the touch threshold, where it is unknown, and where the handle was
+        zeroed since.
         """
         if self._drift is None:
             return None
@@ -133,18 +122,15 @@ class RunAtHand:
         return drift if zero == (self.run.handle_zero, self.run.zero_samples) else None
 
     def begin_next(self) -> None:
-        """A clean next run takes its place, with the handle zero that was set last."""
+        """Replace it by a clean next run, with the handle zero that was set last."""
         fresh = self.run.cleared if self.opened is None else self.kept
         self._leave()
         self.run = fresh  # the zero of an opened run is of its day
 
     def take_up(self, opened: EarlierRun, journal: OpenJournal, *, invalid: bool) -> None:
-        """An earlier run takes its place, as if it had stopped just now.
+        """Replace it by an earlier run, as if that had stopped just now.
 
-        Args:
-            opened: the earlier run.
-            journal: of it.
-            invalid: stop a run that was cut off as aborted: it does not count.
+        `invalid` stops a run that was cut off as aborted: it does not count.
         """
         if self.opened is None:
             self.kept = self.run.cleared
@@ -168,7 +154,6 @@ class RunAtHand:
             self.score(write=opened.out_of_date or cut_off)
 
     def _leave(self) -> None:
-        """It makes room; nothing of it stays."""
         self.generation += 1
         told = self.run.evidence
         self.left_unsettled |= told is not None and told.unwritten != 0
@@ -186,14 +171,12 @@ class RunAtHand:
         self.recorder.clear()
 
     def adopt(self, made: OpenRecording) -> None:
-        """It has a folder, and is recorded from now on."""
         self.record, self.folder = made.record, made.recording.folder
         self.recorder.adopt(made, self._equipment.clock.now_ns())
 
     # ------------------------------------------------------------------ what becomes of it
 
     def go_on(self, run: Run, happened: Sequence[Happening] = ()) -> None:
-        """It is another: by an act, the sensors or the clock."""
         before, self.run = self.run, run
         for one in happened:
             if self._replay is None or one.change in DECIDED_ANEW:
@@ -209,7 +192,6 @@ class RunAtHand:
             self.chronicle.announce_state(run)
 
     def _count_down(self, run: Run) -> None:
-        """The countdown begins, for the first time or anew."""
         observation = self._observation
         if observation.course is not None:
             observation.course.restart(run)
@@ -222,13 +204,7 @@ class RunAtHand:
     def interrupt(
         self, reason: str, at: float | None = None, outcome: Outcome = Outcome.INTERRUPTED
     ) -> None:
-        """It is cut off by no decision of sensors, clock or referee.
-
-        Args:
-            reason: why, in words.
-            at: its end, s since the epoch; None = now.
-            outcome: of it.
-        """
+        """Cut the run off `at` its end (s since the epoch), by no sensor, clock or referee."""
         at = at or self._equipment.now()
         details = {"outcome": outcome, "time": at}
         stopped = Happening(Origin.SYSTEM, Change.RUN_STOPS, reason, details)
@@ -250,33 +226,21 @@ class RunAtHand:
         return entry
 
     def note_troubles(self, troubles: Mapping[tuple[str, Trouble], str], now: float) -> None:
-        """Write down what is wrong with the testbed, each thing once, if it lasts.
-
-        Args:
-            troubles: in words, by topic and kind.
-            now: s since the epoch.
-        """
+        """Note each lasting fault of the testbed once; `now` is s since the epoch."""
         for topic, words in self._fault_notes.due(troubles, now):
             self.note(Happening(Origin.SYSTEM, Change.FAULT, f"{topic}: {words}", {"time": now}))
 
     def note_evidence(self, status: WitnessStatus, now: float) -> None:
-        """Write down what is lost of the evidence.
-
-        Args:
-            status: how it stands.
-            now: s since the epoch.
-        """
         for words in self._evidence_notes.due(status, self._start, now):
             self.note(Happening(Origin.SYSTEM, Change.EVIDENCE, words, {"time": now}))
 
     @property
     def _start(self) -> float:
-        """Of the run at hand, s since the epoch."""
+        """In s since the epoch."""
         assert self.run.start is not None
         return self.run.start
 
     def write(self, entry: Entry) -> None:
-        """Write a line of it."""
         self.chronicle.write(entry, self.run.start)
 
     # ------------------------------------------------------------------ its end
@@ -287,7 +251,6 @@ class RunAtHand:
         self.recorder.finish(self._recorded)
 
     def _recorded(self, missing: tuple[str, ...], unrecorded: int) -> None:
-        """The bag is closed."""
         self._missing = missing
         self._equipment.clock.release()
         if (account := self.recorder.evidence(self._start)) is not None:
@@ -300,16 +263,14 @@ class RunAtHand:
         self.score()
 
     def _note_account(self, account: EvidenceAccount) -> None:
-        """Write down what was recorded of the evidence: its file gets complete by itself."""
+        """Note what was recorded of the evidence: its file gets complete by itself."""
         self.run = replace(self.run, evidence=account)
         self.write(account_entry(account, self._equipment.now()))
 
     def settle_evidence(self, now: float, *, ending: bool = False) -> None:
-        """Once its evidence is in its files, say what of it is there; nothing waits for that.
+        """Once its evidence is in the files, note how much is there; nothing waits for that.
 
-        Args:
-            now: s since the epoch.
-            ending: the engine ends: for the last time.
+        `ending`: the engine ends, this is the last call.
         """
         told, generation = self.run.evidence, self.generation
         idle = self.result.settled and self.folder is not None and self._replay is None
@@ -360,16 +321,9 @@ class RunAtHand:
 
 
 class Acting:
-    """Does the referee's acts to the run at hand.
+    """Does the referee's acts to the current run; `durable` has those that wait for the disk.
 
-    Args:
-        equipment: what the engine works with.
-        at_hand: the run.
-        situation: what acts are judged against.
-        advance: called when something was done: judges at once what follows from it.
-
-    Attributes:
-        durable: those that wait for the disk.
+    `advance` is called after an act: it judges at once what follows.
     """
 
     def __init__(
@@ -390,11 +344,11 @@ class Acting:
 
     @property
     def waiting(self) -> type[Act] | None:
-        """The act that takes effect when it is on disk; None = none. From any thread."""
+        """From any thread."""
         return self.durable.waiting
 
     def refusals(self, situation: Situation) -> dict[str, str]:
-        """Act name -> why there can be no such act now; those that are possible are missing."""
+        """Act name -> why no such act is possible now; those that are possible are missing."""
         found, active = refusals(situation), situation.run.active
         for act in ACTS:
             if act.name not in found and (why := self.durable.refusal(act, active=active)):
@@ -406,11 +360,8 @@ class Acting:
     def submit(self, act: Act, done: Told, name: str, origin: Origin = Origin.REFEREE) -> None:
         """Do an act, if it is possible: at once, or when its line is on disk.
 
-        Args:
-            act: what to do.
-            done: told once: why it was refused, in words, or None when it took effect.
-            name: its id; one that is known is answered again, not done twice. Empty = none.
-            origin: who asks.
+        `done` is called once: why it was refused, in words, or None. A known `name` (its id) is
+        answered again, not done twice.
         """
         answer = self._answers.expect(name, done)
         if answer is not None:
@@ -436,14 +387,11 @@ class Acting:
             durable.submit(act, lambda act: _line_of(act, run, at, origin, name), answer, prepare)
 
     def _waits_for_start(self, act: Act) -> bool:
-        """Whether its line does, and not for a disk: before its start a run has no journal there.
-
-        A start itself does not.
-        """
+        """Whether its line waits for the start, before which a run has no journal on disk."""
         return self._at_hand.folder is None and Consequence.RECORDING not in act.consequences
 
     def _completed(self, act: Act) -> tuple[Act, Callable[[], Act] | None]:
-        """An act with what only the engine knows, and what completes it on the disk, if any."""
+        """The act with what only the engine knows, and what completes it on the disk, if any."""
         if not isinstance(act, Correct):
             return act.settled(self._situation()), None
         at_hand, act = self._at_hand, act.named(self._situation())
@@ -454,7 +402,6 @@ class Acting:
         return act, partial(_numbered, act, at_hand.folder.parent)
 
     def _do(self, act: Act, origin: Origin) -> None:
-        """An act that takes effect whatever the disk says."""
         brings, at, situation = act.consequences, self._equipment.now(), self._situation()
         at_hand, act = self._at_hand, act.settled(situation)
         if Consequence.NEW_RUN in brings:
@@ -471,7 +418,6 @@ class Acting:
         self._done(run)
 
     def _take_effect(self, act: Act, entry: Entry, made: OpenRecording | None) -> None:
-        """An act whose line is on disk."""
         at_hand = self._at_hand
         if made is not None:
             at_hand.adopt(made)
@@ -484,7 +430,6 @@ class Acting:
             self._done(act.apply(self._situation(), entry.time))
 
     def _done(self, run: Run) -> None:
-        """What the run is after an act."""
         at_hand = self._at_hand
         before = at_hand.run.phase
         at_hand.go_on(run)
@@ -494,11 +439,7 @@ class Acting:
 
 
 def _numbered(act: Correct, results: Path) -> Act:
-    """A correction with a run number that was never used; it waits for the disk.
-
-    Raises:
-        MadrobError: all are used, or the disk refuses.
-    """
+    """A correction with a run number that was never used; waits for the disk."""
     number = give_out_run_number(results, act.subject, act.condition.number)
     return act.numbered(number)
 

@@ -48,7 +48,6 @@ from madrob_console.engine.requests import Role
 _PROCESSES = Path("/proc")
 _LONGEST_REFUSAL = 4096
 _SPEAKS = re.compile(rb"the engine speaks version ([0-9]{1,6})")
-"""In what an engine says to a screen of another version."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,12 +56,11 @@ class FoundEngine:
 
     Attributes:
         pid: its process; 0 where that cannot be seen.
-        names: what it owns, as far as it was asked for; empty for one of an older version.
-        path: the socket at which one was found that owns no name; else None.
-        presence: what it says of itself; None where it says nothing.
-        silent: whether it takes no notice of who calls.
-        since: when its process began, s since the epoch; None where that cannot be seen.
-        speaks: the version of the protocol, of one that says nothing else; None = unknown.
+        names: those it owns, of the ones asked for; empty for an older version.
+        path: its socket if it owns no name.
+        silent: whether it ignores callers.
+        since: start of its process, s since the epoch; None where that cannot be seen.
+        speaks: protocol version of one that says nothing else.
     """
 
     pid: int
@@ -75,7 +73,6 @@ class FoundEngine:
 
     @property
     def label(self) -> str:
-        """Its testbed, for people."""
         if self.presence is not None and self.presence.testbed:
             return terminal_safe(self.presence.testbed)
         if self.domain is not None:
@@ -84,18 +81,15 @@ class FoundEngine:
 
     @property
     def who(self) -> str:
-        """Which one it is, for people."""
         return f"{self.label}, {self.process}"
 
     @property
     def process(self) -> str:
-        """Its process, for people: `pid 123, since 07:03`."""
         pid = f"pid {self.pid}" if self.pid else "in another container"
         return pid if self.since is None else f"{pid}, since {_clock_time(self.since)}"
 
     @property
     def kind(self) -> str:
-        """Of its testbed; empty where that is not known."""
         if self.presence is not None and self.presence.kind:
             return self.presence.kind
         first = self.testbed.partition("/")[0]
@@ -103,7 +97,6 @@ class FoundEngine:
 
     @property
     def domain(self) -> int | None:
-        """Its ROS domain; None without one."""
         if self.presence is not None:
             return self.presence.domain
         kind, _, key = self.testbed.partition("/")
@@ -118,12 +111,11 @@ class FoundEngine:
 
     @property
     def results(self) -> Path | None:
-        """Where it keeps the runs; None where it keeps none, or does not say."""
         return Path(self.presence.results) if self.presence and self.presence.results else None
 
     @property
     def locked_folder(self) -> Path | None:
-        """The results folder that its process holds, whether it answers or not; None = unseen."""
+        """The results folder that its process has locked, even if it is silent; None = unseen."""
         for thread in self._threads:
             with suppress(OSError):
                 for file in (thread / "fd").iterdir():
@@ -134,14 +126,14 @@ class FoundEngine:
 
     @property
     def _threads(self) -> list[Path]:
-        """What the system shows of its threads: the first may be gone while another one hangs."""
+        """Its threads in /proc: the first may be gone while another one hangs."""
         with suppress(OSError):
             return list((_PROCESSES / str(self.pid) / "task").iterdir())
         return []
 
     @property
     def killed(self) -> bool:
-        """Whether it was killed and goes on all the same, as while the machine waits for a disk."""
+        """Whether it was killed and still runs, as while the machine waits for a disk."""
         pending = []
         for thread in self._threads:
             with suppress(OSError):
@@ -151,23 +143,16 @@ class FoundEngine:
         return any(mask >> (signal.SIGKILL - 1) & 1 for mask in pending)
 
     def attach_line(self, command: str = "console") -> str:
-        """What to type to attach to it; empty where that is not known.
-
-        Args:
-            command: `console` or `watch`.
-        """
         if self.presence is None or not self.presence.console:
             return ""
         return terminal_safe(shlex.join(["madrob", command, *self.presence.console]))
 
     @property
     def end_words(self) -> str:
-        """What ends it and no other, for people."""
         return f"`{self.stop_line}` ends it" if self.pid else "end it there, where it runs"
 
     @property
     def stop_line(self) -> str:
-        """What to type to end it and no other, where its process is seen."""
         if self.domain is not None:
             what = ["--testbed", "ros", "--domain", str(self.domain)]
         elif self.results is not None:
@@ -178,15 +163,7 @@ class FoundEngine:
 
 
 def found_at(name: str, patience: float = PATIENCE) -> FoundEngine | None:
-    """The engine that owns a name; None if nobody does.
-
-    Args:
-        name: what it owns.
-        patience: one that has not answered after this time is silent, s.
-
-    Raises:
-        MadrobError: another user's process has it.
-    """
+    """The engine that owns a name; one without an answer for `patience` s is silent."""
     heard = ask(name, Inquiry("who"), patience)
     if heard is None:
         return None
@@ -196,10 +173,9 @@ def found_at(name: str, patience: float = PATIENCE) -> FoundEngine | None:
 
 
 def all_engines(names: Iterable[str] = ()) -> tuple[tuple[FoundEngine, ...], tuple[str, ...]]:
-    """Every engine of this user, and what could not be looked at, in words.
+    """Every engine of this user, and what could not be examined, in words.
 
-    Args:
-        names: to be asked for even where the system does not show which ones are in use.
+    The `names` are asked for even where the system does not show which ones are in use.
     """
     unseen: list[str] = []
     found: dict[object, FoundEngine] = {}
@@ -248,7 +224,7 @@ def _by_socket(known: Collection[int], unseen: list[str]) -> Iterator[FoundEngin
 def found_behind(path: Path, known: Collection[int] = ()) -> FoundEngine | None:
     """The engine that listens on a socket in a runtime folder, unless its process is known.
 
-    It is greeted by a screen of no version, which engines of all versions send away.
+    The greeting names no version: engines of all versions reject it.
     """
     with socket.socket(socket.AF_UNIX) as connection:
         connection.settimeout(PATIENCE)
@@ -272,7 +248,7 @@ def found_behind(path: Path, known: Collection[int] = ()) -> FoundEngine | None:
 
 
 def began(pid: int) -> float | None:
-    """When a process began, s since the epoch; None where that cannot be seen."""
+    """Start of a process, s since the epoch; None where that cannot be seen."""
     try:
         ticks = int((_PROCESSES / str(pid) / "stat").read_text().rpartition(")")[2].split()[19])
         up = float((_PROCESSES / "uptime").read_text().split()[0])
@@ -307,9 +283,8 @@ class Holding:
     """What an engine holds.
 
     Attributes:
-        listening: on each of its names; whoever connects is to be answered.
-        lock: the file descriptor of the locked file; None without one.
-        remarks: what could not be held, and what that means, in words.
+        listening: one socket for each of its names; whoever connects must be answered.
+        remarks: what could not be held and the consequence, in words.
     """
 
     listening: tuple[socket.socket, ...]
@@ -317,7 +292,7 @@ class Holding:
     remarks: tuple[str, ...]
 
     def keep(self) -> None:
-        """Do not let go before the process ends: some of it waits for a disk and still writes."""
+        """Keep the locks until the process ends: a thread may wait for a disk and still write."""
         for held in (*(one.fileno() for one in self.listening), self.lock):
             if held is not None:
                 os.dup(held)
@@ -325,16 +300,13 @@ class Holding:
 
 @contextmanager
 def held(owned: Owned, *, lock_testbed: bool = False) -> Iterator[Holding]:
-    """Hold everything that an engine owns while inside; waits for nobody.
+    """Hold everything that an engine owns while inside; never waits for another process.
 
-    The results folder is made if there is none.
-
-    Args:
-        owned: by it.
-        lock_testbed: hold the testbed's lock file in the runtime folder, too.
+    Creates the results folder if there is none. With `lock_testbed` it also holds the testbed's
+    lock file in the runtime folder.
 
     Raises:
-        HeldError: another engine has some of it; the message names that and what to do.
+        HeldError: another engine holds some of it; the message names that and what to do.
     """
     remarks, lock = [], None
     with ExitStack() as stack:
@@ -367,7 +339,7 @@ def held(owned: Owned, *, lock_testbed: bool = False) -> Iterator[Holding]:
 
 
 def _results_name(folder: Path) -> str | None:
-    """The name of the results folder; None where there can be none: then nothing is recorded."""
+    """None where there can be no results folder: then nothing is recorded."""
     if not folder.is_dir():  # else not even that is written: the disk may hang
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -377,12 +349,6 @@ def _results_name(folder: Path) -> str | None:
 
 
 def _bound(name: str, words: str, *, same: bool) -> socket.socket:
-    """A socket that listens on a name.
-
-    Raises:
-        HeldError: another engine has it.
-        MadrobError: a process has it that is no engine of this user.
-    """
     end = time.monotonic() + _PATIENCE
     while (listening := _free(name)) is None:
         if (found := found_at(name)) is not None:
@@ -394,7 +360,6 @@ def _bound(name: str, words: str, *, same: bool) -> socket.socket:
 
 
 def _free(name: str) -> socket.socket | None:
-    """A socket that listens on a name; None where some process has the name."""
     listening = socket.socket(socket.AF_UNIX)
     try:
         listening.bind(address_of(name))
@@ -408,7 +373,6 @@ def _free(name: str) -> socket.socket | None:
 
 
 def _taken(words: str, found: FoundEngine) -> str:
-    """That another engine has it, which one, and what to do."""
     line = found.attach_line()
     attach = f"`{line}` attaches to it, " if line else ""
     said = f"{words} has an engine already ({found.who}): {attach}{found.end_words}"
@@ -417,14 +381,6 @@ def _taken(words: str, found: FoundEngine) -> str:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[tuple[int | None, str | None]]:
-    """Hold the lock file of a results folder while inside.
-
-    Yields:
-        The file, and why it could not be held, in words; one of them is None.
-
-    Raises:
-        HeldError: another engine holds it.
-    """
     path = folder / LOCK_FILE
     with ExitStack() as stack:
         lock = problem = None
@@ -459,11 +415,7 @@ def _lock(path: Path) -> int:
 
 
 def _in_time(job: Callable[[], _T]) -> _T:
-    """Do what may wait for a disk.
-
-    Raises:
-        TimeoutError: it is not done in time, and left to itself.
-    """
+    """Do a job that a disk may hold up; `TimeoutError` leaves a late one to itself."""
     answer: Future[_T] = Future()
 
     def work() -> None:
@@ -492,7 +444,6 @@ def _said_in(lock: int) -> str:
 
 
 def _holder_of(path: Path) -> int | None:
-    """The process that holds the lock on a file of another user; None where none is seen."""
     try:
         found = path.lstat()
         device = f"{os.major(found.st_dev):02x}:{os.minor(found.st_dev):02x}:{found.st_ino}"
@@ -509,13 +460,10 @@ def _holder_of(path: Path) -> int | None:
 
 
 class EngineHandle:
-    """Holds on to the process of an engine that was found: no other one can take its number.
-
-    Args:
-        found: the engine.
+    """Holds the process of an engine that was found: no other process can take its number.
 
     Raises:
-        MadrobError: its process cannot be reached from here.
+        MadrobError: the process cannot be reached from here.
         ProcessLookupError: it has ended meanwhile.
     """
 
@@ -539,18 +487,18 @@ class EngineHandle:
         os.close(self._process)
 
     def ended(self, patience: float) -> bool:
-        """Wait at most `patience` s for its end; returns whether it has ended."""
+        """Wait at most `patience` s for its end."""
         poll = select.poll()
         poll.register(self._process, select.POLLIN)
         return bool(poll.poll(1000 * patience))
 
     def terminate(self) -> None:
-        """Ask it to end in order: a run that goes on is kept as interrupted."""
+        """Ask it to end in order: the current run is kept as interrupted."""
         for number in (signal.SIGTERM, signal.SIGCONT):  # one that was stopped has to go on for it
             self._send(number)
 
     def kill(self) -> None:
-        """End it at once: the next engine finds what it leaves behind."""
+        """End it at once: the next engine recovers what it leaves behind."""
         self._send(signal.SIGKILL)
 
     def _send(self, number: signal.Signals) -> None:
@@ -559,7 +507,6 @@ class EngineHandle:
 
 
 def _is_still(found: FoundEngine) -> bool:
-    """Whether the engine still listens, and the process is its own and this user's."""
     ours = Peer(found.pid, os.getuid())
     places = [(address_of(name), name) for name in found.names]
     if found.path is not None:

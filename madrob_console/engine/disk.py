@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 class Lanes(Generic[T]):
-    """Put into and taken from in any thread."""
+    """A queue with two priorities, for any thread."""
 
     def __init__(self) -> None:
         self._first: deque[T] = deque()
@@ -31,7 +31,6 @@ class Lanes(Generic[T]):
         self._closed = False
 
     def put(self, item: T, *, first: bool) -> bool:
-        """Let something wait for its turn; False where nobody will take it any more."""
         with self._changed:
             if self._closed:
                 return False
@@ -40,13 +39,12 @@ class Lanes(Generic[T]):
             return True
 
     def next(self) -> T | None:
-        """The next one, once there is one; None where there will be none."""
         with self._changed:
             self._changed.wait_for(lambda: self._closed or self._first or self._others)
             return self._taken()
 
     def waiting(self) -> Iterator[T]:
-        """Those that wait now; before each one, those that go first and have come meanwhile."""
+        """The items that wait now; before each one, those with priority that came meanwhile."""
         with self._changed:
             others = len(self._others)
         while True:
@@ -58,11 +56,9 @@ class Lanes(Generic[T]):
             yield item
 
     def count(self, *, first: bool) -> int:
-        """How many wait in one of the two."""
         return len(self._first if first else self._others)
 
     def close(self) -> list[T]:
-        """Take no more; returns those that were left."""
         with self._changed:
             self._closed = True
             left = [*self._first, *self._others]
@@ -80,15 +76,14 @@ class Lanes(Generic[T]):
 
 
 THREADS = 2
-"""For screens, beside the one of the core: a bag that is read holds up no listing."""
+"""For screens, beside the core's own: reading a bag holds up no listing."""
 
 MOST_WAITING = 64
-"""Of the core, of the screen that may act, and of all others; more are refused."""
+"""Separately for the core, the screen that may act, and all others; more are refused."""
 
 REST, LONGEST_REST = 4.0, 0.1
-"""After what others asked a thread rests so many times as long as that took, and s at most.
-
-The engine's thread has no processor of its own.
+"""After a job of others a thread rests this many times its duration, at most so many s:
+the engine's thread has no processor of its own.
 """
 
 BUSY = "too much waits to be read: look at the disk, or ask again later"
@@ -96,7 +91,7 @@ ENDED = "the engine has ended"
 
 
 class Reader(Protocol):
-    """Reads what it is asked for, in no order that can be relied on."""
+    """Reads files, in no particular order."""
 
     def ask(
         self,
@@ -107,29 +102,20 @@ class Reader(Protocol):
     ) -> Future[T]:
         """Have something read; never waits for it, unless it is read at once. From any thread.
 
-        Args:
-            job: reads; what it raises is its answer.
-            done: told what came of it, in the thread that calls `deliver`: the core's. What the
-                core asks waits for nothing that screens ask.
-            first: before those that are not.
-
-        Returns:
-            The same; it can be cancelled at any time. Nothing is read if that is before its turn.
+        The answer holds the job's value or error; cancelled before its turn, the job never
+        runs. `done` gets the answer in the thread that calls `deliver`, the core's. Jobs of the
+        core wait for none of the screens'. `first` jobs go before the others.
         """
         ...
 
-    def deliver(self) -> None:
-        """Tell what came of jobs since the last call."""
-        ...
+    def deliver(self) -> None: ...
 
     @property
     def silent(self) -> float:
-        """How long the disk has not answered what the core asked, s. From any thread."""
+        """How long the disk has not answered the core, s. From any thread."""
         ...
 
-    def close(self) -> None:
-        """Take no more jobs; those that wait are refused, what is being read is left to itself."""
-        ...
+    def close(self) -> None: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,7 +148,6 @@ class ThreadReader:
         *,
         first: bool = True,
     ) -> Future[T]:
-        """Have something read; what finds no room fails."""
         answer: Future[T] = Future()
         asked = _Job(job, done, answer, first)
         jobs = self._of_screens if done is None else self._of_core
@@ -173,19 +158,16 @@ class ThreadReader:
         return answer
 
     def deliver(self) -> None:
-        """Tell what came of jobs since the last call."""
         with suppress(Empty):
             while True:
                 self._answers.get_nowait()()
 
     @property
     def silent(self) -> float:
-        """How long the oldest job of the core has been under way, s."""
         began = [at for job, at in self._begun.copy().items() if job.done is not None]
         return max(0.0, time.monotonic() - min(began)) if began else 0.0
 
     def close(self) -> None:
-        """Read nothing more."""
         for job in (*self._of_core.close(), *self._of_screens.close()):
             self._answer(job, None, MadrobError(ENDED))
 
@@ -208,7 +190,6 @@ class ThreadReader:
                 time.sleep(min(LONGEST_REST, REST * took))
 
     def _answer(self, job: _Job, value: object, error: MadrobError | None) -> None:
-        """Say what came of a job, unless it was cancelled."""
         with suppress(InvalidStateError):
             if error is None:
                 job.answer.set_result(value)
@@ -223,7 +204,7 @@ class ThreadReader:
 
 
 MOST_JOBS = 200
-"""That wait for their turn: a disk that hangs must not fill the memory."""
+"""Most jobs that wait: a disk that hangs must not fill the memory."""
 
 FULL = "too much waits for the disk: try again when it answers"
 
@@ -231,53 +212,37 @@ _Work = Callable[[], None]
 
 
 class Keeper(Protocol):
-    """Does one job after the other, in the order in which they were asked for."""
+    """Does jobs one after the other, in the order of the requests."""
 
     def ask(
         self, job: Callable[[], T], done: Callable[[Future[T]], None] | None = None
     ) -> Future[T]:
         """Have a job done; never waits for it, unless it is done at once. From any thread.
 
-        Args:
-            job: touches files; what it raises is its answer.
-            done: told what came of it, in the thread that calls `deliver`; not of a job that was
-                cancelled before its turn.
-
-        Returns:
-            The same; who cancels it before its turn has it never done.
+        The answer holds the job's value or error; cancelled before its turn, the job never
+        runs. `done` gets the answer in the thread that calls `deliver`, but not that of a
+        cancelled job.
         """
         ...
 
-    def deliver(self) -> None:
-        """Tell what came of jobs since the last call."""
-        ...
+    def deliver(self) -> None: ...
 
     def settle(self, limit: float) -> bool:
-        """Wait until no job is left, those that answers ask for included; deliver meanwhile.
-
-        Args:
-            limit: of the waiting, s.
-
-        Returns:
-            Whether none is left.
-        """
+        """Wait `limit` s at most until no job is left, and deliver; returns whether none is."""
         ...
 
     @property
     def silent(self) -> float:
-        """How long the job under way has been so, s; 0 while there is none. From any thread."""
+        """How long the current job has been running, s; 0 without one. From any thread."""
         ...
 
     def close(self, limit: float) -> None:
-        """Take no more jobs; those that are left are waited for, `limit` s at most."""
+        """Take no more jobs; wait for the rest, `limit` s at most."""
         ...
 
 
 class InlineKeeper:
-    """Does each job at once: for virtual time and replays, where nobody minds the waiting.
-
-    It is a `Keeper` and a `Reader`.
-    """
+    """Does each job at once, for virtual time and replays; a `Keeper` and a `Reader`."""
 
     silent = 0.0
 
@@ -288,7 +253,6 @@ class InlineKeeper:
         *,
         first: bool = True,
     ) -> Future[T]:
-        """Do it; `done` is told before this returns. Nothing waits, that others go first."""
         answer: Future[T] = Future()
         _carry_out(job, answer)
         if done is not None:
@@ -299,7 +263,6 @@ class InlineKeeper:
         """Nothing is left to be told."""
 
     def settle(self, limit: float) -> bool:
-        """Nothing is left to be done."""
         return True
 
     def close(self, limit: float = 0.0) -> None:
@@ -307,13 +270,7 @@ class InlineKeeper:
 
 
 class ThreadKeeper:
-    """Does jobs in a thread of its own, which no job ends.
-
-    Args:
-        name: of the thread.
-        most_jobs: that may wait; more are refused.
-        monotonic: a clock, s.
-    """
+    """Does jobs in a thread of its own, which no failing job ends."""
 
     def __init__(
         self,
@@ -333,7 +290,6 @@ class ThreadKeeper:
     def ask(
         self, job: Callable[[], T], done: Callable[[Future[T]], None] | None = None
     ) -> Future[T]:
-        """Have a job done; one that finds no room fails."""
         answer: Future[T] = Future()
 
         def tell() -> None:
@@ -365,13 +321,11 @@ class ThreadKeeper:
         self._jobs.task_done()
 
     def deliver(self) -> None:
-        """Tell what came of jobs since the last call."""
         with suppress(Empty):
             while True:
                 self._answers.get_nowait()()
 
     def settle(self, limit: float) -> bool:
-        """Wait until no job is left, and tell what came of each."""
         end = self._monotonic() + limit
         while True:
             with self._jobs.all_tasks_done:
@@ -384,7 +338,6 @@ class ThreadKeeper:
 
     @property
     def silent(self) -> float:
-        """How long the job under way has been so, s."""
         began = self._began
         return 0.0 if began is None else max(0.0, self._monotonic() - began)
 
@@ -400,12 +353,9 @@ class ThreadKeeper:
 
 @dataclass(frozen=True, slots=True)
 class Keepers:
-    """Who waits for the disk: what is slow to read delays no line of the journal.
+    """Threads for files: a slow reading delays no line of the journal.
 
-    Attributes:
-        own: keeps the files that belong to the run at hand.
-        reading: looks at what is only read.
-        monotonic: a clock of the machine's, s.
+    `own` does the files of the current run, `reading` what is only read.
     """
 
     own: Keeper
@@ -414,27 +364,23 @@ class Keepers:
 
     @classmethod
     def inline(cls) -> Self:
-        """Both do everything at once."""
         return cls(InlineKeeper(), InlineKeeper())
 
     @classmethod
     def threads(cls) -> Self:
-        """In threads of their own, which `close` ends."""
         return cls(ThreadKeeper("keeper"), ThreadReader())
 
     def deliver(self) -> None:
-        """Tell what came of jobs of both."""
         self.own.deliver()
         self.reading.deliver()
 
     def close(self, limit: float) -> None:
-        """End both; the run's own files are waited for, `limit` s at most."""
+        """End both; wait for the run's own files, `limit` s at most."""
         self.reading.close()
         self.own.close(limit)
 
 
 def why_not(answer: Future[T]) -> str | None:
-    """Why a job that is over failed, in words; None when it did not."""
     error = answer.exception()
     if error is None or isinstance(error, MadrobError):
         return None if error is None else str(error)

@@ -23,15 +23,12 @@ from madrob_console.referee.rebuild import Change
 
 
 MOST_KNOWN = 1000
-"""Acts whose answers are remembered."""
 
 Told = Callable[[str | None], None]
-"""Told once what became of an act: why it was refused, in words, or None."""
+"""Called once with the outcome of an act: why it was refused, in words, or None."""
 
 
 class _Known:
-    """An act with an id: who waits for its answer, and the answer once there is one."""
-
     def __init__(self) -> None:
         self.answered = False
         self.refused: str | None = None
@@ -45,14 +42,9 @@ class Answers:
         self._known: OrderedDict[str, _Known] = OrderedDict()
 
     def expect(self, name: str, done: Told) -> Told | None:
-        """Who is to be told what becomes of an act.
+        """Register who is told the outcome of the act with this id; empty = it has none.
 
-        Args:
-            name: its id; empty = it has none.
-            done: who asks.
-
-        Returns:
-            To be told once; None if the act is known: then `done` gets the same answer as before.
+        Returns what is to be called once; None for a known act: then `done` gets its first answer.
         """
         if not name:
             return done
@@ -78,26 +70,17 @@ def _tell(known: _Known, refused: str | None) -> None:
 
 
 DURABLE_WITHIN = 2.0
-"""What is not on disk after so long is withdrawn, s."""
+"""A line that is not on disk after this is withdrawn, s."""
 
 SILENT = 1.0
-"""A disk that does not answer for so long is asked for nothing new, s."""
+"""A disk without an answer for this long gets nothing new, s."""
 
 TakeEffect = Callable[[Act, Entry, OpenRecording | None], None]
-"""Carries an act out whose line is on disk; for a start with what was made for the run."""
+"""Carries out an act whose line is on disk; a start also gets the files of its run."""
 
 
 class _Pending:
-    """An act that waits for the disk.
-
-    Attributes:
-        act: what shall be done.
-        promise: its line.
-        deadline: then it is withdrawn, s of the monotonic clock.
-        job: makes the run's folder, for a start; else None.
-        incomplete: its line is not made yet.
-        then: what is to be done when it is decided.
-    """
+    """An act that waits for the disk until its `deadline`, s of the monotonic clock."""
 
     def __init__(self, act: Act, promise: Promise, answer: Told, deadline: float) -> None:
         self.act = act
@@ -109,28 +92,19 @@ class _Pending:
         self._answer = answer
 
     def tell(self, refused: str | None) -> None:
-        """It is decided: why it was refused, in words, or None."""
         self._answer(refused)
         if self.then is not None:
             self.then()
 
     def withdrawal(self, now: float, why: str) -> Entry:
-        """The line that takes it back."""
         details = {"id": self.promise.entry.id, "act": self.act.name}
         return Entry(now, Origin.SYSTEM, Change.WITHDRAWN, reason=why, details=details)
 
 
 class DurableActs:
-    """Has the lines of acts written, and the acts carried out when that is done.
+    """Has the lines of acts written, and then the acts carried out.
 
     The clock is held from a start on, until it is withdrawn.
-
-    Args:
-        equipment: what the engine works with.
-        chronicle: has the lines.
-        recorder: makes the folder of a run that starts.
-        situation: what acts are judged against.
-        take_effect: see there.
     """
 
     def __init__(
@@ -152,17 +126,12 @@ class DurableActs:
 
     @property
     def waiting(self) -> type[Act] | None:
-        """The act that waits for the disk; None = none does. From any thread."""
+        """From any thread."""
         pending = self._pending
         return None if pending is None else type(pending.act)
 
     def refusal(self, act: Act | type[Act], *, active: bool) -> str | None:
-        """Why the disk lets no such act be done now, in words.
-
-        Args:
-            act: the act.
-            active: whether a run goes on, in which what is done at once is done.
-        """
+        """Why the disk allows no such act now, in words; `active`: a run goes on."""
         ends = act.urgent or act.name == Finalise.name or Consequence.NEW_RUN in act.consequences
         if self._chronicle.full and not ends:
             return "the journal of this run is full: finalise it, then set up the next run"
@@ -180,13 +149,10 @@ class DurableActs:
         answer: Told,
         prepare: Callable[[], Act] | None = None,
     ) -> None:
-        """Have an act carried out when its line is on disk.
+        """Have an act carried out when its line is on disk; it is judged again then.
 
-        Args:
-            act: possible now; judged again then.
-            line: makes its line of the journal, with an id.
-            answer: told once: why it was refused, in words, or None when it took effect.
-            prepare: completes it first; a keeper's part. None = it is complete.
+        `line` makes its journal line, with an id. `answer` is called once: why the act was
+        refused, in words, or None. `prepare` first completes the act, on the keeper's thread.
         """
         promise, end = Promise(line(act)), self._keepers.monotonic() + DURABLE_WITHIN
         pending = self._pending = _Pending(act, promise, answer, end)
@@ -203,7 +169,6 @@ class DurableActs:
     def _prepared(
         self, pending: _Pending, line: Callable[[Act], Entry], complete: Future[Act]
     ) -> None:
-        """An act is complete, and its line can be written; or it cannot be."""
         if pending is not self._pending:
             return  # it was withdrawn
         if (refused := why_not(complete)) is not None:
@@ -216,7 +181,6 @@ class DurableActs:
         self._chronicle.promise(pending.promise, partial(self._kept, pending))
 
     def look(self) -> None:
-        """Withdraw what waits too long, or has become impossible."""
         pending = self._pending
         if pending is None:
             return
@@ -226,7 +190,7 @@ class DurableActs:
             self.withdraw(why)
 
     def withdraw(self, why: str) -> bool:
-        """Take back the act that waits; False if it is on disk already, and will take effect."""
+        """Withdraw the waiting act; False if it is on disk already, and will take effect."""
         pending = self._pending
         assert pending is not None
         withdrawal = pending.withdrawal(self._equipment.now(), why)
@@ -245,7 +209,7 @@ class DurableActs:
         return True
 
     def withdraw_or(self, why: str, then: Callable[[], None]) -> bool:
-        """Take back the act that waits; if that is too late, do something else when it is done."""
+        """Withdraw the waiting act; if that is too late, call `then` when it is done."""
         assert self._pending is not None
         if self.withdraw(why):
             return True
@@ -253,7 +217,6 @@ class DurableActs:
         return False
 
     def _opened(self, pending: _Pending, opened: Future[OpenRecording | None]) -> None:
-        """Folder, bag and journal of a run are there, its start's line in it; or they are not."""
         if pending is not self._pending:
             return  # it was withdrawn
         self._pending = None
@@ -269,7 +232,6 @@ class DurableActs:
         self._decided(pending, refused, made)
 
     def _kept(self, pending: _Pending, refused: str | None) -> None:
-        """The line of an act is on disk, or the disk refuses it."""
         self._pending = None
         if refused is None:
             situation = self._situation()
@@ -288,15 +250,7 @@ class DurableActs:
 
 
 class EarlierRuns:
-    """Knows runs that were cut off, and opens the journals of earlier runs to go on with them.
-
-    Args:
-        results: the results folder.
-        keepers: touch the files.
-
-    Attributes:
-        unfinished: those that were cut off, as they were found last.
-    """
+    """Knows runs that were cut off, and opens the journals of earlier runs to go on with them."""
 
     def __init__(self, results: Path, keepers: Keepers) -> None:
         self.unfinished: tuple[Unfinished, ...] = ()
@@ -304,11 +258,10 @@ class EarlierRuns:
         self._keepers = keepers
 
     def look(self) -> None:
-        """Look for runs that were cut off."""
         self._keepers.reading.ask(partial(find_unfinished, self._results), self._found)
 
     def look_again(self) -> None:
-        """Look for them once the run at hand, which is left, has closed its journal."""
+        """Search again once the current run, which is left, has closed its journal."""
         self._keepers.own.ask(lambda: None, lambda _: self.look())
 
     def _found(self, unfinished: Future[tuple[Unfinished, ...]]) -> None:
@@ -324,11 +277,8 @@ class EarlierRuns:
     ) -> None:
         """Open the journal of an earlier run, in time or not at all.
 
-        Args:
-            opened: the run.
-            refusal: why it cannot be opened now, in words; None = it can.
-            take_up: goes on with it, now that its journal is open.
-            done: told once: why that is not possible, in words, or None when it is done.
+        `refusal` says why it cannot be opened now; `take_up` goes on with the open journal;
+        `done` is called once.
         """
         job = partial(OpenJournal.reopen, opened.folder / JOURNAL_FILE, opened.entries)
         latest = self._keepers.monotonic() + DURABLE_WITHIN

@@ -24,19 +24,9 @@ class EngineConfig:
     """What an engine needs to know.
 
     Attributes:
-        results: the results folder.
-        mappings: which topic carries which signal.
         disk_needed: bytes that must be free before a start.
-        thresholds: the testbed's numbers.
-        limits: what counts as a healthy testbed.
-        competition: its name.
-        testbed: the testbed's name; empty = it has none.
-        protest_times: the competition's deadlines for protests.
-        version: of the software.
-        evidence: how much of it may be recorded; None = none is wanted.
         lossless: wait for the disk instead of dropping messages (virtual time).
-        random: tells the identity of a run from all others; asks the system for nothing, for the
-            core does.
+        random: makes run identities without asking the system, because the core calls it.
     """
 
     results: Path
@@ -61,19 +51,14 @@ class EngineConfig:
 
 
 _PERIOD = 20.0
-"""All runs are looked through this often, s."""
+"""How often all runs are looked through, s."""
 
 STEADY_FOR = 10.0
-"""Room is told at the largest rate of so long, s: a rate that begins or ends says little."""
+"""Room is told at the largest rate of this long, s: a rate that begins or ends says little."""
 
 
 class EvidenceRoom:
-    """Knows what there is, and what may still come.
-
-    Args:
-        config: the results folder and the budget.
-        reading: looks through the runs.
-    """
+    """Tells how much evidence there is, and how much more can be recorded."""
 
     def __init__(self, config: EngineConfig, reading: Reader) -> None:
         self._config = config
@@ -84,11 +69,6 @@ class EvidenceRoom:
         self._rates: list[tuple[float, float]] = []
 
     def look(self, now: float) -> None:
-        """Look through the runs now and then; nothing where no evidence is wanted.
-
-        Args:
-            now: s since the epoch.
-        """
         if self._config.evidence is None:
             return
         if self._asked is None or not 0 <= now - self._asked < _PERIOD:
@@ -103,27 +83,20 @@ class EvidenceRoom:
 
     @property
     def budget_left(self) -> int:
-        """Bytes that the budget leaves; all of it while nobody knows what there is."""
+        """Bytes left of the budget; all of it until the runs were looked through."""
         plan = self._config.evidence
         return 0 if plan is None else max(0, plan.budget - (self._held or 0))
 
     def left(self, free: int | None) -> int | None:
-        """Bytes of evidence that can be recorded; None = not known.
-
-        Args:
-            free: on the disk, bytes; None = unknown.
-        """
+        """Bytes of evidence that can be recorded; None = unknown. `free` is in bytes."""
         if self._held is None or free is None:
             return None
         return max(0, min(self.budget_left, free - self._config.disk_needed))
 
     def lasts(self, free: int | None, byte_rate: float, now: float) -> float | None:
-        """How long evidence can be recorded, s; None = not known, or nothing has come of late.
+        """How long evidence can be recorded, s; None = unknown, or nothing has come lately.
 
-        Args:
-            free: on the disk, bytes; None = unknown.
-            byte_rate: of what comes now, bytes a second.
-            now: s since the epoch.
+        `free` is in bytes, `byte_rate` in bytes a second, `now` in s since the epoch.
         """
         known = [(at, rate) for at, rate in self._rates if abs(now - at) < STEADY_FOR]
         # what was less before says nothing any more

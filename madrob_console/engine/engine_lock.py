@@ -35,11 +35,7 @@ _LISTENS = "00010000"
 
 
 class HeldError(MadrobError):
-    """Another engine has what this one needs.
-
-    Attributes:
-        same: it is the engine of the same testbed.
-    """
+    """Another engine has what this one needs; `same`: it is that of the same testbed."""
 
     def __init__(self, words: str, *, same: bool) -> None:
         super().__init__(words)
@@ -48,12 +44,10 @@ class HeldError(MadrobError):
 
 @dataclass(frozen=True, slots=True)
 class Owned:
-    """What the engine of one testbed has for itself.
+    """What the engine of one testbed owns alone.
 
-    Attributes:
-        kind: of its testbed.
-        key: tells the testbed from others of that kind: a ROS domain's number, else a digest.
-        results: the folder that it records to; None = it records nothing.
+    The `key` tells the testbed from others of that kind: a ROS domain's number, else a
+    digest. Without `results` it records nothing.
     """
 
     kind: SourceKind
@@ -62,7 +56,6 @@ class Owned:
 
     @property
     def domain(self) -> int | None:
-        """Its ROS domain; None where there is none."""
         return int(self.key) if self.kind is SourceKind.ROS else None
 
     @property
@@ -78,7 +71,6 @@ class Owned:
 
     @property
     def words(self) -> str:
-        """The testbed, for people."""
         return f"ROS domain {self.key}" if self.kind is SourceKind.ROS else _WORDS[self.kind]
 
 
@@ -86,13 +78,6 @@ _WORDS = {SourceKind.SIMULATED: "this simulated testbed", SourceKind.REPLAY: "th
 
 
 def owned_by(kind: SourceKind, *what: object, results: Path | None) -> Owned:
-    """What the engine of a testbed owns.
-
-    Args:
-        kind: of the testbed.
-        what: tells it from others of that kind; a ROS domain's number.
-        results: as in `Owned`.
-    """
     if kind is SourceKind.ROS:
         return Owned(kind, str(what[0]), results)
     digest = hashlib.blake2s("\n".join(map(str, what)).encode(), digest_size=4).hexdigest()
@@ -109,12 +94,11 @@ def results_name(folder: Path) -> str | None:
 
 
 def address_of(name: str) -> str:
-    """Where the kernel has a name of this user."""
     return f"\0madrob/{os.getuid()}/{name}"
 
 
 def names_in_use() -> dict[str, int]:
-    """All names of this user on which some process listens, and the number of its socket.
+    """Names of this user on which a process listens, and the number of its socket.
 
     Raises:
         OSError: this system does not show them.
@@ -133,9 +117,7 @@ def names_in_use() -> dict[str, int]:
 class Peer:
     """The process at the other end of a Unix socket.
 
-    Attributes:
-        pid: 0 where it cannot be seen from here (another container).
-        user: its user; -1 where that cannot be seen either.
+    Where it cannot be seen (another container), `pid` is 0 and `user` -1.
     """
 
     pid: int
@@ -143,7 +125,6 @@ class Peer:
 
 
 def peer_of(connection: socket.socket) -> Peer:
-    """Who is at the other end, as the kernel says: who connected, or who began to listen."""
     raw = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     pid, user, _ = _CREDENTIALS.unpack(raw)
     return Peer(pid, user)
@@ -170,11 +151,9 @@ def holder_of(name: str) -> Peer:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The files of the engine of one testbed.
+    """The files of the engine of one testbed, in a folder that only the user may enter.
 
-    Attributes:
-        folder: the user's own; nobody else may enter it.
-        name: of the testbed; the same for every console that means the same testbed.
+    Every console on that testbed has the same `name`.
     """
 
     folder: Path
@@ -182,21 +161,16 @@ class Place:
 
     @property
     def socket(self) -> Path:
-        """Where it listens; only while it runs."""
+        """Where it listens; exists only while it runs."""
         return self.folder / f"{self.name}.sock"
 
     @property
     def log(self) -> Path:
-        """What it says, for people."""
         return self.folder / f"{self.name}.log"
 
     @contextmanager
     def taken(self) -> Iterator[None]:
-        """Hold the testbed's lock file: a stranger may have its name, older versions know no names.
-
-        Raises:
-            HeldError: another engine holds it.
-        """
+        """Hold the lock file: a stranger may have the name, older versions know no names."""
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
         lock = os.open(self.folder / f"{self.name}.lock", flags, 0o600)
         try:
@@ -212,11 +186,6 @@ class Place:
 
 
 def make_private(folder: Path) -> None:
-    """Make a folder that only the user may enter; those above it that are missing, too.
-
-    Raises:
-        OSError: it cannot be made.
-    """
     for path in (*reversed(folder.parents), folder):
         path.mkdir(mode=0o700, exist_ok=True)
 
@@ -248,16 +217,11 @@ def runtime_folder() -> Path:
 
 
 def place_of(owned: Owned) -> Place:
-    """The place of an engine's files.
-
-    Raises:
-        MadrobError: there is no folder for it.
-    """
     return Place(runtime_folder(), owned.stem)
 
 
 def runtime_folders() -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """The folders in which sockets of this user may lie, and what is wrong with them, in words.
+    """Folders that may hold sockets of this user, and what is wrong with them, in words.
 
     Logins have another one than services and programs without a login.
     """

@@ -50,36 +50,28 @@ from madrob_console.referee.records import deadline_words, due_words
 
 
 L = TypeVar("L")
-"""A list: of teams, or a plan."""
 
 PERIOD = 1.0
-"""Between two looks at the file, s."""
+"""How often the file is checked, s."""
 
 FIRST_READING = 2.0
-"""An engine waits so long for the first reading: then it begins without a list, s."""
+"""An engine waits this long for the first reading, s; then it begins without a list."""
 
 
 class ListSource(Protocol[L]):
     """Where a list comes from."""
 
     @property
-    def file(self) -> Path | None:
-        """The file; None = there is none."""
-        ...
+    def file(self) -> Path | None: ...
 
-    def read(self, before: L | None = None) -> L:
-        """The list as it is now; `before` as it was, None = it is read for the first time."""
-        ...
+    def read(self, before: L | None = None) -> L: ...
 
 
 class ListWatch(Generic[L]):
-    """Reads a list in a thread of its own: a file on a disk that hangs holds nobody up.
+    """Reads a list in a thread of its own: a disk that hangs holds nobody up.
 
-    Args:
-        source: where the list comes from.
-        told: called with the list, and with each that differs from the one before.
-        period: between two looks, s.
-        changed: called after each that differs.
+    `told` gets the list and each that differs; `changed` is called after those. `period` is
+    in s.
     """
 
     def __init__(
@@ -104,11 +96,10 @@ class ListWatch(Generic[L]):
         self._read.wait(FIRST_READING)
 
     def close(self) -> None:
-        """Look no more."""
         self._closed.set()
 
     def look(self) -> None:
-        """Read the file if it has changed; while it still changes, only the next time."""
+        """Read the file if it has changed; a file that still changes is read the next time."""
         stamp = self._stamp()
         still, self._seen = stamp == self._seen, stamp
         if not still or stamp == self._taken:
@@ -141,20 +132,13 @@ class ListWatch(Generic[L]):
 
 
 LOOKING_PERIOD = 60.0
-"""Another console, or another machine, may have filed or decided one, s."""
+"""How often protests are read, s: another console or machine may have filed one."""
 
 Read: TypeAlias = Callable[[Callable[[], Sequence[RunSummary]]], Future[Sequence[RunSummary]]]
-"""Has the runs read, beside the engine."""
 
 
 class ProtestWatch:
-    """Knows the runs with an open protest, as they were read last.
-
-    Args:
-        history: reads all runs.
-        read: has that done; it must not wait.
-        monotonic: s.
-    """
+    """Knows the runs with an open protest, as last read; `read` must not wait."""
 
     def __init__(
         self,
@@ -171,11 +155,7 @@ class ProtestWatch:
         self._read_at = 0.0
 
     def look(self, seen: object) -> None:
-        """Read again where something has changed, or a while has passed. Never waits.
-
-        Args:
-            seen: differs when a result has come or changed.
-        """
+        """Read again after a change of `seen`, or after a while. Never waits."""
         now = self._monotonic()
         if self._reading is not None:
             if not self._reading.done():
@@ -190,11 +170,9 @@ class ProtestWatch:
         self._reading = self._read(self._history)
 
     def overdue(self, now: float, at_hand: str) -> Iterator[str]:
-        """Protests that should have been decided, in words that stay the same.
+        """Protests past their deadline; `now` in s since the epoch.
 
-        Args:
-            now: s since the epoch.
-            at_hand: folder of the run at hand, which tells its own.
+        Without those of the run in the folder `at_hand`, which reports its own.
         """
         for run in self._protested:
             if run.protest_due is not None and run.protest_due < now and run.folder != at_hand:
@@ -202,7 +180,7 @@ class ProtestWatch:
                 yield f"{_which(run)}: {late}; h opens it, P decides it"
 
     def open(self, now: float) -> Iterator[str]:
-        """All that are open, in words; `now` in s since the epoch."""
+        """All open protests, in words; `now` in s since the epoch."""
         protested = ((run, run.protest_due or now) for run in self._protested)
         return (f"{_which(run)}: {due_words(due, now)}" for run, due in protested)
 
@@ -216,17 +194,13 @@ def _which(run: RunSummary) -> str:
 
 
 Done = Callable[[Any], None]
-"""Takes the answer to a question, once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turn:
-    """Something that waits to be asked or sent, and its answer to come.
+    """A question that waits for its turn; cancelled before that, it never happens.
 
-    Attributes:
-        question: asks, and hands the answer on, now or later.
-        deadline: what has not begun by then never happens, s of the monotonic clock.
-        answer: to come; what is cancelled before its turn never happens either.
+    What has not begun by the `deadline` (s of the monotonic clock) never happens either.
     """
 
     question: Callable[[Done], None]
@@ -234,14 +208,13 @@ class Turn:
     answer: Future[Any]
 
     def begin(self) -> bool:
-        """From now on it cannot be cancelled; False where it must not happen any more."""
+        """After this it cannot be cancelled; False where it must not happen any more."""
         if time.monotonic() > self.deadline:
             fail(self.answer, NO_ANSWER)
         return begun(self.answer)
 
 
 def begun(answer: Future[Any]) -> bool:
-    """Whether what is asked may begin: nobody has given it up. It cannot be any more."""
     if not answer.done():
         with suppress(RuntimeError):  # it has failed just now
             return answer.set_running_or_notify_cancel()
@@ -249,36 +222,29 @@ def begun(answer: Future[Any]) -> bool:
 
 
 def fail(answer: Future[Any], why: MadrobError | str) -> None:
-    """Say why there is no answer, if there is none yet."""
     with suppress(InvalidStateError):
         answer.set_exception(MadrobError(why) if isinstance(why, str) else why)
 
 
 TAKE_TIMEOUT = 0.02
-"""How long the engine waits for messages before it looks at acts and the clock, s."""
+"""The engine's wait for messages before it checks acts and the clock, s."""
 
 SNAPSHOT_PERIOD = 0.05
-"""Screens get a new snapshot this often, s."""
+"""How often screens get a new snapshot, s."""
 
 USUAL_WRITING = 0.5
-"""An act that waits for the disk no longer than this is no news, s."""
+"""Screens do not mention an act that waits for the disk no longer than this, s."""
 
 _ENDED = "the engine has ended: start the console again"
 
 
 class LocalEngine:
-    """Runs an engine in a thread; an `EngineClient`.
+    """Runs an engine, not opened yet, in a thread; an `EngineClient`.
 
-    Nothing that a screen does holds the engine up: requests wait for their turn, the urgent ones
-    before all others; what only reads is read beside it; snapshots are taken from the latest one.
-
-    Args:
-        engine: not opened yet.
-        reporting: what makes reports and exports, closed by the caller; None = nobody does.
-        fallen: tells which part of this process has ended, in words; None = none.
-
-    Raises:
-        MadrobError: the testbed cannot be reached.
+    No screen holds the engine up: requests wait for their turn, the urgent ones before all
+    others; what only reads runs beside the engine; snapshots are taken from the latest one.
+    The caller closes `reporting`. `fallen` tells which part of this process has ended, in
+    words.
     """
 
     def __init__(
@@ -329,16 +295,13 @@ class LocalEngine:
                 fail(turn.answer, self._gone)
 
     def _is_wanted(self) -> bool:
-        """Whether something urgent waits for the engine's thread."""
         return self._turns.count(first=True) > 0 or self._stop.is_set()
 
     @property
     def _gone(self) -> str:
-        """Why nothing is asked any more."""
         return _ENDED if self._failure is None else f"the engine has failed: {self._failure}"
 
     def _take(self, turn: Turn) -> None:
-        """In the engine's thread: ask; the answer may come at a later step."""
         if not turn.begin():
             return
         self._begun.add(turn)
@@ -360,11 +323,7 @@ class LocalEngine:
         return turn.answer
 
     def snapshot(self) -> Snapshot:
-        """The latest snapshot, with the pulse of now: the engine's thread may stand still.
-
-        Raises:
-            MadrobError: the engine has failed.
-        """
+        """The latest snapshot, with the current pulse: the engine's thread may stand still."""
         if self._failure is not None:
             raise MadrobError(f"the engine has failed: {self._failure}")
         latest, pulse = self._snapshot, self._pulse()
@@ -386,7 +345,6 @@ class LocalEngine:
         )
 
     def _look(self) -> None:
-        """Make a new snapshot, in the engine's thread."""
         reporting, engine = self._reporting, self._engine
         others = [self._fallen()]
         if reporting is not None:
@@ -408,14 +366,10 @@ class LocalEngine:
         first: bool = True,
         origin: Origin = Origin.REFEREE,
     ) -> Future[T]:
-        """Have a request carried out, and do not wait.
+        """Have a request carried out; never waits.
 
-        Args:
-            request: what is asked.
-            deadline: what has not begun by then never takes effect, s of the monotonic clock;
-                None = as the request has it.
-            first: what only reads comes before that of others.
-            origin: who asks, for the journal.
+        What has not begun by the `deadline` (s of the monotonic clock) never takes effect.
+        `first` reads go before the others.
         """
         if deadline is None:
             deadline = time.monotonic() + request.latest_begin
@@ -427,11 +381,6 @@ class LocalEngine:
             return answer
 
     def ask(self, request: Request[T]) -> T:
-        """Have a request carried out.
-
-        Raises:
-            MadrobError: it failed, or the engine has ended or does not answer.
-        """
         return awaited(self.begin(request), request.timeout)
 
     def _carry_out(
@@ -466,7 +415,6 @@ class LocalEngine:
                 raise NotImplementedError(f"nobody carries out {request}")
 
     def _open_run(self, folder: str, deadline: float, *, invalid: bool) -> Future[str | None]:
-        """The bag is read beside the engine, which goes on meanwhile, maybe with another run."""
         if parse_folder_name(folder) is None:
             raise MadrobError(f"{folder!r} is no run folder")
         engine = self._engine
@@ -502,7 +450,6 @@ class LocalEngine:
         return None
 
     def _frames(self) -> Future[str]:
-        """They are found and decoded in a process beside this one."""
         replay, shown = self._engine.replay, self.snapshot().playback
         if replay is None or shown is None:
             raise MadrobError(f"{NO_REPLAY}: `madrob pictures` has the frames of a run")
@@ -531,22 +478,19 @@ class LocalEngine:
 
     @property
     def open_protests(self) -> Sequence[str]:
-        """Against which runs of the results folder a protest is open, in words."""
         return tuple(self._protests.open(self._engine.now()))
 
     def repair(self) -> None:
-        """Have the results made again that are not what their journals say. Never waits."""
+        """Have results made again that differ from their journals. Never waits."""
         if self._reporting is not None and self._engine.replay is None:
             self._reporting.repair(self.results)
 
     @property
     def results(self) -> Path:
-        """Where the runs are kept."""
         return self._engine.config.results
 
     @property
     def busy(self) -> bool:
-        """Whether a run goes on or its result is being written."""
         return self._failure is None and self._engine.busy
 
     @property
@@ -558,22 +502,19 @@ class LocalEngine:
 
     @property
     def not_on_disk(self) -> Sequence[str]:
-        """What the disk refuses of all runs, in words."""
         return tuple(filter(None, (self._engine.refused, *self._engine.waiting)))
 
     @property
     def failed(self) -> bool:
-        """Whether its thread ended with an error."""
         return self._failure is not None
 
     def close(self) -> None:
-        """End the engine; a run that goes on is cut off and kept as interrupted."""
+        """End the engine; a current run is cut off and kept as interrupted."""
         self._stop.set()
         self._thread.join()
 
 
 def _answered(answer: T) -> Future[T]:
-    """What is known at once."""
     known: Future[T] = Future()
     known.set_result(answer)
     return known

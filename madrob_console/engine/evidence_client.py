@@ -23,12 +23,7 @@ from madrob_console.referee.records import listed
 
 @dataclass(frozen=True, slots=True)
 class EvidencePlan:
-    """How much evidence may be recorded.
-
-    Attributes:
-        budget: bytes that the results folder may hold of it.
-        least_room: what must fit before a start, s at the rate of now.
-    """
+    """Most bytes of evidence in the results folder; what must fit before a start, in s."""
 
     budget: int
     least_room: float
@@ -44,7 +39,7 @@ class EvidencePlace:
         steady_ns: steady time now (protocol section 8).
         monotonic_ns: the machine's monotonic time at the same moment.
         most_bytes: what is left of the budget.
-        least_free: bytes that stay free on the disk, for the score.
+        least_free: bytes that stay free on the disk, for scoring.
     """
 
     folder_fd: int
@@ -57,29 +52,23 @@ class EvidencePlace:
 
 @dataclass(frozen=True, slots=True)
 class WitnessStatus:
-    """How the evidence stands.
+    """Status of the evidence; the recording is the current or last one.
 
     Attributes:
-        ready: whether somebody listens, and has had the time to find what there is.
-        topics: what comes; nothing is said of it where nobody has told of late.
-        silent: those on which nothing comes now, and nothing is kept for late joiners.
+        ready: whether a process listens, and has had the time to find all topics.
+        topics: what comes; incomplete where the process has not reported lately.
+        silent: topics on which nothing comes now, and nothing is kept for late joiners.
         unseen: patterns of the settings for which nobody publishes anything.
         scored: patterns that match only what is recorded with the score.
-        gaps: when nothing was recorded in the recording that goes on, or was last, s since the
-            epoch: the start of a run may still move.
-        account: of the recording that goes on, or was last.
-        recording: whether one goes on.
+        gaps: when nothing was recorded, s since the epoch: the start of a run may still move.
         finishing: whether one is over and not complete on disk.
-        size: its bytes on disk.
-        problem: what is wrong, in words; None = nothing.
-        stuck: that the disk takes nothing of it now, in words; empty = it does.
-        unrepaired: files of the last run that are not whole, and what their repair waits for, in
-            words.
-        pauses: by topic, when nothing came on it though it came steadily, in the recording that
-            goes on, or was last; s since the epoch, as those of `gaps`.
-        pauses_now: that which goes on, also without a recording.
-        appeared: by topic, when its first message came, of those that nobody had when that
-            recording began; s since the epoch.
+        size: bytes on disk.
+        stuck: that the disk takes nothing now, in words.
+        unrepaired: damaged files of the last run, and what their repair waits for, in words.
+        pauses: silences of steady topics in the recording, by topic, s since the epoch.
+        pauses_now: the current silences, also without a recording.
+        appeared: first message of each topic that nobody had when the recording began, s since
+            the epoch.
     """
 
     ready: bool = False
@@ -106,27 +95,17 @@ class WitnessStatus:
 
     @property
     def gap(self) -> EvidenceGap | None:
-        """That in which nothing is recorded now."""
         last = self.gaps[-1] if self.recording and self.gaps else None
         return None if last is None or last.end is not None else last
 
     def trouble(self, start: float | None) -> str | None:
-        """What is wrong with all of it, in words; None = nothing.
-
-        Args:
-            start: of the run, s since the epoch; None = there is none.
-        """
+        """What is wrong with all of it, in words; `start` of the run is in s since the epoch."""
         if self.gap is None:
             return self.problem or self.stuck or None
         since = "" if start is None else f" since {self.gap.since(start).begin:+.1f} s"
         return f"nothing is recorded{since}, it is starting again: {self.gap.why}"
 
     def faults(self, start: float | None) -> tuple[str, ...]:
-        """What is wrong with all of it, with what should come or with its files; a line each.
-
-        Args:
-            start: as for `trouble`.
-        """
         if (trouble := self.trouble(start)) is not None:
             return (trouble, *self.unrepaired)
         unseen = (unseen_words(self.unseen),) if self.ready and self.unseen else ()
@@ -138,11 +117,6 @@ class WitnessStatus:
         return (*unseen, *lines, *self.unrepaired)
 
     def topics_since(self, start: float | None) -> tuple[EvidenceTopicView, ...]:
-        """What comes, with the silences of each topic among what is wrong with it.
-
-        Args:
-            start: as for `trouble`.
-        """
         return tuple(
             replace(one, problem=_together(one.problem, self._silence(one.topic, start)))
             for one in self.topics
@@ -155,11 +129,6 @@ class WitnessStatus:
         return _silent(pauses, start) if pauses and start is not None else ""
 
     def account_since(self, start: float) -> EvidenceAccount:
-        """The account, with all times from the start of the run on.
-
-        Args:
-            start: s since the epoch.
-        """
         topics = (
             replace(
                 one,
@@ -176,7 +145,6 @@ class WitnessStatus:
 
     @property
     def troubles(self) -> dict[tuple[str, Trouble], str]:
-        """What is wrong, in words, by topic; gaps are told apart from it."""
         troubles = {
             (topic.topic, Trouble.EVIDENCE): words
             for topic in self.account.topics
@@ -188,24 +156,14 @@ class WitnessStatus:
 
 
 def silent_since(pause: EvidenceGap, start: float | None) -> str:
-    """That nothing comes any more, in words.
-
-    Args:
-        pause: since when, s since the epoch.
-        start: of the run, likewise; None = there is none: then the time of day is told.
-    """
+    """That nothing comes any more, in words; without a `start`, by the time of day."""
     if start is None:
         return f"silent since {time.strftime('%H:%M:%S', time.localtime(pause.begin))}"
     return f"silent since {pause.since(start).begin:+.1f} s"
 
 
 def first_words(first: float | None, start: float) -> str:
-    """When a topic came first, in words; empty = before the start.
-
-    Args:
-        first: s since the epoch; None = it was there before.
-        start: of the run, likewise.
-    """
+    """When a topic came first, in words; empty = before the start. Times: s since the epoch."""
     return "" if first is None or first <= start else f"first message at {first - start:+.1f} s"
 
 
@@ -223,39 +181,30 @@ class Witness(Protocol):
 
     @property
     def status(self) -> WitnessStatus | None:
-        """How things stand; None = no evidence is wanted, or there can be none."""
+        """None = no evidence is wanted, or there can be none."""
         ...
 
     def warm(self) -> None:
-        """Get ready: whoever sends shall be found before the first start."""
+        """Get ready: topics shall be found before the first start."""
         ...
 
-    def begin(self, place: EvidencePlace) -> None:
-        """Record from now on."""
-        ...
+    def begin(self, place: EvidencePlace) -> None: ...
 
-    def end(self) -> None:
-        """Record no more, and complete what is there."""
-        ...
+    def end(self) -> None: ...
 
     def await_account(self, limit: float) -> None:
-        """Wait until the account has all up to the `end`, `limit` s at most; not for the core.
-
-        What is not in the files soon after is `unwritten` in it.
-        """
+        """Wait until the account has all up to the `end`, `limit` s at most; not for the core."""
         ...
 
-    def hold(self, *, held: bool) -> None:
-        """Leave the disk to the score, or not any more."""
-        ...
+    def hold(self, *, held: bool) -> None: ...
 
     def close(self) -> None:
-        """End it; what is recorded gets complete by itself."""
+        """End it; the recording gets complete by itself."""
         ...
 
 
 class NoWitness:
-    """Nothing is recorded beside the testbed's own topics; a `Witness`."""
+    """A `Witness` that records nothing."""
 
     status = None
 
@@ -263,7 +212,6 @@ class NoWitness:
         """Nothing is needed."""
 
     def begin(self, place: EvidencePlace) -> None:
-        """Nobody asks for a place."""
         raise AssertionError(f"no evidence is wanted for {place.name}")
 
     def end(self) -> None:
@@ -287,24 +235,18 @@ LASTING = 0.5
 
 
 class FaultNotes:
-    """Each trouble of each topic is noted once a run."""
+    """Notes each trouble of each topic once a run."""
 
     def __init__(self) -> None:
         self._since: dict[tuple[str, Trouble], float] = {}
         self._noted: set[tuple[str, Trouble]] = set()
 
     def clear(self) -> None:
-        """A new run."""
         self._since.clear()
         self._noted.clear()
 
     def due(self, troubles: Mapping[tuple[str, Trouble], str], now: float) -> list[tuple[str, str]]:
-        """What is to be noted now: topics, and what is wrong with each in words.
-
-        Args:
-            troubles: what is wrong now, by topic and kind.
-            now: s since the epoch.
-        """
+        """What is to be noted now, by topic; `now` is s since the epoch."""
         self._since = {key: self._since.get(key, now) for key in troubles}
         due = [
             key
@@ -319,15 +261,16 @@ class FaultNotes:
 
 
 PERIOD = 5.0
-"""What topics lack is told so often at most, s: many lack the same one after the other, and the
-sensors' events shall be seen among it."""
+"""Topic faults are noted at most this often, s: many topics fail one after the other, and must not
+hide the sensors' events.
+"""
 
 
 class EvidenceNotes:
-    """What is told of one run.
+    """What the journal says of one run's evidence.
 
-    Gaps, and silences of topics, when they begin and when they end; the first message of a topic
-    that appears late; each trouble of a topic once.
+    Gaps, and silences of topics, when they begin and when they end; the first message of a
+    topic that appears late; each trouble of a topic once.
     """
 
     def __init__(self) -> None:
@@ -339,13 +282,7 @@ class EvidenceNotes:
         self._appeared: set[str] = set()
 
     def due(self, status: WitnessStatus, start: float, now: float) -> list[str]:
-        """What is to be noted now, in words.
-
-        Args:
-            status: of the evidence.
-            start: of the run, s since the epoch.
-            now: s since the epoch.
-        """
+        """What is to be noted now, in words; `start` of the run and `now` are s since the epoch."""
         return [
             *self._of_gaps(status, start),
             *self._of_silences(status, start),
@@ -363,7 +300,6 @@ class EvidenceNotes:
             yield f"recorded again, missing {gap.since(start).words}"
 
     def _of_silences(self, status: WitnessStatus, start: float) -> Iterator[str]:
-        """Which topics come late, fall silent or come again; of several at once when the first."""
         late = [topic for topic in status.appeared if topic not in self._appeared]
         self._appeared.update(late)
         told = {topic: first_words(status.appeared[topic], start) for topic in late}
@@ -393,6 +329,6 @@ class EvidenceNotes:
 
 
 def _in_a_line(words: Mapping[str, str]) -> Iterator[str]:
-    """What is said of each of some topics, as it is said of the first; none where there is none."""
+    """One line for several topics, in the words of the first; none where there is none."""
     if words:
         yield f"{listed(list(words))}: {next(iter(words.values()))}"

@@ -34,20 +34,20 @@ from madrob_console.engine.wire import frame
 from madrob_console.engine.worker import END_TIME, Child, OwnTime, threads_of
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.engine.evidence_worker")
-"""What it is started with; the handle of its socket follows."""
 
 PATIENCE = 4.0
-"""One that does not move for so long either hangs, s."""
+"""A process that is silent and inactive for this long hangs, s."""
 
 HANGS = 30.0
-"""One that says nothing for so long hangs though it moves: it turns in circles, or its threads wait
-for each other; s in which neither a disk nor other programs held it up."""
+"""A process that is active but silent for this long hangs (an endless loop or a deadlock); s in
+which neither a disk nor other programs held it up.
+"""
 
 FIRST_WORD = 20.0
-"""A process that was just started may take so long to say something, s."""
+"""Time of a new process until its first message, s."""
 
 NEARLY_WRITTEN = 0.1
-"""The account of a recording waits so long for the last of it to be in its file, s."""
+"""Wait of a recording's account for the last of it to be in its file, s."""
 
 _PERIOD = 0.25
 
@@ -55,13 +55,9 @@ _PERIOD = 0.25
 class EvidenceProcess:
     """Has evidence recorded in a process of its own; a `Witness`.
 
-    The process listens from `warm` on, so that everything is found before a run, and writes into
-    the bag of a run while it is told to. One that has ended, or hangs, is started again and goes
-    on in a file of its own; the run hears of it and is otherwise untouched.
-
-    Args:
-        observe: what it listens to.
-        command: what it is started with.
+    The process listens from `warm` on, so that all topics are found before a run, and writes into
+    the bag of a run while ordered to. One that has ended, or hangs, is started again and goes on in
+    a file of its own; the run is told and otherwise untouched.
     """
 
     def __init__(self, observe: ListenFor, command: Sequence[str] = COMMAND) -> None:
@@ -89,46 +85,40 @@ class EvidenceProcess:
 
     @property
     def status(self) -> WitnessStatus:
-        """See `Witness`. From any thread."""
+        """From any thread."""
         return self._status
 
     @property
     def pid(self) -> int | None:
-        """Of the process; None while there is none."""
         child = self._child
         return None if child is None else child.pid
 
     def warm(self) -> None:
-        """Start the process: it finds the topics by itself."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._work, name="evidence", daemon=True)
             self._thread.start()
 
     def begin(self, place: EvidencePlace) -> None:
-        """See `Witness`."""
         self.warm()
         self._counted.clear()
         self._written.clear()
         self._order(place)
 
     def end(self) -> None:
-        """See `Witness`."""
         self._order(FinishFile(0))
 
     def await_account(self, limit: float) -> None:
-        """See `Witness`."""
         end = time.monotonic() + limit
         if self._counted.wait(limit):
             self._written.wait(min(NEARLY_WRITTEN, end - time.monotonic()))
 
     def hold(self, *, held: bool) -> None:
-        """See `Witness`."""
         if held != self._held:
             self._held = held
             self._order(LeaveDisk(held))
 
     def close(self) -> None:
-        """See `Witness`; a process that is not done goes on alone for a while."""
+        """See `Witness`; an unfinished process goes on alone for a while."""
         self._closed = True
         self._ring()
         if self._thread is not None:
@@ -150,7 +140,7 @@ class EvidenceProcess:
     # ------------------------------------------------------------------ its thread
 
     def _work(self) -> None:
-        """Keep a process going; nothing that happens here ends the thread before `close`."""
+        """Keep a process running; no error ends the thread before `close`."""
         while not self._closed:
             why = self._one_process()
             if self._closed:
@@ -170,7 +160,6 @@ class EvidenceProcess:
             self._recording = None
 
     def _one_process(self) -> str:
-        """From the start of a process to its end; why it ended, in words."""
         self._starts_failed += 1
         try:
             child = self._child = Child(self._command, news_of)
@@ -202,12 +191,6 @@ class EvidenceProcess:
         return why or ended
 
     def _serve(self, child: Child[EvidenceNews]) -> None:
-        """Hand on what the engine says, and hear how things stand, until the engine ends.
-
-        Raises:
-            EOFError, OSError: the process has ended.
-            MadrobError: it talks nonsense or hangs.
-        """
         assert self._bell is not None
         poll = select.poll()
         poll.register(self._bell, select.POLLIN)
@@ -274,11 +257,6 @@ class EvidenceProcess:
     def _send(
         self, child: Child[EvidenceNews], order: ToEvidence, handle: int | None = None
     ) -> None:
-        """Send an order; they are small and few.
-
-        Raises:
-            MadrobError: the process takes none.
-        """
         data = frame(order)
         try:
             if handle is None:
@@ -291,7 +269,6 @@ class EvidenceProcess:
             raise MadrobError("it takes no orders")
 
     def _ended(self, why: str) -> None:
-        """A process has ended that was still needed."""
         self._trouble = f"the evidence process is started again: {why}"
         if self._recording is not None:
             self._recording.lose_process(why)
@@ -312,12 +289,10 @@ class EvidenceProcess:
                 self._written.set()
 
     def _tell(self) -> None:
-        """Say how things stand."""
         now = time.monotonic()
         self._status = standing(now, self._heard, self._heard_at, self._trouble, self._recording)
 
     def _pause(self, duration: float, why: str) -> None:
-        """Wait before the next try, there being no process for that reason; orders are heeded."""
         assert self._bell is not None
         end = time.monotonic() + duration
         poll = select.poll()

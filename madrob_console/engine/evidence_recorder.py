@@ -22,15 +22,12 @@ from recorder.survey import put_listing, summarised
 
 
 _MEMORY_OVERHEAD = 400
-"""What a message takes in memory beside its bytes."""
+"""Memory of a message beside its bytes."""
 
 _MOST_EMPTY = 10_000
-"""Places of messages that gave way, before they are swept out."""
 
 
 class _Place:
-    """A message in the queue, until it is taken or gives way."""
-
     __slots__ = ("message", "size")
 
     def __init__(self, message: RawMessage, size: int) -> None:
@@ -39,17 +36,11 @@ class _Place:
 
 
 class EvidenceQueue:
-    """Messages in their order. Not thread-safe.
+    """Messages in their order, bounded in bytes of memory. Not thread-safe.
 
-    Where there is no room the topics of the lowest priority give way; among these the one that
-    takes most room, message by message, the oldest first: what is recorded of it is then what came
-    last, and no topic pays for a larger one.
-
-    Args:
-        capacity: bytes of memory.
-
-    Attributes:
-        size: bytes of memory that are taken.
+    Without room the topics of the lowest priority lose messages; among these the one that
+    takes most room, the oldest first. So its last messages are kept, and no topic pays for
+    a larger one.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -65,11 +56,7 @@ class EvidenceQueue:
         return sum(map(len, self._topics.values()))
 
     def put(self, message: RawMessage, priority: int) -> list[RawMessage]:
-        """Add a message.
-
-        Returns:
-            Those that gave way to it; itself, if it did.
-        """
+        """Add a message; returns those that were dropped for it, maybe itself."""
         topic, size = message.topic, len(message.data) + _MEMORY_OVERHEAD
         gone: list[RawMessage] = []
         self._priorities[topic] = priority
@@ -86,11 +73,7 @@ class EvidenceQueue:
         return gone
 
     def take(self, most: int) -> list[RawMessage]:
-        """The oldest messages, and take them out.
-
-        Args:
-            most: bytes, about; one message at least.
-        """
+        """Remove and return the oldest messages: about `most` bytes, at least one."""
         taken: list[RawMessage] = []
         size = 0
         while self._places and size < most:
@@ -104,7 +87,7 @@ class EvidenceQueue:
         return taken
 
     def _victim(self, comes: str, size: int) -> str | None:
-        """Which topic loses its oldest message; None = that one which comes, and has none here."""
+        """Topic that loses its oldest message; None = the coming one, which has none here."""
         sizes = {topic: taken for topic, taken in self._sizes.items() if taken}
         sizes[comes] = sizes.get(comes, 0) + size
         victim = min(sizes, key=lambda topic: (self._priorities[topic], -sizes[topic]))
@@ -131,45 +114,41 @@ QUEUE_BYTES = 96_000_000
 """Memory of what waits for the disk: some seconds of four cameras."""
 
 BATCH_BYTES = 1_000_000
-"""Written between two looks at whether the score needs the disk."""
+"""Written between two checks whether scoring needs the disk."""
 
 SYNC_BYTES, SYNC_PERIOD = 4_000_000, 0.5
-"""Brought to the disk after so much or so long, bytes and s: what the score syncs then waits for no
-large heap of ours."""
+"""Synced after so many bytes or s: syncs of the scoring then wait for little evidence."""
 
 WRITER_NICE = 10
 """Niceness of the thread: what waits here waits in memory, what waits in DDS is lost."""
 
 REPAIR_PERIOD = 2.0
-"""Room for a repair is looked for this often, s."""
+"""Pause between two checks for room for a repair, s."""
 
 _ROOM_PERIOD = 1.0
-"""Free space is looked at this often, s, and before each batch."""
+"""How often free space is checked, s; also before each batch."""
 
 _OVERHEAD, _SPARE = 64, 1_000_000
-"""Of a message beside its data, bytes; and of a file beside its messages: what lists its topics."""
+"""Bytes of a message beside its data; bytes of a file beside its messages (its topic list)."""
 
 
 @dataclass(frozen=True, slots=True)
 class EvidenceWritten:
-    """How the recording of evidence stands.
+    """Status of an evidence recording.
 
     Attributes:
         messages, bytes: by topic, in the file or on their way to it.
-        gave_way: by topic: there was no room for them in memory.
-        refused: by topic: the disk did not take them, or had no room left for evidence.
+        gave_way: by topic: dropped for lack of memory.
+        refused: by topic: refused by the disk, or no room left for evidence.
         size: of the file, bytes.
         queued: bytes of memory that wait.
-        silent: how long the disk has not answered, or was left to the score, s.
-        problem: why nothing more is written, in words; empty = it is.
+        silent: how long the disk has not answered, or was left to scoring, s.
         finished: whether the file is complete, or given up.
-        ended: whether nothing more comes: what was taken is all counted.
-        unwritten: how many of the messages are not in the file yet; None = the file could not be
-            finished, and nobody knows.
-        first_ns: when the first message of each topic came, steady ns.
-        saved_ns: up to when there is something in the file, likewise; None = nothing is in it.
-        unrepaired: which file of the same run is not whole and what its repair waits for, in words;
-            empty = none.
+        ended: whether nothing more comes: all messages are counted.
+        unwritten: messages not in the file yet; None = unknown, the file could not be finished.
+        first_ns: time of the first message of each topic, steady ns.
+        saved_ns: time of the last message in the file, steady ns; None = it is empty.
+        unrepaired: which file of the run is damaged and what its repair waits for, in words.
     """
 
     messages: dict[str, int]
@@ -193,11 +172,9 @@ class EvidenceRecorder:
 
     Args:
         folder_fd: the open bag folder; closed when the file is finished.
-        name: of the file.
         most_bytes: of the file: what is left of the budget.
-        least_free: bytes that stay free on the disk, for the score.
-        capacity: bytes of memory of what waits.
-        monotonic: a clock of the machine's, s.
+        least_free: bytes that stay free on the disk, for scoring.
+        capacity: bytes of memory of the queue.
     """
 
     def __init__(
@@ -237,7 +214,7 @@ class EvidenceRecorder:
         self._thread.start()
 
     def put(self, message: RawMessage, topic: Topic, priority: int) -> None:
-        """Have a message recorded; never waits, what finds no room is counted."""
+        """Have a message recorded; never waits, and counts what finds no room."""
         with self._changed:
             if self._ending:
                 return
@@ -256,35 +233,31 @@ class EvidenceRecorder:
                 self._changed.notify_all()
 
     def hold(self, *, held: bool) -> None:
-        """Write nothing while the score waits for the disk."""
+        """Write nothing while scoring waits for the disk."""
         with self._changed:
             self._held = held
             self._changed.notify_all()
 
     def end(self) -> None:
-        """Nothing more comes: write what waits, and finish the file."""
         with self._changed:
             self._ending = True
             self._changed.notify_all()
 
     def leave(self) -> None:
-        """Wait no longer for room for a repair: another run begins, or the engine ends."""
         with self._changed:
             self._left = True
             self._changed.notify_all()
 
     def wait(self, limit: float) -> None:
-        """Until the file is finished, `limit` s at most."""
+        """Wait until the file is finished, `limit` s at most."""
         self._thread.join(limit)
 
     @property
     def finished(self) -> bool:
-        """Whether the file is complete, or given up."""
         return self._finished
 
     @property
     def written(self) -> EvidenceWritten:
-        """How it stands."""
         with self._changed:
             since = self._busy_since
             return EvidenceWritten(
@@ -336,10 +309,9 @@ class EvidenceRecorder:
             os.close(self._fd)
 
     def _repair(self) -> None:
-        """Make whole what a process that was ended left of the same run; nobody waits for it.
+        """Repair what a killed process left of the same run; nobody waits for it.
 
-        A file is copied for that: where the score would have too little room meanwhile, that is
-        told and room waited for.
+        A repair copies the file: it waits until scoring has enough room meanwhile.
         """
         try:
             while (needed := self._largest_torn()) is not None:
@@ -363,18 +335,12 @@ class EvidenceRecorder:
             self._unrepaired = ""
 
     def _largest_torn(self) -> tuple[str, int] | None:
-        """The largest file of evidence that is not whole, and its bytes: one is copied at a time.
-
-        Raises:
-            OSError: the folder cannot be read.
-        """
         names = os.listdir(self._fd)  # noqa: PTH208  of a handle
         torn = [name for name in names if is_evidence(name) and not summarised(self._fd, name)]
         sizes = {name: os.stat(name, dir_fd=self._fd).st_size for name in torn}
         return max(sizes.items(), key=lambda one: one[1], default=None)
 
     def _write(self, file: McapFile) -> bool:
-        """Write the next batch; False when it was the last, or no more may be written."""
         synced, looked = self._monotonic(), 0.0
         unsynced = 0
         while True:
@@ -419,7 +385,6 @@ class EvidenceRecorder:
         return self._ending or self._held or self._queue.size >= BATCH_BYTES
 
     def _no_room_for(self, file: McapFile, batch: Sequence[RawMessage]) -> str:
-        """Why the score would not keep its room, were these written and the file finished."""
         comes = sum(_OVERHEAD + len(message.data) for message in batch) + file.pending
         free = self._free()
         if free - comes - _SPARE >= self._least_free:
@@ -444,7 +409,6 @@ class EvidenceRecorder:
             self._busy_since = self._monotonic()
 
     def _fail(self, problem: str, saved: Counter[str]) -> None:
-        """Nothing more is written; what is not in the file is lost."""
         with self._changed:
             self._problem = problem
             self._queue.take(2 * self._queue.size)

@@ -33,14 +33,7 @@ from recorder.bag import evidence_file_name
 
 
 class ListenFor(msgspec.Struct, frozen=True, tag=True):
-    """Listen from now on.
-
-    Attributes:
-        domain: ROS domain.
-        choice: to which topics.
-        own_topics: those that the engine records, as the settings name them.
-        ros_args: what a launch file says of their names.
-    """
+    """Order to listen to topics from now on; the engine itself records `own_topics`."""
 
     domain: int
     choice: EvidenceChoice
@@ -49,14 +42,10 @@ class ListenFor(msgspec.Struct, frozen=True, tag=True):
 
 
 class RecordInto(msgspec.Struct, frozen=True, tag=True):
-    """RecordInto from now on into a new file of the folder whose handle comes with it.
+    """Order to record into a new file of the folder whose handle comes with the order.
 
-    Attributes:
-        number: of the recording.
-        file_name: in the folder.
-        steady_ns: steady time, as the engine has it.
-        monotonic_ns: the machine's monotonic time at that moment.
-        most_bytes, least_free: see `EvidenceRecorder`.
+    `monotonic_ns` is the machine's monotonic time at the engine's `steady_ns`. For
+    `most_bytes` and `least_free` see `EvidenceRecorder`.
     """
 
     number: int
@@ -68,28 +57,26 @@ class RecordInto(msgspec.Struct, frozen=True, tag=True):
 
 
 class FinishFile(msgspec.Struct, frozen=True, tag=True):
-    """The recording is over; finish the file."""
+    """Order to finish the file: the recording is over."""
 
     number: int
 
 
 class LeaveDisk(msgspec.Struct, frozen=True, tag=True):
-    """Whether the score waits for the disk: nothing is written then."""
+    """Whether scoring waits for the disk: nothing is written meanwhile."""
 
     held: bool
 
 
 class EvidenceNews(msgspec.Struct, frozen=True, tag=True):
-    """How things stand, told twice a second and when a recording ends.
+    """Status report of the process, sent twice a second and when a recording ends.
 
     Attributes:
         settled: whether all topics are connected, as far as can be told.
-        flows: what comes.
         left_over, unseen, scored: see `EvidenceIntakes`.
-        recordings: by their numbers: what is being recorded, and what was and is being finished.
-        left_out, too_large, lost: by topic, of the recording that is going on or was last:
-            messages left out on purpose, larger than is recorded, lost on the way.
-        problem: why nothing is heard, in words; empty = it is.
+        recordings: by number: the current one and those that are or were being finished.
+        left_out, too_large, lost: messages by topic, of the current or last recording:
+            left out on purpose, too large to be recorded, lost on the way.
     """
 
     settled: bool = False
@@ -111,31 +98,24 @@ _told: msgspec.msgpack.Decoder[EvidenceNews] = msgspec.msgpack.Decoder(EvidenceN
 
 
 def order_of(data: bytes) -> ToEvidence:
-    """A message of the engine."""
     return _orders.decode(data)
 
 
 def news_of(data: bytes) -> EvidenceNews:
-    """A message of the process.
-
-    Raises:
-        MadrobError: it is something else.
-    """
     return decoded(_told, data, "a message of the process that records evidence")
 
 
 QUIET = 1.5
-"""A process from which nothing is heard for so long is said to be silent, and so is a disk that
-takes nothing; s."""
+"""A process or a disk without activity for this long is reported as silent, s."""
 
 SLOW_END = 5.0
-"""A recording that is not complete so long after its end is told, s."""
+"""A recording that is incomplete this long after its end is reported, s."""
 
 COMES_BACK = 4.0
-"""A new process is waited for so long until all topics are back that came before, s."""
+"""Time for a new process to receive all earlier topics again, s."""
 
 MOST_GAPS = 20
-"""Gaps of a recording that are told one by one."""
+"""Gaps of a recording that are listed one by one."""
 
 _MOST_REASONS = 3
 
@@ -143,15 +123,7 @@ _NOTHING = EvidenceNews()
 
 
 class EvidenceRecording:
-    """One recording, through any number of processes. Times are s of a monotonic clock.
-
-    Args:
-        number: of it.
-        place: where it goes.
-
-    Attributes:
-        ended: when it ended; None = it goes on.
-    """
+    """One recording, through any number of processes. Times are s of a monotonic clock."""
 
     def __init__(self, number: int, place: EvidencePlace) -> None:
         self.number = number
@@ -176,35 +148,32 @@ class EvidenceRecording:
 
     @property
     def goes_on(self) -> bool:
-        """Whether what comes is recorded."""
         return self.ended is None
 
     @property
     def finishing(self) -> bool:
-        """Whether it is over, and its file is not complete."""
         finished = self._written is not None and self._written.finished
         return not (self.goes_on or finished or self._given_up)
 
     @property
     def size(self) -> int:
-        """Of its files, bytes."""
+        """Bytes of all its files."""
         return self._former_size + (self._written.size if self._written else 0)
 
     @property
     def counted(self) -> bool:
-        """Whether its process has said what it took up to the end of the recording."""
+        """Whether its process has reported what it received up to the end of the recording."""
         return not self.goes_on and self._written is not None and self._written.ended
 
     @property
     def unwritten(self) -> int | None:
-        """How many of its messages are not in its files yet; None = nobody knows."""
+        """Messages not in the files yet; None = unknown."""
         written = self._written
         if self._cut_off or (written is not None and not (self.goes_on or self.counted)):
             return None
         return 0 if written is None else written.unwritten
 
     def next_file(self) -> RecordInto:
-        """The order for its next file."""
         place, number = self.place, self._files
         self._files += 1
         return RecordInto(
@@ -217,7 +186,7 @@ class EvidenceRecording:
         )
 
     def hear(self, heard: EvidenceNews, now: float) -> None:
-        """What its process says; later ones say nothing of it any more."""
+        """Take a report of its own process; reports of later ones do not mention this recording."""
         written = heard.recordings.get(self.number)
         if written is not None and (self.goes_on or self.finishing):
             self._heard, self._written, self._heard_at = heard, written, now
@@ -232,7 +201,6 @@ class EvidenceRecording:
             self._given_up = True
 
     def lose_process(self, why: str) -> None:
-        """Its process has ended, or there is none."""
         if not (self.goes_on or self.finishing):
             return
         self._open_gap(why)
@@ -245,18 +213,17 @@ class EvidenceRecording:
         self._given_up = self._torn = not self.goes_on
 
     def wait_for_process(self) -> None:
-        """Its process does not listen yet."""
         self._open_gap("its process was only being started")
 
     @property
     def appeared(self) -> dict[str, float]:
-        """When topics came first that nobody had when it began, s since the epoch."""
+        """First messages of topics that appeared after its begin, s since the epoch."""
         there = self._there
         return {} if there is None else {t: at for t, at in self._first.items() if t not in there}
 
     @property
     def pauses(self) -> dict[str, tuple[EvidenceGap, ...]]:
-        """When nothing came on topics that came steadily, s since the epoch; the last may go on."""
+        """Silences of steady topics, s since the epoch; the last may still be open."""
         found = dict(self._former_pauses)
         first = {} if self._written is None else self._written.first_ns
         for topic, (*before, last) in self._former_pauses.items():
@@ -270,21 +237,19 @@ class EvidenceRecording:
         return found
 
     def _steady(self, at: float) -> float:
-        """A time of the monotonic clock, s since the epoch."""
+        """Monotonic time as s since the epoch."""
         return (self.place.steady_ns + round(at * NS) - self.place.monotonic_ns) / NS
 
     @property
     def gaps(self) -> tuple[EvidenceGap, ...]:
-        """When nothing was recorded, s since the epoch; the last one may go on."""
+        """When nothing was recorded, s since the epoch; the last may still be open."""
         return tuple(self._gaps)
 
     @property
     def _gap(self) -> EvidenceGap | None:
-        """The one that goes on."""
         return self._gaps[-1] if self._gaps and self._gaps[-1].end is None else None
 
     def _open_gap(self, why: str) -> None:
-        """Nothing is recorded from what is in the file on."""
         written = self._written
         self._back = None
         all_there = self.counted and self.unwritten == 0
@@ -302,7 +267,7 @@ class EvidenceRecording:
             self._gaps[-1] = replace(last, end=None, why=why, number=last.number + 1)
 
     def _close_gap(self, written: EvidenceWritten, now: float) -> None:
-        """All that came before comes again, or has had the time to."""
+        """Close the gap once all earlier topics are back, or their time to come back is over."""
         if self._gap is None:
             return
         self._back = now if self._back is None else self._back
@@ -314,7 +279,6 @@ class EvidenceRecording:
         self._gaps[-1] = replace(self._gap, end=end)
 
     def _problems(self) -> list[str]:
-        """What was wrong with its processes, in words."""
         if not self._ends:
             return []
         reasons = ", ".join(list(self._ends)[:_MOST_REASONS])
@@ -326,7 +290,6 @@ class EvidenceRecording:
         return problems
 
     def account(self) -> EvidenceAccount:
-        """What was recorded so far; when nothing was is told by `gaps`."""
         problems = self._problems()
         if self._written is not None and self._written.problem:
             problems.append(self._written.problem)
@@ -347,14 +310,13 @@ class EvidenceRecording:
 
     @property
     def _silent_at_end(self) -> float:
-        """For how long its process had said nothing when it ended, and did not since, s."""
+        """How long its process had been silent at the end, if it stayed silent, s."""
         if self.ended is None or self._heard_at is None or self.counted or self._given_up:
             return 0.0
         return self.ended - self._heard_at
 
     @property
     def stuck(self) -> str:
-        """That the disk takes nothing now, in words; empty = it does."""
         written = self._written
         if not self.goes_on or written is None or written.problem or written.silent <= QUIET:
             return ""
@@ -362,10 +324,7 @@ class EvidenceRecording:
         return f"the disk has taken nothing for {written.silent:.0f} s{waits}"
 
     def problem(self, now: float) -> str:
-        """What is wrong now, in words; empty = nothing.
-
-        What ended a recording that is over stands in its account: it says nothing of the next one.
-        """
+        """What is wrong now. What ended a finished recording is in its account instead."""
         written = self._written
         if written is not None and written.problem:
             over = not self.goes_on and written.finished
@@ -382,14 +341,9 @@ def standing(
     trouble: str,
     recording: EvidenceRecording | None,
 ) -> WitnessStatus:
-    """How things stand.
+    """Status from the last report, the process and the recording.
 
-    Args:
-        now: s of a monotonic clock.
-        heard: what the process said last; None = there is none yet.
-        heard_at: when it said so.
-        trouble: what became of it, in words; empty = it is there.
-        recording: the one that goes on, or was last.
+    `now` and `heard_at` are s of a monotonic clock; `trouble` says why there is no process.
     """
     problem = trouble or (heard.problem if heard else "")
     if heard is not None and now - heard_at > QUIET:
@@ -436,7 +390,7 @@ def standing(
 
 
 def pauses_of(heard: EvidenceNews) -> dict[str, tuple[EvidenceGap, ...]]:
-    """When nothing came on topics that came steadily, by topic, s since the epoch."""
+    """Silences of steady topics, by topic, s since the epoch."""
     return {
         flow.topic: tuple(
             EvidenceGap(
@@ -453,7 +407,6 @@ def pauses_of(heard: EvidenceNews) -> dict[str, tuple[EvidenceGap, ...]]:
 
 
 def _topics(heard: EvidenceNews, written: EvidenceWritten | None) -> tuple[RecordedTopic, ...]:
-    """What one process says of a recording."""
     if written is None:
         return ()
     flows = {flow.topic: flow for flow in heard.flows}
@@ -479,7 +432,6 @@ def _topics(heard: EvidenceNews, written: EvidenceWritten | None) -> tuple[Recor
 
 
 def _merged(parts: Sequence[Sequence[RecordedTopic]]) -> tuple[RecordedTopic, ...]:
-    """What several processes have recorded, one after the other."""
     found: dict[str, RecordedTopic] = {}
     for one in itertools.chain.from_iterable(parts):
         other = found.get(one.topic)

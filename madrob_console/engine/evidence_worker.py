@@ -36,33 +36,34 @@ from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
 from madrob_console.testbeds.ros.watches import console_name
 
 FIRST_TO_GO = 800
-"""Where memory runs out the kernel ends this process before all others of the engine (of 1000)."""
+"""Out-of-memory score (of 1000): the kernel ends this process before all others of the engine."""
 
 NICE = 4
-"""Added to its niceness: the engine and what scores come first. With 10 it loses six times as much
-of what DDS hands over in shared memory; the thread that writes has 10 all the same."""
+"""Added to its niceness: the engine and scoring come first. With 10 it loses six times as many
+messages that DDS hands over in shared memory; the thread that writes has 10 all the same.
+"""
 
 TELL_PERIOD = 0.5
-"""The engine hears how things stand this often, s."""
+"""How often the engine gets a status report, s."""
 
 SETTLING = 4.0
-"""Topics on which nothing comes for so long after the start are silent ones, s."""
+"""Topics without a message for this long after the start count as silent, s."""
 
 END_TIME = 20.0
-"""So long it tries to finish its file when the engine has gone, s."""
+"""Time to finish the file when the engine has gone, s."""
 
 _PERIOD = 0.02
 _DISCOVERY = 0.5
 _MOST_UNFINISHED = 3
-"""Recordings that a slow disk has not finished, before no other is begun."""
+"""Most recordings unfinished by a slow disk; before that no other is begun."""
 
 _LOWEST_OF_BEST_EFFORT = (2 << 13) | 7
 _IOPRIO_SET = {"x86_64": 251, "aarch64": 30}
-"""The number of the call ioprio_set(2), which the C library has not."""
+"""Number of the system call ioprio_set(2), which the C library lacks."""
 
 
 class OrderLine:
-    """The way to the engine."""
+    """The connection to the engine."""
 
     def __init__(self, link: socket.socket) -> None:
         self._link = link
@@ -71,11 +72,6 @@ class OrderLine:
         self.handles: deque[int] = deque()
 
     def orders(self) -> list[ToEvidence]:
-        """What has come, without waiting for it.
-
-        Raises:
-            EOFError: the engine has gone.
-        """
         while select.select([self._link], [], [], 0)[0]:
             data, handles, _, _ = socket.recv_fds(self._link, 1 << 16, 8)
             self.handles.extend(handles)
@@ -88,11 +84,6 @@ class OrderLine:
         return found
 
     def first_order(self) -> ListenFor:
-        """Wait for what all begins with.
-
-        Raises:
-            EOFError: the engine has gone.
-        """
         while True:
             for number, order in enumerate(orders := self.orders()):
                 if isinstance(order, ListenFor):
@@ -101,17 +92,11 @@ class OrderLine:
             time.sleep(_PERIOD)
 
     def tell(self, heard: EvidenceNews) -> None:
-        """Send it."""
         self._link.sendall(frame(heard))
 
 
 class EvidenceDesk:
-    """Listens all the time, and records when it is told to.
-
-    Args:
-        line: the way to the engine.
-        intakes: what is listened to.
-    """
+    """Listens all the time, and records when ordered to."""
 
     def __init__(self, line: OrderLine, intakes: EvidenceIntakes) -> None:
         self._line = line
@@ -129,11 +114,6 @@ class EvidenceDesk:
         self._settled = False
 
     def work(self) -> None:
-        """Until the engine has gone.
-
-        Raises:
-            EOFError, ConnectionError: it has.
-        """
         told = found = 0.0
         finished = 0
         while True:
@@ -153,7 +133,6 @@ class EvidenceDesk:
             self._intakes.rest(_PERIOD)
 
     def close(self) -> None:
-        """Finish what is recorded."""
         end = time.monotonic() + END_TIME
         for recorder in self._recorders.values():
             recorder.hold(held=False)
@@ -258,7 +237,6 @@ class EvidenceDesk:
 
 
 def give_way() -> None:
-    """Be the last for processor and disk, and the first to go where memory runs out."""
     with suppress(OSError):
         os.nice(NICE)
     with suppress(OSError):
@@ -268,7 +246,6 @@ def give_way() -> None:
 
 
 def main() -> None:
-    """Listen and record until the engine ends."""
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # of a whole group: the evidence is finished first
     give_way()
@@ -299,7 +276,7 @@ def main() -> None:
 
 
 def _wait_in_vain(line: OrderLine, why: str) -> None:
-    """Without ROS nothing can be recorded, and starting again would change nothing."""
+    """Idle: without ROS nothing can be recorded, and a restart would change nothing."""
     while True:
         for _ in line.orders():
             while line.handles:

@@ -35,13 +35,7 @@ from recorder.writer import BagSummary, BagWriter, DropReason, RecorderState
 class Promise:
     """A line that takes effect once it is on disk, unless it is withdrawn before.
 
-    Whoever comes first decides, the keeper or the core, and nobody ever again.
-
-    Args:
-        entry: the line.
-
-    Attributes:
-        withdrawal: the line that takes it back; None = it stands.
+    The first to decide, the keeper or the core, decides for good.
     """
 
     def __init__(self, entry: Entry) -> None:
@@ -51,13 +45,13 @@ class Promise:
         self._kept = False
 
     def keep(self) -> bool:
-        """It is on disk; False if it was withdrawn before."""
+        """Take effect: the line is on disk. False if it was withdrawn before."""
         with self._decision:
             self._kept = self.withdrawal is None
             return self._kept
 
     def withdraw(self, withdrawal: Entry) -> bool:
-        """It shall have no effect; False if it is on disk already, and will have."""
+        """Cancel the effect; False if the line is on disk already and takes effect."""
         with self._decision:
             if not self._kept:
                 self.withdrawal = self.withdrawal or withdrawal
@@ -65,18 +59,11 @@ class Promise:
 
     @property
     def withdrawn(self) -> bool:
-        """Whether it was withdrawn."""
         return self.withdrawal is not None
 
 
 class OpenJournal:
-    """The journal file of one run. Everything in it waits for the disk: a keeper's part.
-
-    Args:
-        path: its file.
-        journal: open on it.
-        lines: those that it has.
-    """
+    """The journal file of one run. Everything in it waits for the disk: a keeper's part."""
 
     def __init__(self, path: Path, journal: Journal, lines: Iterable[Entry]) -> None:
         self._path = path
@@ -85,11 +72,6 @@ class OpenJournal:
 
     @classmethod
     def create(cls, path: Path, lines: Sequence[Entry]) -> OpenJournal:
-        """Make the file with its first lines, or none.
-
-        Raises:
-            MadrobError: the disk refuses.
-        """
         journal = Journal()
         try:
             journal.open(path)
@@ -109,12 +91,8 @@ class OpenJournal:
     def reopen(cls, path: Path, lines: Sequence[Entry]) -> OpenJournal:
         """Go on with the journal of an earlier run; its lines are written where there is none.
 
-        Args:
-            path: its file.
-            lines: those that the run was read with, which took a while.
-
         Raises:
-            MadrobError: another program writes it or did so since, or the disk refuses.
+            MadrobError: another program wrote it since it was read, or the disk refuses.
         """
         journal = Journal()
         try:
@@ -136,14 +114,9 @@ class OpenJournal:
         return cls(path, journal, lines)
 
     def append(self, lines: Sequence[Entry], *, again: bool) -> tuple[int, str | None]:
-        """Add lines; a journal that was deleted is written anew.
+        """Add lines, if any; a journal that was deleted is written anew.
 
-        Args:
-            lines: to be added; there may be none.
-            again: the disk refused before; it may be another one that is there now.
-
-        Returns:
-            How many of them are on disk, and why not all, in words.
+        Returns how many are on disk, and why not all. `again`: the disk refused before.
         """
         count, problem = 0, None
         deleted = self._deleted()
@@ -174,20 +147,10 @@ class OpenJournal:
         return refusal_words(self._journal.refused)
 
     def close(self) -> None:
-        """Close the file."""
         self._journal.close()
 
 
 class _Line:
-    """A line that is not on disk yet.
-
-    Attributes:
-        entry: the line.
-        added: when it was, s of a monotonic clock.
-        promise: what it decides; None = it takes effect whatever the disk says.
-        done: told when that is decided by the disk: why not, in words, or None.
-    """
-
     __slots__ = ("added", "done", "entry", "promise")
 
     def __init__(
@@ -211,11 +174,7 @@ _Written = tuple[list[_Line], str | None]
 class JournalKeeper:
     """Hands the lines of one run after the other to a keeper; what the disk refuses waits.
 
-    Those that come while the disk is busy are written together, by one sync.
-
-    Args:
-        keeper: writes them.
-        monotonic: a clock, s.
+    Lines that come while the disk is busy are written together, by one sync.
     """
 
     def __init__(self, keeper: Keeper, monotonic: Callable[[], float]) -> None:
@@ -231,22 +190,19 @@ class JournalKeeper:
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """Every line of the run at hand that stands, on disk or not."""
         return tuple(self._entries)
 
     @property
     def mark(self) -> JournalMark:
-        """Of all these lines."""
         return self._mark.mark
 
     @property
     def full(self) -> bool:
-        """Whether half is used of what readers of a journal take; the rest is for the run's end."""
+        """Whether half of the readable journal size is used; the rest is for the run's end."""
         return 2 * len(self._entries) > MOST_LINES or 2 * self._size > LARGEST_JOURNAL
 
     @property
     def problem(self) -> str | None:
-        """Why the disk refuses lines, in words; None when it does not."""
         if self._problem is None or not self._waiting:
             return self._problem
         return f"{self._problem}: {len(self._waiting)} lines wait"
@@ -260,18 +216,11 @@ class JournalKeeper:
         return len(waiting), self._monotonic() - waiting[0].added
 
     def begin(self) -> None:
-        """Another run: its lines wait for its file."""
         self.close()
         self._entries, self._waiting, self._problem = [], (), None
         self._mark, self._size = GrowingMark(), 0
 
     def adopt(self, file: OpenJournal, entries: Iterable[Entry]) -> None:
-        """Go on in a file.
-
-        Args:
-            file: of the run at hand.
-            entries: the lines that it has.
-        """
         known = list(entries)
         self._waiting = tuple(
             one for one in self._waiting if not any(one.entry is entry for entry in known)
@@ -283,13 +232,11 @@ class JournalKeeper:
         self._write()
 
     def close(self) -> None:
-        """Have the file closed when it has what was handed over."""
         if self._file is not None:
             self._keeper.ask(self._file.close)
         self._file, self._busy = None, False
 
     def add(self, entry: Entry) -> None:
-        """Add a line that takes effect whatever the disk says."""
         self._stands(entry)
         self._waiting += (_Line(entry, self._monotonic()),)
         self._write()
@@ -297,16 +244,14 @@ class JournalKeeper:
     def promise(self, promise: Promise, done: Callable[[str | None], None]) -> None:
         """Add a line that takes effect when it is on disk.
 
-        Args:
-            promise: the line.
-            done: told when it is, with None, or at once why the disk refuses it, in words; not
-                when it is withdrawn.
+        `done` gets None when it is, or at once the disk's refusal in words; it is not called for a
+        withdrawn line.
         """
         self._waiting += (_Line(promise.entry, self._monotonic(), promise, done),)
         self._write()
 
     def catch_up(self) -> None:
-        """Try again to write what waits; a journal that was deleted is written anew."""
+        """Retry what waits; a journal that was deleted is written anew."""
         self._write(again=True)
 
     def _stands(self, entry: Entry) -> None:
@@ -367,24 +312,17 @@ class JournalKeeper:
 
 
 _LOOK_PERIOD = 1.0
-"""The folder is looked at this often, s."""
+"""How often the folder is checked, s."""
 
 
 class Recording:
     """Records one run into a new folder.
 
     Args:
-        root: the results folder.
-        record: what is set for the run.
         start: planned start, s since the epoch; stands in the folder's name.
         topics: those known by now; more can be added.
         lossless: wait for the disk instead of dropping (virtual time).
-        reading: looks at the folder now and then.
         evidence: whether others record into the folder, too.
-        monotonic: a clock of the machine's, s.
-
-    Raises:
-        MadrobError: the folder or the bag cannot be made; the message names the remedy.
     """
 
     def __init__(  # noqa: PLR0913  what it records, and with what
@@ -419,37 +357,33 @@ class Recording:
         self._evidence_folder = _handle_of(self.folder) if evidence else None
 
     def add_topics(self, topics: Sequence[Topic]) -> None:
-        """Record topics that appeared late, too."""
         for topic in topics:
             if topic.name not in self._topics:
                 self._topics.add(topic.name)
                 self._writer.add_topic(topic)
 
     def put(self, messages: Iterable[RawMessage]) -> None:
-        """Hand messages to the writer; what it must drop is counted."""
         self._writer.put_all(messages)
 
     def take_evidence_folder(self) -> int | None:
-        """The handle of the folder for who records evidence, and closes it; None = there is none.
+        """The folder's handle, once, for the evidence recorder, which closes it.
 
-        It is given once, and stays good when the folder is renamed.
+        It stays good when the folder is renamed.
         """
         handle, self._evidence_folder = self._evidence_folder, None
         return handle
 
     def dropped(self) -> dict[str, int]:
-        """Messages dropped, by topic."""
         return dict(self._writer.stats().dropped)
 
     @property
     def silent(self) -> float:
-        """How long the disk has taken nothing of what is recorded, s. From any thread."""
+        """How long the disk has taken nothing of the recording, s. From any thread."""
         stats = self._writer.stats()
         since = stats.seconds_since_sync if stats.state is RecorderState.RECORDING else None
         return since or 0.0
 
     def view(self) -> RecorderView:
-        """The recorder as screens show it."""
         stats = self._writer.stats()
         problem = stats.error
         if stats.state is RecorderState.RECORDING:
@@ -464,7 +398,6 @@ class Recording:
         )
 
     def _problem_of_folder(self) -> str | None:
-        """Why no result could be written beside the recording, which goes on in its open file."""
         now = self._monotonic()
         if self._answered and now - self._looked >= _LOOK_PERIOD:
             self._looked, self._answered = now, False
@@ -476,7 +409,6 @@ class Recording:
         self._folder_problem = None if answer.exception() else answer.result()
 
     def remarks(self) -> tuple[str, ...]:
-        """What is not in the recording and why, in words, for the result's data quality."""
         stats = self._writer.stats()
         failed = [] if stats.error is None else [stats.error.replace(str(self.folder), "the bag")]
         missing = sorted(stats.dropped.items())

@@ -33,38 +33,31 @@ from scoring.signals import Sample
 
 
 LATEST = 0.5
-"""What has waited longer than this is not shown any more, s."""
+"""A message that has waited longer than this is not shown, s."""
 
 CAPACITY = 32 * 1024 * 1024
-"""Bytes that wait; more are left to the source, which counts what it cannot keep."""
+"""Bytes that wait; the source keeps the rest and counts what it cannot keep."""
 
 _LONGEST_WORK = 0.02
-"""Then its owner has a turn, s."""
+"""Then the owner has a turn, s."""
 
 _TOLD = 2.0
-"""What was left out is told for so long, s: also what happened only once."""
+"""Left-out messages are reported this long, s: also those that happened only once."""
 
 Interrupt = Callable[[], bool]
-"""Whether somebody else wants a turn now."""
 
 
 class Observe(Protocol):
-    """What looks at a message: `Observation.receive`."""
+    """Processes a message: `Observation.receive`."""
 
-    def __call__(self, message: RawMessage, *, recorded: bool, shown: bool) -> None:
-        """See `Observation`."""
-        ...
+    def __call__(self, message: RawMessage, *, recorded: bool, shown: bool) -> None: ...
 
 
 class Backlog:
-    """Messages that are taken and not looked at yet, oldest first.
+    """Messages that are not processed yet, oldest first.
 
-    What is recorded is always looked at: the result is made from all that the bag holds. What is
-    late is left out of what is shown, and said.
-
-    Args:
-        observe: looks at one.
-        monotonic: a clock of the machine's, s.
+    Recorded messages are always processed: the result is made from all that the bag holds. Late
+    ones are left out of what is shown, which is reported.
     """
 
     def __init__(self, observe: Observe, monotonic: Callable[[], float] = time.monotonic) -> None:
@@ -77,17 +70,14 @@ class Backlog:
         self._left_out_at: float | None = None
 
     def __len__(self) -> int:
-        """How many wait."""
         return len(self._waiting)
 
     @property
     def full(self) -> bool:
-        """Whether it should take no more."""
         return self._bytes >= CAPACITY
 
     @property
     def recorded(self) -> int:
-        """How many of them are in the bag."""
         return self._recorded
 
     @property
@@ -96,12 +86,11 @@ class Backlog:
         return self._monotonic() - self._waiting[0][0] if self._waiting else 0.0
 
     def seen(self, now: float) -> float:
-        """Up to when all that came was looked at, s since the epoch; `now` where nothing waits."""
+        """Time up to which all messages were processed, s since the epoch; `now` if none waits."""
         return min(now, seconds(self._waiting[0][2].receive_ns)) if self._waiting else now
 
     @property
     def problem(self) -> str | None:
-        """That what is shown lacks something, in words; None when all of it is there."""
         behind, at = self.behind, self._left_out_at
         if behind <= LATEST and (at is None or self._monotonic() - at > _TOLD):
             self._left_out = 0
@@ -112,12 +101,6 @@ class Backlog:
         )
 
     def add(self, messages: Sequence[RawMessage], *, recorded: bool) -> None:
-        """Messages were taken.
-
-        Args:
-            messages: oldest first.
-            recorded: whether they are in the bag.
-        """
         now = self._monotonic()
         for message in messages:
             self._waiting.append((now, recorded, message))
@@ -125,11 +108,7 @@ class Backlog:
         self._recorded += len(messages) if recorded else 0
 
     def work_off(self, interrupt: Interrupt | None = None) -> None:
-        """Look at what waits.
-
-        Args:
-            interrupt: asked after each message; None = go through to the end, and nothing is late.
-        """
+        """Process what waits; `interrupt` is asked after each message, without it none is late."""
         now = begin = self._monotonic()
         while self._waiting:
             taken, recorded, message = self._waiting.popleft()
@@ -150,14 +129,15 @@ class Backlog:
 
 
 IN_FLIGHT = 0.1
-"""A timeout is judged this much later, s: by then what was measured before it has arrived."""
+"""A timeout is judged this much later, s: all earlier measurements have arrived by then."""
 
 MOST_NOTED = 500
-"""Events of a run that are noted one by one. More come of a signal that flickers (two publishers,
-a loose contact); each costs a synced line of the journal, and all of them would delay the stop."""
+"""Most events of a run that are noted one by one. A signal that flickers (two publishers, a loose
+contact) makes more; each costs a synced journal line, and all of them would delay the stop.
+"""
 
 MOST_FALSE_STARTS = 20
-"""False starts of a countdown that are noted; for the same reason."""
+"""Most false starts of a countdown that are noted; for the same reason."""
 
 FLICKERS = f"more than {MOST_NOTED} events: a signal flickers; the others stand in the result only"
 
@@ -174,7 +154,7 @@ FALSE_STARTS = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Happening:
-    """Something that no act brought about, for the journal."""
+    """A journal event that no act caused."""
 
     origin: Origin
     change: Change
@@ -186,12 +166,10 @@ class Course:
     """Follows a run sample by sample and decides when it starts and stops. Writes nothing.
 
     Args:
-        record: what is set for the run.
-        run: its state as the countdown begins.
-        assess: a new assessment of a run that is planned to start then, s since the epoch.
+        assess: makes the assessment of a run planned to start then, s since the epoch.
         silence: how long a settle time may wait for a door that went silent, s.
-        before: the newest sample of each signal; what is up before the countdown is no false
-            start. None: what was a false start is known already, nothing is taken for one.
+        before: the newest sample of each signal; what is active before the countdown is no false
+            start. None: false starts are known already, no new ones are judged.
     """
 
     def __init__(
@@ -210,7 +188,6 @@ class Course:
         self.restart(run)
 
     def restart(self, run: Run) -> None:
-        """The countdown begins (again): the run has another planned start."""
         assert run.start is not None
         assert run.countdown_began is not None
         self.assessment: LiveAssessment = self._assess(self._record, run.start)
@@ -233,7 +210,6 @@ class Course:
             self._watch.feed(sample)
 
     def feed(self, sample: Sample) -> None:
-        """Take the next sample of the recording."""
         self.assessment.feed(sample)
         if self._counting_down:
             self._preroll.append(sample)
@@ -241,13 +217,10 @@ class Course:
             self._watch.feed(sample)
 
     def advance(self, run: Run, now: float, seen: float) -> tuple[Run, list[Happening]]:
-        """What has become of the run, and what happened.
+        """The run's new state, and what happened.
 
-        Args:
-            run: its state.
-            now: s since the epoch.
-            seen: up to when all that was measured has been fed, s since the epoch: what depends on
-                that is not judged before.
+        `seen` is the time up to which all measurements have been fed; what depends on later ones is
+        not judged yet. Both times are s since the epoch.
         """
         happened: list[Happening] = []
         if run.phase is Phase.COUNTDOWN:
@@ -335,19 +308,7 @@ def _stop(run: Run, outcome: Outcome, at: float, reason: str, happened: list[Hap
 
 
 class Observation:
-    """Decodes messages, watches the topics, follows a run and judges it. Writes nothing.
-
-    Args:
-        mappings: which topic carries which signal.
-        thresholds: the testbed's numbers.
-        limits: what counts as healthy.
-        types: the message types, shared with the source.
-
-    Attributes:
-        sensors: the topics and what they said last.
-        course: of the run that is followed; None = none is.
-        procedure: the six steps as they were judged last; None = not yet.
-    """
+    """Decodes messages, watches the topics, follows a run and judges it. Writes nothing."""
 
     def __init__(
         self,
@@ -364,7 +325,6 @@ class Observation:
 
     @property
     def steps(self) -> tuple[StepRecord, ...]:
-        """The six steps as they were judged last; empty before that."""
         return () if self.procedure is None else self.procedure.steps
 
     @property
@@ -376,31 +336,23 @@ class Observation:
 
     @property
     def provisional_doubts(self) -> Mapping[str, tuple[str, ...]]:
-        """What is doubted of the indicators so far, by file name."""
         if self.course is not None:
             return self.course.assessment.provisional_doubts()
         return {} if self._past is None else self._past.doubts
 
     @property
     def largest_force(self) -> float | None:
-        """Largest abs(force) since the start of the run, N; None before any."""
+        """Largest abs(force) since the start of the run, N."""
         if self.course is not None:
             return self.course.assessment.largest_force
         return None if self._past is None else self._past.largest_force
 
     def look_back(self, past: PastRun | None = None) -> None:
-        """Follow no run; an earlier one may be shown instead."""
         self.course, self._past = None, past
         self.procedure = None if past is None else past.procedure
 
     def receive(self, message: RawMessage, *, recorded: bool, shown: bool) -> None:
-        """A message came.
-
-        Args:
-            message: it.
-            recorded: whether it is in the bag; what is not says nothing of a run.
-            shown: whether it says how the testbed is now; else it is too late for that.
-        """
+        """Take a message; only `recorded` ones count for a run, only `shown` ones reach screens."""
         judged = recorded and self.course is not None
         if not shown:
             self.sensors.note_arrival(message)
@@ -422,7 +374,6 @@ class Observation:
             self.course.assessment.report_problem(error)
 
     def advance(self, run: Run, now: float, seen: float) -> tuple[Run, list[Happening]]:
-        """What has become of a run, and what happened; see `Course.advance`."""
         if self.course is None or not run.active:
             return run, []
         found = self.course.advance(run, now, seen)
@@ -430,6 +381,5 @@ class Observation:
         return found
 
     def judge(self, run: Run) -> None:
-        """What was live is judged as of the stop of the run."""
         if self.course is not None:
             self.procedure = self.course.assessment.procedure(run.rulings, run.stop)

@@ -43,34 +43,23 @@ from scoring.protocol import Outcome
 from scoring.result import Result
 
 NO_ACTS = "a replay shows what was decided then: nothing can be done to the run"
-"""Why every act is refused."""
 
 _NO_TIME = 1e12  # s: from here on
 
 OWN_RUN = "a replay shows its own run: leave it to open another one"
 
 DECIDED_ANEW = (Change.RUN_STARTS, Change.EVENT, Change.TIMEOUT_ELAPSED, Change.RUN_STOPS)
-"""What sensors and clock decide is decided anew; what they could not is taken from the journal: the
-referee's acts, a failure of the machine, and what the bag cannot tell because it happened before or
-beside it (false starts, faults of the testbed)."""
+"""Decided anew from sensors and clock. The rest is taken from the journal: the referee's acts, a
+failure of the machine, and what the bag cannot tell because it happened before or beside it
+(false starts, faults of the testbed).
+"""
 
 
 class Replay:
-    """Stands for referee and recorder of a run that was recorded. Writes nothing to any disk.
+    """Replaces referee and recorder for a recorded run. Writes nothing to any disk.
 
-    Args:
-        path: a bag or a run folder.
-        types: the message types; those of the bag are registered.
-        speed: how many times as fast as it was; 0 = as fast as possible.
-        monotonic: real time, s.
-        wait: lets real time pass, s.
-
-    Attributes:
-        source: the bag.
-        recorded: what bag and journal say of the run.
-
-    Raises:
-        MadrobError: there is no run to be replayed, or the speed is impossible.
+    The message types of the bag are registered in `types`. `speed` is times real time; 0 =
+    as fast as possible. `monotonic` and `wait` read and pass real time, s.
     """
 
     def __init__(
@@ -105,18 +94,10 @@ class Replay:
         self.begin()
 
     def begin(self) -> None:
-        """Nothing was decided yet."""
         self._waiting = deque(zip(self._times, self.recorded.entries, strict=True))
 
     def instant(self, named: str) -> float:
-        """A time of the run that somebody names, s from its start; of several the first.
-
-        Args:
-            named: as for `moments_called`.
-
-        Raises:
-            MadrobError: there is no such instant in this run.
-        """
+        """A time named as for `moments_called`, s from the start; of several the first."""
         run = self.recorded.run
         assert run.start is not None
         told = (one.details for one in self.recorded.entries if one.what == Change.EVENT)
@@ -129,19 +110,17 @@ class Replay:
         return moments_called(named, events, run, run.start)[0].since_start
 
     def config(self, config: EngineConfig) -> EngineConfig:
-        """With the numbers of the recording."""
         record = self.recorded.record
         return replace(config, mappings=record.mappings, thresholds=record.thresholds)
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What is wrong with the recording, in words."""
         return (*self.recorded.remarks, *self.source.problems, *self._lost)
 
     # ------------------------------------------------------------------ what was decided
 
     def due(self) -> Iterator[Entry]:
-        """What was decided up to now, each line once; at the end also what was said later."""
+        """Journal lines up to now, each once; at the end also those written after the run."""
         clock = self.source.clock
         while self._waiting and (clock.ended or self._waiting[0][0] <= clock.now_ns()):
             _, entry = self._waiting.popleft()
@@ -150,11 +129,10 @@ class Replay:
 
     @property
     def ended(self) -> bool:
-        """Whether the end of the recording is reached."""
         return self.source.clock.ended
 
     def ending(self, run: Run) -> Run:
-        """A run at the end; where the recording ends before it, the journal says how it ended."""
+        """A run at the end; if the recording ends before the run, the journal says how it ended."""
         official = self.recorded.run
         if official.outcome is None:
             now, reason = seconds(self.source.clock.now_ns()), official.ending.reason
@@ -171,18 +149,13 @@ class Replay:
         )
 
     def report(self, assessment: LiveAssessment, run: Run) -> None:
-        """What is wrong with the recording, and what the stored result says of its data."""
         report_bag(assessment, self.recorded)
         keep_stored_remarks(assessment, run, self.source.path)
 
     # ------------------------------------------------------------------ how it goes
 
     def control(self, command: PlaybackCommand) -> str | None:
-        """Pause, step, jump, change the speed.
-
-        Returns:
-            Why that is not possible, in words; None when it is done or on its way.
-        """
+        """Why the command is not possible, in words; None when it is done or on its way."""
         clock = self.source.clock
         match command:
             case PlayOrPause():
@@ -212,7 +185,7 @@ class Replay:
         return self._begin + ticks * TICK
 
     def view(self, result: Result | None) -> PlaybackView:
-        """Where it stands; at the end, what `result` is beside the stored one."""
+        """Where the replay stands; at the end, how `result` compares with the stored one."""
         clock = self.source.clock
         comparison = Comparison("") if result is None else compared(self._stored, result)
         return PlaybackView(
@@ -229,12 +202,11 @@ class Replay:
 
 
 def _instant(time: float) -> int:
-    """The time of a line as an instant, ns since the epoch; what is no time never comes."""
+    """A line's time in ns since the epoch; an invalid time never comes."""
     return nanoseconds(time) if math.isfinite(time) else LONGEST * NS**2
 
 
 def _lost_lines(entries: Sequence[Entry], recorded: Sequence[str]) -> Iterator[str]:
-    """Says it where a run's journal lacks lines that were recorded in its bag, too."""
     known = {entry.to_json() for entry in entries}
     if lost := sum(line not in known for line in recorded):
         yield f"the journal lacks {lost} of the {len(recorded)} lines that the bag has of it"
@@ -245,18 +217,9 @@ def _lost_lines(entries: Sequence[Entry], recorded: Sequence[str]) -> Iterator[s
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Equipment:
-    """What an engine was given, and all of its parts share.
+    """What an engine was given; all of its parts share it.
 
-    Attributes:
-        source: the testbed.
-        clock: steady time.
-        config: what is to be known of testbed and results.
-        types: the message types, shared with the source.
-        replay: the recorded run that source and clock belong to; None = a live testbed.
-        keepers: do what touches a file.
-        scorer: makes the results.
-        witness: records evidence.
-        room: for evidence.
+    Without a `replay` the testbed is live; the clock's time is steady.
     """
 
     source: Source

@@ -23,26 +23,25 @@ from recorder.errors import remedy
 
 
 PERIOD = 0.1
-"""A process gives way to a run within this time, s."""
+"""A process stops for a run within this time, s."""
 
 PAUSE = 10.0
-"""A chore that wanted something is tried again after so long, s; the next time after twice that."""
+"""Pause before a chore is retried, s; doubled for each further try."""
 
 LONGEST_PAUSE = 80.0
-"""But at least so often, s."""
+"""Longest pause, s."""
 
 _PATIENCE = 2.0  # with a process that was told to end, s
 
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """What became of a chore.
+    """Outcome of a chore.
 
     Attributes:
         code: the exit code of its process; None where none could be started.
-        said: the last line that it printed.
-        complained: the last line that it printed as an error.
-        again: it wanted memory, file handles, a program or a disk, and is tried again by itself.
+        said, complained: the last line that it printed, as output and as an error.
+        again: it lacked memory, file handles, a program or a disk, and is retried by itself.
     """
 
     code: int | None
@@ -61,17 +60,11 @@ class _Chore:
 
 
 class Background:
-    """Does one chore after the other, none while a run goes on.
+    """Does one chore after the other, none while a run goes on, in a thread of its own.
 
-    A chore that a run cuts short is done again after the run, one for which something was wanting
-    after a pause. What has the same name as a chore that has not begun takes its place. Nobody
-    waits: everything happens in a thread of its own, which sleeps while there is nothing to do,
-    and which ends at nothing that goes wrong with a chore.
-
-    Args:
-        command: the program that does the chores; their arguments come behind it.
-        busy: whether a run goes on; may be asked from any thread.
-        pause: before a chore for which something was wanting is tried again, s.
+    A chore that a run cuts short is done again after the run; one that lacked something,
+    after a pause (in s). A chore replaces a waiting one of the same name. Nobody waits, and
+    no failing chore ends the thread. `busy` may be asked from any thread.
     """
 
     def __init__(
@@ -95,15 +88,7 @@ class Background:
         done: Callable[[Finished], None],
         given: bytes | memoryview | None = None,
     ) -> None:
-        """Ask for a chore.
-
-        Args:
-            name: what it is about.
-            arguments: of the command.
-            done: called with its outcome, in the thread of the chores; with each if it is tried
-                again.
-            given: comes to the process on its standard input; None = nothing.
-        """
+        """`done` gets each try's outcome in the chores' thread; `given` is standard input."""
         with self._changed:
             self._resting.pop(name, None)
             self._waiting.pop(name, None)  # it comes after all that was asked for before
@@ -111,15 +96,12 @@ class Background:
             self._changed.notify_all()
 
     def wait(self, patience: float) -> bool:
-        """Wait at most `patience` s; whether everything is done, or rests after a failure."""
+        """Wait at most `patience` s; whether everything is done, or pauses after a failure."""
         with self._changed:
             return self._changed.wait_for(lambda: not self._waiting and not self._working, patience)
 
     def close(self, patience: float) -> None:
-        """Take no account of runs any more, and wait at most `patience` s for what is asked for.
-
-        What is not ready by then gets ready by itself.
-        """
+        """Ignore runs from now on, and wait at most `patience` s; the rest goes on by itself."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
@@ -150,7 +132,6 @@ class Background:
         self._resting[chore.name] = (time.monotonic() + chore.pause, later)
 
     def _next(self) -> _Chore | None:
-        """Wait for something to do and for the end of a run; None when there is no more."""
         with self._changed:
             while True:
                 self._wake()
@@ -164,7 +145,6 @@ class Background:
                 self._changed.wait(PERIOD if self._waiting else rest)
 
     def _wake(self) -> None:
-        """What has rested for long enough waits for its turn again."""
         now = time.monotonic()
         for name in [name for name, (due, _) in self._resting.items() if due <= now]:
             self._waiting[name] = self._resting.pop(name)[1]
@@ -173,7 +153,6 @@ class Background:
         return self._busy() and not self._closing
 
     def _attempt(self, chore: _Chore) -> Finished | None:
-        """Do a chore and tell what became of it; None when a run came in between."""
         try:
             finished = self._do(chore)
             if finished is not None:
@@ -185,7 +164,6 @@ class Background:
         return finished
 
     def _do(self, chore: _Chore) -> Finished | None:
-        """Do a chore; None when a run came in between."""
         with _scratch() as out, _scratch() as err:
             process = self._start(chore, out, err)
             while True:
@@ -219,12 +197,11 @@ class Background:
 
 
 def _scratch() -> IO[bytes]:
-    """A file that is nowhere: a folder for temporary files may go while the engine runs."""
+    """A file without a name: a folder for temporary files may go while the engine runs."""
     return os.fdopen(os.memfd_create("madrob"), "w+b")
 
 
 def _words(error: Exception) -> str:
-    """Why no process could be started, and the remedy."""
     if isinstance(error, MemoryError):
         error = OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
     if not isinstance(error, OSError):
@@ -258,11 +235,12 @@ PICTURES = "pictures"
 """The command that writes what cameras saw: a run, an instant and a folder follow."""
 
 REPAIR = "repair"
-"""The chore that makes results again that are not what their journals say: a folder follows."""
+"""The chore that makes results again that differ from their journals: a folder follows."""
 
 RENEW = "renew"
-"""The chore that makes reports again that tell of other runs than there are: a folder follows, and
-maybe a command that comes first: one process draws the figures of report and site once."""
+"""The chore that makes outdated reports again: a folder follows, and maybe a command that comes
+first: one process draws the figures of report and site once.
+"""
 
 OLDER = "not all is up to date"
 """The last line of such a chore that could not make everything."""
@@ -271,29 +249,23 @@ PUBLISH = "publish"
 """The command that writes the competition's pages: their folder and where the runs are follow."""
 
 CLOSING_TIME = 3.0
-"""An engine that ends waits so long for what is being made; it gets ready without it, too, s."""
+"""An engine that ends waits this long for unfinished chores, s; they go on without it, too."""
 
 
 class _Unmade(NamedTuple):
-    """A report that could not be made, in words, and whether it is tried again."""
-
     words: str
     again: bool
 
 
 class Reporting:
-    """Makes them in the background, never during a run.
+    """Makes reports, pages and zips in the background, never during a run.
 
     Args:
         command: the program that does the chores (`madrob_console.cli.aside`).
         busy: whether a run goes on; may be asked from any thread.
         options: of `madrob export`: results folder, settings.
-        reports: whether reports are wanted.
-        publish: of `madrob publish`, after each result; none = nobody wants it.
-        pause: before one for which something was wanting is tried again, s.
-
-    Attributes:
-        exported: the last export; None before the first.
+        publish: of `madrob publish`, after each result; empty = no pages are wanted.
+        pause: before a chore is retried, s.
     """
 
     def __init__(
@@ -317,10 +289,7 @@ class Reporting:
         """Make the report of a run anew, if it is wanted; the latest result counts.
 
         Then the reports of runs that are compared with it, and the competition's pages.
-
-        Args:
-            folder: of the run.
-            scored: the `Scored` run, pickled.
+        `scored` is the `Scored` run, pickled.
         """
 
         def done(finished: Finished) -> None:
@@ -336,7 +305,6 @@ class Reporting:
         self._all_of(results_folder_of(folder), RENEW, *self._publishing)
 
     def publish(self) -> None:
-        """Write the competition's pages again where they have changed, if they are wanted."""
         if not self._publish:
             return
         site = Path(self._publish[0])
@@ -351,24 +319,18 @@ class Reporting:
         self._background.ask(PUBLISH, self._publishing, done)
 
     def _wrote_pages(self, finished: Finished) -> bool:
-        """Whether the last that was done was to write the pages, maybe without a damaged run."""
         return finished.said == str(Path(self._publish[0]) / INDEX_PAGE)
 
     def repair(self, results: Path) -> None:
-        """Make the results and reports again that a power cut left out of date; never in a run.
-
-        Then the competition's pages.
-        """
+        """Make results and reports again that a power cut left out of date, then the pages."""
         self._all_of(results, REPAIR)
         self.publish()
 
     @property
     def _publishing(self) -> Sequence[str]:
-        """The command that writes the competition's pages; nothing where nobody wants them."""
         return (PUBLISH, *self._publish) if self._publish else ()
 
     def _all_of(self, results: Path, chore: str, *command: str) -> None:
-        """Have a chore done with all runs of a results folder."""
         called = results / chore
         made_too = {called, *map(Path, self._publish[:1])} if command else {called}
 
@@ -386,22 +348,14 @@ class Reporting:
     def export(
         self, subject: int, competition: str | None = None, *, practice: bool = False
     ) -> None:
-        """Pack the official, or the practice runs of a team into a zip.
-
-        `exported` says what became of it.
-        """
+        """Pack the runs of a team into a zip; `exported` has the outcome."""
         options = [f"--subject={subject}", "--without-evidence", *["--practice"] * practice]
         if competition is not None:
             options.append(f"--competition={competition}")
         self._pack(ExportView(subject), f"team {subject}", options)
 
     def export_dossier(self, run: Path, called: str) -> None:
-        """Pack all about one run into a zip.
-
-        Args:
-            run: its folder.
-            called: as seen from the results folder.
-        """
+        """Pack everything about one run into a zip; `called`: its path in the results folder."""
         self._pack(
             ExportView(0, dossier=called), f"dossier {called}", [f"--run={run}", "--dossier"]
         )
@@ -419,13 +373,10 @@ class Reporting:
         self._background.ask(name, ["export", *options, *self._options], done)
 
     def frames(self, run: Path, at: float, done: Callable[[str, str], None]) -> None:
-        """Write what the cameras saw at an instant of a run into its folder.
+        """Write what the cameras saw `at` s from the start of a run into its folder.
 
-        Args:
-            run: its folder.
-            at: s from the start of the run.
-            done: told the folder with the files and why there are none, one of which is empty; in
-                the thread of the chores.
+        `done` gets the folder with the files, or why there are none; in the thread of the
+        chores.
         """
         instant, folder = f"{at:.3f}", run.absolute() / FRAMES_FOLDER
 
@@ -449,7 +400,7 @@ class Reporting:
         return self._background.wait(patience)
 
     def close(self, patience: float = CLOSING_TIME) -> None:
-        """Wait at most `patience` s for what is asked for; what is under way gets ready anyway."""
+        """Wait at most `patience` s for the waiting chores; those under way go on anyway."""
         self._background.close(patience)
 
 

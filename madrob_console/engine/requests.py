@@ -35,16 +35,14 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 MOST_CURVE_POINTS = 20_000
-"""Points that all stretches of one quantity may have together."""
+"""Most points of one quantity, over all its stretches."""
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
     """One stretch of a quantity without gaps; as many times as values, all finite.
 
-    Attributes:
-        time: s since the run's start, increasing.
-        value: in the quantity's unit.
+    Times are s since the run's start, increasing; values have the quantity's unit.
     """
 
     time: tuple[float, ...]
@@ -53,15 +51,14 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Curves:
-    """What the figures of a run show (protocol section 6).
+    """Data for the figures of a run (protocol section 6).
 
-    A quantity is a series of stretches; between two of them there is a gap in the data. The
-    times may reach beyond the run: the settle time, or all of the recording, as the ruleset has
-    it. All quantities are empty for an aborted run and for one without data.
+    A quantity is a series of stretches with data gaps between them. Times may reach beyond the
+    run: the settle time, or the whole recording, as the ruleset has it. All quantities are empty
+    for an aborted run and for one without data.
 
     Attributes:
         duration: from the start to the stop, or to the last datum of a run without a stop, s.
-        stretches: of each quantity, in its unit.
         events: s since the start, and the event's name as in the event file.
     """
 
@@ -70,17 +67,15 @@ class Curves:
     events: tuple[tuple[float, str], ...] = ()
 
     def of(self, quantity: Quantity) -> tuple[Curve, ...]:
-        """The stretches of a quantity; none where there is nothing to draw."""
         return self.stretches.get(quantity, ())
 
     @property
     def empty(self) -> bool:
-        """Whether there is nothing to draw."""
         return not any(self.stretches.values())
 
     @property
     def extent(self) -> tuple[float, float]:
-        """The first and the last instant that a figure must show, s since the start."""
+        """First and last time that a figure must show, s since the start."""
         drawn = [stretch for stretches in self.stretches.values() for stretch in stretches]
         first = min((stretch.time[0] for stretch in drawn), default=0.0)
         last = max((stretch.time[-1] for stretch in drawn), default=0.0)
@@ -88,12 +83,7 @@ class Curves:
 
 
 def curves_of(result: Result, rows: Rows) -> Curves:
-    """The curves of a scored run, thinned to `MOST_CURVE_POINTS` each so that no extreme is lost.
-
-    Args:
-        result: of the run.
-        rows: its pre-processed data.
-    """
+    """The curves of a scored run, thinned to `MOST_CURVE_POINTS` each without losing extremes."""
     start, stop = result.start, result.stop
     events = tuple((event.since_start, str(event.event)) for event in result.events)
     ran = 0.0 if stop is None else max(0.0, stop - start)
@@ -105,7 +95,6 @@ def curves_of(result: Result, rows: Rows) -> Curves:
 
 
 def _curve(time: Array, value: Array, start: float, rows: Rows) -> tuple[Curve, ...]:
-    """A quantity's stretches, with times since the start."""
     from scoring.figures.run_drawings import stretches
 
     found = stretches(time - start, value, rows.thresholds.largest_gap, MOST_CURVE_POINTS)
@@ -118,29 +107,26 @@ def _curve(time: Array, value: Array, start: float, rows: Rows) -> tuple[Curve, 
 
 
 T = TypeVar("T")
-"""Of an answer."""
 
 NO_ANSWER = "the engine does not answer: nothing was done; look at the disk"
-"""Of a request that was given up before it began: it never takes effect."""
 
 UNSURE = "the engine does not answer: what is shown when it is back tells whether it was done"
-"""Of one that may have begun."""
 
 
 class Role(StrEnum):
-    """What a screen is there for."""
+    """What a screen is for."""
 
     REFEREE = "referee"
     WATCH = "watch"
 
 
 class Request(msgspec.Struct, Generic[T], frozen=True, tag=True):
-    """Something that a screen asks; `T` is the type of the answer.
+    """A request of a screen; `T` is the type of the answer.
 
     Attributes:
-        timeout: a screen waits this long for the answer, s.
-        effect_time: of the timeout, what there must still be when it begins, s; what begins
-            later is not carried out any more.
+        timeout: the screen waits this long for the answer, s.
+        effect_time: part of the timeout that must be left when the request begins, s; what
+            would begin later is not carried out.
     """
 
     timeout: ClassVar[float] = 5.0
@@ -148,17 +134,16 @@ class Request(msgspec.Struct, Generic[T], frozen=True, tag=True):
 
     @property
     def latest_begin(self) -> float:
-        """After so long it is not begun any more, s."""
+        """It is not begun later than this after it was asked, s."""
         return self.timeout - self.effect_time
 
     @property
     def urgent(self) -> bool:
-        """Whether it goes past all requests that are not."""
         return False
 
 
 class Command(Request[str | None], frozen=True):
-    """Something is to be done; for that a screen needs the right to act.
+    """Something to be done; for that a screen needs the right to act.
 
     The answer says in words why it is refused; None: it is done, or on its way.
     """
@@ -167,12 +152,9 @@ class Command(Request[str | None], frozen=True):
 
 
 class Perform(Command, frozen=True):
-    """Do an act of the referee.
+    """Do an act of the referee, with the fields of its journal line.
 
-    Attributes:
-        name: of the act.
-        details: its fields, as a journal line has them.
-        id: made by the screen; what is asked again under the same one is done only once.
+    The screen makes the `id`; a retry under the same id is done only once.
     """
 
     name: str
@@ -181,17 +163,15 @@ class Perform(Command, frozen=True):
 
     @classmethod
     def of(cls, act: Act) -> Self:
-        """The request for an act, under an id of its own."""
         return cls(act.name, act_details(act), os.urandom(16).hex())
 
     @property
     def urgent(self) -> bool:
-        """What ends a run is."""
         return is_urgent(self.name)
 
 
 class NextRunNumber(Request[int], frozen=True):
-    """Which run number was never used for this subject and condition, official or practice?"""
+    """Next run number never used for this subject and condition, official or practice."""
 
     subject: int
     condition: int
@@ -201,9 +181,7 @@ class NextRunNumber(Request[int], frozen=True):
 class OpenRun(Command, frozen=True):
     """Show an earlier run; takes as long as reading its bag.
 
-    Attributes:
-        folder: as seen from the results folder.
-        invalid: a run that was cut off does not count; else it is interrupted.
+    With `invalid` a run that was cut off does not count; else it is interrupted.
     """
 
     name: ClassVar[str] = "open the run"
@@ -213,10 +191,9 @@ class OpenRun(Command, frozen=True):
 
 
 class ExportTeam(Command, frozen=True):
-    """Pack the official, or the practice runs of a team into a zip, in the background.
+    """Pack the runs of a team into a zip, in the background; see `Snapshot.export`.
 
-    A team is competition and subject; without one it is of the only competition that there is.
-    `Snapshot.export` tells the rest.
+    A team is competition and subject; without a competition, that of the only one there is.
     """
 
     name: ClassVar[str] = "export the team's runs"
@@ -226,31 +203,25 @@ class ExportTeam(Command, frozen=True):
 
 
 class ExportDossier(Command, frozen=True):
-    """Pack all about one run into a zip, in the background.
-
-    `Snapshot.export` tells the rest.
-
-    Attributes:
-        folder: of the run, as seen from the results folder.
-    """
+    """Pack everything about one run into a zip, in the background; see `Snapshot.export`."""
 
     name: ClassVar[str] = "export the dossier of the run"
     folder: str
 
 
 class GiveCurves(Request[Curves | None], frozen=True):
-    """What do the figures show of the run with a result? None without one."""
+    """Curves of the run with a result; None without one."""
 
 
 class GiveFrames(Request[str], frozen=True):
-    """What did the cameras see at the instant that a replay shows? The folder of the files."""
+    """What the cameras saw at the replayed instant; the folder of the files."""
 
     name: ClassVar[str] = "the cameras' frames"
     timeout: ClassVar[float] = 60.0
 
 
 class GivePlan(Request[PlanProgress], frozen=True):
-    """How much of the competition's plan is done? As the results folder says now."""
+    """How much of the competition's plan is done."""
 
     timeout: ClassVar[float] = 30.0
 
@@ -262,7 +233,7 @@ class TakeOver(Command, frozen=True):
 
     @property
     def urgent(self) -> bool:
-        """Who takes over may want to abort."""
+        """A referee who takes over may want to abort."""
         return True
 
 
@@ -278,7 +249,7 @@ SAMPLE_STEP = TICK
 """The short step: one door sample at 50 Hz, s."""
 
 LONG_STEP = 1.0
-"""The long step, s."""
+"""In s."""
 
 
 class PlaybackCommand(Command, frozen=True):
@@ -300,7 +271,7 @@ class Slower(PlaybackCommand, frozen=True):
 
 
 class SetSpeed(PlaybackCommand, frozen=True):
-    """So many times as fast as it was; 0 = as fast as possible."""
+    """Set the speed, times real time; 0 = as fast as possible."""
 
     speed: float
 
@@ -322,13 +293,8 @@ class PlaybackView:
     """Where a replay stands. Times are s from the start of the run, negative before it.
 
     Attributes:
-        position: now.
-        begin, end: of the recording.
-        speed: times as fast as it was; 0 = as fast as possible.
-        paused: whether it stands still.
-        ended: whether it has come to the end of the recording.
-        jumping_to: where a jump goes to; None when none goes on.
-        comparison: what the result is beside the stored one, in words; empty before the end.
+        speed: times real time; 0 = as fast as possible.
+        comparison: how the result compares with the stored one, in words; empty before the end.
         agrees: whether it equals the stored one, but for the last digits.
     """
 
@@ -344,14 +310,12 @@ class PlaybackView:
 
 
 def faster(speed: float) -> float:
-    """The next higher of the speeds; the highest stays, and as fast as possible too."""
     if speed == 0:
         return speed
     return next((one for one in SPEEDS if one > speed), speed)
 
 
 def slower(speed: float) -> float:
-    """The next lower of the speeds; the lowest stays."""
     if speed == 0:
         return SPEEDS[-1]
     return next((one for one in reversed(SPEEDS) if one < speed), speed)

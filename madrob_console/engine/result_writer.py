@@ -25,19 +25,12 @@ from scoring.result import Indicator
 
 
 RETRY_PERIOD = 2.0
-"""Between two tries, s."""
+"""Pause between two tries, s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unwritten:
-    """A run whose result or journal is not on disk.
-
-    Attributes:
-        folder: where they belong.
-        scored: the result.
-        entries: every line of the journal.
-        problem: why it is not, in words.
-    """
+    """A run whose result or journal is not on disk, and why."""
 
     folder: Path
     scored: RenderedResult
@@ -45,10 +38,7 @@ class Unwritten:
     problem: str
 
     def write(self, now: float) -> None:
-        """Write the lines that the journal has not, then the result.
-
-        Args:
-            now: s since the epoch.
+        """Write the missing journal lines, then the result; `now` is s since the epoch.
 
         Raises:
             MadrobError: the disk refuses; what is written already may be written again.
@@ -69,19 +59,12 @@ class Unwritten:
 
 
 class ResultKeeper:
-    """Writes the result of the run at hand, and those of runs before it that wait for the disk.
+    """Writes the result of the current run, and those of earlier runs that wait for the disk.
 
-    Without room no run starts: few wait.
-
-    Args:
-        keeper: touches the files.
-        written: told of each result of the run at hand that is on disk.
-        tell: told of each result that is on disk.
-        anew: has the result of the run at hand made again, whose files may be readable now;
-            returns whether it is on its way.
-
-    Attributes:
-        problem: why the result of the run at hand is not on disk, in words; None when it is.
+    No run starts without room on the disk: few results wait. `written` is called for each
+    result of the current run that is on disk, `tell` for those of earlier runs, too. `anew`
+    has a result made again whose files may be readable now; it returns whether it is on its
+    way.
     """
 
     def __init__(
@@ -107,12 +90,11 @@ class ResultKeeper:
 
     @property
     def writing(self) -> bool:
-        """Whether a result is being written."""
         return self._trying > 0
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Which runs before the one at hand wait and why, in words. From any thread."""
+        """Earlier runs that wait and why, in words. From any thread."""
         return tuple(
             f"run {run.scored.record.setup.run_number} of subject "
             f"{run.scored.record.setup.subject}: {run.problem}"
@@ -120,13 +102,7 @@ class ResultKeeper:
         )
 
     def write(self, folder: Path, scored: RenderedResult, done: Callable[[], None]) -> None:
-        """Have the result of the run at hand written.
-
-        Args:
-            folder: of the run, which stays at hand until then.
-            scored: the result.
-            done: told when it is on disk, or when the disk refuses it: then `problem` says so.
-        """
+        """Have the result of the current run written; `done` is called then, or when it failed."""
 
         def heard(answer: Future[None]) -> None:
             self._trying -= 1
@@ -146,23 +122,17 @@ class ResultKeeper:
         self._keeper.ask(partial(write_result, folder, scored.files, scored.run.issue), heard)
 
     def leave(self, unwritten: Unwritten | None) -> None:
-        """Another run takes the place of the one at hand, which waits if it is not on disk."""
         self.problem = self._refused = self._at_hand = None
         if unwritten is not None:
             self._waiting[unwritten.folder] = unwritten
             self._tried = -math.inf  # soon, before the next run begins
 
     def due(self, now: float) -> bool:
-        """Whether it is time to try again, at `now` (s since the epoch)."""
+        """`now` is s since the epoch."""
         return not 0 <= now - self._tried < RETRY_PERIOD
 
     def try_again(self, now: float, *, busy: bool) -> None:
-        """Write what can be written now.
-
-        Args:
-            now: s since the epoch.
-            busy: a run goes on; results wait for its end.
-        """
+        """Write what can be written at `now` (s since the epoch), while no run is `busy`."""
         self._tried = now
         if busy or self._trying:
             return
@@ -173,7 +143,6 @@ class ResultKeeper:
             self._keeper.ask(partial(run.write, now), partial(self._heard, run))
 
     def _heard(self, run: Unwritten, answer: Future[None]) -> None:
-        """A run before the one at hand is on disk, or the disk refuses it again."""
         self._trying -= 1
         if (why := why_not(answer)) is not None:
             self._waiting[run.folder] = replace(run, problem=_not_on_disk(why))
@@ -187,28 +156,17 @@ def _not_on_disk(why: str) -> str:
 
 
 NOTICEABLE = 0.3
-"""A result that is out of date is shown for so long while the next one is made, s."""
+"""An outdated result stays on screen this long while the next one is made, s."""
 
 HURRY = 1.0
-"""For so long after it is wanted it is looked for often, s."""
+"""A wanted result is checked often for this long, s."""
 
 
 class CurrentResult:
-    """Has the results of one run after the other made and written; each is shown once on disk.
+    """Has the results of one run after the other made and written; shows each once on disk.
 
-    Those of earlier runs that the disk has refused wait here, too.
-
-    Args:
-        scorer: makes them.
-        keepers: write them.
-        chronicle: has the lines that they are made from.
-        again: asks for the result of the run at hand once more.
-        written: told of each one of the run at hand that is on disk.
-        shown: told of each one of the run at hand that can be shown.
-        tell: told of each one that is on disk.
-
-    Attributes:
-        scored: of the run at hand, as it can be shown; None = not yet.
+    Results of earlier runs that the disk has refused wait here, too. `scored` is that of
+    the current run, once it can be shown.
     """
 
     def __init__(
@@ -236,75 +194,66 @@ class CurrentResult:
         self._ending = False
 
     def __contains__(self, folder: Path) -> bool:
-        """Whether that of an earlier run waits for the disk."""
+        """Whether the result of an earlier run waits for the disk."""
         return folder in self._files
 
     @property
     def indicators(self) -> Mapping[IndicatorName, Indicator]:
-        """Of the one that can be shown; empty without one."""
         return NO_INDICATORS if self.scored is None else self.scored.result.indicators
 
     @property
     def wanted(self) -> bool:
-        """Whether there is one, or one is being made."""
+        """Whether there is a result, or one is being made."""
         return self.scored is not None or self._awaited is not None
 
     @property
     def missing(self) -> bool:
-        """Whether one is being made, and none was before."""
+        """Whether the first result is being made."""
         return self.scored is None and self._awaited is not None
 
     @property
     def settled(self) -> bool:
-        """Whether there is one, and none is being made."""
         return self.scored is not None and self._awaited is None
 
     @property
     def outdated(self) -> bool:
-        """Whether another one is wanted than the one that there is, and takes a while."""
+        """Whether a newer result is wanted and takes a while."""
         waits = self._awaited is not None
         return waits and self._monotonic() - self._awaited_since > NOTICEABLE
 
     @property
     def hopeless(self) -> bool:
-        """Whether several tries to make it were in vain."""
         return self._scorer.hopeless
 
     @property
     def writing(self) -> bool:
-        """Whether one is being written."""
         return self._files.writing
 
     @property
     def problem(self) -> str | None:
-        """Why that of the run at hand is not on disk, in words; None when it is."""
         return self._files.problem
 
     @property
     def problems(self) -> tuple[str | None, ...]:
-        """What is wrong with it, with the scorer, and with those that wait, in words."""
         return (self._files.problem, self._scorer.problem, *self._files.problems)
 
     @property
     def waiting(self) -> tuple[str, ...]:
-        """Which runs before the one at hand are not on disk and why, in words. From any thread."""
+        """Earlier runs that are not on disk and why, in words. From any thread."""
         return self._files.problems
 
     @property
     def hurries(self) -> bool:
-        """Whether people wait for it: it is looked for often."""
         return self._monotonic() < self._hurries_until
 
     def hurry(self) -> None:
-        """Something is made elsewhere that people wait for."""
+        """Check often: people wait for something that is made elsewhere."""
         self._hurries_until = self._monotonic() + HURRY
 
     def ask(self, wanted: ToScore) -> None:
-        """Want the result of the run at hand; what was asked for before is out of date.
+        """Request the result of the current run; replaces an earlier request.
 
-        Args:
-            wanted: the run. With files the result goes to disk, and is shown once it is there or
-                the disk has refused.
+        With files the result goes to disk, and is shown once it is there or the disk has refused.
         """
         if self._awaited is None:
             self._awaited_since = self._monotonic()
@@ -324,7 +273,6 @@ class CurrentResult:
         self._scorer.score(replace(wanted, run=run), done)
 
     def _have(self, number: int, scored: RenderedResult) -> None:
-        """There is one that can be shown."""
         if number != self._awaited:
             return
         self.scored, self._awaited = scored, None
@@ -332,22 +280,16 @@ class CurrentResult:
         self._shown(scored)
 
     def _anew(self) -> bool:
-        """Have one made again that the disk refused; False where none can come soon."""
+        """Have a result made again that the disk refused; False where none can come soon."""
         if self._awaited is not None or self._ending:
             return False
         self._again()
         return True
 
     def clear(self) -> None:
-        """There is none, and none is wanted."""
         self.scored = self._awaited = None
 
     def leave(self, folder: Path | None) -> None:
-        """The run at hand makes room for another one; it waits here if it is not on disk.
-
-        Args:
-            folder: of the run at hand; None = it has none.
-        """
         chronicle = self._chronicle
         problem = self.problem or chronicle.problem
         if problem is None and chronicle.unwritten[0]:
@@ -358,17 +300,10 @@ class CurrentResult:
         self._files.leave(unwritten)
 
     def look(self, now: float, *, busy: bool) -> None:
-        """Now and then, write what the disk refused before.
-
-        Args:
-            now: s since the epoch.
-            busy: a run goes on; results wait for its end.
-        """
         if self._files.due(now):
             self._try_again(now, busy=busy)
 
     def end(self, now: float, *, busy: bool) -> None:
-        """Write what the disk refused for the last time; arguments as for `look`."""
         self._ending = True
         self._try_again(now, busy=busy)
 

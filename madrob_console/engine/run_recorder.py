@@ -54,15 +54,14 @@ class EventLog:
 
     @property
     def lines(self) -> tuple[LogLine, ...]:
-        """What is kept, oldest first."""
+        """Oldest first."""
         return tuple(self._lines)
 
     def clear(self) -> None:
-        """Forget the lines of the run before; the numbers go on."""
         self._lines.clear()
 
     def add(self, entry: Entry, start: float | None) -> None:
-        """Add a line for a journal entry; `start` of the run, s since the epoch."""
+        """`start` of the run is in s since the epoch."""
         time = float(entry.details.get("time", entry.time))
         relative = None if start is None else time - start
         act = act_of(entry)
@@ -73,7 +72,6 @@ class EventLog:
 
 
 def _said(entry: Entry) -> tuple[str, Weight]:
-    """What a line says without its reason, and how much it wants to be seen."""
     match entry.what:
         case Change.EVENT:
             return event_words(str(entry.details["event"])), Weight.PLAIN
@@ -94,14 +92,7 @@ def _done(act: Act) -> tuple[str, Weight]:
 
 
 class Chronicle:
-    """Keeps the records of one run after the other.
-
-    Args:
-        equipment: what the engine works with.
-
-    Attributes:
-        log: the last lines, for people.
-    """
+    """Keeps the journal, log, topic and bag of one run after the other."""
 
     def __init__(self, equipment: Equipment) -> None:
         self.log = EventLog()
@@ -115,12 +106,10 @@ class Chronicle:
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """Every line of the run at hand, on disk or not."""
         return self._lines.entries
 
     @property
     def mark(self) -> JournalMark:
-        """The mark of all these lines."""
         return self._lines.mark
 
     @property
@@ -130,7 +119,6 @@ class Chronicle:
 
     @property
     def problem(self) -> str | None:
-        """Why the disk refuses lines of the journal, in words; None when it does not."""
         return self._lines.problem
 
     @property
@@ -139,20 +127,12 @@ class Chronicle:
         return self._lines.unwritten
 
     def begin(self) -> None:
-        """A new run is set up; its journal waits for its folder."""
         self._lines.begin()
         self.log.clear()
         self._recording = None
         self._early = []
 
     def attach(self, recording: Recording, journal: OpenJournal, entries: Sequence[Entry]) -> None:
-        """Go on in the run's folder and its bag.
-
-        Args:
-            recording: gets what was said so far.
-            journal: of the run.
-            entries: the lines that it has.
-        """
         self._lines.adopt(journal, entries)
         self._recording = recording
         now_ns = self._clock.now_ns()
@@ -160,48 +140,36 @@ class Chronicle:
         self._early = []
 
     def go_on(self, journal: OpenJournal, entries: Sequence[Entry]) -> None:
-        """Put the run at hand away and go on with the journal of an earlier one."""
         self.begin()
         self._lines.adopt(journal, entries)
 
     def detach(self) -> None:
-        """The bag is about to be closed; the journal goes on."""
         self._recording = None
 
     def close(self) -> None:
-        """Close the journal."""
         self._lines.close()
 
     def write(self, entry: Entry, start: float | None) -> None:
-        """Write a line to journal, log, topic and bag; where the disk does not take it, it waits.
+        """Write a line to journal, log, topic and bag; if the disk refuses it, it waits.
 
-        Args:
-            entry: the line.
-            start: of the run, s since the epoch, for the log; None outside a run.
+        `start` of the run is in s since the epoch.
         """
         self._lines.add(entry)
         self.say(entry, start)
 
     def promise(self, promise: Promise, done: Callable[[str | None], None]) -> None:
-        """Write a line to the journal alone; `say` the rest when it takes effect.
-
-        Args:
-            promise: the line.
-            done: as for `JournalKeeper.promise`.
-        """
+        """Write a line to the journal alone; `say` the rest when it takes effect."""
         self._lines.promise(promise, done)
 
     def say(self, entry: Entry, start: float | None) -> None:
-        """Write a line to log, topic and bag; arguments as for `write`."""
         self.log.add(entry, start)
         self._say(REFEREE_EVENT_TOPIC, encode_text(self._types, entry.to_json()))
 
     def catch_up(self) -> None:
-        """Try again to write what waits; a journal that was deleted is written anew."""
         self._lines.catch_up()
 
     def announce_state(self, run: Run) -> None:
-        """Tell robot and testbed where the run stands (`/madrob/referee/state`)."""
+        """Tell robot and testbed the state of the run (`/madrob/referee/state`)."""
         setup = run.setup
         condition = setup.condition if setup else None
         content = {
@@ -228,7 +196,6 @@ class Chronicle:
         self._say(REFEREE_START_POSE_TOPIC, data)
 
     def _say(self, topic: str, data: bytes) -> None:
-        """Publish a message of the console's own, and record it."""
         now_ns = self._clock.now_ns()
         message = RawMessage(topic, self._type_names[topic], data, now_ns, now_ns)
         self._source.publish(message)
@@ -242,7 +209,7 @@ class Chronicle:
 
 
 COUNTING = 0.5
-"""The result waits no longer than this until all of the evidence is counted, s."""
+"""The result waits at most this long for all of the evidence to be counted, s."""
 
 _NO_FOLDER = EvidenceAccount(
     problems=("nothing was recorded: the run's folder could not be opened a second time",)
@@ -251,14 +218,7 @@ _NO_FOLDER = EvidenceAccount(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenRecording:
-    """What was made for a run that starts.
-
-    Attributes:
-        record: what is set for it.
-        recording: its folder and its bag.
-        journal: with its first lines.
-        entries: these lines, the start being the last.
-    """
+    """Files of a run that starts; the last of the journal `entries` is the start."""
 
     record: RunRecord
     recording: Recording
@@ -273,12 +233,7 @@ class OpenRecording:
 
 
 class RunRecorder:
-    """Opens and closes the recording of one run after the other, and knows what it lacks.
-
-    Args:
-        equipment: what the engine works with.
-        chronicle: writes into the run's folder and its bag, too.
-    """
+    """Opens and closes the recording of one run after the other, and knows what is missing."""
 
     def __init__(self, equipment: Equipment, chronicle: Chronicle) -> None:
         self._source = equipment.source
@@ -296,16 +251,13 @@ class RunRecorder:
 
     @property
     def recording(self) -> bool:
-        """Whether messages are recorded."""
         return self._recording is not None
 
     @property
     def open(self) -> bool:
-        """Whether a bag is open: one that is being closed, too."""
         return self._recording is not None or self._closing is not None
 
     def clear(self) -> None:
-        """Nothing is to be said any more of the recording before."""
         self._closed_view = RecorderView("closed")
 
     def start(
@@ -313,14 +265,7 @@ class RunRecorder:
     ) -> Future[OpenRecording | None]:
         """Have a run's folder, bag and journal made; nothing is recorded yet.
 
-        Args:
-            run: as it is set up.
-            promise: the line of its start.
-            done: told what came of it: what is open now, None if it was withdrawn, or a
-                `MadrobError` that names the remedy.
-
-        Returns:
-            The same.
+        The answer, also for `done`, is the open recording; None if its start was withdrawn.
         """
         assert run.setup is not None
         config, entry, told = self._config, promise.entry, self._source.announcement
@@ -350,7 +295,7 @@ class RunRecorder:
         return self._keepers.own.ask(partial(_open, record, make, entries, promise), done)
 
     def adopt(self, opened: OpenRecording, now_ns: int) -> None:
-        """Record from now on; what the testbed said of itself is recorded, too."""
+        """Record from now on, including what the testbed said of itself."""
         self._chronicle.attach(opened.recording, opened.journal, opened.entries)
         self._recording = opened.recording
         for told in self._source.announcement.messages:
@@ -371,21 +316,18 @@ class RunRecorder:
             self._witness.begin(place)
 
     def put(self, messages: Iterable[RawMessage]) -> None:
-        """Record messages if a bag is open."""
+        """Does nothing without an open bag."""
         if self._recording is not None:
             self._recording.put(messages)
 
     def look(self) -> None:
-        """Record topics that appeared late, too."""
         if self._recording is not None:
             self._recording.add_topics(self._source.topics())
 
     def finish(self, done: Callable[[tuple[str, ...], int], None]) -> None:
         """Have the bag closed; nothing more is recorded.
 
-        Args:
-            done: told when it is: what is not in it, in words, and how many messages of that were
-                scored.
+        `done` then gets in words what is missing, and how many messages of that were scored.
         """
         recording = self._closing = self._recording
         assert recording is not None
@@ -406,21 +348,16 @@ class RunRecorder:
                 yield f"{topic}: {lost} messages were lost on the way"
 
     def _lost(self) -> dict[str, int]:
-        """Messages lost on the way since the source was opened, where that is known."""
         return {status.topic: status.lost or 0 for status in self._source.status()}
 
     @property
     def silent(self) -> float:
-        """How long the disk has taken nothing of what is recorded, s. From any thread."""
+        """How long the disk has taken nothing of the recording, s. From any thread."""
         recording = self._recording or self._closing
         return 0.0 if recording is None else recording.silent
 
     def evidence(self, start: float) -> EvidenceAccount | None:
-        """What was recorded beside the testbed's topics; None = nothing is wanted.
-
-        Args:
-            start: of the run, s since the epoch.
-        """
+        """Account of the evidence; None = none is wanted. `start` is in s since the epoch."""
         status = self._witness.status
         if status is None:
             return None
@@ -429,17 +366,14 @@ class RunRecorder:
         return status.account_since(start)
 
     def view(self) -> RecorderView:
-        """As screens show it."""
         recording = self._recording or self._closing
         return recording.view() if recording else self._closed_view
 
     def dropped(self) -> dict[str, int]:
-        """Messages dropped from the recording that goes on, by topic."""
         return self._recording.dropped() if self._recording else {}
 
 
 def _close(recording: Recording, witness: Witness) -> BagSummary:
-    """Close the bag; the evidence is counted to its end meanwhile, or nearly so."""
     summary = recording.close()
     witness.await_account(COUNTING)
     return summary
@@ -451,11 +385,6 @@ def _open(
     entries: Sequence[Entry],
     promise: Promise,
 ) -> OpenRecording | None:
-    """Make folder, bag and journal; None if the start was withdrawn meanwhile.
-
-    Raises:
-        MadrobError: the disk refuses; the message names the remedy.
-    """
     recording = make()
     try:
         journal = OpenJournal.create(recording.folder / JOURNAL_FILE, entries)

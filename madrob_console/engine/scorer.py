@@ -39,7 +39,7 @@ class PastRun:
         procedure: the six steps, as of the stop.
         provisional: the time indicators, by file name, s.
         largest_force: abs, since the start, N; None = none was seen.
-        doubts: on the indicators, by file name, as far as they are known without the result.
+        doubts: on the indicators, by file name, as far as known without the result.
     """
 
     procedure: Procedure
@@ -49,13 +49,7 @@ class PastRun:
 
     @classmethod
     def of(cls, run: Run, assessment: LiveAssessment, stop: float | None) -> PastRun:
-        """Of a run that is over, and what follows it.
-
-        Args:
-            run: its state.
-            assessment: fed with all of its samples.
-            stop: as its result has it; other rules may stop a run later than it was stopped.
-        """
+        """From an assessment of the whole run; `stop`, by its result's rules, may be later."""
         procedure = assessment.procedure(run.rulings, stop)
         return cls(
             procedure,
@@ -67,16 +61,10 @@ class PastRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RenderedResult:
-    """A scored run without the data behind it: what is shown, and bytes that are passed on.
+    """A scored run without its data: what is shown, and bytes that are passed on.
 
-    Attributes:
-        record: what was set.
-        run: its state, with what the referee said.
-        result: what the sensors and the referee make of it.
-        past: what else is shown of it.
-        files: every file of the result; empty where none was wanted.
-        curves: the `Curves` of the run, as they cross a socket.
-        report: the `Scored` run pickled, for its report.
+    `files` is empty where none was wanted. `curves` are as they cross a socket; `report` is
+    the `Scored` run pickled.
     """
 
     record: RunRecord
@@ -89,12 +77,11 @@ class RenderedResult:
 
     @property
     def written_details(self) -> Details:
-        """What the journal's line says once the result is on disk."""
         return written_details(self.files[RESULT_FILE], self.run.issue)
 
     @property
     def flags(self) -> tuple[Flag, ...]:
-        """What a decision on the run hangs on, the heaviest first."""
+        """Points that a decision on the run depends on, the most serious first."""
         result = self.result
         source, remarks = self.record.source, result.quality.remarks
         return flags(self.run, result.steps, source, remarks, result.indicators)
@@ -103,16 +90,9 @@ class RenderedResult:
     def of(
         cls, record: RunRecord, run: Run, assessment: Assessment, folder: Path | None
     ) -> RenderedResult:
-        """Score a run that is over.
+        """Score a run that is over, from an assessment of all its samples.
 
-        Args:
-            record: what was set.
-            run: its state after everything that was said of it.
-            assessment: fed with all of its samples.
-            folder: where its files will be written; None = no files are wanted.
-
-        Raises:
-            MadrobError: something that was set for the run cannot be written down.
+        Without a `folder` no files are made.
         """
         scored = Scored.of(record, run, assessment)
         return cls(
@@ -130,11 +110,8 @@ class RenderedResult:
 class ToScore:
     """A run that is over, to be scored.
 
-    Attributes:
-        run: its state after everything that was said of it.
-        folder: holds its recording, which is closed.
-        missing: what its recording lacks, in words, the same each time.
-        files: whether its files are wanted.
+    `missing` says what its closed recording lacks, the same each time; `files` asks for its
+    files.
     """
 
     run: Run
@@ -144,12 +121,9 @@ class ToScore:
 
 
 class ScorableRun:
-    """The data of a run, from which it is scored as often as is wanted.
+    """The data of a run, which can be scored any number of times.
 
-    Args:
-        record: what was set.
-        assessment: fed with its samples.
-        stored: keep what its stored result says of the data, if they are read once more.
+    `stored` keeps the stored result's remarks on the data when they are read again.
     """
 
     def __init__(self, record: RunRecord, assessment: Assessment, *, stored: bool = False) -> None:
@@ -159,12 +133,7 @@ class ScorableRun:
         self._reported = 0
 
     def score(self, wanted: ToScore) -> RenderedResult:
-        """Score it; where its condition was corrected, by its recording once more.
-
-        Raises:
-            MadrobError: something that was set for the run cannot be written down, or its
-                recording cannot be read.
-        """
+        """Score the run; if its condition was corrected, from its recording once more."""
         record = self._record.corrected(wanted.run)
         if record.setup.condition != self.assessment.condition:
             folder, run = wanted.folder, wanted.run
@@ -179,14 +148,10 @@ class ScorableRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EarlierRun:
-    """A run of the results folder, read back: where it stands.
+    """A run read back from the results folder, scored without files.
 
-    Attributes:
-        folder: where it lies.
-        entries: its journal.
-        scored: it, as it stands, without files.
-        key: by which its scorer finds the data again.
-        out_of_date: there is no result on disk, or it is not what the journal says.
+    `key` finds its data in the scorer again. `out_of_date`: the result on disk is missing
+    or differs from the journal.
     """
 
     folder: Path
@@ -197,15 +162,6 @@ class EarlierRun:
 
 
 def read_earlier(folder: Path, key: int) -> tuple[EarlierRun, ScorableRun]:
-    """Read an earlier run back, and its data.
-
-    Args:
-        folder: where it lies.
-        key: by which the data will be found again.
-
-    Raises:
-        MadrobError, OSError: it cannot be read.
-    """
     opened = open_run(folder)
     recorded = opened.recorded
     data = ScorableRun(recorded.record, opened.assessment, stored=True)
@@ -215,68 +171,49 @@ def read_earlier(folder: Path, key: int) -> tuple[EarlierRun, ScorableRun]:
 
 
 class Scorer(Protocol):
-    """Makes the results of one run after the other. Nothing here waits.
-
-    Attributes:
-        problem: why there is no result where one is wanted, in words, with the remedy; or that
-            something goes on anew. None = all is well. From any thread.
-    """
+    """Makes the results of one run after the other. Nothing here waits."""
 
     @property
     def problem(self) -> str | None:
-        """See above."""
+        """Why a result is missing, or that it is retried; None = all well. From any thread."""
         ...
 
     @property
     def hopeless(self) -> bool:
-        """Whether several tries were in vain: what comes next need not wait for the result."""
+        """Whether several tries failed: what comes next need not wait for the result."""
         ...
 
     def warm(self) -> None:
-        """Get ready beside the caller: the first result shall not wait."""
+        """Get ready in the background, so that the first result is not delayed."""
         ...
 
     def follow(self, record: RunRecord, start: float) -> LiveAssessment:
-        """A run begins; again when its countdown begins anew.
+        """Follow a run that begins, or whose countdown begins anew; feed its samples to the answer.
 
-        Args:
-            record: what is set for it.
-            start: its (planned) start, s since the epoch.
-
-        Returns:
-            What is to be fed with its samples.
+        `start` is the (planned) start, s since the epoch.
         """
         ...
 
     def read(self, folder: Path) -> Future[EarlierRun]:
-        """Read an earlier run; a `MadrobError` says why it cannot be. From any thread."""
+        """From any thread."""
         ...
 
-    def look_back(self, earlier: EarlierRun) -> None:
-        """An earlier run that was read is at hand."""
-        ...
+    def look_back(self, earlier: EarlierRun) -> None: ...
 
     def score(self, wanted: ToScore, done: Callable[[RenderedResult], None]) -> None:
-        """Score the run at hand; it takes the place of what was asked before.
+        """Score the current run; replaces an earlier request.
 
-        Args:
-            wanted: its state, and what is wanted.
-            done: called with its result, in the thread that calls `deliver`; not for a run that is
-                not at hand any more.
+        `done` gets its result in the thread that calls `deliver`, unless another run is current.
         """
         ...
 
-    def deliver(self) -> None:
-        """Give what has come."""
-        ...
+    def deliver(self) -> None: ...
 
     def settle(self, limit: float) -> bool:
-        """Wait `limit` s at most until there is what was asked for; returns whether it is."""
+        """Wait `limit` s at most; returns whether the result is there."""
         ...
 
-    def close(self) -> None:
-        """End what was begun."""
-        ...
+    def close(self) -> None: ...
 
 
 class InlineScorer:
@@ -291,17 +228,14 @@ class InlineScorer:
         self._read: dict[int, ScorableRun] = {}
 
     def warm(self) -> None:
-        """Import what is large."""
         threading.Thread(target=load_filters, name="filters", daemon=True).start()
 
     def follow(self, record: RunRecord, start: float) -> Assessment:
-        """See `Scorer`."""
         assessment = record.assessment(start)
         self._at_hand = ScorableRun(record, assessment)
         return assessment
 
     def read(self, folder: Path) -> Future[EarlierRun]:
-        """See `Scorer`."""
         return InlineKeeper().ask(partial(self._read_now, folder))
 
     def _read_now(self, folder: Path) -> EarlierRun:
@@ -310,11 +244,9 @@ class InlineScorer:
         return earlier
 
     def look_back(self, earlier: EarlierRun) -> None:
-        """See `Scorer`."""
         self._at_hand = self._read.pop(earlier.key)
 
     def score(self, wanted: ToScore, done: Callable[[RenderedResult], None]) -> None:
-        """See `Scorer`."""
         assert self._at_hand is not None
         done(self._at_hand.score(wanted))
 
@@ -322,7 +254,6 @@ class InlineScorer:
         """Nothing is left to be told."""
 
     def settle(self, limit: float) -> bool:
-        """Nothing is left to be done."""
         return True
 
     def close(self) -> None:

@@ -43,23 +43,20 @@ from scoring.evaluate import LiveAssessment
 from scoring.signals import Sample
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.engine.scoring_worker")
-"""What it is started with; the handle of its socket follows."""
 
 FEED_PERIOD = 0.1
-"""Samples are handed on this often, s."""
+"""How often samples are handed on, s."""
 
 PATIENCE = 20.0
-"""A process that is asked something and does not move for so long hangs, s."""
+"""A process with a question hangs if it shows no activity for this long, s."""
 
 SOON = 3.0
-"""A result that is not there after so long is said to be computed, and why it takes longer, s."""
+"""After this, screens say that the result is being computed and why it takes longer, s."""
 
 _SAFE = "the run is safe on disk"
 
 
 class _Forwarded(LiveAssessment):
-    """Follows a run here, and hands everything on to where it will be scored."""
-
     hand_on: Callable[[Sample | Remark], None]
 
     def feed(self, sample: Sample) -> None:
@@ -74,14 +71,8 @@ class _Forwarded(LiveAssessment):
 class ScoringProcess:
     """Has runs scored in a process of its own; a `Scorer`.
 
-    The process is fed with the samples as they come, so that a result is soon there. Whatever
-    becomes of it costs that try only: it is started again, and the run is read from its bag.
-
-    Args:
-        command: what it is started with.
-
-    Attributes:
-        problem, hopeless: see `Scorer`.
+    The process gets the samples as they come, so that a result is there soon. If it fails, only
+    that try is lost: it is started again, and the run is read from its bag.
     """
 
     def __init__(self, command: Sequence[str] = COMMAND) -> None:
@@ -108,19 +99,16 @@ class ScoringProcess:
     # ------------------------------------------------------------------ the engine's thread
 
     def warm(self) -> None:
-        """Start the process: it gets ready by itself."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._work, name="scorer", daemon=True)
             self._thread.start()
 
     @property
     def pid(self) -> int | None:
-        """Of the process; None while there is none."""
         process = self._process
         return None if process is None else process.pid
 
     def follow(self, record: RunRecord, start: float) -> LiveAssessment:
-        """See `Scorer`."""
         self._take_up(next(self._numbers), record, stored=False)
         self._questions.follow(self._key, record, start)
         self._ring()
@@ -129,7 +117,6 @@ class ScoringProcess:
         return assessment
 
     def look_back(self, earlier: EarlierRun) -> None:
-        """See `Scorer`."""
         self._take_up(earlier.key, earlier.scored.record, stored=True)
 
     def _take_up(self, key: int, record: RunRecord, *, stored: bool) -> None:
@@ -144,7 +131,6 @@ class ScoringProcess:
             self._wanted = None
 
     def read(self, folder: Path) -> Future[EarlierRun]:
-        """See `Scorer`."""
         answer: Future[EarlierRun] = Future()
         question = ReadBack(next(self._numbers), next(self._numbers), self._key, str(folder))
 
@@ -161,7 +147,6 @@ class ScoringProcess:
         return answer
 
     def score(self, wanted: ToScore, done: Callable[[RenderedResult], None]) -> None:
-        """See `Scorer`."""
         number, run = next(self._numbers), wanted.run
         assert self._record is not None
         record = self._record.corrected(run)
@@ -186,13 +171,11 @@ class ScoringProcess:
         self._ask(Asked(question, take))
 
     def deliver(self) -> None:
-        """See `Scorer`."""
         with suppress(Empty):
             while True:
                 self._answers.get_nowait()()
 
     def settle(self, limit: float) -> bool:
-        """See `Scorer`; one that was tried several times in vain is not waited for."""
         end = time.monotonic() + limit
         self.deliver()
         while self._wanted is not None and (rest := end - time.monotonic()) > 0:
@@ -203,7 +186,6 @@ class ScoringProcess:
         return self._wanted is None
 
     def close(self) -> None:
-        """End the process."""
         self._closed = True
         self._ring()
         if self._thread is not None:
@@ -221,7 +203,7 @@ class ScoringProcess:
     # ------------------------------------------------------------------ the scorer's thread
 
     def _work(self) -> None:
-        """Keep a process going; nothing that happens here ends the thread before `close`."""
+        """Keep a process running; no error ends the thread before `close`."""
         while not self._closed:
             why = f"the scoring process is started again: {self._one_process()}"
             if self._closed:
@@ -238,7 +220,6 @@ class ScoringProcess:
                 asked.refuse("the engine has ended")
 
     def _one_process(self) -> str:
-        """From the start of a process to its end; why it ended, in words."""
         self._starts_failed += 1
         try:
             self._process = process = Child(self._command, answer_of_process)
@@ -260,13 +241,6 @@ class ScoringProcess:
         return why or ended
 
     def _serve(self, process: Child[ToEngine]) -> None:
-        """Hand on what is asked, and take the answers, until the engine has no more to ask.
-
-        Raises:
-            EOFError: it has ended, or hangs.
-            MadrobError: it talks nonsense or hangs.
-            OSError: it cannot be talked with.
-        """
         assert self._bell is not None
         poll = select.poll()
         poll.register(self._bell, select.POLLIN)
@@ -288,7 +262,7 @@ class ScoringProcess:
                         out = out[process.link.send(out) :]
 
     def _rest(self, process: Child[ToEngine], now: float) -> float:
-        """How long there is nothing to do, s."""
+        """Time without anything to do, s."""
         ends = [now + (FEED_PERIOD if self._questions.following else LOOK_PERIOD)]
         moved = process.moved(now)
         for asked in self._questions.left():
@@ -322,11 +296,6 @@ class ScoringProcess:
         self._tell("")
 
     def _tell(self, why: str) -> None:
-        """Say how things stand.
-
-        Args:
-            why: the process ended, in words; empty = it goes on.
-        """
         scores = [a for a in self._questions.left() if isinstance(a.question, Score)]
         asked = scores[-1] if scores else None
         failures = max(asked.failures if asked else 0, self._starts_failed - 1)

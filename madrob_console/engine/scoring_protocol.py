@@ -32,7 +32,7 @@ _SEALS = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_WRITE
 
 
 class Follow(msgspec.Struct, frozen=True, tag=True):
-    """A run begins, or its countdown anew: the samples that come now are of it."""
+    """A run or its countdown begins (anew): the samples that follow belong to it."""
 
     key: int
     record: RunRecord
@@ -40,30 +40,23 @@ class Follow(msgspec.Struct, frozen=True, tag=True):
 
 
 class Feed(msgspec.Struct, frozen=True, tag=True):
-    """The next samples of the run that is followed."""
+    """The next samples of the followed run."""
 
     samples: list[Sample]
 
 
 class Remark(msgspec.Struct, frozen=True, tag=True):
-    """Something wrong with the recording of the run that is followed, in words."""
+    """Something wrong with the recording of the followed run, in words."""
 
     text: str
 
 
 class Lost(msgspec.Struct, frozen=True, tag=True):
-    """Samples of the run that is followed were lost on the way: it is read from its bag."""
+    """Samples of the followed run were lost on the way: it is read from its bag."""
 
 
 class ReadBack(msgspec.Struct, frozen=True, tag=True):
-    """Read an earlier run.
-
-    Attributes:
-        number: of the question.
-        key: of the run.
-        at_hand: the run whose data are kept, too.
-        folder: of the run.
-    """
+    """Read an earlier run; data of the run `at_hand` are kept, too."""
 
     number: int
     key: int
@@ -72,14 +65,10 @@ class ReadBack(msgspec.Struct, frozen=True, tag=True):
 
 
 class Score(msgspec.Struct, frozen=True, tag=True):
-    """Score a run that is over; one that is not known any more is read from its bag.
+    """Score a run that is over; an unknown one is read from its bag.
 
-    Attributes:
-        number: of the question.
-        key: of the run.
-        record: what was set.
-        run, folder, missing, files: as for `ToScore`.
-        stored: a run from its bag keeps what its stored result says of its data.
+    For `run`, `folder`, `missing` and `files` see `ToScore`; with `stored` a run from its
+    bag keeps the stored result's remarks on its data.
     """
 
     number: int
@@ -107,11 +96,8 @@ class Made(msgspec.Struct, frozen=True, tag=True):
     """A scored run; a piece of memory comes with it.
 
     Attributes:
-        number: of the question.
-        record, run: of a run that was read back; nothing where the engine knows them.
-        entries: the journal of a run that was read back.
+        record, run, entries: of a run that was read back; the engine knows the others.
         out_of_date: as for `EarlierRun`.
-        result, past: what is shown.
         files: the sizes of its files by their names; they lie in the memory, in this order.
         curves, report: their sizes; they lie behind the files.
     """
@@ -136,28 +122,15 @@ _answers: msgspec.msgpack.Decoder[ToEngine] = msgspec.msgpack.Decoder(ToEngine)
 
 
 def question_of(data: bytes) -> ToProcess:
-    """A message of the engine."""
     return _questions.decode(data)
 
 
 def answer_of_process(data: bytes) -> ToEngine:
-    """A message of the process.
-
-    Raises:
-        MadrobError: it is something else.
-    """
     return decoded(_answers, data, "a message of the process that scores")
 
 
 def put_into_memory(rendered: RenderedResult) -> int:
-    """A piece of memory with all of a result's bytes, which nobody can change any more.
-
-    Returns:
-        Its handle; the caller closes it.
-
-    Raises:
-        OSError: there is no memory or no handle.
-    """
+    """Put all of a result's bytes into sealed memory; the caller closes the handle."""
     memory = os.memfd_create("result", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
     try:
         for part in (*rendered.files.values(), rendered.curves, rendered.report):
@@ -174,16 +147,7 @@ def put_into_memory(rendered: RenderedResult) -> int:
 def parts_in_memory(
     memory: int, made: Made
 ) -> tuple[Mapping[str, memoryview], memoryview, memoryview]:
-    """The files, the curves and the report in a piece of memory.
-
-    Args:
-        memory: its handle; the caller closes it.
-        made: tells what lies where.
-
-    Raises:
-        MadrobError: it holds something else, or could still change.
-        OSError: it cannot be looked at.
-    """
+    """The files, the curves and the report in a piece of memory; the caller closes its handle."""
     sizes = (*made.files.values(), made.curves, made.report)
     whole = sum(sizes)
     plain = all(name == PurePath(name).name for name in made.files)
@@ -203,17 +167,17 @@ MOST_WAITING = 50_000
 """Samples that may wait for the process; with more it is given up for this run. 100 s of 500 Hz."""
 
 MOST_AT_ONCE = 2_000
-"""Samples that are handed on at once: to pack them keeps the engine's thread waiting."""
+"""Samples handed on at once: packing them holds up the engine's thread."""
 
 DELAYS = (0.0, 1.0, 5.0, 30.0)
-"""Before something is tried again after so many failures, s."""
+"""Pause before the next try after so many failures, s."""
 
 FEW = 3
 """After so many failures the referee is told what to do."""
 
 
 def delay_after(failures: int) -> float:
-    """How long to wait before the next try, s."""
+    """In s."""
     return DELAYS[min(failures, len(DELAYS) - 1)]
 
 
@@ -222,14 +186,10 @@ class Asked:
     """A question, until it is answered.
 
     Attributes:
-        question: as it is sent.
         take: takes the answer and the memory that came with it, in the scorer's thread.
-        refuse: takes why there is none, in words; None = it is tried again and again.
+        refuse: takes why there is none, in words; None = it is retried without end.
         queued: whether it waits behind samples.
-        failures: so many tries failed.
         due: when it may be tried (again), s of the monotonic clock.
-        sent: whether it is on its way to the process.
-        why: the last try failed, in words.
     """
 
     question: Score | ReadBack
@@ -242,7 +202,6 @@ class Asked:
     why: str = ""
 
     def has_failed(self, why: str) -> None:
-        """A try was in vain."""
         self.due = time.monotonic() + delay_after(self.failures)
         self.failures += 1
         self.sent, self.why = False, why
@@ -252,9 +211,6 @@ class Questions:
     """What waits for the process, in its order, and what it has not answered yet.
 
     The engine's thread puts in, the scorer's takes out; neither keeps the other waiting.
-
-    Attributes:
-        more: whether more waited than was handed on last.
     """
 
     def __init__(self) -> None:
@@ -265,24 +221,21 @@ class Questions:
         self._followed: int | None = None
 
     def __len__(self) -> int:
-        """How many samples and messages wait."""
         return len(self._outbox)
 
     @property
     def following(self) -> bool:
-        """Whether a run is followed: samples come."""
         return self._followed is not None
 
     # ------------------------------------------------------------------ the engine's thread
 
     def follow(self, key: int, record: RunRecord, start: float) -> None:
-        """The samples that come now are of this run; see `Follow`."""
         with self._lock:
             self._outbox.append(Follow(key, record, start))
             self._followed = key
 
     def hand_on(self, key: int, what: Sample | Remark) -> None:
-        """Of a run; nothing if it is not followed any more."""
+        """Hand on samples or remarks of a run; ignored if it is no longer followed."""
         if self._followed != key:
             return
         with self._lock:
@@ -295,17 +248,14 @@ class Questions:
             self._followed = None
 
     def end_following(self) -> None:
-        """All that belongs to the run has come."""
         self._followed = None
 
     def ask(self, asked: Asked) -> None:
-        """Have something answered, behind all that was handed on before."""
         with self._lock:
             self._asked[asked.question.number] = asked
             self._outbox.append(asked.question)
 
     def forget(self, number: int) -> None:
-        """A question needs no answer any more, or has it."""
         with self._lock:
             self._asked.pop(number, None)
 
@@ -340,17 +290,15 @@ class Questions:
         return messages
 
     def of(self, number: int) -> Asked | None:
-        """A question that needs an answer; None = it does not any more."""
         with self._lock:
             return self._asked.get(number)
 
     def left(self) -> list[Asked]:
-        """Those that are not answered."""
         with self._lock:
             return list(self._asked.values())
 
     def has_failed(self, number: int, why: str) -> None:
-        """The process could not answer a question; it is tried again, or refused."""
+        """The process could not answer a question; it is retried, or refused."""
         with self._lock:
             asked = self._asked.get(number)
             if asked is not None:
@@ -361,12 +309,7 @@ class Questions:
             asked.refuse(why)
 
     def all_failed(self, why: str, starts: int) -> None:
-        """The process has ended: what it was to answer is asked again, of the next.
-
-        Args:
-            why: in words.
-            starts: so many starts in a row were in vain.
-        """
+        """The next process gets the open questions; `starts` counts failed starts in a row."""
         refused = []
         with self._lock:
             for number, asked in list(self._asked.items()):

@@ -48,21 +48,16 @@ from scoring.signals import DoorSample, HandleSample
 _REHEARSED = 3.0  # s
 
 FIRST_TO_GO = 500
-"""Where memory runs out the kernel ends this process rather than the engine (of 1000)."""
+"""Out-of-memory score (of 1000): the kernel ends this process rather than the engine."""
 
 
 class ScoringLink:
-    """The way to the engine. Its end is the end of this process.
-
-    Args:
-        link: the socket.
-    """
+    """The socket to the engine. When it closes, this process ends."""
 
     def __init__(self, link: socket.socket) -> None:
         self._link = link
 
     def next(self) -> ToProcess:
-        """Wait for the next message."""
         (length,) = LENGTH.unpack(self._read(LENGTH.size))
         return question_of(self._read(length))
 
@@ -76,7 +71,6 @@ class ScoringLink:
         return bytes(data)
 
     def send(self, message: ToEngine, memory: int | None = None) -> None:
-        """Send a message, and the handle of a piece of memory with it."""
         data = frame(message)
         if memory is not None:
             socket.send_fds(self._link, [data[:1]], [memory])
@@ -85,11 +79,7 @@ class ScoringLink:
 
 
 class Desk:
-    """Works on what the engine asks, one after the other.
-
-    Args:
-        line: the way to it.
-    """
+    """Answers the engine's questions one after the other."""
 
     def __init__(self, line: ScoringLink) -> None:
         self._line = line
@@ -97,7 +87,6 @@ class Desk:
         self._followed: int | None = None
 
     def work(self) -> None:
-        """Until the engine ends."""
         while True:
             match self._line.next():
                 case ReadBack() | Score() as asked:
@@ -110,7 +99,6 @@ class Desk:
                         self._follow(self._followed, told)
 
     def _follow(self, key: int, told: Feed | Remark | Lost) -> None:
-        """What was told of the run that is followed."""
         assessment = self._runs[key].assessment
         match told:
             case Feed(samples):
@@ -171,7 +159,7 @@ def _made(number: int, rendered: RenderedResult) -> Made:
 
 
 def _rehearse() -> None:
-    """Score a run that never was: what is used for the first time takes as long again."""
+    """Score a made-up run: whatever is used for the first time takes twice as long."""
     condition, begin = Condition.from_number(1), 1.0
     setup = RunSetup(
         subject=1,
@@ -198,7 +186,6 @@ def _rehearse() -> None:
 
 
 def main() -> None:
-    """Get ready, and work until the engine ends."""
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # of a whole group: the engine still needs its result
     with suppress(OSError):

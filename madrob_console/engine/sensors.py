@@ -31,14 +31,14 @@ from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
 
 
 WINDOW = 2.0
-"""What happened within this long is told, s: also what happened only once."""
+"""Window of faults and rates, s: a fault that happened once is shown this long."""
 
 _LONGEST_WORDS = 120
-"""Of a decoder's complaint."""
+"""Most characters of a decoder's error."""
 
 
 class Trouble(StrEnum):
-    """What can be wrong with a topic."""
+    """Kinds of topic faults."""
 
     SOURCE = "its source says so"
     SEVERAL_PUBLISHERS = "several publishers"
@@ -55,13 +55,7 @@ class Trouble(StrEnum):
 
 
 class TopicWatch:
-    """Follows the messages of one topic.
-
-    Args:
-        signal: what the topic carries.
-        limits: what counts as healthy.
-        thresholds: the testbed's numbers.
-    """
+    """Follows the messages of one topic."""
 
     def __init__(self, signal: Signal, limits: SensorLimits, thresholds: Thresholds) -> None:
         self.signal = signal
@@ -86,18 +80,14 @@ class TopicWatch:
     # ------------------------------------------------------------------ what arrives
 
     def note_arrival(self, now: float) -> None:
-        """A message arrived at `now`, s since the epoch."""
+        """`now` is s since the epoch."""
         self.received += 1
         self.messages.seen(now)
 
     def receive(self, now: float, sample: Sample | None, error: str | None, angle: float) -> None:
-        """A message arrived.
+        """Take a message, or why it cannot be read.
 
-        Args:
-            now: when, s since the epoch.
-            sample: what it says; None when it cannot be read.
-            error: why it cannot be read; None when it can.
-            angle: of the panel, rad: sensors under which it passes need no reading.
+        `now` is s since the epoch. `angle` is the panel's, rad: sensors under it need no reading.
         """
         self.note_arrival(now)
         if error is not None:
@@ -126,7 +116,6 @@ class TopicWatch:
             self._skews.popleft()
 
     def _missing_in(self, now: float, sample: Sample, angle: float) -> str | None:
-        """What of a sample is no reading, in words; None when all of it is one."""
         match sample:
             case PassageSample():
                 return self._missing_range(now, sample, angle)
@@ -153,15 +142,14 @@ class TopicWatch:
     # ------------------------------------------------------------------ what is wrong
 
     def skew(self, now: float, extreme: Callable[..., float] = max) -> float | None:
-        """The largest stamp - log time of the last second, s, with its sign; None without one.
+        """The largest stamp - log time of the last second, s, with its sign.
 
-        With `min` it is the smallest: what no stray stamp decides.
+        With `min` it is the smallest, which no stray stamp decides.
         """
         recent = [skew for time, skew in self._skews if time >= now - self._limits.averaging]
         return extreme(recent, key=abs) if recent else None
 
     def troubles(self, status: TopicStatus | None, now: float) -> dict[Trouble, str]:
-        """What is wrong at `now`, in words; empty for a healthy topic."""
         found: dict[Trouble, str] = {}
         if status is not None and status.problem:
             found[Trouble.SOURCE] = status.problem
@@ -234,13 +222,7 @@ _ANY_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
 
 
 class Sensors:
-    """Follows every sample of the testbed, in a run or not.
-
-    Args:
-        mappings: the configured topics.
-        thresholds: the testbed's numbers.
-        limits: what counts as healthy.
-    """
+    """Follows every sample of the testbed, in a run or not."""
 
     def __init__(
         self, mappings: Sequence[TopicMapping], thresholds: Thresholds, limits: SensorLimits
@@ -257,12 +239,10 @@ class Sensors:
         self._states = EventDetector(_ANY_CONDITION, math.inf, thresholds)
 
     def note_arrival(self, message: RawMessage) -> None:
-        """A message arrived; what it says comes too late to be shown."""
         if (watch := self._watches.get(message.topic)) is not None:
             watch.note_arrival(message.receive_ns / 1e9)
 
     def receive(self, message: RawMessage, sample: Sample | None, error: str | None) -> None:
-        """A message arrived; `sample` is what it says, `error` why it cannot be decoded."""
         watch = self._watches.get(message.topic)
         if watch is None:
             return
@@ -287,11 +267,10 @@ class Sensors:
             self._forces.popleft()
 
     def newest(self) -> tuple[Sample, ...]:
-        """The newest sample of each signal."""
         return tuple(self._newest.values())
 
     def freshness(self, signal: Signal, now: float) -> Freshness:
-        """State of a signal, by its newest reading: a message that says nothing is none."""
+        """State of a signal, by its newest reading: a message without a reading does not count."""
         watch = self._of_signal.get(signal)
         return watch.readings.freshness(now) if watch else Freshness.NEVER
 
@@ -299,7 +278,6 @@ class Sensors:
         return self.freshness(signal, now) is Freshness.FRESH
 
     def _sensor_freshness(self, sensor: PassageSensor, masked: bool, now: float) -> Freshness:
-        """State of a used passage sensor; one under the panel needs no reading of its own."""
         watch = self._of_signal.get(Signal.of_strip(sensor.strip))
         if watch is None:
             return Freshness.NEVER
@@ -317,10 +295,7 @@ class Sensors:
         return self._force if self._fresh(Signal.HANDLE, now) else None
 
     def handle_rest(self, now: float) -> HandleRest | None:
-        """Raw handle force of the last second, by the time of reception.
-
-        None unless fresh, and while there is next to nothing of it yet.
-        """
+        """Raw handle force of the last second, by the time of reception; None unless fresh."""
         recent = [each for each in self._forces if each[0] >= now - self.limits.averaging]
         if not recent or not self._fresh(Signal.HANDLE, now):
             return None
@@ -335,7 +310,7 @@ class Sensors:
         return max((skew for skew in skews if skew is not None), key=abs, default=None)
 
     def occupied(self, now: float) -> tuple[str, ...] | None:
-        """Names of the used sensors that see something; None if one of them says nothing."""
+        """Names of the used sensors that detect something; None if one of them has no reading."""
         states = self._states.occupied
         for sensor, state in states.items():
             freshness = self._sensor_freshness(sensor, self._masked(sensor), now)
@@ -344,14 +319,12 @@ class Sensors:
         return tuple(f"{s.side} {s.index}" for s, state in states.items() if state)
 
     def topic_problems(self, statuses: Sequence[TopicStatus], now: float) -> tuple[str, ...]:
-        """One line per topic with which anything is wrong."""
         views = self.topics(statuses, {}, now)
         return tuple(f"{v.topic}: {v.problem}" for v in views if v.problem)
 
     def topics(
         self, statuses: Sequence[TopicStatus], dropped: Mapping[str, int], now: float
     ) -> tuple[TopicView, ...]:
-        """Every configured topic; `dropped` counts what the recorder had to drop."""
         by_topic = {status.topic: status for status in statuses}
         return tuple(
             self._topic(m, by_topic.get(m.topic), dropped.get(m.topic, 0), now)
@@ -379,7 +352,6 @@ class Sensors:
     def troubles(
         self, statuses: Sequence[TopicStatus], now: float
     ) -> dict[tuple[str, Trouble], str]:
-        """What is wrong at `now` with which topic, in words."""
         by_topic = {status.topic: status for status in statuses}
         return {
             (topic, trouble): words
@@ -388,7 +360,6 @@ class Sensors:
         }
 
     def door_view(self, now: float) -> DoorView:
-        """The panel."""
         fresh = self._fresh(Signal.DOOR, now)
         return DoorView(
             angle=self.angle(now),
@@ -398,19 +369,17 @@ class Sensors:
         )
 
     def handle_view(self, now: float, zero: float, maximum: float | None) -> HandleView:
-        """The handle; `maximum` is the largest abs(force) of the run so far, N."""
+        """`maximum` is the largest abs(force) of the run so far, N."""
         freshness = self.freshness(Signal.HANDLE, now)
         force = self.force(now)
         return HandleView(force, zero, self._thresholds.touch_force, maximum, freshness)
 
     def latch_view(self, now: float) -> LatchView:
-        """The latch."""
         freshness = self.freshness(Signal.LATCH, now)
         known = freshness in (Freshness.FRESH, Freshness.STALE)
         return LatchView(self._states.latch_engaged if known else None, freshness)
 
     def passage_view(self, now: float) -> tuple[SensorView, ...]:
-        """The ten used passage sensors."""
         states = self._states.occupied
         views = []
         for sensor in PASSAGE_SENSORS:
@@ -430,7 +399,7 @@ class Sensors:
         return tuple(views)
 
     def _height(self, sensor: PassageSensor) -> float | None:
-        """What is under a sensor, m above the ground; None where it measured no distance."""
+        """Height of what is under a sensor, m above the ground; None where it measured none."""
         sample = self._newest.get(Signal.of_strip(sensor.strip))
         if not isinstance(sample, PassageSample) or sensor.element >= len(sample.ranges):
             return None

@@ -32,19 +32,19 @@ from madrob_console.engine.snapshot import RightToAct
 from madrob_console.engine.wire import UnsureError, given_up
 
 SENDING_PERIOD = 0.1
-"""Between two looks at the engine, s."""
+"""How often the engine's state is sent, s."""
 
 LOOKING_PERIOD = 1.0
-"""Between two looks whether the socket is still there, s."""
+"""How often the socket is checked, s."""
 
 MOST_UNDER_WAY = 16
-"""Requests of one screen that are carried out at the same time, and as many urgent ones."""
+"""Requests of one screen under way at the same time, and as many urgent ones."""
 
 MOST_OF_WATCHERS = 2
-"""The same of a screen that watches: its next ones are not read before."""
+"""The same for a screen that only watches: its next requests are not read before."""
 
 LARGEST_BACKLOG = 8_000_000
-"""Bytes that may wait for a screen that does not read; it is let go before there are more."""
+"""Bytes that may wait for a screen that does not read; with more it is disconnected."""
 
 TOO_MANY = "this screen has too many requests under way: wait for their answers"
 
@@ -53,16 +53,7 @@ _GREETING_TIME = 2.0
 
 @dataclass(eq=False)
 class _Screen:
-    """A screen that is attached.
-
-    Attributes:
-        role: what for.
-        who: for people.
-        writer: to it.
-        right: what it knows of its right to act; None = nothing yet.
-        version: of the state that it was sent last.
-        urgent, others: its requests that are being carried out.
-    """
+    """A screen that is attached; `version` is of the state that it was sent last."""
 
     role: Role
     who: str
@@ -73,11 +64,11 @@ class _Screen:
     others: set[asyncio.Task[None]] = field(default_factory=set)
 
     def send(self, message: msgspec.Struct) -> None:
-        """Hand a message to the socket; never waits."""
+        """Never waits."""
         self.write(wire.frame(message))
 
     def write(self, frame: bytes) -> None:
-        """The same with one that is encoded; what never reads is let go."""
+        """Send an encoded message; a screen that never reads is disconnected."""
         if self.backlog > LARGEST_BACKLOG:
             self.writer.transport.abort()
         if not self.writer.is_closing():
@@ -85,22 +76,15 @@ class _Screen:
 
     @property
     def backlog(self) -> int:
-        """Bytes that it has not taken yet."""
+        """In bytes."""
         return self.writer.transport.get_write_buffer_size()
 
 
 class EngineServer:
     """Serves an engine on a Unix socket until it is told to stop or nobody needs it.
 
-    Args:
-        engine: running in its thread; the caller closes it.
-        label: of its testbed.
-        idle_time: ends by itself after so long without a screen and without a run, s.
-        monotonic: a clock, s.
-
-    Attributes:
-        listening: where screens attach; None before.
-        reachable: set once screens can attach.
+    It ends by itself after `idle_time` s without a screen and without a run. The caller
+    closes the engine. `reachable` is set once screens can attach.
     """
 
     def __init__(
@@ -126,11 +110,7 @@ class EngineServer:
         self.reachable = asyncio.Event()
 
     async def serve(self, path: Path) -> None:
-        """Serve until the end; the socket is made with mode 0600, again if it is lost, and removed.
-
-        Raises:
-            MadrobError: the socket cannot be made.
-        """
+        """Serve until the end; the socket has mode 0600, is made again if lost, and removed."""
         asyncio.get_running_loop().set_exception_handler(self._troubles.of_loop)
         listening = Listening(path)
         self._accept_at(listening.open())
@@ -160,14 +140,7 @@ class EngineServer:
         self._over.set()
 
     def presence(self, known: WhoAnswer) -> WhoAnswer:
-        """What the engine says of itself to consoles of all versions; from any thread.
-
-        Args:
-            known: what does not change.
-
-        Raises:
-            MadrobError: the engine has failed.
-        """
+        """What the engine says of itself to consoles of all versions; from any thread."""
         snapshot, listening = self._engine.snapshot(), self.listening
         lost = None if listening is None else listening.problem
         known = known.of(snapshot.run, busy=self._engine.busy, unsaved=self._engine.unsaved)
@@ -186,7 +159,7 @@ class EngineServer:
         )
 
     def _accept_at(self, listening: socket.socket) -> None:
-        """Let screens attach there, and no longer where they did before; who is attached stays."""
+        """Let screens attach at this socket only; attached screens stay."""
         for acceptor in self._acceptors:
             acceptor.close()
         self._acceptors.append(
@@ -194,7 +167,6 @@ class EngineServer:
         )
 
     async def _keep_reachable(self) -> None:
-        """See to it that the socket lies where consoles find it."""
         assert self.listening is not None
         pool = ThreadPoolExecutor(1, "socket")  # a disk may hold it up
         loop = asyncio.get_running_loop()
@@ -221,11 +193,7 @@ class EngineServer:
             await self._serve_screen(screen, reader)
 
     def _refuse_too_many(self, role: Role) -> None:
-        """Leave file handles for the engine's own files, and a place for a referee.
-
-        Raises:
-            MadrobError: one more screen is too many.
-        """
+        """Leave file handles for the engine's own files, and a place for a referee."""
         most = self._most + (SPARE // 2 if role is Role.REFEREE else 0)
         if len(self._screens) >= most:
             raise MadrobError(
@@ -257,7 +225,6 @@ class EngineServer:
             screen.writer.close()
 
     async def _keep_showing(self) -> None:
-        """Send what is new, again and again."""
         while True:
             try:
                 if self._screens:
@@ -280,15 +247,9 @@ class EngineServer:
             await asyncio.sleep(0)  # however many screens there are, requests are taken meanwhile
 
     def _look(self) -> None:
-        """Take the engine's latest snapshot.
-
-        Raises:
-            MadrobError: the engine has failed.
-        """
         self._outgoing.show(self._engine.snapshot(), self._monotonic())
 
     def _show(self, screen: _Screen) -> None:
-        """Send a screen what is new to it."""
         alone = self._referee in (None, screen)
         right = RightToAct(
             screen.role, "" if alone else self._referee_name(), free=self._referee is None
@@ -372,13 +333,7 @@ class EngineServer:
 
 
 async def _greeting(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> wire.Hello:
-    """Who comes.
-
-    Raises:
-        MadrobError: somebody else's program, or one of another version.
-        TimeoutError: it says nothing.
-        asyncio.IncompleteReadError: it has gone.
-    """
+    """The first message of a screen; `TimeoutError` if it sends nothing."""
     _refuse_strangers(writer)
     async with asyncio.timeout(_GREETING_TIME):
         hello = wire.hello_of(await _read(reader))
@@ -391,22 +346,11 @@ async def _greeting(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) 
 
 
 def _refuse_strangers(writer: asyncio.StreamWriter) -> None:
-    """Only the user who runs the engine.
-
-    Raises:
-        MadrobError: it is somebody else.
-    """
     if peer_of(writer.get_extra_info("socket")).user not in (os.getuid(), 0):
         raise MadrobError("this engine belongs to another user")
 
 
 async def _read(reader: asyncio.StreamReader) -> bytes:
-    """The next message.
-
-    Raises:
-        MadrobError: it is too long.
-        asyncio.IncompleteReadError: there is no more.
-    """
     (length,) = wire.LENGTH.unpack(await reader.readexactly(wire.LENGTH.size))
     if length > wire.LARGEST_REQUEST:
         raise MadrobError(f"a request of {length} bytes is too long")

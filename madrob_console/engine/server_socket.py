@@ -24,15 +24,7 @@ from madrob_console.engine.engine_lock import make_private
 
 
 class Listening:
-    """A Unix socket with a path, mode 0600.
-
-    Args:
-        path: where it is wanted; one of an engine that was killed is replaced.
-
-    Attributes:
-        path: where it is.
-        problem: why it is nowhere, in words; None while it is there.
-    """
+    """A Unix socket with a path, mode 0600; replaces that of an engine that was killed."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -41,11 +33,6 @@ class Listening:
         self._made: tuple[int, int] | None = None
 
     def open(self) -> socket.socket:
-        """Make it; it listens as soon as it can be seen.
-
-        Raises:
-            MadrobError: it cannot be made; the message says what to do.
-        """
         try:
             return self._at(self._wanted)
         except OSError as error:
@@ -55,7 +42,7 @@ class Listening:
             ) from None
 
     def open_again(self) -> socket.socket | None:
-        """Make it again if it is lost or another's; None while it is there, or cannot be made.
+        """Make the socket again if it is lost or replaced; None if it is there or cannot be made.
 
         The folder is made again, too. Where that is not allowed the socket goes to a folder of its
         own among the temporary ones.
@@ -73,7 +60,6 @@ class Listening:
         return None
 
     def close(self) -> None:
-        """Take it away, if it is still this one."""
         if self._is_there():
             with suppress(OSError):
                 self.path.unlink()
@@ -118,7 +104,6 @@ class Listening:
 
 
 def _answers(path: Path) -> bool:
-    """Whether somebody listens there."""
     with socket.socket(socket.AF_UNIX) as knock:
         knock.settimeout(1.0)
         try:
@@ -134,18 +119,14 @@ def _answers(path: Path) -> bool:
 
 
 AGAIN = 600.0
-"""The same is said again after so long, s: a log in memory must not grow with every screen."""
+"""The same trouble is logged again after this, s: a log must not grow with every screen."""
 
 _MOST_KINDS = 50
 _RETRY_PAUSE = 1.0
 
 
 class FallenThreads:
-    """Threads that an error ended which nobody foresaw: what they did is wanting from then on.
-
-    Attributes:
-        problem: what screens show of the last one, in words; None while there is none.
-    """
+    """Threads that ended with an unforeseen error: their work is missing from then on."""
 
     def __init__(self) -> None:
         self.problem: str | None = None
@@ -161,18 +142,13 @@ class FallenThreads:
 
 
 class Troubles:
-    """Says each kind of trouble once in a while, in one line.
-
-    Args:
-        monotonic: a clock, s.
-    """
+    """Logs each kind of trouble once in a while, in one line."""
 
     def __init__(self, monotonic: Callable[[], float] = time.monotonic) -> None:
         self._monotonic = monotonic
         self._said: dict[tuple[str, str], float] = {}
 
     def tell(self, what: str, error: BaseException | None = None) -> None:
-        """Say what happened, and why."""
         why = "" if error is None else f" ({str(error) or type(error).__name__})"
         kind = (what, type(error).__name__)
         now = self._monotonic()
@@ -188,7 +164,6 @@ class Troubles:
         self.tell(str(context.get("message", "the engine's socket")), context.get("exception"))
 
     async def lasting(self, work: Callable[[], Awaitable[None]]) -> None:
-        """Do what must go on as long as the engine does, again after whatever ends it early."""
         while True:
             try:
                 return await work()
@@ -204,25 +179,24 @@ class Troubles:
 
 
 WANTED_HANDLES = 4096
-"""File handles that an engine asks for, if it may; 1024 are usual, most of a testbed needs 200."""
+"""File handles that an engine asks for; 1024 are usual, most of a testbed needs 200."""
 
 MOST_SCREENS = 500
-"""So many screens are attached at most, and half as many as there are file handles."""
+"""Most screens attached, but at most half the number of file handles."""
 
 SPARE = 32
-"""So many more may be on their way in, or belong to a referee."""
+"""Places for connections under way, or for a referee."""
 
 _PAUSE = 0.2
-"""Whoever connects waits so long for another try, s."""
+"""Pause before a waiting connection is tried again, s."""
 
 _PARTING = 0.5
-"""A screen that is let go has so long to read the last word, s."""
+"""Time of a dismissed screen to read the last message, s."""
 
 Attend = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 
 
 def raise_handles() -> None:
-    """Have as many file handles as an engine may want, as far as the user may."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     allowed = WANTED_HANDLES if hard == resource.RLIM_INFINITY else min(hard, WANTED_HANDLES)
     if soft != resource.RLIM_INFINITY and soft < allowed:
@@ -230,20 +204,13 @@ def raise_handles() -> None:
 
 
 def most_screens() -> int:
-    """How many screens may be attached, so that the engine has handles left for its own files."""
+    """How many screens may attach, so that the engine keeps handles for its own files."""
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return MOST_SCREENS if soft == resource.RLIM_INFINITY else min(soft // 2, MOST_SCREENS)
 
 
 class Acceptor:
-    """Accepts connections until it is closed. What comes when there is no room waits.
-
-    Args:
-        listening: the socket; closed at the end.
-        attend: what attends to a connection, in a task of its own.
-        most: connections at a time.
-        troubles: is told what goes wrong with one.
-    """
+    """Accepts connections until it is closed; without room a connection waits."""
 
     def __init__(
         self, listening: socket.socket, attend: Attend, most: int, troubles: Troubles
@@ -296,9 +263,8 @@ class Acceptor:
             writer.transport.abort()
 
     def close(self) -> None:
-        """Accept no more; who is attended to stays."""
         self._task.cancel()
 
     async def wait(self, patience: float) -> None:
-        """After `close`: wait at most so long until nobody is attended to any more, s."""
+        """After `close`: wait at most `patience` s for the end of all connections."""
         await asyncio.wait({self._task, *self._attending}, timeout=patience)

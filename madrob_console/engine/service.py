@@ -39,17 +39,17 @@ if TYPE_CHECKING:
 
 
 HANGING = 2
-"""A core that has not moved for longer has hung, s: the watchdog hears no more of it."""
+"""A core that has not moved for longer hangs, s: the watchdog gets no more signs of life."""
 
 _PERIOD = 1.0
 _LAST_WORDS = 0.5
-"""Screens are told by then that the engine has failed, s."""
+"""Time to tell the screens that the engine has failed, s."""
 
 _NUMBERED = re.compile(r"<[0-7]>")
 
 
 class Priority(IntEnum):
-    """Of a line in the journal (syslog)."""
+    """Syslog priority of a line in the journal."""
 
     ERROR = 3
     WARNING = 4
@@ -57,14 +57,9 @@ class Priority(IntEnum):
 
 
 class ServiceManager:
-    """Who started this process as a service, if anybody did.
+    """The systemd that started this process, if `present`.
 
-    Args:
-        environment: `NOTIFY_SOCKET`, `WATCHDOG_USEC` and `WATCHDOG_PID`, as systemd sets them.
-
-    Attributes:
-        present: whether there is one that listens.
-        watchdog: it wants to hear of the core within this time, s; None = it does not.
+    It expects a sign of life of the core within `watchdog` s; None = it does not.
     """
 
     def __init__(self, environment: Mapping[str, str]) -> None:
@@ -73,7 +68,7 @@ class ServiceManager:
         self.watchdog = _watchdog(environment) if self.present else None
 
     def tell(self, *assignments: str) -> None:
-        """Send `NAME=value` assignments; never waits, and nobody need be there."""
+        """Send `NAME=value` assignments; never waits, and needs no receiver."""
         if not self.present:
             return
         with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
@@ -95,14 +90,7 @@ async def keep_told(
     words: Callable[[Snapshot], str],
     fail: Callable[[], None],
 ) -> None:
-    """Tell that the engine is ready, and from then on how it is; until it is cancelled or fails.
-
-    Args:
-        manager: is told.
-        engine: in this process.
-        words: how far the run is, in a line, which stands in the log, too.
-        fail: called when the engine has failed.
-    """
+    """Report that the engine is ready, then its state in the log; until it fails."""
     manager.tell("READY=1")
     period = _PERIOD if manager.watchdog is None else min(_PERIOD, manager.watchdog / 4)
     told = shown = ""
@@ -136,12 +124,7 @@ def _faults(snapshot: Snapshot) -> list[str]:
 
 
 class PriorityLines(io.TextIOBase):
-    """A text stream that puts a priority before each line, as the journal reads it.
-
-    Args:
-        stream: the journal.
-        usual: of lines that have none of their own.
-    """
+    """Puts a syslog priority before each line; `usual` if the line has none of its own."""
 
     def __init__(self, stream: TextIO, usual: Priority) -> None:
         self._stream = stream
@@ -149,7 +132,6 @@ class PriorityLines(io.TextIOBase):
         self._begun = ""
 
     def write(self, text: str) -> int:
-        """Write whole lines; the rest waits for its end."""
         *lines, self._begun = (self._begun + text).split("\n")
         for line in lines:
             own = _NUMBERED.match(line) is not None
@@ -159,19 +141,17 @@ class PriorityLines(io.TextIOBase):
         return len(text)
 
     def flush(self) -> None:
-        """Write what was begun."""
         if self._begun:
             self.write("\n")
 
     def fileno(self) -> int:
-        """Of the journal."""
         return self._stream.fileno()
 
 
 def log_to_journal(environment: Mapping[str, str]) -> None:
-    """Where the error output goes to the journal, each line has a priority from now on.
+    """Give each line a priority, where the error output goes to the journal.
 
-    The watchdog ends a process by SIGABRT: then it says where each thread was.
+    The watchdog ends a process by SIGABRT: then the log says where each thread was.
     """
     if not _is_journal(environment):
         return
@@ -180,13 +160,11 @@ def log_to_journal(environment: Mapping[str, str]) -> None:
 
 
 def log(line: str, priority: Priority) -> None:
-    """Write a line to the journal; nowhere else."""
     if isinstance(sys.stderr, PriorityLines):
         sys.stderr.write(f"<{priority}>{terminal_safe(line)}\n")
 
 
 def _is_journal(environment: Mapping[str, str]) -> bool:
-    """Whether the error output is the stream that systemd connected to the journal."""
     try:
         found = os.fstat(sys.stderr.fileno())
     except (OSError, ValueError):
@@ -206,16 +184,10 @@ _LEVELS = {
     Freshness.LOST: Level.STALE,
     Freshness.NEVER: Level.ERROR,
 }
-"""Of a topic with which something is wrong."""
 
 
 def diagnoses(snapshot: Snapshot, rate: float) -> tuple[Diagnosis, ...]:
-    """How engine, recorder, disk and each topic are.
-
-    Args:
-        snapshot: the state.
-        rate: what the topics should have, Hz.
-    """
+    """Health of engine, recorder, disk and each topic; `rate` is the expected one, Hz."""
     topics = tuple(_topic(view, rate) for view in snapshot.topics)
     told = (_recorder(snapshot), _disk(snapshot), *topics)
     if snapshot.pulse.stale:  # what is known of them is old
@@ -225,7 +197,6 @@ def diagnoses(snapshot: Snapshot, rate: float) -> tuple[Diagnosis, ...]:
 
 
 def failure(words: str) -> Diagnosis:
-    """Of an engine that has failed, which says why."""
     return Diagnosis(_ENGINE, Level.ERROR, words)
 
 
@@ -246,7 +217,6 @@ def _engine(snapshot: Snapshot) -> Diagnosis:
 
 
 def _of_engine(snapshot: Snapshot) -> Iterator[str]:
-    """Faults that neither the recorder nor a topic tells of itself."""
     others = ("recorder: ", *(f"{view.topic}: " for view in snapshot.topics))
     return (fault for fault in snapshot.faults if not fault.startswith(others))
 
@@ -319,16 +289,13 @@ _ACTS: dict[RemoteService, Act] = {
     RemoteService.ABORT: Abort(_WHY),
     RemoteService.DECLARE_TIMEOUT: DeclareTimeout(_WHY),
 }
-"""What is called is an act like any other: same checks, same refusals, same lane."""
+"""A call is an act like any other: same checks, same refusals, same queue."""
 
 
 class Attendant:
-    """Has calls carried out as acts of the origin `remote`. From any thread; nothing waits.
+    """Has calls carried out as acts of the origin `remote`. From any thread; never waits.
 
-    Args:
-        engine: of the testbed.
-        services: what may be called.
-        rate: what its topics should have, Hz.
+    `rate` is the required rate of the testbed's topics, Hz.
     """
 
     def __init__(
@@ -339,7 +306,7 @@ class Attendant:
         self._rate = rate
 
     def call(self, service: RemoteService) -> LookForAnswer:
-        """Have an act done; it is answered in time, whatever core and disk do."""
+        """Have an act done; the answer comes in time, whatever core and disk do."""
         act = _ACTS[service]
         request = Perform.of(act)
         answer = self._engine.begin(request, origin=Origin.REMOTE)
@@ -355,7 +322,6 @@ class Attendant:
         return look
 
     def diagnose(self) -> Sequence[Diagnosis]:
-        """How everything is now, as the screens say it."""
         try:
             return diagnoses(self._engine.snapshot(), self._rate)
         except MadrobError as error:
@@ -363,7 +329,6 @@ class Attendant:
 
 
 def _answered(act: Act, answer: Future[str | None]) -> CallAnswer:
-    """What became of an act, as a referee reads it."""
     try:
         refused = answer.result(0)
     except CancelledError:

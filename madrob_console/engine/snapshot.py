@@ -29,13 +29,11 @@ class TopicView:
     """One testbed topic, live.
 
     Attributes:
-        topic, type: its names.
         publishers: matched now.
         freshness, age: state and age (s) of the newest message; age None = never seen.
-        rate: messages a second over the last 2 s; None = unknown.
+        rate: messages a second over the last 2 s.
         received, lost, dropped: counts since the source was opened; lost None = unknown.
         optional: whether the testbed works without it.
-        problem: what is wrong with it, in words; None = nothing.
     """
 
     topic: str
@@ -56,7 +54,7 @@ class SensorView:
     """One of the ten used passage sensors.
 
     Attributes:
-        side, index: its place; index 0 is the farthest from the hinge.
+        index: 0 is the farthest from the hinge.
         occupied: something is under it; None = not known yet. A masked one keeps its state.
         masked: the panel passes under it now, its reading is ignored.
         height: of what is under it, m; None = nothing, no reading or stale.
@@ -108,7 +106,6 @@ class RecorderView:
         state: `closed`, `recording`, `failed` or `finished`.
         messages, size, dropped: written, bytes on disk, not written.
         queued: bytes on their way to the file.
-        problem: in words; None = nothing.
     """
 
     state: str
@@ -123,11 +120,8 @@ class RecorderView:
 class EvidenceTopicView:
     """One topic of the evidence, live.
 
-    Attributes:
-        topic, type: its names.
-        rate, byte_rate: messages and bytes a second of what is recorded.
-        lost: messages lost of the recording that goes on, or was last.
-        problem: what is wrong with it, in words; empty = nothing.
+    `rate` and `byte_rate` are messages and bytes a second of what is recorded; `lost`
+    counts messages in the current or last recording.
     """
 
     topic: str
@@ -143,12 +137,9 @@ class EvidenceView:
     """The evidence, live.
 
     Attributes:
-        topics: what comes.
-        recording: whether it is recorded now.
-        size: of the recording that goes on, or was last, bytes.
-        room: how long it can go on at the rate of now, s; None = unknown, or nothing comes.
-        problem: what is wrong with all of it, in words; None = nothing.
-        gaps: when nothing was recorded in the recording that goes on, s since the start.
+        size: of the current or last recording, bytes.
+        room: how long it can go on at the present rate, s; None = unknown, or nothing comes.
+        gaps: when nothing was recorded in the current recording, s since the start.
     """
 
     topics: tuple[EvidenceTopicView, ...] = ()
@@ -160,7 +151,7 @@ class EvidenceView:
 
 
 class Weight(StrEnum):
-    """How much a line of the log wants to be seen."""
+    """How noticeable a line of the log should be."""
 
     PLAIN = "plain"
     NOTICE = "notice"
@@ -175,9 +166,7 @@ class LogLine:
         number: counts up from 0 over the life of the engine; a screen asks for what is new.
         time: s since the epoch.
         relative: s since the start (negative in the countdown); None outside a run.
-        origin: who made it happen.
         text: in words, safe for a terminal.
-        weight: how much it wants to be seen.
     """
 
     number: int
@@ -190,11 +179,10 @@ class LogLine:
 
 @dataclass(frozen=True, slots=True)
 class ExportView:
-    """The last export of a team's runs or a dossier; with neither path nor problem it is made now.
+    """The last export of a team's runs or a dossier; under way without path and problem.
 
     Attributes:
         subject: the team's number; 0 for a dossier.
-        path: of the zip.
         problem: why there is none, or what is missing in it, in words.
         dossier: the run's folder, of a dossier; empty = it is of a team.
     """
@@ -206,7 +194,6 @@ class ExportView:
 
     @property
     def what(self) -> str:
-        """What is packed, in words."""
         return f"the dossier of {self.dossier}" if self.dossier else f"subject {self.subject}"
 
 
@@ -215,7 +202,6 @@ class RightToAct:
     """Whether one screen may act.
 
     Attributes:
-        role: what the screen is there for.
         holder: the screen that has the right to act instead; empty = this one has it, or would
             get it with its next command.
         free: no screen has it: the one that had it has gone.
@@ -227,12 +213,11 @@ class RightToAct:
 
     @property
     def only_watches(self) -> bool:
-        """Whether nobody can act here: what to press is of no interest."""
+        """Whether nobody can act here: keys need not be shown."""
         return self.role is Role.WATCH
 
     @property
     def refusal(self) -> str | None:
-        """Why this screen may not act, in words; None when it may."""
         if self.only_watches:
             return "`madrob console` can act, this screen only watches"
         return f"{self.holder} has the right to act: Esc, t takes it over" if self.holder else None
@@ -242,17 +227,17 @@ class RightToAct:
 class Pulse:
     """How fresh the rest is and what waits for the disk, measured when it is sent.
 
-    It says nothing, and costs nothing, while all is well: times are whole seconds.
+    While all is well it has no content and costs nothing: times are whole seconds.
 
     Attributes:
-        gone: why nothing more comes of the engine, in words; empty = it may.
-        server: nothing has been heard of the engine's process for so long, s.
-        core: its core has not moved for so long, s.
-        disk: the disk has not answered for so long, s.
+        gone: why the engine sends nothing more, in words; empty = it may.
+        server: silence of the engine's process, s.
+        core: standstill of its core, s.
+        disk: silence of the disk, s.
         unwritten: lines of the journal that are not on disk after a second.
-        refused: what the disk refuses of the run at hand, in words; empty = nothing.
-        waiting: how many runs before it are not on disk.
-        writing: the act that takes effect when it is on disk, and is not yet; empty = none.
+        refused: what the disk refuses of the current run, in words; empty = nothing.
+        waiting: how many earlier runs are not on disk.
+        writing: the act that takes effect when it is on disk; empty = none.
     """
 
     gone: str = ""
@@ -266,17 +251,14 @@ class Pulse:
 
     @property
     def unsaved(self) -> bool:
-        """Whether anything of the run at hand is in the engine's memory alone."""
         return bool(self.unwritten or self.refused)
 
     @property
     def stale(self) -> bool:
-        """Whether the rest is old."""
         return bool(self.gone or self.server or self.core)
 
     @property
     def words(self) -> str | None:
-        """What is wrong; None while nothing is."""
         if self.gone:
             return f"{self.gone}: what you see is old"
         if self.server:
@@ -289,7 +271,7 @@ class Pulse:
 
 
 def label_of(source: str, *, practice: bool) -> str:
-    """A source's label with what the run is: `LIVE ros domain 0`, or `PRACTICE ros domain 0`."""
+    """A source's label with the kind of run: `LIVE ros domain 0`, or `PRACTICE ros domain 0`."""
     rest = source.removeprefix("LIVE ")
     return f"PRACTICE {rest}" if practice and rest != source else source
 
@@ -304,37 +286,26 @@ class Snapshot:
         simulated: what the simulated testbed plays: every run on it is practice; None = a real
             one, or a replay.
         sides_problem: why the sides must be set by hand; None = the testbed confirmed them.
-        run: the referee's state of the run.
         elapsed: s since the start; negative in the countdown; the execution time once stopped;
             None outside a run.
         remaining: s to the timeout while running; s to the start in the countdown; else None.
         settling: whether step 6 waits for the settle time.
-        checks: the pre-start checks.
         refusals: act name -> why it is not possible now; a missing name is possible. Only acts
             that can be judged without their arguments.
-        steps: the six steps as they stand, live or final.
+        steps: the six steps, live or final.
         ask_referee: a question that only the referee can answer, in words.
-        door, handle, latch, passage, topics, recorder: the sensors and the recorder; passage is
-            ten sensors, cw 0..4 then ccw 0..4.
-        disk_free: bytes; None = unknown.
-        evidence: what is recorded beside the testbed's topics; None = nothing is.
+        passage: ten sensors, cw 0..4 then ccw 0..4.
+        disk_free: bytes.
         faults: what is wrong now, one line each; they stay until they are gone.
         provisional: indicator file name -> value (s) of the time indicators known so far.
         provisional_doubts: indicator file name -> why its value may be wrong, as far as known.
         log: the last 200 lines.
-        result: once it is written to disk; none while another one takes its place.
-        rescoring: whether the result that there was is out of date, and the next one takes a while.
-        result_source: what the result was measured on; None without one.
+        result: once it is written to disk; none while another one replaces it.
+        rescoring: whether the result is outdated, and the next one takes a while.
+        result_source: what the result was measured on.
         unfinished: runs that were cut off and wait for a decision, oldest first.
-        opened: whether it is an earlier run that was opened.
-        folder: the run folder as text, once it exists.
-        playback: where a replay stands; None for anything else.
-        export: the last export of a team's runs; None before the first.
-        teams: the list of teams.
-        protest_times: the competition's deadlines for protests.
         plan: of the competition; how much of it is done is asked for (`GivePlan`).
-        right: of the screen that is shown this; all else is the same for all screens.
-        pulse: how fresh this is.
+        right: of this screen; all else is the same for all screens.
     """
 
     time: float
@@ -378,7 +349,7 @@ class Snapshot:
 
     @property
     def practice(self) -> bool:
-        """Whether the run at hand is practice, or the next one will be (protocol section 2)."""
+        """Whether the current run is practice, or the next one will be (protocol section 2)."""
         setup = self.run.setup
         if setup is None:
             return self.simulated is not None
@@ -386,11 +357,10 @@ class Snapshot:
 
     @property
     def label(self) -> str:
-        """Where the messages come from, for people; practice on a real testbed is named so."""
+        """The source of the messages, for people; practice on a real testbed is named so."""
         return label_of(self.source_label, practice=self.practice)
 
     def refusal(self, name: str) -> str | None:
-        """Why an act or command of that name is not possible now on this screen, in words."""
         refused = self.pulse.gone or self.right.refusal
         if name == Abort.name and not self.right.only_watches:  # what it asks takes the right over
             refused = self.pulse.gone
@@ -402,12 +372,11 @@ class Snapshot:
 
     @property
     def indicators(self) -> Mapping[IndicatorName, Indicator]:
-        """Of the result; empty without one."""
         return NO_INDICATORS if self.result is None else self.result.indicators
 
     @property
     def flags(self) -> tuple[Flag, ...]:
-        """What a decision on the run hangs on, the heaviest first."""
+        """Points that a decision on the run depends on, the most serious first."""
         if (result := self.result) is None:
             return flags(self.run, self.steps, self.result_source)
         return flags(
@@ -416,7 +385,7 @@ class Snapshot:
 
     @property
     def pulse_words(self) -> str | None:
-        """What is wrong with its freshness, and what works all the same; None while nothing is."""
+        """What is wrong with its freshness, and what still works; None while nothing is wrong."""
         words = self.pulse.words
         if words and self.run.active and not self.pulse.stale:
             return f"{words}; the clock runs, abort works"
@@ -430,5 +399,4 @@ class Snapshot:
 
     @property
     def all_faults(self) -> tuple[str, ...]:
-        """What is wrong: first that this is old."""
         return (*filter(None, (self.pulse_words,)), *self.faults)

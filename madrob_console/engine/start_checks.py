@@ -20,12 +20,7 @@ _DISK_PERIOD = 2.0
 
 
 class PreStart:
-    """Reads what the checks need.
-
-    Args:
-        equipment: what the engine works with.
-        sensors: the testbed as it is now.
-    """
+    """Reads what the pre-start checks need."""
 
     def __init__(self, equipment: Equipment, sensors: Sensors) -> None:
         self._config = equipment.config
@@ -46,15 +41,7 @@ class PreStart:
         drift: float | None = None,
         teams: TeamList = NO_TEAMS,
     ) -> tuple[Check, ...]:
-        """The pre-start checks.
-
-        Args:
-            run: as it stands.
-            source: the testbed.
-            now: s since the epoch.
-            drift: see `Readings`, N.
-            teams: the list of teams.
-        """
+        """`now` is s since the epoch; for `drift` (N) see `Readings`."""
         sensors, config = self._sensors, self._config
         self._starts_next = run.phase is Phase.READY
         self._practice = run.setup is not None and run.setup.practice
@@ -82,7 +69,6 @@ class PreStart:
         return preflight(readings, run)
 
     def _evidence(self, free: int | None, now: float) -> EvidenceReading | None:
-        """What there is to say of the evidence; None where none is wanted."""
         plan, status = self._config.evidence, self._witness.status
         if plan is None:
             return None
@@ -102,7 +88,7 @@ class PreStart:
         )
 
     def evidence_lasts(self, now: float) -> float | None:
-        """How long evidence can be recorded at the rate of late, s; None = nobody knows."""
+        """How long evidence can be recorded at its recent rate, s; None = unknown."""
         status = self._witness.status
         if status is None:
             return None
@@ -113,7 +99,7 @@ class PreStart:
         return self._look_at_disk(now).free
 
     def _look_at_disk(self, now: float) -> _Disk:
-        """What the disk said last, asked every other second; nothing while no answer comes."""
+        """The disk's last answer, asked every other second; nothing while no answer comes."""
         if self._disk_asked is None or not 0 <= now - self._disk_asked < _DISK_PERIOD:
             self._disk_asked = now
             if not self._disk_answered:
@@ -136,13 +122,6 @@ class PreStart:
 
 @dataclass(frozen=True, slots=True)
 class _Disk:
-    """What the disk says of the results folder; None = it has not said.
-
-    Attributes:
-        free: bytes.
-        problems: why no run can be recorded there, in words.
-    """
-
     free: int | None
     problems: tuple[str, ...] | None
 

@@ -31,23 +31,13 @@ from scoring.procedure import Procedure, StepRecord
 from scoring.protocol import LockDetection, Step
 
 NO_STEPS = tuple(StepRecord(step, step.text) for step in Step)
-"""The six steps before a run."""
 
 _NAMES = tuple(act.name for act in ACTS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateView:
-    """Makes the state that screens get, of the parts of an engine.
-
-    Attributes:
-        equipment: what the engine works with.
-        observation: what the testbed's messages say.
-        backlog: messages that wait.
-        pre_start: knows the disk.
-        at_hand: the run, and its result.
-        acting: which acts are possible.
-    """
+    """Builds the snapshot for the screens."""
 
     equipment: Equipment
     observation: Observation
@@ -68,14 +58,8 @@ class StateView:
     ) -> Snapshot:
         """Everything that a screen shows.
 
-        Args:
-            now: s since the epoch.
-            seen: up to when messages were surely taken, s since the epoch.
-            situation: what acts are judged against.
-            unfinished: runs that were cut off.
-            plan: of the competition.
-            export: the last export of a team's runs.
-            others: what is wrong around the engine, in words.
+        `seen` is the time up to which all messages were taken, s since the epoch; `others` is
+        what is wrong around the engine, in words.
         """
         at_hand, replay, source = self.at_hand, self.equipment.replay, self.equipment.source
         run, observation = at_hand.run, self.observation
@@ -158,14 +142,12 @@ class StateView:
 
 
 def overdue_protests(run: Run, now: float) -> Iterator[str]:
-    """Which protests against the run should have been decided, in words that stay the same."""
     for one in open_protests(run.protests):
         if one.due < now:
             yield f"{one.title}: {deadline_words(one.due, now, time_words)}, decide it (P)"
 
 
 def disk_problem(checks: Iterable[Check]) -> str | None:
-    """Whether the disk has too little room, in words; None = it has enough, or that was waived."""
     check = next((check for check in checks if check.name is CheckName.DISK), None)
     if check is None or check.state is not CheckState.FAILED:
         return None
@@ -173,18 +155,12 @@ def disk_problem(checks: Iterable[Check]) -> str | None:
 
 
 def evidence_faults(status: WitnessStatus | None, start: float | None) -> Iterator[str]:
-    """What is wrong with the evidence, in words.
-
-    Args:
-        status: how it stands; None = none is wanted.
-        start: of the run, s since the epoch; None = there is none.
-    """
+    """Faults of the evidence, in words; `start` of the run is in s since the epoch."""
     if status is not None:
         yield from (f"evidence: {words}" for words in status.faults(start))
 
 
 def testbed_problem(told: Announcement, run: Run) -> str | None:
-    """What is wrong with what the testbed says of itself, in words; None = nothing."""
     official = run.active and run.setup is not None and not run.setup.practice
     if official and told.simulated is not None:
         return f"the testbed is simulated ({told.simulated}): void this run after its stop"
@@ -210,7 +186,6 @@ def remaining(run: Run, now: float) -> float | None:
 
 
 def question(run: Run, procedure: Procedure | None, latch: LatchView) -> str | None:
-    """What only the referee can answer now, in words."""
     if run.phase is not Phase.RUNNING or procedure is None:
         return None
     if procedure.lock_detection is LockDetection.SENSOR:
@@ -229,7 +204,6 @@ def faults(
     run: Run,
     others: Iterable[str | None],
 ) -> tuple[str, ...]:
-    """What is wrong now, one line each."""
     found = [problem for problem in others if problem]
     if recorder.problem:
         found.append(f"recorder: {recorder.problem}")

@@ -23,18 +23,18 @@ if TYPE_CHECKING:
 
 
 ON_ITS_WAY = 0.5
-"""The engine's own word that it gave a request up may come so much later, s."""
+"""Extra wait for the engine's own report that it gave a request up, s."""
 
 
 class UnsureError(MadrobError):
-    """No answer came to a request that may have begun: nobody can say whether it took effect."""
+    """No answer came to a request that may have begun: its effect is unknown."""
 
 
 class EngineClient(Protocol):
     """A connection to an engine: in this process or in another one."""
 
     def snapshot(self) -> Snapshot:
-        """The latest snapshot; always the same object while nothing is heard of the engine.
+        """The latest snapshot; always the same object while the engine is silent.
 
         Raises:
             MadrobError: the engine has failed or the connection is lost.
@@ -42,20 +42,14 @@ class EngineClient(Protocol):
         ...
 
     def begin(self, request: Request[T]) -> Future[T]:
-        """Have a request carried out, and do not wait.
+        """Have a request carried out; never waits.
 
-        Returns:
-            The answer to come, or the `MadrobError` that tells why there is none. What is
-            cancelled will never take effect; what has begun cannot be cancelled.
+        A cancelled request never takes effect; one that has begun cannot be cancelled.
         """
         ...
 
     def ask(self, request: Request[T]) -> T:
-        """Have a request carried out; waits no longer than its timeout.
-
-        Raises:
-            MadrobError: it failed, or the engine has ended or does not answer.
-        """
+        """Have a request carried out; waits no longer than its timeout."""
         ...
 
     def close(self) -> None:
@@ -64,7 +58,7 @@ class EngineClient(Protocol):
 
 
 def awaited(answer: Future[T], patience: float) -> T:
-    """The answer to a request, or the end of patience with it (s): then it is given up.
+    """The answer to a request, which is given up after `patience` s.
 
     Raises:
         UnsureError: it had begun.
@@ -79,7 +73,6 @@ def awaited(answer: Future[T], patience: float) -> T:
 
 
 def given_up(answer: Future[T]) -> MadrobError:
-    """Give a request up; why there is no answer."""
     return MadrobError(NO_ANSWER) if answer.cancel() else UnsureError(UNSURE)
 
 
@@ -90,7 +83,7 @@ def given_up(answer: Future[T]) -> MadrobError:
 
 
 VERSION = 11
-"""Of this protocol; raised with every change that an older side would not understand."""
+"""Version of this protocol; raised with every change that an older side would not understand."""
 
 LARGEST_REQUEST = 1_000_000
 """Bytes that an engine takes from a screen at once."""
@@ -99,11 +92,11 @@ LARGEST_STATE = 64_000_000
 """Bytes that a screen takes from an engine at once; the curves of a long run are the most."""
 
 LENGTH = struct.Struct(">I")
-"""How a frame begins."""
+"""The start of a frame: its length."""
 
 
 class Hello(msgspec.Struct, frozen=True, tag=True):
-    """A screen comes: which protocol it speaks, what for, and who it is, for people."""
+    """First message of a screen: its protocol version, role and name for people."""
 
     version: int
     role: Role
@@ -111,12 +104,9 @@ class Hello(msgspec.Struct, frozen=True, tag=True):
 
 
 class Call(msgspec.Struct, frozen=True, tag=True):
-    """A screen asks.
+    """A request of a screen, as `call_of` reads it, under the screen's own number.
 
-    Attributes:
-        number: of the question, counted by the screen.
-        deadline: after this it is not carried out any more, s of the machine's monotonic clock.
-        request: what it asks, as `call_of` reads it.
+    It is not carried out after the `deadline`, s of the machine's monotonic clock.
     """
 
     number: int
@@ -125,7 +115,7 @@ class Call(msgspec.Struct, frozen=True, tag=True):
 
 
 class Welcome(msgspec.Struct, frozen=True, tag=True):
-    """The engine: its process, what it is connected to, where it keeps the runs."""
+    """First message of an engine: its process, testbed and results folder."""
 
     version: int
     pid: int
@@ -140,9 +130,9 @@ class Rejected(msgspec.Struct, frozen=True, tag=True):
 
 
 class State(msgspec.Struct, frozen=True, tag=True):
-    """Parts of the state that are new, by the name of their field of `Snapshot`.
+    """New parts of the state, by the name of their field of `Snapshot`.
 
-    The first ones together are all of them (`parts.py`).
+    The first ones together are all of them.
     """
 
     parts: dict[str, msgspec.Raw]
@@ -152,13 +142,10 @@ _NIL = msgspec.Raw(msgspec.msgpack.encode(None))
 
 
 class Reply(msgspec.Struct, frozen=True, tag=True):
-    """The engine answers.
+    """The engine's answer, as `answer_of` reads it.
 
-    Attributes:
-        number: of the question.
-        value: the answer, as `answer_of` reads it.
-        failed: the engine could not, in words: the screen raises it.
-        unsure: it had begun, and nobody can say whether it took effect.
+    `failed` says why there is none: the screen raises it. `unsure`: the request had begun,
+    and its effect is unknown.
     """
 
     number: int
@@ -173,7 +160,6 @@ _T = TypeVar("_T")
 
 
 def _kinds(kind: type[Request[Any]] = Request) -> Iterator[type[Request[Any]]]:
-    """All requests that there are: the classes under `Request` with none under them."""
     under = kind.__subclasses__()
     if not under:
         yield kind
@@ -182,11 +168,9 @@ def _kinds(kind: type[Request[Any]] = Request) -> Iterator[type[Request[Any]]]:
 
 
 REQUESTS = tuple(_kinds())
-"""All of them."""
 
 
 def _answer_type(kind: type[Request[Any]]) -> object:
-    """What stands between the brackets of `Request[...]`."""
     bases = (base for one in kind.__mro__ for base in one.__dict__.get("__orig_bases__", ()))
     return get_args(next(bases))[0]
 
@@ -201,41 +185,24 @@ _messages: msgspec.msgpack.Decoder[ToScreen] = msgspec.msgpack.Decoder(ToScreen)
 
 
 def frame(message: msgspec.Struct) -> bytes:
-    """A message as it crosses the socket."""
     data = _encoder.encode(message)
     return LENGTH.pack(len(data)) + data
 
 
 def raw(value: object) -> msgspec.Raw:
-    """A part of a message."""
     return msgspec.Raw(_encoder.encode(value))
 
 
 def hello_of(data: bytes) -> Hello:
-    """The first message of a screen.
-
-    Raises:
-        MadrobError: it is something else.
-    """
     return decoded(_hellos, data, "a greeting of a console")
 
 
 def call_of(data: bytes) -> tuple[Call, Request[Any]]:
-    """A later message of a screen, and what it asks.
-
-    Raises:
-        MadrobError: it is something else.
-    """
     call = decoded(_calls, data, "a request of a console")
     return call, decoded(_requests, call.request, "a request of a console")
 
 
 def message_of(data: bytes) -> ToScreen:
-    """A message of an engine.
-
-    Raises:
-        MadrobError: it is something else.
-    """
     return decoded(_messages, data, "a message of an engine")
 
 
@@ -243,8 +210,7 @@ def answer_of(request: Request[_T], reply: Reply) -> _T:
     """The answer to a request.
 
     Raises:
-        UnsureError: it had begun, and nobody can say whether it took effect.
-        MadrobError: it failed, or the reply is something else.
+        UnsureError: it had begun, and its effect is unknown.
     """
     if reply.failed is not None:
         raise (UnsureError if reply.unsure else MadrobError)(reply.failed)
@@ -253,11 +219,7 @@ def answer_of(request: Request[_T], reply: Reply) -> _T:
 
 
 def decoded(decoder: msgspec.msgpack.Decoder[_T], data: bytes | msgspec.Raw, what: str) -> _T:
-    """A message or a part of one.
-
-    Raises:
-        MadrobError: it is not `what`.
-    """
+    """Decode a message or a part of one; raises `MadrobError` if it is not `what`."""
     try:
         return decoder.decode(data)
     except _MALFORMED as error:

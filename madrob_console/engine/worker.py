@@ -21,21 +21,20 @@ from madrob_console.engine.wire import LENGTH
 
 
 LARGEST_FRAME = 256_000_000
-"""More is no message, bytes."""
+"""Bytes; a larger frame is no message."""
 
 _T = TypeVar("_T")
 
 LOOK_PERIOD = 0.5
-"""Whether it moves is looked at this often, s."""
+"""How often the process is checked for activity, s."""
 
 STOPPED_TIME = 2.0
-"""A process that somebody stopped (SIGSTOP) is given up after so long, s."""
+"""A process that somebody stopped (SIGSTOP) is given up after this time, s."""
 
 END_TIME = 2.0
-"""One that is not needed any more is waited for so long, s."""
+"""Wait for the end of a process that is no longer needed, s."""
 
 _STOPPED = "T"
-"""State of a process that somebody has stopped."""
 
 _BUSY = ("R", "D")
 """States of a process that waits for the processor or a disk (proc(5))."""
@@ -45,29 +44,15 @@ class Started(Protocol):
     """A process, as `subprocess.Popen` has it."""
 
     @property
-    def pid(self) -> int:
-        """Its number."""
-        ...
+    def pid(self) -> int: ...
 
-    def wait(self, timeout: float | None = None) -> int:
-        """Its exit code, once it has ended; raises `subprocess.TimeoutExpired`."""
-        ...
+    def wait(self, timeout: float | None = None) -> int: ...
 
-    def kill(self) -> None:
-        """End it at once."""
-        ...
+    def kill(self) -> None: ...
 
 
 def start_process(command: Sequence[str], link: socket.socket) -> Started:
-    """Start a process.
-
-    Args:
-        command: what is started.
-        link: its end of the line; the handle stands behind the command.
-
-    Raises:
-        OSError: it cannot be started.
-    """
+    """Start a process; its `link` handle is appended to the command."""
     return subprocess.Popen(
         [*command, str(link.fileno())],
         stdin=subprocess.DEVNULL,
@@ -80,16 +65,8 @@ def start_process(command: Sequence[str], link: socket.socket) -> Started:
 class Child(Generic[_T]):
     """One process that works for the engine.
 
-    Args:
-        command: what is started.
-        read: makes a message of a frame; raises `MadrobError` where it is none.
-
-    Attributes:
-        link: the engine's end of the line.
-        memories: handles of what came with answers; who takes one closes it.
-
-    Raises:
-        OSError: it cannot be started.
+    `read` decodes a frame. `memories` are handles that came with answers; whoever takes one
+    closes it.
     """
 
     def __init__(self, command: Sequence[str], read: Callable[[bytes], _T]) -> None:
@@ -110,16 +87,10 @@ class Child(Generic[_T]):
 
     @property
     def pid(self) -> int:
-        """Its number."""
         return self._process.pid
 
     def receive(self) -> list[_T]:
-        """What has come.
-
-        Raises:
-            EOFError: it has ended.
-            MadrobError: it talks nonsense.
-        """
+        """The messages that have come; raises `EOFError` when the process has ended."""
         try:
             data, memories, _, _ = socket.recv_fds(self.link, 1 << 18, 8)
         except BlockingIOError:
@@ -131,7 +102,6 @@ class Child(Generic[_T]):
         return [self._read(each) for each in frames(self._received)]
 
     def end(self) -> str:
-        """End it, if it has not ended; how it did, in words."""
         self.link.close()
         while self.memories:
             os.close(self.memories.popleft())
@@ -147,7 +117,7 @@ class Child(Generic[_T]):
         return f"it ended with code {code}"
 
     def leave(self) -> str:
-        """Let it end by itself: it is waited for a little, and ended only if it was stopped."""
+        """Let it end by itself: waits a little, and kills it only if it was stopped."""
         self.link.close()
         while self.memories:
             os.close(self.memories.popleft())
@@ -159,7 +129,7 @@ class Child(Generic[_T]):
         return ""
 
     def moved(self, now: float) -> float:
-        """When it last used the processor, wanted to or waited for a disk, s.
+        """When it last used the processor, waited for it or waited for a disk, s.
 
         Raises:
             MadrobError: somebody has stopped it.
@@ -181,24 +151,15 @@ class Child(Generic[_T]):
         return self._moved
 
     def _state(self) -> list[str]:
-        """What the system says of it (proc(5)).
-
-        Raises:
-            OSError: it has ended.
-        """
+        """Fields of proc(5); `OSError` once it has ended."""
         return Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
 
     def kill(self) -> None:
-        """End it at once."""
         self._process.kill()
 
 
 def frames(received: bytearray) -> Iterator[bytes]:
-    """Whole frames, which are taken away from what was received.
-
-    Raises:
-        MadrobError: what was received is something else.
-    """
+    """Whole frames; removes them from `received`."""
     while len(received) >= LENGTH.size:
         (length,) = LENGTH.unpack_from(received)
         if length > LARGEST_FRAME:
@@ -215,20 +176,14 @@ def frames(received: bytearray) -> Iterator[bytes]:
 
 
 THREADS_LOOK_PERIOD = 1.0
-"""A process is looked at this often, s."""
+"""How often a process's threads are read, s."""
 
 _DISK = "D"
-"""State of a thread that waits for a disk (proc(5))."""
 
 
 @dataclass(frozen=True, slots=True)
 class ThreadState:
-    """A thread of a process.
-
-    Attributes:
-        state: as in proc(5).
-        waited: for a processor, since it began, s.
-    """
+    """State of a thread as in proc(5), and its wait for a processor since it began, s."""
 
     state: str
     waited: float
@@ -237,9 +192,7 @@ class ThreadState:
 class OwnTime:
     """Counts the time in which none of a process's threads waited for a disk or a processor.
 
-    Args:
-        now: s of a monotonic clock, as in all calls.
-        threads: the process's threads by their numbers.
+    `now` is s of a monotonic clock in all calls; `threads` gives the threads by number.
     """
 
     def __init__(self, now: float, threads: Callable[[], Mapping[int, ThreadState]]) -> None:
@@ -249,11 +202,10 @@ class OwnTime:
         self._time = 0.0
 
     def begin(self, now: float) -> None:
-        """Count anew."""
         self._looked, self._time, self._before = now, 0.0, {}
 
     def since(self, now: float) -> float:
-        """How much there was since `begin`, s; looks at the process now and then."""
+        """Time counted since `begin`, s; reads the process's threads now and then."""
         passed = now - self._looked
         if passed < THREADS_LOOK_PERIOD:
             return self._time
@@ -267,7 +219,7 @@ class OwnTime:
 
 
 def threads_of(pid: int) -> Mapping[int, ThreadState]:
-    """The threads of a process; those that end meanwhile are left out."""
+    """Threads that end meanwhile are left out."""
     found: dict[int, ThreadState] = {}
     with suppress(OSError):
         for task in Path(f"/proc/{pid}/task").iterdir():
@@ -278,7 +230,7 @@ def threads_of(pid: int) -> Mapping[int, ThreadState]:
 
 
 def _waited(task: Path) -> float:
-    """For a processor, s; 0 where the kernel does not count it."""
+    """Wait for a processor, s; 0 where the kernel does not count it."""
     try:
         return int((task / "schedstat").read_text().split()[1]) / 1e9
     except (OSError, ValueError, IndexError):

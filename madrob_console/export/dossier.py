@@ -46,10 +46,10 @@ from madrob_console.referee.records import Protest, ProtestEnd, deadline_words
 from madrob_console.referee.run import Run
 
 PROTESTS_FILE = "PROTESTS.txt"
-"""In the archive: who protested, what about, what was decided, and what evidence is missing."""
+"""In the archive: who protested about what, the decision, and missing evidence."""
 
 TABLES_FOLDER = "tables"
-"""In the archive: the samples as tables."""
+"""In the archive: folder with the samples as tables."""
 
 _EVIDENCE = "_evidence_"
 _ABOUT: Sequence[tuple[str, str]] = (
@@ -68,25 +68,18 @@ _ABOUT: Sequence[tuple[str, str]] = (
     (".yaml", "EUROBENCH's file of an indicator, a condition or the run"),
     (SCHEMA_FILE, "the keys of result.json"),
 )
-"""What a file is, by a part of its path; the first that fits says it."""
+"""Meaning of a file by a part of its path; the first match counts."""
 
 
 def dossier_target(run: Path) -> Path:
-    """Where the dossier of a run goes that is given no other place: `exports/dossier_RUN.zip`.
-
-    That of a practice run is `dossier_practice_RUN.zip`.
-    """
+    """Default zip: `exports/dossier_RUN.zip`; of practice `exports/dossier_practice_RUN.zip`."""
     run = run.absolute()
     kind = "practice_" if KnownRun.of(run).practice else ""
     return results_folder_of(run) / EXPORTS_FOLDER / f"dossier_{kind}{run.name}.zip"
 
 
 def check_dossier(run: Path) -> None:
-    """There is a run that is over.
-
-    Raises:
-        MadrobError: there is none, or it goes on.
-    """
+    """Raises MadrobError if there is no run, or if it still goes on."""
     if not run.is_dir():
         raise MadrobError(f"{run}: no such run folder; name one with --run")
     if parse_folder_name(run.name) is None or not (run / JOURNAL_FILE).exists():
@@ -106,7 +99,7 @@ def export_dossier(  # noqa: PLR0913  what is packed, and how
     parts: BagParts = WHOLE_BAGS,
     tell_size: Callable[[int, int], None] = lambda _size, _evidence: None,
 ) -> Export:
-    """Pack everything about one run.
+    """Packs everything about one run.
 
     The same run gives the same zip, byte by byte, until an open protest is overdue.
 
@@ -114,12 +107,11 @@ def export_dossier(  # noqa: PLR0913  what is packed, and how
         run: its folder.
         target: the zip.
         now: s since the epoch.
-        made: its report as it is now, and what belongs to that; by name.
+        made: its current report and the files that belong to it, by name.
         tables: a folder with its samples as tables; None = there are none.
-        problems: why something of that is missing, in words.
-        parts: what is packed of the recording.
-        tell_size: is told before anything is packed how many bytes are to be, and how many of these
-            are evidence.
+        problems: why any of these is missing, in words.
+        parts: of the recording.
+        tell_size: told before packing: bytes in all, and bytes of evidence among them.
 
     Raises:
         MadrobError: there is no such run, it goes on, or the zip cannot be written.
@@ -155,13 +147,12 @@ def export_dossier(  # noqa: PLR0913  what is packed, and how
 
 
 def _stamp(run: Path) -> float:
-    """Of what is made here: as old as what it is made of, whenever that is, s since the epoch."""
+    """Modification time of a generated file: that of its newest source, s since the epoch."""
     stamps = (stamp_of(str(run / name)) for name in (JOURNAL_FILE, RESULT_FILE))
     return max((stamp.modified / 1e9 for stamp in stamps if stamp is not None), default=0.0)
 
 
 def _protests(run: Path, problems: list[str], now: float) -> str:
-    """What was protested and decided, for people."""
     try:
         told = read_run_journal(run).run
     except (UnusableJournalError, OSError) as error:
@@ -171,13 +162,7 @@ def _protests(run: Path, problems: list[str], now: float) -> str:
 
 
 def protest_lines(run: Run, name: str, now: float) -> Iterator[str]:
-    """All protests against a run, what was decided, and what of its evidence is missing.
-
-    Args:
-        run: as its journal tells it.
-        name: of its folder.
-        now: s since the epoch.
-    """
+    """All protests against a run, the decisions, and missing evidence; `now`: s since the epoch."""
     setup = run.setup
     yield f"MADROB: protests against {terminal_safe(name)}"
     if setup is not None:
@@ -233,7 +218,6 @@ def _time(at: float) -> str:
 
 
 def _readme(run: Path, archive: Archive, left_out: Sequence[str]) -> str:
-    """What each file is, and its digest."""
     known = KnownRun.of(run)
     kind = "the PRACTICE run " if known.practice else ""
     lines = [

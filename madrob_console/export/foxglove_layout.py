@@ -18,7 +18,6 @@ from madrob_console.messages.message_types import find_stamp, standard_types
 from scoring.protocol import PASSAGE_SENSORS, Side, Signal, Thresholds
 
 LAYOUT_FILE = "madrob_foxglove_layout.json"
-"""How the layout is called where it is a file."""
 
 _DOOR, _HANDLE = "Plot!door", "Plot!handle"
 _CW, _CCW = "Plot!passage_cw", "Plot!passage_ccw"
@@ -42,17 +41,12 @@ export default function script(event: Input<"{topic}">): Output {{
   return {{ word: String({word}) }};
 }}
 """
-"""Foxglove's own: the state and the events are JSON in a text, and no panel looks into it."""
+"""Foxglove user script: state and events are JSON in a text, which no panel reads."""
 
 
 @dataclass(frozen=True, slots=True)
 class HandleZero:
-    """What the handle read at rest, as it was set for a run.
-
-    Attributes:
-        force: N.
-        run: whose, in words.
-    """
+    """The handle's reading at rest, N, as it was set for `run` (in words)."""
 
     force: float
     run: str
@@ -60,12 +54,7 @@ class HandleZero:
 
 @dataclass(frozen=True, slots=True)
 class _Axis:
-    """A signal as it is published.
-
-    Attributes:
-        mapping: where.
-        stamped: whether its messages have a stamp of their own, as far as the type is known.
-    """
+    """A published signal; `stamped` if its messages have stamps, as far as the type is known."""
 
     mapping: TopicMapping
     stamped: bool
@@ -76,12 +65,11 @@ class _Axis:
         return ", as published" if own_unit else ""
 
     def line(self, label: str, index: str = "") -> dict[str, Any]:
-        """Its values over the time of its stamps."""
         value = f"{self.mapping.topic}.{self.mapping.field}{index}"
         return _path(value, f"{label}{self.as_published}", stamped=self.stamped)
 
     def threshold(self, value: float, label: str) -> dict[str, Any]:
-        """A line at a value of the protocol's unit, where the published ones cross it."""
+        """A line at `value` (in the protocol's unit), where the published values cross it."""
         published = (value - self.mapping.offset) / self.mapping.scale
         return _path(f"{published:.6g}", label, stamped=False)
 
@@ -91,15 +79,11 @@ def foxglove_layout(
     thresholds: Thresholds | None = None,
     zero: HandleZero | None = None,
 ) -> dict[str, Any]:
-    """A layout to be imported: the testbed's signals with the thresholds that make events of them.
+    """A layout to import: the testbed's signals with the thresholds that make events of them.
 
-    Times are those of the messages' stamps, as in the scores. Beside the signals stand phases and
-    events, the referee's messages, and the doorway where the recording has its frames.
-
-    Args:
-        mappings: which topic carries which signal.
-        thresholds: the testbed's numbers; None = the protocol's.
-        zero: of the handle; None = it was never set.
+    Times are the messages' stamps, as in the scores. It also shows phases, events, the
+    referee's messages, and the doorway if the recording has its frames. Without `thresholds`
+    the protocol's are used; `zero` None = it was never set.
     """
     limits = thresholds or Thresholds()
     axes = {m.signal: _Axis(m, _is_stamped(m.type)) for m in mappings}
@@ -171,7 +155,6 @@ def _handle(
 
 
 def _passage(side: Side, axes: dict[Signal, _Axis], limits: Thresholds) -> Iterator[dict[str, Any]]:
-    """The used sensors of a side: their distances to the first thing below."""
     reach = limits.lintel_height - limits.present_height
     drawn = None
     for sensor in PASSAGE_SENSORS:
@@ -185,7 +168,6 @@ def _passage(side: Side, axes: dict[Signal, _Axis], limits: Thresholds) -> Itera
 
 
 def _transitions(axes: dict[Signal, _Axis]) -> dict[str, Any]:
-    """When which phase began, and what happened."""
     latch = axes.get(Signal.LATCH)
     paths = [
         _path(f"{_PHASE}.word", "phase", stamped=False),
@@ -196,7 +178,7 @@ def _transitions(axes: dict[Signal, _Axis]) -> dict[str, Any]:
 
 
 def _doorway(mappings: Iterable[TopicMapping]) -> dict[str, Any]:
-    """Scans and start pose, where the recording says where the sensors are (`/tf_static`)."""
+    """Scans and start pose, if the recording says where the sensors are (`/tf_static`)."""
     topics = [m.topic for m in mappings if m.type == _SCAN]
     return {
         "foxglovePanelTitle": "Doorway",

@@ -51,18 +51,11 @@ from scoring.protocol import Thresholds
 
 
 README_FILE = "README.txt"
-"""How the text is called in the export."""
 
 
 @dataclass(frozen=True, slots=True)
 class PackedRun:
-    """A run in an export.
-
-    Attributes:
-        folder: its name.
-        words: how it ended, for people.
-        files: the names of its files in the archive.
-    """
+    """A run in an export; `words` say how it ended, `files` are names in the archive."""
 
     folder: str
     words: str
@@ -74,7 +67,6 @@ class PackedRun:
         return self.folder[: -len("_YYYYMMDD_HHMMSS")] + "_jointState.csv"
 
     def has(self, name: str) -> bool:
-        """Whether a file of its folder is there."""
         return f"{self.folder}/{name}" in self.files
 
 
@@ -88,16 +80,11 @@ def readme(
     bags: bool,
     evidence_left_out: bool = False,
 ) -> str:
-    """The text.
+    """The README.
 
-    Args:
-        title: whose runs.
-        runs: in their order.
-        problems: what is missing, in words.
-        renamed: what is called otherwise here than in the run's folder, in words.
-        other_names: of the team, in some of the runs.
-        bags: whether the recordings are there.
-        evidence_left_out: whether there is evidence of the runs that is not.
+    `problems` say what is missing. `renamed` says what has another name here than in the
+    run's folder. `other_names` are the team's names in some of the runs.
+    `evidence_left_out` = the runs have evidence that is not packed.
     """
     texts = [title, _runs(runs)]
     if other_names:
@@ -193,12 +180,10 @@ def packed_report(
     packed: Mapping[Path, tuple[str, PackedBag]],
     made: Mapping[str, bytes],
 ) -> dict[str, bytes]:
-    """The report of a run by its name, as it is packed; nothing where none was made.
+    """The report of a run by its name, as it is packed; empty if none was made.
 
-    Args:
-        run: its folder.
-        packed: all runs in the zip: how the folder is called there, and the bag as it is packed.
-        made: what is packed of the run that is not in its folder, or not so; by name.
+    `packed` has each run's name in the zip and its bag. `made` has by name the files that
+    are not in the run's folder, or differ from those there.
     """
     if REPORT_FILE not in made:
         return {}
@@ -220,10 +205,10 @@ def packed_report(
 
 
 EXPORTS_FOLDER = "exports"
-"""In the results folder, for zips that are given no other place."""
+"""Default folder of zips, in the results folder."""
 
 Rendering = Callable[[Path], tuple[Mapping[str, bytes], Sequence[str]]]
-"""Renders the report of a run: files by name, and why there is none, in words."""
+"""Renders a run's report: files by name, and in words why there is none."""
 
 _LONGEST_TEAM = 40  # characters of it in a file name
 _UNOFFICIAL = {SourceKind.SIMULATED: "PRACTICE, simulated", SourceKind.REPLAY: "a REPLAY"}
@@ -231,15 +216,10 @@ _UNOFFICIAL = {SourceKind.SIMULATED: "PRACTICE, simulated", SourceKind.REPLAY: "
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """A zip that was made.
+    """A finished zip; `size` in bytes.
 
-    Attributes:
-        path: of the zip.
-        runs, files: how many are in it.
-        size: of the zip, bytes.
-        problems: what is not in it and why, and which results cannot be used, in words.
-        renamed: what is called otherwise in it, in words.
-        other_names: of the team, and in which runs.
+    `problems` say what is missing and why, and which results cannot be used. `renamed` says
+    what has another name in it. `other_names` are the team's, with their runs.
     """
 
     path: Path
@@ -267,27 +247,25 @@ def export_team(  # noqa: PLR0913  what is packed, and how
     tell: Callable[[int, int], None] = lambda _done, _total: None,
     tell_size: Callable[[int, int], None] = lambda _size, _evidence: None,
 ) -> Export:
-    """Pack all official runs of a team; the one that goes on is left out and named.
+    """Packs all official runs of a team; a run that still goes on is left out and named.
 
     Args:
-        found: all runs; of those that are there twice one is packed.
+        found: all runs; duplicates are packed once.
         subject: the team's number.
-        mappings: which topic carries which signal, for the layout.
+        mappings: for the layout.
         now: s since the epoch.
-        competition: of the team; None = it has runs of only one.
-        practice: its practice runs instead.
-        target: the zip; in the folder `exports` of the results folder if not given.
-        parts: what is packed of the recordings.
-        team: its name in the list of teams; empty = the name that its latest run carries.
+        competition: of the team; None = its runs are of only one.
+        practice: pack its practice runs instead.
+        target: the zip; None = in the folder `exports` of the results folder.
+        parts: of the recordings.
+        team: its name in the list of teams; empty = the name in its latest run.
         thresholds: the testbed's, for the layout; None = the protocol's.
         report: renders the report of a run where one was made before.
-        tell: is told how many runs are packed, and of how many.
-        tell_size: is told before anything is packed how many bytes are to be, and how many of these
-            are evidence.
+        tell: told how many runs are packed, and of how many.
+        tell_size: told before packing: bytes in all, and bytes of evidence among them.
 
     Raises:
-        MadrobError: the team has no such runs or is of several competitions, or the zip cannot be
-            written.
+        MadrobError: no such runs, several competitions, or the zip cannot be written.
     """
     runs, left_out = _runs_of(found, subject, competition, practice=practice)
     known = {run: KnownRun.of(run) for run in runs}
@@ -341,13 +319,9 @@ def export_team(  # noqa: PLR0913  what is packed, and how
 
 
 def file_name(subject: int, team: str, now: float, *, practice: bool = False) -> str:
-    """The name of a team's zip: `team_SSS_<team>_YYYYMMDD_HHMMSS.zip`, of letters and digits.
+    """A team's zip: `team_SSS_<team>_YYYYMMDD_HHMMSS.zip`, local time; practice is named in it.
 
-    Args:
-        subject: the team's number.
-        team: its name; what is neither letter nor digit becomes `_`.
-        now: s since the epoch; stands in it in local time.
-        practice: of practice runs; it says so.
+    In the team's name all but letters and digits becomes `_`. `now` is in s since the epoch.
     """
     words = "".join(char if char.isalnum() or char == "-" else " " for char in team).split()
     name = "_".join(words)[:_LONGEST_TEAM].rstrip("_")
@@ -360,12 +334,7 @@ def file_name(subject: int, team: str, now: float, *, practice: bool = False) ->
 class KnownRun:
     """What is known of a run without its recording.
 
-    Attributes:
-        team: its name; empty = it has none.
-        words: how it ended and what it is worth, for people.
-        practice: whether it counts for nothing.
-        zero: its handle zero; None = none was set.
-        damaged: whether its result cannot be used; `words` says why.
+    `words` say how it ended and what it is worth, or why its result cannot be used.
     """
 
     team: str
@@ -376,7 +345,7 @@ class KnownRun:
 
     @classmethod
     def of(cls, run: Path) -> KnownRun:
-        """What result and journal in its folder say; what is wrong with them stands in `words`."""
+        """Reads result and journal in its folder; what is wrong with them stands in `words`."""
         folder, practice = str(run), run.parent.name == PRACTICE_FOLDER
         try:
             result, _ = read_result(folder)
@@ -392,7 +361,6 @@ class KnownRun:
 
 
 def _zero(result: ListedResult) -> HandleZero | None:
-    """The handle zero of a run, where one was set."""
     if result.zero_samples is None:
         return None
     whose = f"run {result.run_number} of condition {result.condition_number}"
@@ -400,7 +368,6 @@ def _zero(result: ListedResult) -> HandleZero | None:
 
 
 def _outcome(result: ListedResult) -> str:
-    """How a run ended, for people."""
     final = "not final" if result.closure is None else f"final, {result.closure.team_word}"
     unofficial = [words for kind, words in _UNOFFICIAL.items() if result.source == kind]
     if not unofficial and result.practice:
@@ -414,7 +381,7 @@ def _outcome(result: ListedResult) -> str:
 
 
 def _names_in_archive(runs: Iterable[Path]) -> dict[Path, str]:
-    """What the folders of runs are called there: of two testbeds' with one name one is another."""
+    """Folder names in the archive; of two testbeds' runs with one name, one is renamed."""
     names: dict[Path, str] = {}
     taken: Counter[str] = Counter()
     for run in runs:
@@ -427,15 +394,7 @@ def _names_in_archive(runs: Iterable[Path]) -> dict[Path, str]:
 def _runs_of(
     found: Collection, subject: int, competition: str | None, *, practice: bool
 ) -> tuple[list[Path], list[str]]:
-    """The official or the practice runs of a team, oldest first.
-
-    Returns:
-        Those to be packed, and what is left out and why, in words.
-
-    Raises:
-        MadrobError: there is none to be packed, they are of several competitions, or the folder
-            cannot be read.
-    """
+    """Runs to pack, oldest first, and in words what is left out and why."""
     teams: dict[int, list[RunSummary]] = {}
     for run in found.runs:  # a folder keeps its name when its subject is corrected
         if not run.twin:
@@ -465,11 +424,6 @@ def _runs_of(
 def _of_one_competition(
     runs: Sequence[RunSummary], competition: str | None
 ) -> tuple[Sequence[RunSummary], Sequence[RunSummary]]:
-    """Those of one competition, and those that may be of another one.
-
-    Raises:
-        MadrobError: there are several and none was chosen, or none is of the one that was.
-    """
     known = {run.competition for run in runs if run.competition is not None}
     if competition is not None and known:
         demand_competition(competition, known)
@@ -504,7 +458,7 @@ def _add_run(
 
 @contextmanager
 def folder_for(file: Path) -> Iterator[None]:
-    """The folder of a file is there while inside; where nothing comes of it, it is as before."""
+    """Makes the folder of `file`; if the block fails, a new folder is removed again."""
     folder = file.parent
     missing = not folder.exists()
     try:

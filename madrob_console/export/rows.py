@@ -53,27 +53,18 @@ _encoder = msgspec.json.Encoder(enc_hook=lambda cell: cell.item())  # NumPy's sc
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chosen:
-    """Cells that are each one of few texts.
-
-    Attributes:
-        places: of each cell's text, shape (n,).
-        texts: the texts.
-    """
+    """Cells with few distinct texts: each cell's index into `texts`, shape (n,)."""
 
     places: NDArray[np.int8]
     texts: tuple[str, ...]
 
 
 Cells: TypeAlias = "NDArray[Any] | Sequence[object] | Chosen"
-"""Of one column; what is masked or None is empty, and so is NaN among numbers."""
+"""Cells of one column; masked, None, and NaN among numbers are empty."""
 
 
 def check_writable(kind: TableFormat) -> None:
-    """Refuse a format that cannot be written here, before there is any work.
-
-    Raises:
-        MadrobError: what it needs is not installed.
-    """
+    """Raises MadrobError, before any work, if a package that the format needs is missing."""
     if kind is not TableFormat.PARQUET:
         return
     import pandas as pd
@@ -88,16 +79,11 @@ def check_writable(kind: TableFormat) -> None:
 
 
 class TableWriter:
-    """Writes one table, some rows after the other: only these are in memory.
+    """Writes one table in batches of rows; only one batch is in memory.
 
-    Numbers keep all their digits: in csv and NDJSON the shortest that read back as the same
-    float64. An NDJSON file has a JSON object on each line, null for an empty cell, and the texts
-    "inf" and "-inf" for what JSON has no number for.
-
-    Args:
-        file: where they go.
-        table: which.
-        kind: csv, NDJSON or Parquet, which has meaning and unit of the columns in its metadata.
+    Numbers keep all digits: csv and NDJSON have the shortest that read back as the same
+    float64. NDJSON has an object on each line, null for an empty cell, and the texts "inf"
+    and "-inf". Parquet has meaning and unit of the columns in its metadata.
     """
 
     def __init__(self, file: BinaryIO, table: TidyTable, kind: TableFormat) -> None:
@@ -108,11 +94,6 @@ class TableWriter:
         self._begun = False
 
     def add(self, cells: Mapping[str, Cells]) -> None:
-        """Write more rows.
-
-        Args:
-            cells: by column.
-        """
         import pandas as pd
 
         columns = self._table.columns
@@ -147,7 +128,7 @@ class TableWriter:
         self._parquet.write_table(pa.Table.from_pandas(frame, schema, preserve_index=False))
 
     def close(self) -> None:
-        """Write what belongs at the end; a table without rows has its columns."""
+        """Writes what belongs at the end; a table without rows still has its columns."""
         if not self._begun and self._kind is not TableFormat.NDJSON:
             self.add({one.name: [] for one in self._table.columns})
         if self._parquet is not None:
@@ -157,17 +138,7 @@ class TableWriter:
 def write_table(
     path: Path, table: TidyTable, cells: Mapping[str, Cells], kind: TableFormat
 ) -> None:
-    """Write one table, whole or not at all; an earlier file is replaced.
-
-    Args:
-        path: of the file.
-        table: which.
-        cells: by column.
-        kind: as for `TableWriter`.
-
-    Raises:
-        MadrobError: the disk refuses.
-    """
+    """Writes a table whole or not at all, over an earlier file; MadrobError if the disk refuses."""
     with whole_file(path) as file, closing(TableWriter(file, table, kind)) as writer:
         writer.add(cells)
 
@@ -191,31 +162,24 @@ def _column(column: TidyColumn, cells: Cells) -> pd.Series[Any]:
 
 
 Row: TypeAlias = Mapping[str, object]
-"""Its cells by column."""
+"""Cells of a row by column."""
 
 _ROWS_AT_ONCE = 2_000
 
 
 def rows_of(table: TidyTable, run: StoredRun) -> Iterator[Row]:
-    """The rows of one of the tables that a run has."""
     whose = asdict(run.label)
     for row in _MAKERS[table.name](run):
         yield {**whose, **row}
 
 
 def cells_of(table: TidyTable, rows: Iterable[Row]) -> Mapping[str, Cells]:
-    """The same by column."""
     every = list(rows)
     return {column.name: [row[column.name] for row in every] for column in table.columns}
 
 
 class RowWriter:
-    """Writes a table of any number of runs: few rows and those of one run are in memory.
-
-    Args:
-        writer: of the table.
-        table: which.
-    """
+    """Writes a table of any number of runs; few rows and those of one run are in memory."""
 
     def __init__(self, writer: TableWriter, table: TidyTable) -> None:
         self._writer = writer
@@ -223,13 +187,11 @@ class RowWriter:
         self._rows: list[Row] = []
 
     def add(self, rows: Iterable[Row]) -> None:
-        """Those of one run."""
         self._rows += rows
         if len(self._rows) >= _ROWS_AT_ONCE:
             self._flush()
 
     def close(self) -> None:
-        """Write the rest, and what belongs at the end."""
         if self._rows:
             self._flush()
         self._writer.close()
@@ -240,7 +202,6 @@ class RowWriter:
 
 
 def task_cells(condition: Condition) -> Row:
-    """What a condition is."""
     return {
         "benchmark_type": condition.benchmark_type.value,
         "opening_side": condition.opening_side.value,
@@ -335,18 +296,11 @@ _MAKERS: Mapping[str, Callable[[StoredRun], Iterator[Row]]] = {
 
 
 SampleRows: TypeAlias = Mapping[str, Mapping[str, Cells]]
-"""By table, by column: the cells."""
+"""Cells by table, then by column."""
 
 
 def sample_rows(name: str, scored: Scored, series: WholeSeries, label: RunLabel) -> SampleRows:
-    """The tables of one run.
-
-    Args:
-        name: of the run, as the tables call it.
-        scored: the run, by the rules of the tables.
-        series: all that its sensors said.
-        label: whose run it is.
-    """
+    """The tables of one run, which they call `name`; `series` is all that its sensors said."""
     start, thresholds = scored.result.start, scored.record.thresholds
 
     def timed(time: Array, cells: Mapping[str, Cells]) -> Mapping[str, Cells]:

@@ -8,7 +8,7 @@ from enum import Enum, StrEnum
 
 
 class TableFormat(StrEnum):
-    """How tables are written."""
+    """File format of tables."""
 
     CSV = "csv"
     NDJSON = "ndjson"
@@ -16,10 +16,7 @@ class TableFormat(StrEnum):
 
 
 class CellKind(Enum):
-    """What the cells of a column are; the value is pandas' name of the type.
-
-    A cell may be empty, but in a column of texts.
-    """
+    """Kind of a column's cells; the value is pandas' type name. Only texts are never empty."""
 
     TEXT = "str"
     COUNT = "Int64"
@@ -29,14 +26,7 @@ class CellKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class TidyColumn:
-    """One column.
-
-    Attributes:
-        name: in the header.
-        kind: of its cells.
-        unit: of a number; empty = none.
-        meaning: in words, also of an empty cell.
-    """
+    """One column; an empty `unit` is none, `meaning` explains empty cells, too."""
 
     name: str
     kind: CellKind
@@ -46,13 +36,7 @@ class TidyColumn:
 
 @dataclass(frozen=True, slots=True)
 class TidyTable:
-    """One table.
-
-    Attributes:
-        name: how its files end.
-        row: what one row is.
-        columns: from left to right.
-    """
+    """One table: how its file names end, what a row is, its columns from left to right."""
 
     name: str
     row: str
@@ -60,7 +44,7 @@ class TidyTable:
 
 
 def column_lines(tables: Sequence[TidyTable]) -> Iterator[str]:
-    """What a help text says of the tables: a line for each column, below its table."""
+    """Help text of the tables: a line for each column, below its table."""
     every = [column for table in tables for column in table.columns]
     names = max(len(column.name) for column in every)
     units = max(len(column.unit) for column in every)
@@ -82,7 +66,7 @@ WHOSE = (
     TidyColumn("testbed", CellKind.TEXT, "", "name of the testbed; empty: it had none"),
     TidyColumn("competition", CellKind.TEXT, "", "its name; empty: none was set"),
 )
-"""Of every table: whose run it is, and which."""
+"""In every table: whose run it is, and which."""
 
 TASK = (
     TidyColumn("benchmark_type", CellKind.TEXT, "", "how the door is braked"),
@@ -90,7 +74,7 @@ TASK = (
     TidyColumn("starting_side", CellKind.TEXT, "", "cw or ccw: where the robot starts"),
     TidyColumn("destination_side", CellKind.TEXT, "", "cw or ccw: where it has to go"),
 )
-"""What the condition is."""
+"""Columns of the condition."""
 
 _OUTCOME = TidyColumn("outcome", CellKind.TEXT, "", "how the run ended")
 
@@ -101,7 +85,7 @@ COURSE = (
     TidyColumn("stop", CellKind.NUMBER, "s", "likewise; empty: it was cut off"),
     TidyColumn("duration", CellKind.NUMBER, "s", "from start to stop; empty: likewise"),
 )
-"""When it was and how it ended."""
+"""Columns of when it was and how it ended."""
 
 PRACTICE = TidyColumn("practice", CellKind.FLAG, "", "whether it was practice")
 _RULESET = TidyColumn("ruleset", CellKind.TEXT, "", "the rules of its result")
@@ -191,7 +175,7 @@ STEPS = TidyTable(
 )
 
 RUN_TABLES = (RUNS, INDICATORS, EVENTS, STEPS)
-"""All of them, from few rows to many."""
+"""From few rows to many."""
 
 UNREADABLE = TidyTable(
     "unreadable",
@@ -201,7 +185,7 @@ UNREADABLE = TidyTable(
         TidyColumn("reason", CellKind.TEXT, "", "why, in words"),
     ),
 )
-"""Beside the tables of runs that are scored for them."""
+"""Written beside tables of runs that are scored for them."""
 
 
 # The tables of a recording's samples: which there are, and what stands in each column.
@@ -215,7 +199,6 @@ _TIMES = (
 
 
 def _series(name: str, row: str, *columns: TidyColumn) -> TidyTable:
-    """A table of one sensor's samples."""
     return TidyTable(name, row, (_RUN, *_TIMES, *columns))
 
 
@@ -283,4 +266,4 @@ LATCH = _series(
 )
 
 SAMPLE_TABLES = (RUN, DOOR, HANDLE, PASSAGE, LATCH)
-"""All of a run, in the order in which they are written."""
+"""In the order in which they are written."""

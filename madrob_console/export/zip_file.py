@@ -25,24 +25,21 @@ from recorder.survey import listing
 
 
 LONGEST_FILE_NAME = 100
-"""Characters of a file's or a folder's name."""
+"""Longest name of a file or folder, characters."""
 
 LONGEST_PATH = 200
-"""Characters of a path in an archive: Windows takes 260 with where it is unpacked."""
+"""Longest path in an archive, characters; Windows takes 260, with where it is unpacked."""
 
 _FORBIDDEN = re.compile(r'[<>:"/\\|?*]')  # by Windows; `C:` and `..\` lead out of the folder there
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³])\s*(\..*)?$")  # devices there
 
 
 def portable_names(names: Iterable[str]) -> dict[str, str]:
-    """What the files and folders of one folder are called in an archive.
+    """Names in an archive for the files and folders of one folder.
 
-    Nearly always as they are. What one system takes for something else than a name is replaced by
-    `_`; of two that some system cannot tell apart one gets a number: rather one that is changed
-    anyhow, or has more capitals.
-
-    Args:
-        names: as they are on disk.
+    Nearly all stay as they are. What some system does not take for a name becomes `_`. Of
+    two that some system cannot tell apart one gets a number: rather one that changes anyway,
+    or has more capitals.
     """
     found: dict[str, str] = {}
     taken: set[str] = set()
@@ -71,12 +68,12 @@ def _portable(name: str) -> str:
 
 
 def _as_compared(name: str) -> str:
-    """By systems that heed neither case nor how a letter is composed."""
+    """The name as compared by systems that ignore case and how a letter is composed."""
     return unicodedata.normalize("NFC", unicodedata.normalize("NFKC", name).casefold())
 
 
 SUMS_FILE = "SHA256SUMS"
-"""In the archive: what `sha256sum -c` reads."""
+"""In the archive: input of `sha256sum -c`."""
 
 _BLOCK = 1 << 20
 _FIRST, _LATEST = (1980, 1, 1, 0, 0, 0), 4.3e9  # what a zip can say, until the year 2106
@@ -84,15 +81,9 @@ _MODE = 0o100644 << 16
 
 
 class Archive:
-    """Takes files in the order in which they come; memory does not grow with them.
+    """A zip that takes files as they come; memory does not grow with them.
 
-    Args:
-        file: where the zip goes.
-
-    Attributes:
-        count: files in it.
-        problems: what could not be read and why, in words.
-        renamed: what is called otherwise in the archive, in words.
+    `problems` say what could not be read and why, `renamed` what has another name in it.
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -115,19 +106,12 @@ class Archive:
         without: Callable[[str], bool] = lambda _name: False,
         instead: Mapping[str, bytes] = MappingProxyType({}),
     ) -> list[str]:
-        """Add the files of a folder; what cannot be read is a problem.
+        """Adds the files of a folder and returns their names in the archive.
 
-        Links are not followed, hidden files are temporary ones. Names that not every system can
-        unpack are replaced, see `portable_names`.
-
-        Args:
-            folder: the folder.
-            called: its name in the archive, where that is another than its own.
-            without: whether a file of this name is left out.
-            instead: what is added in place of a file, by the file's name in the archive.
-
-        Returns:
-            The names of the files that are in the archive now.
+        What cannot be read is a problem. Links are not followed; hidden files are temporary.
+        Names are made portable, see `portable_names`. `called` is the folder's name in the
+        archive, if not its own. `without` tells which file names are left out. `instead` has
+        content by name in the archive, added in place of files.
 
         Raises:
             OSError: the archive cannot be written.
@@ -139,20 +123,11 @@ class Archive:
         return added
 
     def add(self, name: str, data: bytes, modified: float) -> None:
-        """Add a file that is not on disk.
-
-        Raises:
-            OSError: the archive cannot be written.
-        """
         self._zip.writestr(_info(name, modified), data, zipfile.ZIP_DEFLATED)
         self._count(name, hashlib.sha256(data).hexdigest())
 
     def finish(self, modified: float) -> None:
-        """Add the sums; nothing can be added any more.
-
-        Raises:
-            OSError: the archive cannot be written.
-        """
+        """Adds the checksums; nothing can be added afterwards."""
         self.add(SUMS_FILE, "".join(self._sums).encode(), modified)
         self._zip.close()
 
@@ -176,7 +151,7 @@ class Archive:
             return True
 
     def _copy(self, name: str, file: BinaryIO) -> bool:
-        """Copy what the file holds now; of one that grows no more than that."""
+        """Copies what the file holds now; what it grows by meanwhile is left out."""
         state = os.fstat(file.fileno())
         info = _info(name, state.st_mtime)
         stored = is_evidence(name)  # pictures are compressed already, and many
@@ -223,7 +198,6 @@ class Archive:
                 yield _Found(names[name], name, number)
 
     def _portable(self, under: str, names: Iterable[str]) -> dict[str, str]:
-        """The paths in the archive of what is in a folder; what has none is a problem."""
         found = {}
         texts = []
         for name in names:
@@ -247,7 +221,7 @@ class Archive:
 
 
 class _Found(NamedTuple):
-    """A file: its name in the archive, and where it is: a name in an open folder."""
+    """A file: its name in the archive, and its name in an open folder."""
 
     name: str
     path: str
@@ -275,11 +249,9 @@ def _info(name: str, modified: float) -> zipfile.ZipInfo:
 
 @dataclass(frozen=True, slots=True)
 class BagParts:
-    """Which parts of bags are packed.
+    """Parts of bags to pack: the scored recording, without which a bag is left out; evidence.
 
-    Attributes:
-        recording: what is scored; without it a bag is none, and is left out.
-        evidence: cameras and other topics.
+    Evidence is cameras and other topics.
     """
 
     recording: bool = True
@@ -295,9 +267,9 @@ class PackedBag:
 
     Attributes:
         without: whether a file of this name of the run's folder is left out.
-        metadata: the `metadata.yaml` of what is packed; None = that of the folder is.
-        evidence_left_out: whether the run has evidence that nobody wants packed.
-        problems: what evidence is left out that should be there and why, in words.
+        metadata: the `metadata.yaml` of what is packed; None = the folder's.
+        evidence_left_out: whether the run has evidence that is not wanted.
+        problems: evidence that is missing and why, in words.
     """
 
     without: Callable[[str], bool]
@@ -306,12 +278,11 @@ class PackedBag:
     problems: tuple[str, ...] = ()
 
     def has(self, name: str) -> bool:
-        """Whether a file of this name of the run's folder is packed, if it is there."""
         return not self.without(name) or (name == METADATA_FILE and self.metadata is not None)
 
     @classmethod
     def of(cls, run: Path, parts: BagParts) -> Self:
-        """What is packed of a run; evidence that nobody could open is not."""
+        """Evidence that nobody could open is not packed."""
         try:
             return cls._of(run, parts)
         except OSError:  # what cannot be read is named when it is packed
@@ -361,20 +332,9 @@ def add_run(
     bag: PackedBag,
     instead: Mapping[str, bytes] = MappingProxyType({}),
 ) -> list[str]:
-    """Add the folder of a run, with its bag as it is packed.
+    """Adds the folder of a run and returns its names in the archive.
 
-    Args:
-        archive: takes it.
-        run: the folder.
-        called: its name in the archive.
-        bag: what is packed of its bag.
-        instead: what is packed in place of a file of it, by name; its report only so.
-
-    Returns:
-        The names of the files that are in the archive now.
-
-    Raises:
-        OSError: the archive cannot be written.
+    `instead` has by name what is packed in place of a file; a report is packed only so.
     """
     instead = {f"{called}/{name}": data for name, data in instead.items()}
 
@@ -392,7 +352,7 @@ def add_run(
 
 
 def size_of(run: Path, bag: PackedBag) -> tuple[int, int]:
-    """Bytes of the files of a run that are packed, and how many of these are evidence."""
+    """Bytes of a run's packed files, and how many of these are evidence."""
     total = evidence = 0
     for path, _, names in os.walk(run):
         for name in names:

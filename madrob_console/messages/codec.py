@@ -36,28 +36,19 @@ if TYPE_CHECKING:
 
 
 HEAD = 12
-"""The bytes in which it stands: four that say how the rest is encoded, seconds, nanoseconds."""
+"""Size of the stamp in bytes: four of encapsulation, then seconds and nanoseconds."""
 
 _CODES = {b"\x00\x00": struct.Struct(">iI"), b"\x00\x01": struct.Struct("<iI")}
 _NS = 1_000_000_000
 
 
 def begins_with_header(types: MessageTypes, type_name: str) -> bool:
-    """Whether messages of a type begin with a header, so that `header_stamp` reads it.
-
-    Raises:
-        MessageError: the type is unknown.
-    """
     first = next(iter(types.fields(type_name).values()), None)
     return first is not None and first == (Nodetype.NAME, "std_msgs/msg/Header")
 
 
 def header_stamp(data: bytes) -> float | None:
-    """The stamp of a message that begins with a header, s since the epoch; None = it has none.
-
-    Args:
-        data: its first `HEAD` bytes, or more.
-    """
+    """The header's stamp in s since the epoch, from the first `HEAD` bytes; None = no stamp."""
     code = _CODES.get(data[:2])
     if code is None or len(data) < HEAD:
         return None
@@ -74,16 +65,16 @@ def header_stamp(data: bytes) -> float | None:
 
 
 LONGEST_TEXT = 256
-"""Bytes of a text without a bound of its own."""
+"""Bytes assumed for a text without a bound of its own."""
 
 MOST_NUMBERS = 4096
-"""Numbers in an array without a bound of its own."""
+"""Numbers assumed in an array without a bound of its own."""
 
 MOST_PARTS = 32
-"""Texts or messages in an array without a bound of its own."""
+"""Texts or messages assumed in an array without a bound of its own."""
 
 UNKNOWN_SIZE = 65536
-"""Of a type that is not known yet, bytes."""
+"""Bytes assumed for a type that is not known yet."""
 
 _HEAD = 4
 _TAIL = 8
@@ -95,11 +86,7 @@ _LARGEST_NUMBER = 16
 
 
 def usual_size(types: MessageTypes, type_name: str) -> int:
-    """At most so many CDR bytes has a message of a type, as testbeds use it.
-
-    Exact, but for bytes that align and that DDS adds at the end, where the type bounds all that
-    it holds.
-    """
+    """The largest CDR size of a type in bytes; exact but for padding if all of it is bounded."""
     if not types.knows(type_name):
         return UNKNOWN_SIZE
     return _HEAD + _message(types, type_name) + _TAIL
@@ -160,10 +147,10 @@ _MEASURED: dict[Signal, Callable[[float, float, float], Sample]] = {
     Signal.HANDLE: HandleSample,
 }
 _SWITCHED: dict[Signal, Callable[[float, float, bool], Sample]] = {Signal.LATCH: LatchSample}
-"""(time, log time, value) -> sample: of what is one number, and of what is on or off."""
+"""(time, log time, value) -> sample."""
 _STAMP = (Wanted(("header", "stamp", "sec")), Wanted(("header", "stamp", "nanosec")))
 _MOST_MISSES = 20
-"""So many messages in a row that are laid out unlike the one before: the next will be, too."""
+"""After so many layout misses in a row, no new layout is tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,20 +158,9 @@ class TopicMapping:
     """Where the testbed publishes one signal (protocol section 3).
 
     A sample's value is `field * scale + offset`, in rad, N or m. For strips it applies to each
-    range and to the limits; a latch, like any switch, is on from 0.5 upwards.
-
-    Attributes:
-        signal: what the topic carries.
-        topic: full topic name.
-        type: full message type name.
-        field: path in the message, names separated by dots, each with an optional [index].
-        scale: factor from the published to the protocol's unit; not 0.
-        offset: added after scaling, in the protocol's unit.
-        largest: a message of more bytes is recorded but not read; None = each is read, as in
-            recordings that say nothing of it.
-
-    Raises:
-        MadrobError: the path is malformed, or scale or offset are of no use.
+    range and to the limits; a latch, like any switch, is on from 0.5 upwards. The `field` is a
+    path with dots and optional [index]. A message of more than `largest` bytes is recorded but
+    not read.
     """
 
     signal: Signal
@@ -203,7 +179,6 @@ class TopicMapping:
             raise MadrobError(f"{self.topic}: offset {self.offset} is no number; use another")
 
     def limited(self, types: MessageTypes) -> TopicMapping:
-        """The same with a limit for its messages: the one that is set, or what its type needs."""
         if self.largest is not None:
             return self
         return replace(self, largest=usual_size(types, self.type))
@@ -228,18 +203,13 @@ DEFAULT_MAPPINGS: tuple[TopicMapping, ...] = (
 """The topics of protocol section 3."""
 
 _Build = Callable[[float, float, Sequence[Numbers]], Sample]
-"""(time, log time, the value's numbers and those of its limits) -> sample."""
+"""(time, log time, the numbers of the value and of its limits) -> sample."""
 
 
 class Decoder:
     """Turns the configured topics' bytes into samples.
 
-    Args:
-        mappings: one per signal and topic.
-        types: the types known; types registered later are found when a message comes.
-
-    Raises:
-        MadrobError: a topic or a signal is mapped twice.
+    Types registered later are found when a message arrives.
     """
 
     def __init__(self, mappings: Sequence[TopicMapping], types: MessageTypes) -> None:
@@ -259,8 +229,7 @@ class Decoder:
         Its time is the header's stamp, or the receive time where the type has no header.
 
         Raises:
-            MessageError: the type is another or unknown, the message is larger than the mapping
-                allows, or the bytes are no message of the type.
+            MessageError: the message does not match its mapping or its type, or is too large.
         """
         mapping = self._mappings.get(message.topic)
         if mapping is None:
@@ -287,12 +256,6 @@ class Decoder:
 
 
 class _Reader:
-    """Reads the messages of one topic.
-
-    Raises:
-        MessageError: its type or field is unknown, or of the wrong kind.
-    """
-
     def __init__(self, mapping: TopicMapping, types: MessageTypes) -> None:
         field = find_field(types, mapping.type, mapping.field)
         if field.numbers != (mapping.signal in _STRIPS):
@@ -314,11 +277,6 @@ class _Reader:
         self._misses = 0
 
     def sample(self, message: RawMessage) -> Sample:
-        """What a message says.
-
-        Raises:
-            MessageError: the bytes are no message of the type.
-        """
         numbers = None if self._layout is None else self._layout.read(message.data)
         if numbers is None:
             numbers = self._read_whole(message.data)
@@ -340,7 +298,6 @@ class _Reader:
 
 
 def _limits(mapping: TopicMapping, field: MessageField, types: MessageTypes) -> tuple[Wanted, ...]:
-    """The smallest and the largest range that are readings, where the type tells both."""
     if mapping.signal not in _STRIPS:
         return ()
     found = [field.sibling(name, types) for name in ("range_min", "range_max")]
@@ -389,11 +346,6 @@ def _passage_builder(mapping: TopicMapping) -> _Build:
 
 
 def describe_topic(types: MessageTypes, name: str, type_name: str, qos: Qos | None = None) -> Topic:
-    """What a bag must know of a topic.
-
-    Raises:
-        MessageError: the type is unknown.
-    """
     return Topic(
         name, type_name, types.definition(type_name), types.type_hash(type_name), qos or Qos()
     )
@@ -410,27 +362,15 @@ def referee_topics(types: MessageTypes) -> tuple[Topic, ...]:
 
 
 def encode_text(types: MessageTypes, text: str) -> bytes:
-    """A `std_msgs/msg/String` with this text."""
     return types.encode(_STRING, types.make(_STRING, data=text))
 
 
 def decode_text(types: MessageTypes, data: bytes) -> str:
-    """The text of a `std_msgs/msg/String`.
-
-    Raises:
-        MessageError: the bytes are no such message.
-    """
     return str(types.decode(_STRING, data).data)
 
 
 def encode_start_pose(types: MessageTypes, pose: StartPose, time_ns: int) -> bytes:
-    """The start pose as `geometry_msgs/msg/PoseStamped` in the frame `madrob_door`.
-
-    Args:
-        types: the types known.
-        pose: x, y in m and yaw in degrees.
-        time_ns: stamp, ns since the epoch.
-    """
+    """Encodes a pose (x, y in m, yaw in degrees) as `PoseStamped` in the frame `madrob_door`."""
     half_yaw = math.radians(pose.yaw) / 2
     message = types.make(_POSE)
     message.header.frame_id = START_POSE_FRAME

@@ -35,23 +35,20 @@ Message: TypeAlias = Any
 
 
 class MessageError(MadrobError):
-    """A message is not what the configuration says; the text names its topic or type."""
+    """A message does not match the configuration; the text names its topic or type."""
 
 
 class MessageTypes:
-    """The message types that the console knows; standard types from the start."""
+    """Known message types, the standard ones among them; an unknown one raises MessageError."""
 
     def __init__(self) -> None:
         self._store = get_typestore(Stores.ROS2_JAZZY)
         self._given: dict[str, str] = {}
 
     def register(self, type_name: str, definition: str) -> None:
-        """Make a type known.
+        """Adds the type `pkg/msg/Type` from its `ros2msg` text with nested definitions appended.
 
-        Args:
-            type_name: full type name, `pkg/msg/Type`.
-            definition: `ros2msg` text with the definitions of nested types appended; those that
-                are known already may be missing.
+        Known nested types may be missing.
 
         Raises:
             MadrobError: the text cannot be parsed, a nested type is missing, or the type is known
@@ -79,34 +76,20 @@ class MessageTypes:
             self._given[type_name] = text
 
     def knows(self, type_name: str) -> bool:
-        """Whether messages of this type can be encoded and decoded."""
         return type_name in self._store.fielddefs
 
     def fields(self, type_name: str) -> dict[str, FieldDesc]:
-        """The fields of a type as rosbags describes them, by name.
-
-        Raises:
-            MessageError: the type is unknown.
-        """
         return dict(self._fields(type_name))
 
     def definition(self, type_name: str) -> str:
-        """The type's `ros2msg` text with every nested definition appended.
-
-        Raises:
-            MessageError: the type is unknown.
-        """
+        """The type's `ros2msg` text with every nested definition appended."""
         self._fields(type_name)
         return (
             self._given.get(type_name) or self._store.generate_msgdef(type_name, ros_version=2)[0]
         )
 
     def type_hash(self, type_name: str) -> str:
-        """The type's `RIHS01_...` hash; empty where rosbags would compute a wrong one.
-
-        Raises:
-            MessageError: the type is unknown.
-        """
+        """The type's `RIHS01_...` hash; empty where rosbags would compute a wrong one."""
         self._fields(type_name)
         for name in _closure(type_name, self._store.fielddefs):
             for _, field in self._store.fielddefs[name][1]:
@@ -116,11 +99,7 @@ class MessageTypes:
         return self._store.hash_rihs01(type_name)
 
     def make(self, type_name: str, /, **fields: object) -> Message:
-        """A message with the given fields; the others are 0, empty or False.
-
-        Raises:
-            MessageError: the type is unknown or has no such field.
-        """
+        """A message with the given fields; the others are 0, empty or False."""
         known = dict(self._fields(type_name))
         if unknown := fields.keys() - known.keys():
             raise MessageError(f"{type_name} has no field {min(unknown)}")
@@ -131,11 +110,6 @@ class MessageTypes:
         return self._store.types[type_name](*values)  # type: ignore[arg-type]  # checked on encoding
 
     def encode(self, type_name: str, message: object) -> bytes:
-        """A message as CDR bytes.
-
-        Raises:
-            MessageError: the type is unknown or the message does not fit it.
-        """
         self._fields(type_name)
         try:
             return bytes(self._store.serialize_cdr(message, type_name))
@@ -143,11 +117,6 @@ class MessageTypes:
             raise MessageError(f"{type_name}: cannot be encoded ({_line(error)})") from None
 
     def decode(self, type_name: str, data: bytes) -> Message:
-        """The message in CDR bytes.
-
-        Raises:
-            MessageError: the type is unknown or the bytes are not a message of it.
-        """
         try:
             return self._store.deserialize_cdr(data, type_name)
         except Exception as error:  # noqa: BLE001  # bytes raise what they like
@@ -178,7 +147,6 @@ class MessageTypes:
 
 
 def _base_name(field: FieldDesc) -> str | None:
-    """The primitive type in a field or in its elements; None for a nested message."""
     inner = field[1][0] if field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else field
     return inner[1][0] if inner[0] == Nodetype.BASE else None
 
@@ -191,7 +159,6 @@ def _nested(type_name: str, fields: Typesdict) -> Iterator[str]:
 
 
 def _closure(type_name: str, fields: Typesdict) -> set[str]:
-    """The type and all types in it, at any depth."""
     graph: dict[str, list[str]] = {}
     waiting = [type_name]
     while waiting:
@@ -209,22 +176,17 @@ def _closure(type_name: str, fields: Typesdict) -> set[str]:
 
 
 def _line(error: Exception) -> str:
-    """The first line of an error's text, or its name."""
     return next(iter(str(error).splitlines()), "") or type(error).__name__
 
 
 @cache
 def standard_types() -> MessageTypes:
-    """The types of ROS 2, for all bags: what reads them is compiled once. Register nothing here."""
+    """The types of ROS 2, shared so that readers compile once. Register nothing here."""
     return MessageTypes()
 
 
 def types_of(topics: Iterable[Topic]) -> MessageTypes:
-    """The types of a bag's topics; those that only it knows are registered for it alone.
-
-    Raises:
-        MadrobError: the definition of one cannot be read.
-    """
+    """The types of a bag's topics; other than standard ones are registered for this bag alone."""
     unknown = [topic for topic in topics if not standard_types().knows(topic.type)]
     if not unknown:
         return standard_types()
@@ -243,15 +205,9 @@ _STEP = re.compile(r"[A-Za-z]\w*|\d+", re.ASCII)
 
 Getter: TypeAlias = Callable[[Message], Any]
 Steps: TypeAlias = tuple[str | int, ...]
-"""Names and indices that lead to a field."""
 
 
 def parse_path(path: str) -> Steps:
-    """A path as names and indices.
-
-    Raises:
-        MadrobError: it is not names separated by dots with optional [index].
-    """
     if not _PATH.fullmatch(path):
         raise MadrobError(f"{path!r} is no field: write names with dots, for example position[0]")
     return tuple(int(s) if s.isdigit() else s for s in _STEP.findall(path))
@@ -262,8 +218,6 @@ class MessageField:
     """A field that a type really has.
 
     Attributes:
-        steps: names and indices that lead to it.
-        numbers: whether it is a sequence of numbers rather than one number.
         owner: the nested type that holds the last name.
         base: the primitive type of the number or numbers.
     """
@@ -274,7 +228,6 @@ class MessageField:
     base: str
 
     def sibling(self, name: str, types: MessageTypes) -> MessageField | None:
-        """The number `name` beside this field; None if there is none."""
         last = max(i for i, step in enumerate(self.steps) if isinstance(step, str))
         field = types.fields(self.owner).get(name)
         if field is None or not _is_number(field):
@@ -284,11 +237,10 @@ class MessageField:
 
 
 def find_field(types: MessageTypes, type_name: str, path: str) -> MessageField:
-    """The field of a type at `path`.
+    """Finds the field at `path`; raises MadrobError where the path is malformed.
 
     Raises:
         MessageError: the type is unknown, has no such field, or holds no numbers there.
-        MadrobError: the path is malformed.
     """
     steps = parse_path(path)
     desc: FieldDesc = (Nodetype.NAME, type_name)
@@ -321,11 +273,7 @@ def find_field(types: MessageTypes, type_name: str, path: str) -> MessageField:
 
 
 def find_stamp(types: MessageTypes, type_name: str) -> Getter | None:
-    """A function from a message to its header's stamp; None where the type has no header.
-
-    Raises:
-        MessageError: the type is unknown.
-    """
+    """A function from a message to its stamp; None where the type has no header."""
     header = types.fields(type_name).get("header")
     if header is None or header[1] != "std_msgs/msg/Header":
         return None
@@ -346,10 +294,7 @@ def _listed(fields: dict[str, FieldDesc]) -> str:
 
 
 def getter(steps: Steps) -> Getter:
-    """A function from a message to what stands at `steps`.
-
-    It raises IndexError where the message is shorter than an index.
-    """
+    """A function from a message to the value at `steps`; IndexError where an array is too short."""
     parts: list[Getter] = []
     names: list[str] = []
     for step in steps:
@@ -407,10 +352,10 @@ _CODES = {
 _TEXT = "s"
 _UNUSED = "x"
 _HEAD = 4
-"""Bytes that say how the rest is encoded; alignment counts from behind them."""
+"""Bytes of the encapsulation header; alignment is counted after them."""
 
 _MOST_PARTS = 200
-"""A message of more parts is left to rosbags."""
+"""rosbags decodes messages of more parts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -421,7 +366,6 @@ class Wanted:
     most: int = 1
 
     def getter(self) -> Callable[[Message], Numbers]:
-        """A function from a decoded message to the numbers; none where an array is too short."""
         get, most = getter(self.steps), self.most
 
         def numbers(message: Message) -> Numbers:
@@ -435,17 +379,7 @@ class Wanted:
 
 
 class Layout:
-    """The layout of one message.
-
-    Args:
-        types: the types known.
-        type_name: of the message.
-        data: a message that rosbags could read.
-        wanted: what to read.
-
-    Raises:
-        ValueError: it is left to rosbags.
-    """
+    """The layout of one message; ValueError where rosbags has to decode the message instead."""
 
     def __init__(
         self, types: MessageTypes, type_name: str, data: bytes, wanted: Sequence[Wanted]
@@ -460,11 +394,7 @@ class Layout:
         self._slices = tuple(walk.found.get(one.steps, slice(0)) for one in wanted)
 
     def read(self, data: bytes) -> tuple[Numbers, ...] | None:
-        """The numbers of each `Wanted`, none where an array is too short.
-
-        Returns:
-            None: the message is laid out otherwise.
-        """
+        """The numbers of each `Wanted`, none where an array is too short; None = another layout."""
         if len(data) != self._struct.size:
             return None
         values = self._struct.unpack(data)
@@ -480,7 +410,7 @@ class _Walk:
     Attributes:
         parts: (struct code, count), one after the other.
         found: where in the unpacked values the wanted numbers are.
-        place: bytes behind the head.
+        place: offset in bytes behind the head.
     """
 
     def __init__(self, types: MessageTypes, data: bytes, wanted: dict[Steps, int]) -> None:
@@ -494,12 +424,10 @@ class _Walk:
         self._values = 1
 
     def message(self, type_name: str, steps: Steps) -> None:
-        """All fields of a message, `steps` deep."""
         for name, field in self._types.fields(type_name).items():
             self._field(field, (*steps, name))
 
     def skip(self, count: int) -> None:
-        """Bytes that are not looked at."""
         self._part(_UNUSED, count)
         self.place += count
 
@@ -541,14 +469,13 @@ class _Walk:
         self.skip(size * (count - done))
 
     def _take(self, code: str, size: int, count: int, steps: Steps) -> None:
-        """Numbers that are wanted: each is a value."""
         self.found[steps] = slice(self._values, self._values + count)
         self._values += count
         self._part(code, count)
         self.place += size * count
 
     def _count(self) -> int:
-        """How long what follows is; it has to be as long in every message."""
+        """An array length, which has to be the same in every message of this layout."""
         self.skip(-self.place % self._length.size)
         (count,) = self._length.unpack_from(self._data, _HEAD + self.place)
         self._text(self._length.size)

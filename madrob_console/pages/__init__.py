@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class PictureFormat(StrEnum):
-    """How figures are written."""
+    """File format of figures."""
 
     PNG = "png"
     SVG = "svg"

@@ -34,7 +34,7 @@ from scoring.result import Result
 from scoring.rulesets import ruleset
 
 MOST_EMBEDDED = 2_000_000
-"""Characters that pictures take in a page, all together."""
+"""Limit of the characters of all pictures in a page."""
 
 _WIDEST = 60_000  # bytes of one
 _SIDES = ((20_000, 480), (9_000, 320), (0, 240))  # from so many bytes for each: pixels
@@ -48,16 +48,11 @@ _TOLD = (
 )
 
 Anchors = Mapping[tuple[float, str], str]
-"""Where on the page the pictures of an event are, by its time and name."""
+"""Anchor of the pictures of an event, by its time and name."""
 
 
 def pictures(shown: RunPictures, *, beside: bool = True) -> Markup:
-    """The pictures by moment; nothing for a run without any.
-
-    Args:
-        shown: the pictures.
-        beside: their folder lies beside the page, so that it can link to them.
-    """
+    """The pictures by moment; `beside`: their folder lies beside the page, for links."""
     if not shown:
         return NOTHING
     entries = shown.index.pictures
@@ -81,7 +76,6 @@ def pictures(shown: RunPictures, *, beside: bool = True) -> Markup:
 
 
 def anchors(shown: RunPictures) -> Anchors:
-    """Where the pictures of each event are."""
     return {
         (entry.time, entry.event): _moment_anchor(entry)
         for entry in shown.index.pictures
@@ -90,19 +84,17 @@ def anchors(shown: RunPictures) -> Anchors:
 
 
 def _named(topic: str) -> Markup:
-    """A camera's name: where it has to break, it does so before a slash."""
     return Markup(said(topic).replace("/", "<wbr>/").replace("<<wbr>/", "</"))
 
 
 def _missing_pictures(shown: RunPictures) -> Counter[tuple[str, str]]:
-    """How often each camera has no picture, by its topic and why."""
     return Counter(
         _key(entry, shown) for entry in shown.index.pictures if entry.file not in shown.files
     )
 
 
 def _key(entry: PictureEntry, shown: RunPictures) -> tuple[str, str]:
-    """Of which camera, and why it has no picture; empty where it has one."""
+    """Camera topic and reason of a missing picture; empty reason = not missing."""
     return entry.topic, "" if entry.file in shown.files else nothing_near(entry)
 
 
@@ -165,7 +157,6 @@ def _embedded(entry: PictureEntry, data: bytes, share: int) -> Markup | None:
 
 
 def _spoken(entry: PictureEntry) -> str:
-    """The picture in words, for those who cannot see it."""
     ms = round(1000 * abs(entry.difference or 0.0))
     far = f"{ms} ms {'before' if (entry.difference or 0.0) < 0 else 'after'} it" if ms else "at it"
     return f"Camera {entry.topic} at {entry.since_start:.2f} s, {entry.words}; taken {far}."
@@ -175,16 +166,14 @@ def _spoken(entry: PictureEntry) -> str:
 
 
 PASSAGE = "passage"
-"""The name under which links find the figure of the passage sensors."""
+"""Anchor of the figure of the passage sensors."""
 
 
 def anchor(name: IndicatorName) -> str:
-    """The name under which links find what an indicator means."""
     return f"explained-{name}"
 
 
 def definitions(result: Result) -> Markup:
-    """All indicators, by the rules of the result."""
     rules = ruleset(result.ruleset)
     drawn = result.outcome is not Outcome.ABORTED
 

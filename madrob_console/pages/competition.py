@@ -28,10 +28,10 @@ from scoring.result import DOUBTED, decimals_left
 
 
 def how_testbeds_differ(runs: Iterable[RunSummary]) -> str:
-    """In what the testbeds of the valid runs differ, in a sentence; empty = in nothing.
+    """Differences between the testbeds of the valid runs, in a sentence; empty = none.
 
-    Compared are the rulesets, the numbers of the settings (`thresholds`) and the rates at which the
-    door was sampled, as far as results tell them.
+    Compared are the rulesets, the numbers of the settings (`thresholds`) and the sampling rates of
+    the door, as far as results state them.
     """
     of: dict[str, list[RunSummary]] = defaultdict(list)
     for run in runs:
@@ -46,7 +46,7 @@ def how_testbeds_differ(runs: Iterable[RunSummary]) -> str:
 
 
 def _differing(key: str, told: Mapping[str, Mapping[str, str]]) -> str:
-    """What each testbed has, where not all that are known have the same."""
+    """Values of each testbed, where not all known ones are the same."""
     known = {name: having[key] for name, having in told.items() if key in having}
     if len(set(known.values())) < 2:
         return ""
@@ -54,7 +54,6 @@ def _differing(key: str, told: Mapping[str, Mapping[str, str]]) -> str:
 
 
 def _testbed_facts(runs: Sequence[RunSummary]) -> Iterator[tuple[str, str]]:
-    """What is known of one testbed, in words."""
     yield "ruleset", " and ".join(sorted({run.ruleset for run in runs}))
     rates = [run.rate for run in runs if run.rate is not None]
     if rates:
@@ -67,7 +66,7 @@ def _testbed_facts(runs: Sequence[RunSummary]) -> Iterator[tuple[str, str]]:
 
 
 def _text(value: object, usual: object) -> str:
-    """A number of the settings; of those that are several ones, what is another."""
+    """A number of the settings; of a setting with several numbers, those that differ."""
     match value, usual:
         case dict(), dict():
             other = (f"{name} {value[name]:g}" for name in value if value[name] != usual.get(name))
@@ -80,7 +79,7 @@ def _text(value: object, usual: object) -> str:
 
 
 CONDITION_NUMBERS = range(1, 21)
-"""All that there are (section 1)."""
+"""All conditions (protocol section 1)."""
 
 
 class LeftOut(NamedTuple):
@@ -92,13 +91,7 @@ class LeftOut(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RulesetStandings:
-    """All teams under one ruleset.
-
-    Attributes:
-        ruleset: its name.
-        overall: each team in all its conditions together, by subject.
-        conditions: by condition, in the order of their numbers, each team in it by subject.
-    """
+    """All teams under one ruleset."""
 
     ruleset: str
     overall: tuple[Overall, ...]
@@ -110,18 +103,17 @@ class CompetitionStandings:
     """The standings of one competition.
 
     Attributes:
-        made: when, s since the epoch.
+        made: s since the epoch.
         title: the competition's name; empty = none was set.
         official: official runs; else practice runs, which count for nothing.
         best: how many runs of each team in each condition enter; 0 = all.
         groups: one a ruleset, by its name; their numbers do not compare.
         left_out: invalid, interrupted, unfinished and damaged runs, oldest first.
-        flagged: valid runs with a flag that weighs, oldest first.
+        flagged: valid runs with a serious flag, oldest first.
         provisional: valid runs whose result is not final yet.
         protested: valid runs against whose final result the team protested.
-        open_protests: runs, also such as do not count, with a protest that is not decided, what is
-            due first first.
-        apart: in what the testbeds of the valid runs differ, in a sentence; empty = in nothing.
+        open_protests: undecided, the next due first; also of runs that do not count.
+        apart: differences between the testbeds of the valid runs; empty = none.
         renamed: teams whose runs carry several names, a sentence each.
     """
 
@@ -140,7 +132,6 @@ class CompetitionStandings:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What has to be known of the whole: rulesets apart, teams under several names."""
         remarks = []
         if len(self.groups) > 1:
             names = ", ".join(group.ruleset for group in self.groups)
@@ -166,7 +157,6 @@ class CompetitionStandings:
 
     @property
     def basis(self) -> str:
-        """Which runs the numbers are of."""
         kind = "official" if self.official else "practice"
         if not self.best:
             return f"Over all valid {kind} runs."
@@ -177,10 +167,8 @@ class CompetitionStandings:
 
 
 SIGNS = f"{DOUBTED} doubted   {ALIKE} not distinguishable from another team: unrounded +- overlap"
-"""What stands behind numbers, where there is no room for more."""
 
 BY_NUMBER = "Teams stand in the order of their numbers: the protocol makes no ranking."
-"""What the order of the standings means."""
 
 NUMBER_NOTES = (
     "Execution time: completed runs only. std: sample standard deviation (n - 1).",
@@ -189,10 +177,8 @@ NUMBER_NOTES = (
     "+-: of the mean, rounded up: by measurement, or 2 std / sqrt(runs) where that is larger.",
     f"{SIGNS}.",
 )
-"""How to read the numbers."""
 
 NOTES = (BY_NUMBER, *NUMBER_NOTES)
-"""The same, and the order."""
 
 
 def competition_standings(
@@ -206,20 +192,10 @@ def competition_standings(
 ) -> CompetitionStandings:
     """The standings over all teams.
 
-    A run without a result is listed, and counted as such where its team has a standing; not among
-    official runs where it is known to be practice. So is a damaged one, only listed. One whose
-    files do not say of which competition it is may be of any.
-
-    Args:
-        runs: from a history.
-        made: now, s since the epoch.
-        competition: only runs of the competition of this name; None = there is only one.
-        official: as for `standings`.
-        best: as for `standings`.
-        listed: as for `standings`.
-
-    Raises:
-        MadrobError: the runs are of several competitions, and none was chosen.
+    A run without a result is listed, and counted as such where its team has a standing, but not
+    among official runs if it is known to be practice. A damaged run is only listed, with the same
+    exception. A run whose files do not name a competition may be of any. `made` is in s since the
+    epoch. `competition` None = there is only one, else MadrobError.
     """
     title, entering = entering_runs(runs, competition, official=official)
     groups = _groups(entering, official=official, best=best, listed=listed or {})
@@ -256,7 +232,6 @@ def competition_standings(
 
 
 def _renamed(team: Overall, runs: Iterable[RunSummary]) -> Iterator[str]:
-    """Which runs of a team carry another name, a sentence for each name."""
     for name in team.other_names:
         which = [
             f"run {run.run_number} in condition {run.condition}"
@@ -269,16 +244,7 @@ def _renamed(team: Overall, runs: Iterable[RunSummary]) -> Iterator[str]:
 def entering_runs(
     runs: Sequence[RunSummary], competition: str | None, *, official: bool
 ) -> tuple[str, Sequence[RunSummary]]:
-    """The competition's name, and its runs whether they count or not.
-
-    Args:
-        runs: as for `competition_standings`.
-        competition: likewise.
-        official: likewise.
-
-    Raises:
-        MadrobError: the runs are of several competitions, and none was chosen.
-    """
+    """The competition's name and all its runs; arguments as for `competition_standings`."""
     wanted = [
         run
         for run in runs
@@ -305,15 +271,10 @@ def statistics_of(aggregate: Aggregate | None, name: IndicatorName) -> dict[str,
 def statistics_text(
     aggregate: Aggregate | None, name: IndicatorName, width: int = 12
 ) -> dict[str, str]:
-    """`statistics_of` as text; what there is not is missing.
+    """`statistics_of` as text of up to `width` characters; unknown ones are missing.
 
     All have the digits of their indicator, so that those of all teams are aligned, but none that
     the mean's uncertainty does not leave; the standard deviation, often less than 1, one more.
-
-    Args:
-        aggregate: of some runs; None = none has a value.
-        name: of the indicator.
-        width: of each text, characters.
     """
     decimals, known = name.spec.decimals, aggregate.uncertainty if aggregate else None
     left = decimals_left(known) if known is not None and known.expanded else decimals
@@ -325,7 +286,7 @@ def statistics_text(
 
 
 def _statistic_text(value: float, decimals: int, width: int) -> str:
-    """Smallest and largest counts are as they are; what is too wide is in powers of ten."""
+    """Smallest and largest counts are as they are; a text that is too wide is in powers of ten."""
     text = str(value) if isinstance(value, int) else f"{value:.{decimals}f}"
     if len(text) <= width:
         return text
@@ -356,7 +317,6 @@ def _by_condition(found: Iterable[Standing]) -> dict[Condition, tuple[Standing, 
 
 
 def _told(run: RunSummary) -> bool:
-    """Whether its result says what it is."""
     return run.problem is None and run.outcome is not None
 
 
@@ -365,7 +325,6 @@ def _of_kind(run: RunSummary, *, official: bool) -> bool:
 
 
 def why_left_out(run: RunSummary) -> str:
-    """Why a run does not count, in words."""
     if run.problem is not None:
         return run.problem
     if run.twin:
@@ -392,13 +351,7 @@ _TEAM, _WAY, _DOOR = 14, 20, 14
 
 
 def plan_lines(found: PlanProgress, competition: str, teams: Mapping[int, str]) -> Iterator[str]:
-    """The plan as a table of at most 80 characters in a line.
-
-    Args:
-        found: how much of it is done.
-        competition: its name.
-        teams: subject -> team.
-    """
+    """The plan as a table of at most 80 characters in a line; `teams` maps subjects to names."""
     yield f"MADROB plan {competition}".rstrip()
     yield summary_words(found)
     following = found.next
@@ -420,7 +373,6 @@ def plan_lines(found: PlanProgress, competition: str, teams: Mapping[int, str]) 
 
 
 def summary_words(found: PlanProgress) -> str:
-    """How much is done, in a sentence."""
     text = f"{found.planned - found.left} of {found.planned} attempts done, {found.left} left."
     if found.unread:
         plural = "s are" if found.unread > 1 else " is"
@@ -432,7 +384,6 @@ def summary_words(found: PlanProgress) -> str:
 
 
 def attempt_words(attempt: PlannedAttempt, teams: Mapping[int, str]) -> str:
-    """One attempt in words: whose, in which condition, which of how many."""
     return (
         f"{task_words(attempt.task, teams)} ({', '.join(condition_words(attempt.task.condition))}),"
         f" attempt {attempt.number} of {attempt.planned}"
@@ -449,14 +400,6 @@ def task_words(task: Task, teams: Mapping[int, str]) -> str:
 def plan_json(
     found: PlanProgress, competition: str, teams: Mapping[int, str], software: str
 ) -> bytes:
-    """The same as JSON.
-
-    Args:
-        found: how much of it is done.
-        competition: its name.
-        teams: subject -> team.
-        software: what made it, with its version.
-    """
     following = found.next
     content = {
         "software": software,

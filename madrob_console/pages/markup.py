@@ -18,7 +18,7 @@ from scoring.figures.team_drawings import TimedPhase
 
 
 class Markup(str):
-    """Finished HTML. Whatever is made of it with str's methods is text again, and escaped."""
+    """Finished HTML. The results of str's methods are plain text again, and are escaped."""
 
     __slots__ = ()
 
@@ -44,13 +44,8 @@ def page(
 ) -> str:
     """A whole page without scripts, and nothing from elsewhere.
 
-    Args:
-        title: in the browser's tab.
-        body: of the page.
-        head: more that its head says.
-        wide: it has many teams or runs.
-        journal: of which it was made, for `made_of`; None = nothing is said of it.
-        team: digest of the team's other runs that it tells of, for `team_of`; empty = none.
+    `journal` is the one of which it was made, for `made_of`. `team` is the digest of the team's
+    other runs that it names, for `team_of`.
     """
     mark = None if journal is None else f"{journal.lines} {journal.sha256}"
     sheets = ("report.css", "wide.css") if wide else ("report.css",)
@@ -68,7 +63,6 @@ def page(
 
 
 PAGE_BEGINS = '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
-"""Of every page; behind it comes what else its head says."""
 
 
 @cache
@@ -77,41 +71,30 @@ def _sheet(name: str) -> str:
 
 
 SKIP = "main"
-"""The name under which the link on top of a wide page finds what it is about."""
+"""Anchor of the main part, for the skip link of a wide page."""
 
 
 def skip_link() -> Markup:
-    """For who goes by keyboard: past everything that all pages have."""
+    """A keyboard user's link past the parts that all pages have."""
     return element("a", "Skip to the content", href=f"#{SKIP}", class_="skip")
 
 
 def made_of(head: str) -> JournalMark | None:
-    """The mark of the journal of which a page was made; None where it does not say.
-
-    Args:
-        head: how it begins.
-    """
+    """Mark of the journal of which a page was made, from its `head`; None = not stated."""
     found = _MADE_OF.search(head)
     return None if found is None else JournalMark(int(found[1]), found[2])
 
 
 def team_of(head: str) -> str | None:
-    """The digest of the team's other runs that a page tells of; None where it does not say.
-
-    Args:
-        head: how it begins.
-    """
+    """Digest of the team's other runs that a page names, from its `head`; None = not stated."""
     found = _TEAM_OF.search(head)
     return None if found is None else found[1]
 
 
 def element(tag: str, *content: Content, **attributes: str) -> Markup:
-    """An element with its content; text is escaped.
+    """An element; text in its content is escaped.
 
-    Args:
-        tag: its name.
-        content: text, `Markup`, or any nesting of them.
-        attributes: by name; `class_` stands for `class`, and `_` for `-`.
+    In the names of attributes `class_` stands for `class`, and `_` for `-`.
     """
     given = "".join(
         f' {name.rstrip("_").replace("_", "-")}="{escaped(value)}"'
@@ -123,7 +106,6 @@ def element(tag: str, *content: Content, **attributes: str) -> Markup:
 
 
 def together(content: Content) -> Markup:
-    """Text and markup in one piece."""
     if isinstance(content, Markup):
         return content
     if isinstance(content, str):
@@ -132,7 +114,7 @@ def together(content: Content) -> Markup:
 
 
 def escaped(text: str) -> Markup:
-    """Text from anywhere, without control characters and without power."""
+    """Text from anywhere, escaped and without control characters."""
     return Markup(html.escape(terminal_safe(text)))
 
 
@@ -146,7 +128,7 @@ CONTENT_SECURITY_POLICY = element(
 
 
 def said(text: str) -> Markup:
-    """Words that somebody typed: whatever their direction of writing, it ends with them."""
+    """Words that a user typed, isolated: their direction of writing ends with them."""
     return element("bdi", text)
 
 
@@ -159,12 +141,7 @@ def table(
 ) -> Markup:
     """A table whose first column names the rows; a narrow screen shows a row as a card.
 
-    Args:
-        head: over the columns.
-        rows: their cells.
-        class_: of the table, for the style sheet.
-        caption: what it shows; nothing = what stands before it says so.
-        marked: the class of each row, or empty text; shorter = the others have none.
+    `marked` holds the class of each row, or empty text; it may be shorter than the rows.
     """
     names = [together(name) for name in head]
     body = []
@@ -180,23 +157,22 @@ def table(
 
 
 def _plain(name: Markup) -> str:
-    """Its words, without elements."""
     return html.unescape(_ELEMENT.sub("", name))
 
 
 def scrolled(what: Markup, name: str) -> Markup:
-    """Something wide, in a place of its own that goes to the side, by the keyboard, too."""
+    """Something wide in a place that scrolls sideways, by the keyboard, too."""
     return element("div", what, class_="scroll", role="region", aria_label=name, tabindex="0")
 
 
 def listed(items: Iterable[Content], nothing: str) -> Markup:
-    """A list, or words where it is empty."""
+    """A list, or the words `nothing` where it is empty."""
     entries = [element("li", item) for item in items]
     return element("ul", entries) if entries else element("p", nothing)
 
 
 def section(title: str, *content: Content, name: str = "") -> Markup:
-    """A part of the page under a heading; by its name links find it."""
+    """A part of the page under a heading; `name` is its anchor."""
     attributes = {"id": name} if name else {}
     return element("section", element("h2", title), content, **attributes)
 
@@ -230,10 +206,6 @@ _NAMESPACE = re.compile(r' xmlns(:xlink)?="[^"]*"')
 
 
 def themed(drawing: str) -> Markup:
-    """A finished drawing as a part of the page, whose colours, light or dark, it has.
-
-    Args:
-        drawing: SVG or HTML of ours, with colours in style attributes.
-    """
+    """A drawing of ours (SVG or HTML) with its style colours replaced by the page's."""
     part = _NAMESPACE.sub("", drawing)
     return Markup(_COLOUR.sub(lambda found: f"var(--{_NAMES[found[0]]})", part))

@@ -52,10 +52,8 @@ from scoring.result import uncertainty_text
 
 
 FORMAT = 1
-"""Version of the layout of the json file."""
 
 ALL = "all"
-"""Stands in the csv file for all conditions together."""
 
 COLUMNS = (
     *("source", "ruleset", "condition", "benchmark_type", "opening_side", "starting_side"),
@@ -75,23 +73,21 @@ COLUMNS = (
     *("expanded_uncertainty", "doubts", "not_distinguishable_from", "open_protests"),
     "without_result",
 )
-"""Of the csv file. `flagged` are valid runs with a flag that weighs, `undecided` those of them that
-wait for a decision of the referee: a number of theirs may still change. `open_protests` are runs
-with a protest that is not decided: the row is not final. `without_result` are runs that go on, or
-that the referee has to decide on."""
+"""Of the csv file. `flagged`: valid runs with a serious flag; `undecided`: those of them that wait
+for a decision of the referee, so that a number may still change; `open_protests`: runs with an
+undecided protest (the row is not final); `without_result`: current runs, and runs that the
+referee has to decide on.
+"""
 
 _FORMULA = ("=", "+", "-", "@")
 
 
 def standings_csv(found: CompetitionStandings) -> str:
-    """One row for each team, condition (and all of them) and indicator, comma-separated.
+    """One row for each team, condition (and all of them) and indicator.
 
-    A row names its unit and a filter of a spreadsheet on condition and indicator shows a table of
-    teams; a row for each team would have forty columns of numbers. Numbers have all their digits.
-    Empty = no value, or none that EUROBENCH tells. The expanded uncertainty is that of the mean: by
-    measurement, or 2 std / sqrt(runs) where that is larger; of one run its own. A team is not
-    distinguishable from the subjects that are named. A team's name that a spreadsheet would take
-    for a formula gets an apostrophe before it.
+    Numbers have all their digits. Empty = no value, or none that EUROBENCH reports. The expanded
+    uncertainty is that of the mean: by measurement, or 2 std / sqrt(runs) where that is larger; of
+    one run its own. A team's name that a spreadsheet would take for a formula gets an apostrophe.
     """
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
@@ -106,12 +102,6 @@ def standings_csv(found: CompetitionStandings) -> str:
 
 
 def standings_json(found: CompetitionStandings, software: str) -> bytes:
-    """All of it, with units and with the runs that are left out and why.
-
-    Args:
-        found: the standings.
-        software: the version that makes the file.
-    """
     document = {
         "format": FORMAT,
         "software": f"madrob-console {software}",
@@ -183,7 +173,6 @@ def standings_json(found: CompetitionStandings, software: str) -> bytes:
 def _rows(
     found: CompetitionStandings, condition: Mapping[str, object], tally: Tally
 ) -> Iterator[dict[str, object]]:
-    """The cells by column, and more that the csv file has no column for."""
     names = {
         "ruleset": _cell(tally.ruleset),
         "team": _cell(tally.team),
@@ -255,12 +244,6 @@ def _cell(text: str) -> str:
 
 
 def standings_html(found: CompetitionStandings, software: str) -> str:
-    """The standings as a page, readable on a phone and on paper.
-
-    Args:
-        found: the standings.
-        software: the version that makes the page.
-    """
     several = len(found.groups) > 1
     kind = "standings" if found.official else "PRACTICE standings"
     return page(
@@ -296,7 +279,6 @@ def _top(found: CompetitionStandings) -> Markup:
 
 
 def how_to_read() -> Content:
-    """What the numbers of `teams_table` mean."""
     bold = (
         "Bold: the mean. +-: its expanded uncertainty (95 in 100). n: how many runs have a value, "
         "where not all have."
@@ -320,13 +302,6 @@ def _name(tally: Tally) -> Content:
 def teams_table(
     tallies: Iterable[Tally], of: str, who: Callable[[Tally], Content] = _name
 ) -> Markup:
-    """Teams with what their runs came to.
-
-    Args:
-        tallies: in the order of the rows.
-        of: what the table is of, in words.
-        who: how a team is named.
-    """
     heads = [
         f"{name.words}{' *' if name.spec.with_the_start else ''}, {unit_text(name.spec.unit)}; "
         f"{name.spec.better} is better"
@@ -348,7 +323,6 @@ def _row(tally: Tally) -> Iterator[Content]:
 
 
 def counts(tally: Tally) -> Iterator[str]:
-    """How many runs ended how: `3 completed`, `1 timeout`; and whether a protest is open."""
     for count, word in (
         (tally.completed, "completed"),
         (tally.timeout, "timeout"),
@@ -364,7 +338,6 @@ def counts(tally: Tally) -> Iterator[str]:
 
 
 def _indicator(tally: Tally, name: IndicatorName) -> Content:
-    """The mean large, the others small below it."""
     aggregate = tally.aggregates.get(name)
     doubts, signs = tally.doubts.get(name, 0), tally.signs(name)
     below = [f"{doubts} doubt{'s' if doubts > 1 else ''}"] if doubts else []
@@ -393,7 +366,6 @@ def _flagged(found: CompetitionStandings) -> Iterator[Content]:
 
 
 def flag_words(run: RunSummary) -> str:
-    """What a decision on a run hangs on."""
     return "; ".join(flag.words for flag in weighty(run.flags))
 
 
@@ -452,10 +424,6 @@ def _group_lines(group: RulesetStandings) -> Iterator[str]:
 
 
 def _team_lines(tallies: Sequence[Tally]) -> Iterator[str]:
-    """The teams with their runs, then a table for each statistic: teams below, indicators beside.
-
-    A team's name may be long: the tables have its number.
-    """
     for tally in tallies:
         where = f"; on {', '.join(tally.testbeds)}" if tally.testbeds else ""
         yield f"{f'{tally.subject} {tally.team}'.rstrip()}: {', '.join(counts(tally))}{where}"
@@ -477,7 +445,6 @@ def _table(
     tallies: Iterable[Tally],
     text: Callable[[Tally, IndicatorName], str],
 ) -> Iterator[str]:
-    """One statistic of all teams; nothing where no team has it."""
     rows = []
     for tally in tallies:
         texts = [text(tally, name) for name in names]
@@ -489,7 +456,7 @@ def _table(
 
 
 def _mean(most: int, tally: Tally, name: IndicatorName) -> str:
-    """With the signs behind it, in the room of the `most` that a mean has: digits are aligned."""
+    """The signs are padded to `most` characters, so that digits are aligned."""
     aggregate, signs = tally.aggregates.get(name), tally.signs(name)
     if aggregate is None:
         return f"-{signs:<{most}}" if signs else ""
@@ -497,7 +464,6 @@ def _mean(most: int, tally: Tally, name: IndicatorName) -> str:
 
 
 def _spread(most: int, tally: Tally, name: IndicatorName) -> str:
-    """The expanded uncertainty of the mean."""
     aggregate = tally.aggregates.get(name)
     known = uncertainty_text(aggregate.uncertainty) if aggregate else ""
     return f"{known.removeprefix('+- ')}{'':<{most}}" if known else ""

@@ -81,7 +81,6 @@ _QUALITY = (
 
 
 def set_up(record: RunRecord, result: Result) -> Markup:
-    """Everything that was set for the run."""
     setup, pose = record.setup, record.setup.start_pose
     condition = setup.condition
     rows: list[tuple[str, Content]] = [
@@ -111,7 +110,6 @@ def _zero(record: RunRecord) -> Content:
 
 
 def indicators(result: Result) -> Markup:
-    """All of them, with unit and explanation."""
     rules = ruleset(result.ruleset)
 
     def title(name: IndicatorName) -> Content:
@@ -123,13 +121,6 @@ def indicators(result: Result) -> Markup:
 
 
 def events(result: Result, pictured: Anchors) -> Markup:
-    """What happened and when; of a door that flickers the first and the last.
-
-    Args:
-        result: of the run.
-        pictured: where on the page there are pictures of an event.
-    """
-
     def row(event: EventRecord) -> tuple[Content, Content]:
         place = pictured.get((event.time, event.event.value))
         words = event.event.words
@@ -149,7 +140,6 @@ def events(result: Result, pictured: Anchors) -> Markup:
 
 
 def decisions(run: Run) -> Markup:
-    """What the referee decided; then false starts, faults, incidents and notes."""
     said_so = [
         *([_voiding(run.voided)] if run.voided else []),
         *map(_correction, run.corrections),
@@ -173,7 +163,6 @@ def decisions(run: Run) -> Markup:
 
 
 def protests(run: Run) -> Content:
-    """Who protested, what about, and what came of it; nothing where nobody did."""
     if not run.protests:
         return NOTHING
     return section("Protests", [_protest(one, run) for one in run.protests], name="protests")
@@ -207,7 +196,6 @@ def _protest(one: Protest, run: Run) -> Markup:
 
 
 def team_word(run: Run) -> Markup:
-    """Acknowledgement or protest; or that the result is not final."""
     closure = run.closure
     if closure is None:
         not_yet = element("p", "The result is NOT FINAL: it was not finalised yet.")
@@ -219,7 +207,6 @@ def team_word(run: Run) -> Markup:
 
 
 def data_quality(run: Run, result: Result) -> Markup:
-    """Numbers of each signal, and what to know in words."""
     quality = result.quality
     told = set(run.remarks())  # they stand among the decisions
     remarks = [remark for remark in quality.remarks if remark not in told]
@@ -234,7 +221,6 @@ def data_quality(run: Run, result: Result) -> Markup:
 
 
 def _evidence(run: Run) -> Markup:
-    """What was recorded beside the testbed's topics, and whether it is there still."""
     if (evidence := run.evidence) is None:
         return NOTHING
     words = f"Evidence, of which nothing is scored: {evidence.words}"
@@ -304,7 +290,6 @@ def _at(time: float, run: Run) -> Content:
 
 
 def other_runs(place: PagePlace) -> Markup:
-    """The team's other runs by condition; nothing where none is known."""
     if not place.team:
         return NOTHING
     entries = []
@@ -340,15 +325,9 @@ def report_html(
     place: PagePlace = NOWHERE,
     seen: RunPictures = NO_PICTURES,
 ) -> str:
-    """The report of a run.
+    """The report of a run; the same run in the same place gives the same text.
 
-    The same run in the same place gives the same text.
-
-    Args:
-        scored: the run, its result and its data.
-        software: the version that makes the report; empty = the one that recorded the run.
-        place: what it can link to and compare with.
-        seen: what the cameras saw.
+    `software` is the version that makes it; empty = the one that recorded the run.
     """
     from madrob_console.pages.report_pictures import figures  # it loads matplotlib
 
@@ -395,7 +374,6 @@ def _title(scored: Scored) -> str:
 
 
 def _top(scored: Scored) -> Markup:
-    """Warnings first; then whose run it is, how it ended, and what a decision hangs on."""
     record, result = scored.record, scored.result
     setup = record.setup
     condition, task = setup.condition, task_text(setup.condition)
@@ -426,7 +404,6 @@ def _top(scored: Scored) -> Markup:
 
 
 def _summary(scored: Scored) -> Iterator[Content]:
-    """How far the robot came, how long it took, and whether that is the last word."""
     run, result = scored.run, scored.result
     done, stop = sum(record.done for record in result.steps), result.stop
     yield f"{done} of {len(result.steps)} steps count. "

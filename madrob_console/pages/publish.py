@@ -77,10 +77,8 @@ from madrob_console.pages.surroundings import Surroundings, team_digest
 
 
 MANIFEST_FILE = ".madrob_site.json"
-"""In the folder of a site: what was written there."""
 
 LOCK_FILE = ".madrob_site.lock"
-"""In the folder of a site while it is written."""
 
 _LARGEST = 16_000_000  # bytes of the list: some 100,000 files
 _NAME = re.compile(r"(?:[A-Za-z0-9_-][A-Za-z0-9._-]*/)*[A-Za-z0-9_-][A-Za-z0-9._-]*")
@@ -91,7 +89,7 @@ class SiteRefusedError(MadrobError):
 
 
 class SourceUnreadError(MadrobError):
-    """What one file is made of cannot be read: the others are written all the same."""
+    """The source of one file cannot be read: the other files are written all the same."""
 
 
 class SiteNotWrittenError(MadrobError):
@@ -104,10 +102,9 @@ class SiteFile:
 
     Attributes:
         name: its path in the site's folder.
-        key: what it is made of: the same key, the same content.
-        make: makes its content; asked only where it changed. Raises `SourceUnreadError` where
-            what it is made of cannot be read.
-        whole: whether nothing was missing when it was made; else it is made again the next time.
+        key: of its sources: the same key, the same content.
+        make: called only if the key changed; may raise `SourceUnreadError`.
+        whole: whether no source was missing; else it is made again the next time.
     """
 
     name: str
@@ -117,19 +114,16 @@ class SiteFile:
 
     @classmethod
     def of(cls, name: str, text: str, key: str | None = None) -> SiteFile:
-        """A page that is made already.
+        """A finished page.
 
-        Args:
-            name: its path in the site's folder.
-            text: of it.
-            key: the text less what alone is no reason to write it again; None = all of it.
+        `key` is the text less what alone is no reason to write it again; None = all of it.
         """
         digest = sha256((text if key is None else key).encode()).hexdigest()
         return cls(name, digest, text.encode)
 
 
 class _Entry(msgspec.Struct, frozen=True):
-    """The key of what a file is made of, and its stamp; none while it is written."""
+    """Key and stamp of a file; no stamp while it is written."""
 
     key: str = ""
     stamp: Stamp | None = None
@@ -141,14 +135,7 @@ class _Manifest(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """What became of a site.
-
-    Attributes:
-        files: how many it has.
-        written: how many of them were written.
-        removed: how many were, because their runs are gone.
-        unread: why the others could not be made; they are tried again the next time.
-    """
+    """Outcome of writing a site; `unread`: why files could not be made, to be retried next time."""
 
     files: int
     written: int
@@ -158,14 +145,11 @@ class Written:
 
 @contextmanager
 def site_held(folder: Path) -> Iterator[None]:
-    """Nobody else writes the site meanwhile: its runs are read in here, and the newest come last.
-
-    Args:
-        folder: of the site: a new or empty one, or one that was written before.
+    """Lock the site before its runs are read, so that the newest ones are written last.
 
     Raises:
         SiteRefusedError: the folder holds other things.
-        SiteNotWrittenError: the disk refuses, or another writes there now.
+        SiteNotWrittenError: the disk refuses, or another process writes there now.
     """
     _demand_site(folder)
     try:
@@ -186,18 +170,10 @@ def write_site(
     files: Iterable[SiteFile],
     tell: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> Written:
-    """Write what has changed in the order given, and remove what is no more.
+    """Write the changed files in the order given, and remove those that are no more.
 
-    Who looks at the site meanwhile sees each file as it was or as it will be.
-
-    Args:
-        folder: of the site, within `site_held`.
-        files: all of it; those that others link to first.
-        tell: is told how many files are done, and of how many.
-
-    Raises:
-        SiteRefusedError: the folder holds other things.
-        SiteNotWrittenError: the disk refuses.
+    A reader of the site sees each file as it was or as it will be. Call it within `site_held`, with
+    the files that others link to first; raises as `site_held`.
     """
     try:
         return _write(folder, {file.name: file for file in files}, tell)
@@ -254,7 +230,7 @@ def _is_there(folder: Path, file: SiteFile, before: Mapping[str, _Entry]) -> boo
 
 
 def _refuse_links(folder: Path, names: Iterable[str]) -> None:
-    """Nobody leads a page, or its removal, out of the site."""
+    """Refuse links, which could lead a page, or its removal, out of the site."""
     within = {parent for name in names for parent in PurePosixPath(name).parents if parent.name}
     for parent in sorted(folder / parent for parent in within):
         if parent.is_symlink():
@@ -262,7 +238,7 @@ def _refuse_links(folder: Path, names: Iterable[str]) -> None:
 
 
 def _put(folder: Path, name: str, content: bytes) -> bool:
-    """Write a file, unless it is already as it shall be; whether it was written."""
+    """Write a file, unless it is the same already; returns whether it was written."""
     with suppress(OSError):
         if read_all(folder / name, len(content)) == content:
             return False
@@ -290,7 +266,6 @@ def _demand_site(folder: Path) -> None:
 
 
 def _known(folder: Path) -> dict[str, _Entry]:
-    """What was written before."""
     path = folder / MANIFEST_FILE
     try:
         found = msgspec.json.decode(read_all(path, _LARGEST), type=_Manifest)
@@ -323,14 +298,7 @@ def _remove(folder: Path, name: str) -> None:
 
 
 class RunTables:
-    """Makes them of the stored results, which are read once for all tables.
-
-    Args:
-        content: of the site.
-
-    Attributes:
-        whole: whether every run could be read.
-    """
+    """Makes the tables from the stored results, which are read once for all tables."""
 
     def __init__(self, content: SiteContent) -> None:
         self.whole = True
@@ -339,7 +307,6 @@ class RunTables:
 
     @property
     def key(self) -> str:
-        """Of what they are made: all results, as they are now."""
         content = self._content
         told = [
             f"{run.folder} {stamp_of(f'{content.source(run)}/{RESULT_FILE}')} {run.voided}"
@@ -350,7 +317,6 @@ class RunTables:
         ).hexdigest()
 
     def csv(self, table: TidyTable) -> bytes:
-        """One of the tables."""
         from madrob_console.export.rows import TableWriter  # it loads pandas
 
         if self._rows is None:
@@ -380,11 +346,7 @@ class RunTables:
 
 
 def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
-    """All files, those that others link to first; and the runs without a report to show.
-
-    Args:
-        content: of the site.
-    """
+    """All files, those that others link to first; and the runs without a report to show."""
     files: list[SiteFile] = []
     without = []
     around = Surroundings()
@@ -410,7 +372,6 @@ def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
 
 
 def _of_run(content: SiteContent, run: RunSummary, around: Surroundings) -> Iterator[SiteFile]:
-    """Its report where one was made of it, its result, its page."""
     place, folder = content.places[run.folder], content.source(run)
     result = result_beside(place)
     named = []
@@ -431,7 +392,6 @@ def _of_run(content: SiteContent, run: RunSummary, around: Surroundings) -> Iter
 
 
 def _page(content: SiteContent, run: RunSummary, files: Sequence[str]) -> bytes:
-    """The page of a run with what its result says."""
     folder = str(content.source(run))
     result: PagedResult | ListedResult
     try:
@@ -449,7 +409,6 @@ def _has_report(content: SiteContent, run: RunSummary) -> bool:
 
 
 def _report_page(content: SiteContent, run: RunSummary, other: RunSummary) -> str:
-    """The report of another run as seen from that of a run; empty = the site has none."""
     place = content.places.get(other.folder)
     if place is None or not _has_report(content, other):
         return ""
@@ -457,7 +416,6 @@ def _report_page(content: SiteContent, run: RunSummary, other: RunSummary) -> st
 
 
 def _ways(content: SiteContent, run: RunSummary) -> Markup:
-    """The ways from its report to the pages around it."""
     place = report_beside(content.places[run.folder])
     more = (
         link(beside(place, content.places[run.folder]), "this run, short"),

@@ -29,7 +29,6 @@ _REFERENCE = re.compile(r'(\bid="|url\(#|xlink:href="#)')
 
 @lru_cache(maxsize=64)  # drawing takes most of a report's time, and a site draws the same ones
 def figures(scored: Scored) -> Markup:
-    """The figures that the run has, and the reasons for those that it has not."""
     result, rows, condition = scored.result, scored.rows, scored.record.setup.condition
     drawn = figures_of(result, rows, condition)
     missing = missing_figures(result, rows)
@@ -64,7 +63,6 @@ def _anchor(name: FigureName) -> str:
 
 
 def _passage(scored: Scored) -> Markup | None:
-    """What the passage sensors saw."""
     found = passage_figure(scored.result, scored.rows, scored.record.setup.condition)
     if found is None:
         return None
@@ -79,13 +77,7 @@ def _passage(scored: Scored) -> Markup | None:
 
 
 def inline(document: str, number: int, alternative: str) -> Markup:
-    """An SVG document as a part of a page, whose ids are no other figure's.
-
-    Args:
-        document: of a figure.
-        number: of the figure.
-        alternative: what it shows, for those who cannot see it.
-    """
+    """An SVG document as a part of a page; the figure's `number` makes its ids unique."""
     picture = document[document.index("<svg") :]
     picture = _REFERENCE.sub(rf"\g<1>f{number}-", picture)
     picture = picture.replace("xlink:href=", "href=")
@@ -94,7 +86,7 @@ def inline(document: str, number: int, alternative: str) -> Markup:
 
 
 def _handle(scored: Scored, name: FigureName) -> Content:
-    """What stands behind the force: the handle's zero and the band within which nobody touches."""
+    """Background of the force: the handle's zero and the band within which nobody touches."""
     if Quantity.FORCE not in name.spec.panels:
         return ()
     zero, half = scored.result.handle_zero, scored.rows.thresholds.touch_force

@@ -43,7 +43,6 @@ from scoring.result import Indicator, distinguishable, doubts_of, uncertainty_te
 
 
 NONE = "-"
-"""Where there is nothing to say."""
 
 MANUAL_START_NOTE = (
     f"* Robot and clock were started by hand: {WITH_THE_START} include the delay between the two."
@@ -53,19 +52,16 @@ UNCERTAINTY_NOTE = (
     "+-: the value lies within it of what happened 95 times in 100, as far as sampling, encoder, "
     "stamps and noise go. Two results whose intervals overlap are not distinguishable."
 )
-"""What stands below the values of a report, once an uncertainty is known."""
 
 NO_UNCERTAINTY_NOTE = (
     "Values with four decimals and without +-: no uncertainty is known of them. The result was "
     "made by an earlier version, or without the recording."
 )
-"""What stands there in its place."""
 
 BIAS_NOTE = (
     "Not in the uncertainties, because the direction is known: the steps of the encoder look like "
     "jerk, so that the smoothness of a smooth door is too low."
 )
-"""What stands among the explanations."""
 
 DOUBTS_NOTE = "? marks a value that is doubted, and says of no value that it is wrong:"
 
@@ -79,25 +75,20 @@ INVALID: Mapping[Outcome, str] = {
         "left out of every mean and ranking; the referee decides whether the run is repeated."
     ),
 }
-"""What stands on top of a run that does not count."""
 
 VOIDED = (
     "VOID: the referee voided this run. It keeps its indicators, counts for nothing and stays on "
     "record."
 )
-"""What stands on top of a run that was voided."""
 
 UNOFFICIAL: Mapping[SourceKind, str] = {
     SourceKind.SIMULATED: "SIMULATED: not an official result. No real door was opened.",
     SourceKind.REPLAY: "REPLAY: not an official result. A recording was played once more.",
 }
-"""What stands on top of a run that was on no real testbed."""
 
 PRACTICE = "PRACTICE: not an official result."
-"""What stands on top of a practice run on a real one."""
 
 PRACTICE_STANDINGS = "PRACTICE: not official. Rehearsals, and runs of a simulated testbed."
-"""What stands on top of the standings of practice runs."""
 
 TEAM_WORDS: Mapping[TeamWord, str] = {
     TeamWord.ACKNOWLEDGED: "The team acknowledged the result.",
@@ -120,7 +111,6 @@ LOCKED_BY: Mapping[LockDetection, str] = {
 
 
 def plain(name: str) -> str:
-    """A name from a file, with blanks."""
     return name.replace("_", " ")
 
 
@@ -130,14 +120,13 @@ def since(time: float | None, start: float) -> str:
 
 
 def task_text(condition: Condition) -> str:
-    """What a condition asks of the robot."""
     way = "pull" if condition.must_pull else "push"
     start, destination = condition.starting_side.upper(), condition.destination_side.upper()
     return f"{way} the door, from side {start} to side {destination}"
 
 
 def date_text(epoch: float) -> str:
-    """Local date and time with its distance from UTC."""
+    """Local date and time with the offset from UTC."""
     try:
         local = datetime.fromtimestamp(epoch, tz=UTC).astimezone()
     except (OverflowError, OSError, ValueError):
@@ -154,14 +143,6 @@ def indicator_section(
     title: Callable[[IndicatorName], Content],
     *notes: Content,
 ) -> Markup:
-    """The indicators, each with its value or why it has none, and what is doubted of them.
-
-    Args:
-        found: in their order.
-        title: what stands beside the value of one.
-        notes: below them.
-    """
-
     def row(name: IndicatorName, indicator: Indicator) -> tuple[Content, Content]:
         if indicator.value is None:
             return title(name), element("span", indicator.text, class_="none")
@@ -193,12 +174,11 @@ def indicator_section(
 
 
 def star(name: IndicatorName) -> str:
-    """Behind the name of an indicator that includes the delay of the manual start."""
+    """Mark behind the name of an indicator that includes the delay of the manual start."""
     return " *" if name.spec.with_the_start else ""
 
 
 def _doubts(found: Mapping[IndicatorName, Indicator]) -> Content:
-    """Each sentence with the indicators that it is on; nothing where nothing is doubted."""
     doubts = doubts_of(found)
     if not doubts:
         return NOTHING
@@ -210,12 +190,7 @@ def _doubts(found: Mapping[IndicatorName, Indicator]) -> Content:
 
 
 def steps(records: Iterable[StepRecord], start: float) -> Markup:
-    """What the sensors say, what the referee says, what counts.
-
-    Args:
-        records: the six.
-        start: of the run, s since the epoch.
-    """
+    """The six steps by sensors, by referee, and as they count; `start` in s since the epoch."""
 
     def row(record: StepRecord) -> tuple[Content, ...]:
         ruling = record.referee
@@ -237,12 +212,7 @@ def steps(records: Iterable[StepRecord], start: float) -> Markup:
 
 
 def issues(reissues: Sequence[Reissuing], earlier: Iterable[ListedResult]) -> Content:
-    """Why the result was issued again, and what it was before; nothing where it was not.
-
-    Args:
-        reissues: oldest first.
-        earlier: the issues before; those that cannot be read are missing.
-    """
+    """Reasons of re-issues, oldest first, and the earlier results that can be read."""
     if not reissues:
         return NOTHING
     known = {one.issue: one for one in earlier}
@@ -269,7 +239,6 @@ def _issue(one: Reissuing, before: ListedResult | None) -> Content:
 
 
 def _value_words(result: ListedResult) -> Iterator[str]:
-    """Level and time of a result; how it ended where it was not completed; whether it was final."""
     level = result.told.get(IndicatorName.CAPABILITY_LEVEL)
     time = result.told.get(IndicatorName.EXECUTION_TIME)
     if level is not None and level.value is not None:
@@ -288,18 +257,11 @@ def _value_words(result: ListedResult) -> Iterator[str]:
 
 
 _ALIKE = 2
-"""Sampling intervals by which phases differ that are told apart: each edge may be one off."""
+"""Smallest difference between phases, in sampling intervals: each edge may be one off."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """A bar, and a column of the table.
-
-    Attributes:
-        name: of it.
-        phases: what it shows.
-    """
-
     name: str
     phases: PhaseTimes
 
@@ -314,7 +276,6 @@ class _Column:
 
 
 def phases(scored: Scored, place: PagePlace) -> Markup:
-    """Bars, the numbers behind them, and what follows."""
     result = scored.result
     if result.outcome is Outcome.ABORTED:
         return NOTHING
@@ -399,7 +360,6 @@ def _words(
 
 
 def _lost(own: _Column, median: _Column, least: float) -> Iterator[Content]:
-    """Where most time was lost, and where most was won, if it is more than sampling leaves."""
     both = [
         (own.phases[phase] - time, phase)
         for phase, time in median.phases.items()

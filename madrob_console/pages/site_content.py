@@ -29,7 +29,6 @@ ORDER = (
     "Ordered by capability level first, then completed before failed, then by the execution time "
     "of completed runs; a value of a failed run never brings it up. The protocol makes no ranking."
 )
-"""How runs stand beside each other, and what that is not."""
 
 TEAMS_ORDER = (
     "In each condition a team's best run: the highest capability level, completed before failed, "
@@ -37,7 +36,6 @@ TEAMS_ORDER = (
     "conditions they reached it, then by in how many they completed a run; values of failed runs "
     "order nothing. The protocol makes no ranking."
 )
-"""The same of teams over all conditions."""
 
 _LARGEST_DRAWN = 1e12
 
@@ -47,12 +45,8 @@ class SiteContent:
     """A competition as its pages show it.
 
     Attributes:
-        root: where the folders of the runs are seen from.
-        runs: all of the competition, whether they count or not, oldest first, each once.
-        standings: of them.
-        plan: and how much of it is done; None = there is none.
-        names: subject -> team.
-        software: the version that makes the pages.
+        root: parent of the folders of the runs.
+        runs: all of the competition, even if they do not count, oldest first, without duplicates.
         zips: the teams whose zip somebody has put on the site.
     """
 
@@ -66,13 +60,11 @@ class SiteContent:
 
     @property
     def title(self) -> str:
-        """What stands over every page."""
         kind = "" if self.standings.official else "PRACTICE "
         return f"{self.standings.title or 'MADROB'}: {kind}results"
 
     @cached_property
     def of_team(self) -> Mapping[int, Sequence[RunSummary]]:
-        """The runs of each team, by its number, oldest first."""
         found: dict[int, list[RunSummary]] = defaultdict(list)
         for run in self.runs:
             found[run.subject].append(run)
@@ -80,7 +72,7 @@ class SiteContent:
 
     @cached_property
     def conditions(self) -> Sequence[int]:
-        """The numbers of those that were run and count."""
+        """The numbers of conditions that were run and count."""
         groups = self.standings.groups
         return sorted({one.number for group in groups for one in group.conditions})
 
@@ -94,7 +86,6 @@ class SiteContent:
         }
 
     def runs_of(self, subject: int, condition: int, ruleset: str) -> list[RunSummary]:
-        """Those of a team in a condition by one ruleset, whether they count or not."""
         return [
             run
             for run in self.of_team[subject]
@@ -102,7 +93,7 @@ class SiteContent:
         ]
 
     def team_name(self, subject: int) -> str:
-        """Of a team, as the standings have it; empty where it has none."""
+        """A team's name in the standings; empty where it has none."""
         if found := self._standing_names.get(subject):
             return found
         return self.names.get(subject, "")
@@ -112,46 +103,40 @@ class SiteContent:
         return {one.subject: one.team for group in self.standings.groups for one in group.overall}
 
     def who(self, subject: int) -> str:
-        """A team in words: its number and its name."""
         return f"{subject} {self.team_name(subject)}".rstrip()
 
     def source(self, run: RunSummary) -> Path:
-        """The folder of a run."""
         return self.root / run.folder
 
 
 def team_place(subject: int) -> str:
-    """The page of a team."""
     return f"teams/{subject:03d}.html"
 
 
 def zip_place(subject: int) -> str:
-    """Where the zip of a team lies, if somebody puts it there: `madrob export --output`."""
+    """Path of a team's zip, which `madrob export --output` may put there."""
     return f"downloads/team_{subject:03d}.zip"
 
 
 def condition_place(number: int) -> str:
-    """The page of a condition."""
     return f"conditions/{number:02d}.html"
 
 
 def beside(page: str, name: str) -> str:
-    """Where a file of the site lies, as seen from one of its pages."""
+    """Path of a file of the site relative to one of its pages."""
     return posixpath.relpath(name, posixpath.dirname(page) or ".")
 
 
 def report_beside(page: str) -> str:
-    """The report of a run, by the run's page."""
     return str(PurePosixPath(page).with_name(REPORT_FILE))
 
 
 def result_beside(page: str) -> str:
-    """The result of a run, likewise."""
     return str(PurePosixPath(page).with_name(RESULT_FILE))
 
 
 def _called(run: RunSummary) -> str:
-    """The name of a run's folder, in which two testbeds may agree, and the end of its identity."""
+    """A run folder's name, which two testbeds may share, and the end of the run's identity."""
     name = os.path.basename(run.folder)  # noqa: PTH119  of text
     own = re.fullmatch("[0-9a-f]{8}", run.run_id[-8:])
     folder = run.folder.encode(errors="surrogateescape")
@@ -159,18 +144,17 @@ def _called(run: RunSummary) -> str:
 
 
 def best_of(runs: Sequence[RunSummary]) -> RunSummary | None:
-    """The run that stands for a team; None without a valid one."""
     return min((run for run in runs if run.valid), key=rank, default=None)
 
 
 Alike: TypeAlias = Mapping[str, frozenset[IndicatorName]]
-"""By the folder of a run, the indicators in which it is not distinguishable from another one."""
+"""By run folder, the indicators in which the run is not distinguishable from another."""
 
 NONE_ALIKE: Alike = {}
 
 
 def alike_among(runs: Sequence[RunSummary]) -> Alike:
-    """Of runs that stand beside each other, those that are compared (protocol section 11)."""
+    """Indistinguishable values among the compared ones of these runs (protocol section 11)."""
     found: dict[str, set[IndicatorName]] = defaultdict(set)
     for name in IndicatorName:
         known = [
@@ -200,13 +184,11 @@ def drawable(run: RunSummary, name: IndicatorName) -> float | None:
 
 @dataclass(frozen=True)
 class BestRuns:
-    """What stands for each team by one ruleset.
+    """The best run of each team by one ruleset.
 
     Attributes:
-        teams: as `TEAMS_ORDER` says.
-        conditions: the numbers of those that were run.
+        teams: in the order of `TEAMS_ORDER`.
         of_team: subject -> condition -> its best run, where it has a valid one.
-        alike: in what these are not distinguishable within their condition.
     """
 
     teams: Sequence[Overall]
@@ -216,12 +198,6 @@ class BestRuns:
 
     @classmethod
     def of(cls, content: SiteContent, group: RulesetStandings) -> BestRuns:
-        """Those of the teams of a ruleset.
-
-        Args:
-            content: of the site.
-            group: the standings by that ruleset.
-        """
         numbers = [condition.number for condition in group.conditions]
         best = {
             team.subject: {

@@ -63,16 +63,9 @@ def site_page(
     head: Content = NOTHING,
     lines: Iterable[Content] = (),
 ) -> str:
-    """A page of the site.
+    """A page of the site; `place` is its path, `lines` stand below the heading.
 
-    Args:
-        content: of the site.
-        place: of the page in the site.
-        heading: its first heading.
-        parts: what it is about.
-        title: before the competition in the browser's tab; empty = the competition alone.
-        head: more that its head says.
-        lines: below the heading.
+    `title` stands before the competition in the browser's tab; empty = the competition alone.
     """
     official = content.standings.official
     named = f"{title} - {content.title}" if title else content.title
@@ -95,7 +88,6 @@ def site_page(
 
 
 def ways(content: SiteContent, place: str, more: Sequence[Content] = ()) -> Markup:
-    """The ways around the site, from a page of it."""
     found: list[Content] = []
     for name, words in ((INDEX_PAGE, "overview"), (PLAN, "plan")):
         if name != place and (name != PLAN or content.plan is not None):
@@ -105,13 +97,11 @@ def ways(content: SiteContent, place: str, more: Sequence[Content] = ()) -> Mark
 
 
 def team_link(content: SiteContent, place: str, subject: int) -> Content:
-    """A team by number and name, as seen from a page."""
     words = (f"{subject} ", said(content.team_name(subject)))
     return link(beside(place, team_place(subject)), words) if subject in content.of_team else words
 
 
 def condition_link(content: SiteContent, place: str, number: int) -> Content:
-    """A condition by its number, as seen from a page."""
     words = f"condition {number}"
     if number not in content.conditions:
         return words
@@ -119,14 +109,14 @@ def condition_link(content: SiteContent, place: str, number: int) -> Content:
 
 
 def run_link(content: SiteContent, place: str, run: RunSummary, words: Content) -> Content:
-    """A run, as seen from a page; without a link where it has no page."""
+    """Without a link where the run has no page."""
     target = content.places.get(run.folder)
     whole = element("span", words, class_="whole")
     return link(beside(place, target), whole) if target else whole
 
 
 def task_words_of(number: int) -> str:
-    """What a condition asks of the robot: `Sudden Force, pull, from CW to CCW`."""
+    """Task of a condition: `Sudden Force, pull, from CW to CCW`."""
     return ", ".join(filter(None, reversed(condition_words(number))))
 
 
@@ -134,11 +124,10 @@ _CLOSING_WORDS = {
     "protested": "PROTESTED by the team",
     PROTEST_OPEN: "NOT FINAL: a PROTEST is open",
 }
-"""Where a page says more than a list has room for."""
+"""Longer words than a list has room for."""
 
 
 def outcome_cell(run: RunSummary) -> Content:
-    """How a run ended, whether that is the last word, and what a decision on it hangs on."""
     told = (FlagKind.VOID, FlagKind.PRACTICE, FlagKind.PROTEST)
     words = [flag.words for flag in run.flags if flag.kind not in told]
     if run.outcome is not None and run.problem is None and run.closing != "final":
@@ -148,13 +137,6 @@ def outcome_cell(run: RunSummary) -> Content:
 
 
 def value_cell(run: RunSummary, name: IndicatorName, alike: Alike = NONE_ALIKE) -> Content:
-    """The value of an indicator with its uncertainty, in the digits that a report has.
-
-    Args:
-        run: which one.
-        name: which indicator.
-        alike: of the runs beside which it stands.
-    """
     sign = run.sign(name) + (ALIKE if name in alike.get(run.folder, ()) else "")
     value = run.values.get(name)
     if value is None:
@@ -165,7 +147,6 @@ def value_cell(run: RunSummary, name: IndicatorName, alike: Alike = NONE_ALIKE) 
 
 
 def heads_of_values(names: Iterable[IndicatorName] = IndicatorName) -> Iterator[str]:
-    """Over the columns of indicators, as short as they are understood."""
     for name in names:
         yield f"{name.words.partition(' of ')[0]}, {unit_text(name.spec.unit)}"
 
@@ -177,15 +158,7 @@ def runs_table(
     caption: Content,
     alike: Alike = NONE_ALIKE,
 ) -> Markup:
-    """Runs with how they ended and all of their values; level first.
-
-    Args:
-        first: over the first column.
-        rows: a run, and the cells before its outcome.
-        second: over the other cells before its outcome.
-        caption: what it shows.
-        alike: of them.
-    """
+    """Runs with how they ended and all of their values; level first."""
     level = IndicatorName.CAPABILITY_LEVEL
     names = (level, *(name for name in IndicatorName if name is not level))
     every = list(rows)
@@ -220,12 +193,7 @@ _STEPS = (60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400)
 
 
 def boxes(runs: Mapping[int, Sequence[RunSummary]], who: Callable[[int], str]) -> Markup:
-    """A box plot of all teams for each indicator that has a value.
-
-    Args:
-        runs: of each team, by its number, in the order of the rows; all in one condition.
-        who: a team in words.
-    """
+    """A box plot for each indicator that has a value; a row a team, all runs of one condition."""
     return element("div", _boxes(runs, who), class_="multiples")
 
 
@@ -273,11 +241,7 @@ def _values(values: Sequence[float], word: str) -> str:
 
 
 def curves(runs: Sequence[RunSummary]) -> Markup:
-    """A curve over the day for each indicator that has a value.
-
-    Args:
-        runs: of one team, oldest first; at least one.
-    """
+    """A curve over the day for each indicator that has a value; at least one run, oldest first."""
     return element("div", _curves(runs), class_="multiples")
 
 
@@ -313,7 +277,7 @@ def _points(points: Sequence[DayPoint]) -> str:
 
 
 def clock_marks(begin: float, end: float) -> list[tuple[float, str]]:
-    """Round local times of day from the first to the last of some runs, and what stands there."""
+    """Round local times of day from the first to the last run, with their labels."""
     span = max(end - begin, 1.0)
     step = next((one for one in _STEPS if span / one <= _MOST_MARKS), None)
     if step is None:  # over days
@@ -345,10 +309,10 @@ def _unit_and_direction(name: IndicatorName) -> str:
 
 
 REFRESH = 15
-"""The screen is loaded again after so long at least, s."""
+"""Least time between reloads of the screen, s."""
 
 _LEAF_TIME = 10
-"""Where not all teams fit, the next ones come after so long, s; all have been there at a reload."""
+"""Time of each leaf where not all teams fit, s; all have been shown at a reload."""
 
 _TEAMS, _CONDITIONS = 12, 4  # of a leaf: so many can be read from 6 m
 _LATEST, _LATEST_ALONE, _NEXT = 4, 7, 2
@@ -356,8 +320,6 @@ _LATEST, _LATEST_ALONE, _NEXT = 4, 7, 2
 
 @dataclass(frozen=True, slots=True)
 class _Leaf:
-    """What of the standings is seen at once."""
-
     ruleset: str
     found: BestRuns
     teams: Sequence[Overall]
@@ -365,7 +327,6 @@ class _Leaf:
 
     @property
     def words(self) -> Iterator[str]:
-        """Which part of the standings it is; nothing of what is all of it."""
         everyone, every = [team.subject for team in self.found.teams], self.found.conditions
         if len(self.teams) < len(everyone):
             yield f"teams {_part([team.subject for team in self.teams], everyone)}"
@@ -382,12 +343,7 @@ def _part(some: Sequence[int], every: Sequence[int]) -> str:
 
 
 def hall_page(content: SiteContent, written: str) -> str:
-    """What a screen in the hall shows: it is loaded again by itself, and its leaves turn.
-
-    Args:
-        content: of the site.
-        written: when, in words.
-    """
+    """The page of a screen in the hall: it reloads by itself, and its leaves turn."""
     leaves = list(_leaves(content))
     lasting = max(REFRESH, _LEAF_TIME * len(leaves) if len(leaves) > 1 else 0)
     shown = [_leaf(content, leaf, number, len(leaves)) for number, leaf in enumerate(leaves)]
@@ -424,7 +380,7 @@ def _leaves(content: SiteContent) -> Iterator[_Leaf]:
 
 
 def _turning(leaves: int) -> Markup:
-    """The style by which one leaf after the other is seen on a screen, without a script."""
+    """The style that shows one leaf after the other on a screen, without a script."""
     return Markup(
         f"@keyframes leaf {{ 0% {{ visibility: visible }} {100 / leaves:.4f}% "
         "{ visibility: hidden } }\n"
@@ -460,7 +416,6 @@ def _leaf(content: SiteContent, leaf: _Leaf, number: int, leaves: int) -> Markup
 
 
 def _words(run: RunSummary, alike: str = "") -> Iterator[Content]:
-    """Level, and time if completed, of a valid run; else in a word why it is none."""
     if run.valid:
         yield element("b", _number(run, IndicatorName.CAPABILITY_LEVEL)), " "
     if run.valid and run.outcome is Outcome.COMPLETED:
@@ -470,7 +425,6 @@ def _words(run: RunSummary, alike: str = "") -> Iterator[Content]:
 
 
 def _number(run: RunSummary, name: IndicatorName) -> str:
-    """A value in the digits that its uncertainty leaves; that itself stands on the other pages."""
     value, known = run.values.get(name), run.uncertainties.get(name)
     if value is None:
         return NONE

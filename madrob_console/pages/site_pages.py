@@ -86,18 +86,11 @@ DOWNLOADS = {
     "data/events.csv": "a row for each event",
     "data/steps.csv": "a row for each run and step",
 }
-"""The tables for programs, and what they have."""
 
 _LATEST, _NEXT = 8, 3
 
 
 def overview_page(content: SiteContent, written: str) -> str:
-    """The first page.
-
-    Args:
-        content: of the site.
-        written: when, in words.
-    """
     found = content.standings
     return site_page(
         content,
@@ -116,12 +109,6 @@ def overview_page(content: SiteContent, written: str) -> str:
 
 
 def plan_page(content: SiteContent, plan: PlanProgress) -> str:
-    """All of the plan, in its order.
-
-    Args:
-        content: of the site.
-        plan: and how much of it is done.
-    """
     extra = [one for one in plan.tasks if not one.planned]
     out = section("Out of plan", _plan_table(content, extra, "Runs that nobody planned"))
     return site_page(
@@ -191,7 +178,6 @@ def _standings(content: SiteContent, place: str) -> Content:
 
 
 def _group_table(content: SiteContent, place: str, group: RulesetStandings) -> Markup:
-    """A row a team: how far it came in each condition."""
     found = BestRuns.of(content, group)
 
     def row(team: Overall) -> Iterator[Content]:
@@ -220,7 +206,7 @@ def _best_cell(content: SiteContent, place: str, run: RunSummary, alike: Alike) 
 
 
 def _latest(content: SiteContent, place: str) -> Content:
-    """The newest first; what has no result yet goes on, or waits for a decision."""
+    """The newest first; a run without a result is current, or waits for a decision."""
     entries = []
     for run in islice(reversed(content.runs), _LATEST):
         words = f"run {run.run_number}, {run.started_text}"
@@ -267,12 +253,6 @@ def _more(content: SiteContent) -> Markup:
 
 
 def condition_page(content: SiteContent, number: int) -> str:
-    """The page of a condition.
-
-    Args:
-        content: of the site.
-        number: of the condition.
-    """
     place, condition = condition_place(number), Condition.from_number(number)
     groups = [group for group in content.standings.groups if condition in group.conditions]
     several = len(groups) > 1
@@ -352,12 +332,6 @@ def _order(best: RunSummary | None) -> tuple[float, ...]:
 
 
 def team_page(content: SiteContent, subject: int) -> str:
-    """The page of a team.
-
-    Args:
-        content: of the site.
-        subject: its number.
-    """
     place, runs = team_place(subject), content.of_team[subject]
     name = content.team_name(subject)
     parts = [section("All runs, oldest first", _by_condition(content, place, runs))]
@@ -425,7 +399,6 @@ def _by_condition(
 
 
 def _why(run: RunSummary) -> str:
-    """Why a run does not count; what is wrong with files is the organiser's business."""
     return why_left_out(run) if run.problem is None else "its result cannot be used"
 
 
@@ -455,13 +428,10 @@ def run_page(
     files: Sequence[str],
     result: PagedResult | ListedResult | None,
 ) -> str:
-    """The page of a run.
+    """The page of a run that has one.
 
-    Args:
-        content: of the site.
-        run: one that has a page.
-        files: of the run that are on the site, as seen from its root; its report first.
-        result: of the run, without its steps where they cannot be read; None = all but that.
+    `files` of the run are on the site, as seen from its root, its report first. `result` is without
+    its steps where they cannot be read; None = a page without it.
     """
     place = content.places[run.folder]
     named = f"Run {run.run_number} of team {content.who(run.subject)}"
@@ -490,7 +460,6 @@ def _run_lines(content: SiteContent, place: str, run: RunSummary) -> Iterator[Co
 
 
 def _told(result: PagedResult | ListedResult, folder: Path) -> Iterator[Content]:
-    """What the report says of it, too, in the same sections."""
     values = indicator_section(result.told, _title)
     if isinstance(result, PagedResult):
         done = steps(result.steps, result.start) if result.steps else NOTHING

@@ -32,7 +32,7 @@ _HEAD = 1000  # bytes of a report in which it says what it was made of
 
 
 def report_is_old(folder: Path) -> bool:
-    """Whether there is a report that says it was made of another journal than the result."""
+    """Whether there is a report that names another journal than the result."""
     try:
         told = made_of(_head(folder))
         result, _ = read_result(str(folder))
@@ -42,7 +42,7 @@ def report_is_old(folder: Path) -> bool:
 
 
 def team_told(folder: Path) -> str | None:
-    """Digest of the team's other runs that the report tells of; None where it tells of none."""
+    """Digest of the team's other runs that the report names; None where it names none."""
     try:
         return team_of(_head(folder))
     except OSError:
@@ -59,12 +59,7 @@ _MOST_FILES = 60
 
 @dataclass(frozen=True, slots=True)
 class LinkedRun:
-    """Another run of the team.
-
-    Attributes:
-        summary: what the list of runs knows of it.
-        page: its report, as seen from this one; empty = it has none.
-    """
+    """Another run of the team; `page` is the path of its report from this one, empty = none."""
 
     summary: RunSummary
     page: str
@@ -72,12 +67,7 @@ class LinkedRun:
 
 @dataclass(frozen=True, slots=True)
 class ComparedRun:
-    """A run that can be compared: completed, same condition, same rules, official or practice too.
-
-    Attributes:
-        summary: what the list of runs knows of it.
-        phases: where its time went.
-    """
+    """A comparable run: completed, same condition, same rules, official or practice too."""
 
     summary: RunSummary
     phases: PhaseTimes
@@ -90,12 +80,10 @@ class PagePlace:
     Attributes:
         files: the names of the files beside it.
         team: the other runs of its team, by condition and number.
-        field: the other runs of the competition, of all teams, that can be compared with it; none
-            where it failed.
+        field: the comparable runs of all teams; none where the run failed.
         itself: the run in the list of runs; None = it is not there.
         earlier: the issues of its result before this one.
         digest: of what the page tells of the team's other runs.
-        ways: links to the pages around it.
     """
 
     files: tuple[str, ...] = ()
@@ -108,23 +96,17 @@ class PagePlace:
 
 
 NOWHERE = PagePlace()
-"""Of a page that does not lie in the folder of its run."""
 
 
 class Surroundings:
-    """Looks around runs; each results folder is read once, each run's steps, too."""
+    """Surroundings of runs; reads each results folder once, and each run's steps, too."""
 
     def __init__(self) -> None:
         self._runs: dict[Path, tuple[RunSummary, ...]] = {}
         self._phases: dict[Path, PhaseTimes | None] = {}
 
     def place_of(self, folder: Path, scored: Scored) -> PagePlace:
-        """What lies around the run in a folder; what cannot be read is left out.
-
-        Args:
-            folder: of the run; a page in it is meant.
-            scored: the run.
-        """
+        """The place of a page in the run's folder; what cannot be read is left out."""
         folder = folder.absolute()
         if not folder.is_dir() or parse_folder_name(folder.name) is None:
             return NOWHERE
@@ -147,14 +129,10 @@ class Surroundings:
         scored: Scored,
         page: Callable[[RunSummary], str],
     ) -> PagePlace:
-        """What a run can be compared with among these, wherever its page will lie.
+        """The place of a page anywhere, for the run in the folder `name` among all known runs.
 
-        Args:
-            root: where the folders of the runs are seen from.
-            name: the folder of the run.
-            runs: all that are known.
-            scored: the run.
-            page: where the report of another run is, seen from the page; empty = it has none.
+        `root` is the parent of the runs' folders. `page` gives the path of another run's report
+        from the page; empty = it has none.
         """
         setup = scored.record.setup
         itself = next((run for run in runs if run.folder == name), None)
@@ -184,11 +162,7 @@ class Surroundings:
         )
 
     def old_reports(self, root: Path) -> Iterator[Path]:
-        """The runs whose reports tell of other runs of their team than there are now.
-
-        Args:
-            root: the results folder.
-        """
+        """Runs whose reports name other runs of their team than there are now."""
         teams: dict[tuple[int, bool], list[RunSummary]] = defaultdict(list)
         for run in self._known(root):
             teams[run.subject, run.practice].append(run)
@@ -217,7 +191,7 @@ class Surroundings:
 
 
 def _others(mine: RunSummary, runs: Iterable[RunSummary]) -> list[RunSummary]:
-    """Those of the same competition and kind, without the same run in another place."""
+    """Runs of the same competition and kind, without duplicates of this run."""
     return [
         run
         for run in runs
@@ -229,13 +203,12 @@ def _others(mine: RunSummary, runs: Iterable[RunSummary]) -> list[RunSummary]:
 
 
 def _team(mine: RunSummary, others: Iterable[RunSummary]) -> list[RunSummary]:
-    """Those of its team, by condition and number."""
     found = (run for run in others if run.subject == mine.subject and not run.never_ran)
     return sorted(found, key=lambda run: (run.condition, run.run_number))
 
 
 def team_digest(mine: RunSummary, runs: Iterable[RunSummary]) -> str:
-    """Of all that the report of a run tells of its team's other runs among these."""
+    """Digest of all that a run's report tells of its team's other runs."""
     return _digest(_team(mine, _others(mine, runs)))
 
 
@@ -261,7 +234,7 @@ def _comparable(run: RunSummary, scored: Scored, *, practice: bool) -> bool:
 
 
 def _files(folder: Path) -> tuple[str, ...]:
-    """The plain files of a run's folder but for the page itself; the first of very many."""
+    """The plain files of a run's folder except the page itself; of very many only the first."""
     try:
         with os.scandir(folder) as found:
             names = sorted(

@@ -22,10 +22,10 @@ from scoring.protocol import Outcome
 from scoring.result import DOUBTED, Uncertainty, distinguishable
 
 ALIKE = "~"
-"""Stands behind a mean that is not distinguishable from another team's."""
+"""Mark of a mean that is not distinguishable from another team's."""
 
 _MOST_NAMED = 4
-"""Teams that a mean is not distinguishable from; more of them are counted."""
+"""Limit of named teams from which a mean is not distinguishable; others are counted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +33,7 @@ class Aggregate:
     """The values of one indicator over several runs, in its unit.
 
     Attributes:
-        mean, median: of the values.
         deviation: the sample standard deviation (n - 1 in the denominator); None for one value.
-        smallest, largest: of the values.
         count: how many values; at least 1.
         uncertainty: of the mean, by measurement or by the scatter of the values, whichever is
             larger; None = that of a value is not known.
@@ -53,12 +51,7 @@ class Aggregate:
     def of(
         cls, values: Sequence[float], uncertainties: Sequence[Uncertainty | None] = ()
     ) -> Aggregate | None:
-        """The aggregate; None without values, or beyond the range of numbers.
-
-        Args:
-            values: of some runs.
-            uncertainties: of the same runs, each of them.
-        """
+        """The aggregate of values with their uncertainties; None without values, or on overflow."""
         if not values:
             return None
         try:
@@ -82,28 +75,24 @@ def _deviation(values: Sequence[float], mean: float) -> float:
 class Tally:
     """The runs of one team, counted and aggregated.
 
-    Runs under different rulesets stand apart: their numbers do not compare (section 9).
+    Runs under different rulesets stand apart: their numbers do not compare (protocol section 9).
 
     Attributes:
-        subject, ruleset: whose runs, under which rules.
         team: its name; empty = it has none.
-        other_names: what else runs of it are called; they count all the same.
-        testbeds: the names of those on which its runs were, where they have one.
+        other_names: in its runs; those runs count all the same.
         completed, timeout: valid runs.
         aborted: invalid runs.
         voided: runs that the referee voided, however they ended; the other counts are without them.
         interrupted: runs cut off by a failure.
-        without_result: runs without a result yet: they go on, or wait for the referee.
+        without_result: current runs, and runs that wait for the referee.
         counted: how many runs the aggregates are of.
-        flagged: valid runs with a flag that weighs.
+        flagged: valid runs with a serious flag.
         undecided: those of them that wait for a decision of the referee.
-        open_protests: runs, also such as do not count, with a protest that is not decided: what
-            stands here is not final.
+        open_protests: runs with an undecided protest, even if they do not count: not final.
         aggregates: by indicator; missing = no run has a value.
-        doubts: how many there are on the runs of which the aggregates are, by indicator; without a
-            value, too. Missing = none.
-        alike: the subjects whose means beside it are not distinguishable from its own, by
-            indicator (protocol section 11); missing = none.
+        doubts: number on the runs of the aggregates, by indicator, even without a value.
+        alike: by indicator, the subjects whose means are not distinguishable from its own
+            (protocol section 11); missing = none.
     """
 
     subject: int
@@ -127,36 +116,29 @@ class Tally:
 
     @property
     def not_final_words(self) -> str:
-        """That a protest may change it; empty where none is open."""
         count = self.open_protests
         return f"NOT FINAL: {count} PROTEST{'S' if count > 1 else ''} open" if count else ""
 
     @property
     def who(self) -> str:
-        """The team in words: its number and its name."""
         return f"{self.subject} {self.team}".rstrip()
 
     def signs(self, name: IndicatorName, *, of_mean: bool = True) -> str:
-        """What stands directly behind a number of an indicator.
-
-        Args:
-            name: which indicator.
-            of_mean: the number is the mean: only means are told apart from each other.
-        """
+        """Signs behind a number of an indicator; only means have `ALIKE`."""
         doubted = DOUBTED if name in self.doubts else ""
         return doubted + (ALIKE if of_mean and name in self.alike else "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standing(Tally):
-    """One team in one condition, by its number."""
+    """One team in one condition."""
 
     condition: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Overall(Tally):
-    """One team in all its conditions together, by their numbers; every run weighs the same."""
+    """One team in all its conditions together; every run weighs the same."""
 
     conditions: tuple[int, ...]
 
@@ -191,16 +173,12 @@ def standings(
 
     A run with a damaged result never counts, nor does a replay. A run without a result is counted
     as such wherever its team has a standing; one of an older version does not say whether it was
-    practice.
+    practice. Official and practice runs are never mixed.
 
-    Args:
-        runs: from a history.
-        official: official runs; else the practice runs. The two are never mixed.
-        best: how many valid runs enter the aggregates: those with the highest capability level,
-            completed before timed out, then with the least execution time of completed ones.
-            0 = all. The counts are of all runs.
-        listed: subject -> team, the list of teams; a team that is not in it has the name of its
-            latest run.
+    `best` is how many valid runs enter the aggregates: those with the highest capability level,
+    completed before timed out, then with the least execution time of completed ones. 0 = all. The
+    counts are of all runs. `listed` maps subjects to teams; a team that is not in it has the name
+    of its latest run.
     """
     groups = _grouped(runs, official=official)
     names = _names(groups, listed or {})
@@ -218,14 +196,7 @@ def overall(
     best: int = 0,
     listed: Mapping[int, str] | None = None,
 ) -> tuple[Overall, ...]:
-    """The standings by subject, over all conditions.
-
-    Args:
-        runs: from a history.
-        official: as for `standings`.
-        best: how many valid runs of each condition enter; 0 = all.
-        listed: as for `standings`.
-    """
+    """The standings by subject, over all conditions; `best` runs of each condition enter."""
     groups = _grouped(runs, official=official)
     names = _names(groups, listed or {})
     of_team: dict[tuple[int, str], list[_Key]] = defaultdict(list)
@@ -262,7 +233,6 @@ def _key(run: RunSummary) -> _Key:
 
 
 def _names(groups: _Groups, listed: Mapping[int, str]) -> Mapping[int, TeamName]:
-    """The teams by subject: one name each, whatever their runs say."""
     of: dict[int, list[RunSummary]] = defaultdict(list)
     for key, runs in groups.items():
         of[key.subject] += runs
@@ -281,7 +251,6 @@ def _tally(
     groups: Iterable[Sequence[RunSummary]],
     best: int,
 ) -> dict[str, Any]:
-    """The fields of a tally over groups of runs; the best are taken of each group."""
     team = names[key.subject]
     outcomes: list[Outcome | None] = []
     voided = protests = 0
@@ -329,12 +298,7 @@ def aggregate_of(runs: Iterable[RunSummary], name: IndicatorName) -> Aggregate |
 
 
 def _told_apart(tallies: Sequence[_T], beside: Callable[[_T], Hashable]) -> tuple[_T, ...]:
-    """The same with `alike`: from whom the mean of each cannot be told apart.
-
-    Args:
-        tallies: of all teams.
-        beside: what those have in common that stand beside each other.
-    """
+    """The tallies with `alike`; those with the same `beside` are compared."""
     groups: dict[Hashable, list[_T]] = defaultdict(list)
     for tally in tallies:
         groups[beside(tally)].append(tally)
@@ -346,7 +310,7 @@ def _told_apart(tallies: Sequence[_T], beside: Callable[[_T], Hashable]) -> tupl
 
 
 def _alike(tallies: Iterable[Tally], name: IndicatorName) -> Mapping[int, list[int]]:
-    """The subjects that are alike, by the identity of a tally; those that are alone are missing."""
+    """The subjects that are alike, by the identity of a tally; unique ones are missing."""
     known = [
         (one.mean - one.uncertainty.expanded, one, tally)
         for tally in tallies

@@ -23,7 +23,7 @@ from scoring.rest import FEWEST_SAMPLES, HandleRest
 
 
 class CheckState(StrEnum):
-    """What a check found. Missing data is a state of its own, never `ok`."""
+    """The result of a check. Missing data is a state of its own, never `ok`."""
 
     OK = "ok"
     WARNING = "warning"
@@ -34,7 +34,7 @@ class CheckState(StrEnum):
 
 
 _ANOTHER_CLOCK = 10.0
-"""Stamps that are off by more are not of this clock, s (protocol section 3)."""
+"""s; larger offsets of stamps mean another clock (protocol section 3)."""
 
 _NO_ZERO = (
     "this engine has none yet, and one of before may be of a sensor that was switched off since"
@@ -43,14 +43,7 @@ _NO_ZERO = (
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One pre-start check.
-
-    Attributes:
-        name: which.
-        state: what it found.
-        reason: why it is not `ok`, or what was measured, in words.
-        waivable: whether a referee may let it fail; else nothing would be detected.
-    """
+    """One pre-start check; it is not `waivable` where nothing would be detected."""
 
     name: CheckName
     state: CheckState
@@ -59,25 +52,19 @@ class Check:
 
     @property
     def blocks(self) -> bool:
-        """Whether it stands in the way of a start."""
         return self.state in (CheckState.FAILED, CheckState.NO_DATA)
 
 
 @dataclass(frozen=True, slots=True)
 class EvidenceReading:
-    """What is known of the evidence before a run.
+    """The state of the evidence recording before a run.
 
     Attributes:
-        ready: whether somebody listens to it.
-        problem: what is wrong with all of it, in words; None = nothing.
-        topics: how many there are.
         left: bytes that fit; None = unknown.
-        lasts: how long that lasts at the rate of now, s; None = unknown, or nothing comes.
-        least: so long it must last, s.
-        ros: whether there is ROS, where it comes from.
-        silent: those of them on which nothing comes now.
-        unseen: patterns of the settings for which nobody publishes anything.
-        scored: patterns that match only what is recorded with the score.
+        lasts: how long that lasts at the present rate, s; None = unknown, or nothing comes.
+        least: how long it must last, s.
+        unseen: patterns of the settings that match no publisher.
+        scored: patterns that match only topics recorded with the score.
     """
 
     ready: bool
@@ -93,7 +80,7 @@ class EvidenceReading:
 
     @property
     def notes(self) -> str:
-        """What does not come, and what needs not be asked for, in words; empty = nothing."""
+        """Silent topics and needless patterns, in words; empty = none."""
         notes = [unseen_words(self.unseen)] if self.unseen else []
         if self.silent:
             notes.append(f"{listed(self.silent)}: nothing comes now")
@@ -103,33 +90,24 @@ class EvidenceReading:
 
 
 NO_ROS = EvidenceReading(False, None, 0, None, None, 0.0, ros=False)
-"""Of a testbed that is simulated in the engine's own process."""
+"""For a testbed that is simulated in the engine's own process."""
 
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """What the checks look at; None = no data now.
+    """What the checks look at, in rad, N, s and bytes; None = no data now.
 
     Attributes:
         topic_problems: one line per topic that is missing, stale or off its rate.
-        angle: door angle, rad.
-        closed_angle: abs(angle) below this is closed, rad.
-        force: handle force minus handle zero, N.
-        rest_force: abs(force) above this is not at rest, N.
+        force: handle force minus handle zero.
+        rest_force: abs(force) above this is not at rest.
         zero: the samples behind the handle zero; None = it was never set.
-        drift: how far from this zero the handle was at rest after the last run, where that is too
-            far, N; None = it is not.
-        occupied: names of the used passage sensors that see something; None = no data.
-        skew: largest stamp - log time of the last second, s, with its sign.
-        least_skew: the smallest of the last second on the topic where that is largest, s.
-        simulated_time: `/clock` - log time, s; None = nobody publishes it.
-        teams: the list of teams as it is now.
-        largest_skew: the limit for it, s.
-        disk_free: bytes; None = unknown.
-        disk_needed: bytes.
-        recorder_problems: why no run can be recorded, in words; None = the disk has not said.
-        other_referee: who else publishes the state of the run, in words; None = nobody.
-        evidence: what is recorded beside the testbed's topics; None = nothing is wanted.
+        drift: offset of the handle at rest after the last run from this zero; None = small.
+        skew: largest stamp - log time of the last second, with its sign.
+        recorder_problems: why no run can be recorded; None = the disk has not answered.
+        evidence: None = no evidence is wanted.
+        least_skew: the smallest of the last second on the topic where that is largest.
+        simulated_time: `/clock` - log time; None = nobody publishes it.
     """
 
     topic_problems: tuple[str, ...]
@@ -155,8 +133,8 @@ class Readings:
 def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
     """All checks in order, with the waivers of `run` applied; after a run those of the next.
 
-    Those of team and handle zero are among them only where they fail, that of the evidence only
-    where it is wanted: screens are small.
+    Screens are small: team and handle zero are listed only where they fail, evidence only where it
+    is wanted.
     """
     if run.phase in (Phase.STOPPED, Phase.FINAL):
         run = Run()  # what was seen and let pass was for that run alone
@@ -178,7 +156,7 @@ def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
 
 
 def blocking(checks: Iterable[Check]) -> tuple[Check, ...]:
-    """The checks that stand in the way of a start; first those that cannot be waived."""
+    """The checks that block a start; first those that cannot be waived."""
     return tuple(sorted((check for check in checks if check.blocks), key=lambda c: c.waivable))
 
 
@@ -200,7 +178,7 @@ def _no_data(name: CheckName, what: str) -> Check:
 
 
 def _team(r: Readings, setup: RunSetup | None) -> Iterator[Check]:
-    """Why an official run is of nobody who is to run now (protocol section 2)."""
+    """Why this team cannot have an official run now (protocol section 2)."""
     if setup is None or setup.practice:
         return
     if r.teams.lacks(setup.subject):
@@ -240,7 +218,7 @@ def _handle(r: Readings, run: Run) -> Check:
 
 
 def _zero(r: Readings) -> Iterator[Check]:
-    """Why the handle zero cannot be believed (protocol section 11)."""
+    """Why the handle zero is not reliable (protocol section 11)."""
     zero = r.zero
     if r.drift is not None:
         text = f"at rest after the last run the force was {r.drift:+.2f} N off"
@@ -273,7 +251,6 @@ def _clock(r: Readings) -> Check:
 
 
 def _another_clock(r: Readings) -> str | None:
-    """That the stamps are of another clock, and what to do; None = they are of this one."""
     off, simulated = r.least_skew or 0.0, r.simulated_time
     close = min(1.0, abs(off) / 2)  # a simulation that runs fast leaves its last second behind
     if simulated is not None and abs(off - simulated) < close and abs(off) >= r.largest_skew:
@@ -305,7 +282,6 @@ def _recorder(r: Readings) -> Check:
 
 
 def _evidence(r: Readings, run: Run) -> Iterator[Check]:
-    """Whether evidence comes, and fits."""
     evidence = r.evidence
     if evidence is None:
         return
@@ -367,14 +343,9 @@ class Freshness(StrEnum):
 
 
 class Presence:
-    """Age of the newest of something, by steady receive times (s).
+    """Age of the newest item, by steady receive times (s).
 
-    Args:
-        fresh: up to this age it is fresh, s.
-        lost: above this age it is lost, s.
-
-    Attributes:
-        newest: when it was seen last; None before the first.
+    It is fresh up to the age `fresh` and lost above the age `lost`, in s.
     """
 
     def __init__(self, fresh: float = 0.5, lost: float = 2.0) -> None:
@@ -383,15 +354,10 @@ class Presence:
         self._lost = lost
 
     def age(self, now: float) -> float | None:
-        """Age of the newest, s; None before the first.
-
-        One from the future (the clock was stepped back) is as old as it is far away: what
-        cannot be judged is not fresh.
-        """
+        """Age of the newest, s, as an absolute value: the clock may have been stepped back."""
         return None if self.newest is None else abs(now - self.newest)
 
     def freshness(self, now: float) -> Freshness:
-        """The state at `now`."""
         age = self.age(now)
         if age is None:
             return Freshness.NEVER
@@ -401,12 +367,7 @@ class Presence:
 
 
 class Health(Presence):
-    """Age and rate of one topic, by steady receive times (s).
-
-    Args:
-        fresh, lost: as for `Presence`.
-        window: the rate is taken over this long, s.
-    """
+    """Age and rate of one topic, by steady receive times; the rate is taken over `window` s."""
 
     def __init__(self, fresh: float = 0.5, lost: float = 2.0, window: float = 2.0) -> None:
         super().__init__(fresh, lost)
@@ -414,7 +375,6 @@ class Health(Presence):
         self._times: deque[float] = deque()
 
     def seen(self, now: float) -> None:
-        """A message arrived at `now`."""
         if self.newest is not None and now < self.newest:
             self._times.clear()  # the clock was stepped back
         self.newest = now
@@ -422,14 +382,12 @@ class Health(Presence):
         self.count(now)
 
     def count(self, now: float) -> int:
-        """How many messages came within the window."""
         times, begin = self._times, now - self._window
         while times and times[0] < begin:
             times.popleft()
         return len(times)
 
     def rate(self, now: float) -> float | None:
-        """Messages a second over the window; None with fewer than two in it."""
         if self.count(now) < 2:
             return None
         span = now - self._times[0]

@@ -23,14 +23,12 @@ from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome, Step
 
 MOST_LINES = 2000
-"""Lines of a plan; what follows is not taken."""
+"""Lines of a plan; further ones are ignored."""
 MOST_ATTEMPTS = 99
-"""Attempts of one line."""
 
 _MOST_NAMED = 10
 
 CORRECT_SETTINGS = "correct file of [plan]"
-"""What to do about a plan that cannot be read, where the settings name it."""
 
 _LEVELS = range(len(Step) + 1)
 _ENDED = (Outcome.COMPLETED, Outcome.TIMEOUT, Outcome.ABORTED)
@@ -44,7 +42,7 @@ class Task(NamedTuple):
 
 
 class PlanLine(NamedTuple):
-    """A line of the plan: so many attempts of a team in a condition."""
+    """One line of the plan."""
 
     task: Task
     attempts: int
@@ -52,13 +50,7 @@ class PlanLine(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is planned; without a line in it there is no plan.
-
-    Attributes:
-        lines: in the order in which they are run.
-        problems: what was not taken, a line each.
-        file: where it is read from, for people; empty = no file.
-    """
+    """A plan, in running order; without lines there is none."""
 
     lines: tuple[PlanLine, ...] = ()
     problems: tuple[str, ...] = ()
@@ -66,21 +58,14 @@ class Plan:
 
 
 NO_PLAN = Plan()
-"""Nobody has planned anything."""
 
 
 @dataclass(frozen=True, slots=True)
 class Attempts:
     """The attempts of a team in a condition: all of them, or those of one line of the plan.
 
-    Attributes:
-        task: the team and the condition.
-        planned: as the plan says; 0 = out of plan.
-        done: those that were used up.
-        valid: those of them that count.
-        best_level: the highest capability level of these; None without one.
-        open_protests: official runs of the team in the condition, also such as are no attempt, with
-            a protest that is not decided: all of this is not final.
+    `planned` is 0 out of plan. `best_level` is of the valid ones. With `open_protests`, which also
+    count runs that are no attempt, nothing here is final.
     """
 
     task: Task
@@ -92,12 +77,11 @@ class Attempts:
 
     @property
     def left(self) -> int:
-        """Those that are still to be run."""
         return max(0, self.planned - self.done)
 
 
 class PlannedAttempt(NamedTuple):
-    """One attempt that is left: which of how many of the team in the condition, from 1."""
+    """One attempt that is left, `number` of `planned` of the team in the condition, from 1."""
 
     task: Task
     number: int
@@ -108,11 +92,8 @@ class PlannedAttempt(NamedTuple):
 class PlanProgress:
     """How much of a plan is done.
 
-    Attributes:
-        lines: of each line of the plan; the attempts of a task fill its lines in their order.
-        tasks: all attempts of each task: those that are planned, in their order, then the others.
-        problems: of the plan.
-        unread: runs whose result is damaged: nobody knows whether they count.
+    The attempts of a task fill its `lines` in their order. `tasks` has planned ones first. `unread`
+    counts runs with a damaged result.
     """
 
     lines: tuple[Attempts, ...] = ()
@@ -122,16 +103,14 @@ class PlanProgress:
 
     @property
     def planned(self) -> int:
-        """All attempts of the plan."""
         return sum(line.planned for line in self.lines)
 
     @property
     def left(self) -> int:
-        """Those that are still to be run."""
         return sum(line.left for line in self.lines)
 
     def upcoming(self) -> Iterator[PlannedAttempt]:
-        """The next attempt of each line that is not done, in the order of the plan."""
+        """The next attempt of each unfinished line, in the order of the plan."""
         of_task = {attempts.task: attempts for attempts in self.tasks}
         before: dict[Task, int] = defaultdict(int)
         for line in self.lines:
@@ -142,95 +121,69 @@ class PlanProgress:
 
     @property
     def next(self) -> PlannedAttempt | None:
-        """What is run next; None when all is done."""
         return next(self.upcoming(), None)
 
     def out_of_plan(self, task: Task) -> bool:
-        """Whether one more run of a task is beyond the plan; never where there is none.
-
-        An attempt that is not valid may be repeated: that is the referee's decision.
-        """
+        """Whether another run exceeds the plan; repeating an invalid attempt does not."""
         attempts = next((one for one in self.tasks if one.task == task), Attempts(task))
         return bool(self.lines) and attempts.valid >= attempts.planned
 
 
 class RunFacts(Protocol):
-    """What is asked of a run of the history."""
+    """The part of a run in the history that a plan needs."""
 
     @property
-    def folder(self) -> str:
-        """Its name."""
-        ...
+    def folder(self) -> str: ...
 
     @property
-    def subject(self) -> int:
-        """The robot's number."""
-        ...
+    def subject(self) -> int: ...
 
     @property
-    def condition(self) -> int:
-        """The condition's number."""
-        ...
+    def condition(self) -> int: ...
 
     @property
     def started(self) -> float:
-        """When, s since the epoch."""
+        """Start, s since the epoch."""
         ...
 
     @property
-    def competition(self) -> str | None:
-        """Its name; None = not known."""
-        ...
+    def competition(self) -> str | None: ...
 
     @property
-    def official(self) -> bool:
-        """Whether it was meant to count, on a real testbed."""
-        ...
+    def official(self) -> bool: ...
 
     @property
-    def outcome(self) -> Outcome | None:
-        """How it ended; None = not yet."""
-        ...
+    def outcome(self) -> Outcome | None: ...
 
     @property
-    def valid(self) -> bool:
-        """Whether its indicators count."""
-        ...
+    def valid(self) -> bool: ...
 
     @property
-    def voided(self) -> bool:
-        """Whether the referee says that it counts nowhere."""
-        ...
+    def voided(self) -> bool: ...
 
     @property
     def values(self) -> Mapping[str, float]:
-        """Those of its indicators that have one."""
+        """Its indicators that have a value."""
         ...
 
     @property
     def problem(self) -> str | None:
-        """Why nothing is known of it."""
+        """Why the run cannot be read."""
         ...
 
     @property
     def protest_due(self) -> float | None:
-        """When an open protest is to be decided; None = none is open."""
+        """When an open protest is to be decided, s since the epoch; None = no open one."""
         ...
 
     @property
     def twin(self) -> str:
-        """Which other folder holds it and counts; empty = this one does."""
+        """The folder of a duplicate that counts instead; empty = this one counts."""
         ...
 
 
 def plan_progress(plan: Plan, runs: Iterable[RunFacts], competition: str) -> PlanProgress:
-    """How much of a plan is done.
-
-    Args:
-        plan: what is planned.
-        runs: from a history.
-        competition: only runs that carry its name count; empty = those that carry none.
-    """
+    """Counts the runs of a competition; an empty name means the runs without one."""
     done: dict[Task, list[RunFacts]] = {line.task: [] for line in plan.lines}
     unread, protested = 0, Counter[Task]()
     for run in sorted(runs, key=lambda run: (run.started, run.folder)):
@@ -254,12 +207,7 @@ def plan_progress(plan: Plan, runs: Iterable[RunFacts], competition: str) -> Pla
 
 
 def unknown_teams(tasks: Iterable[Task], names: Mapping[int, str]) -> Iterator[str]:
-    """Which subjects of a plan are not in the list of teams, in words; none where there is no list.
-
-    Args:
-        tasks: of the plan.
-        names: subject -> team, the list.
-    """
+    """Names the subjects that are not in the list of teams; none where there is no list."""
     unknown = [str(subject) for subject in sorted({task.subject for task in tasks} - {*names})]
     if names and unknown:
         words = listed(unknown, _MOST_NAMED)
@@ -267,20 +215,13 @@ def unknown_teams(tasks: Iterable[Task], names: Mapping[int, str]) -> Iterator[s
 
 
 def is_attempt(run: RunFacts) -> bool:
-    """Whether a run uses up an attempt."""
     ended = run.outcome in _ENDED and not run.voided and not run.twin
     return run.official and run.problem is None and ended
 
 
 @dataclass(frozen=True, slots=True)
 class PlanSource:
-    """Where the plan comes from.
-
-    Attributes:
-        lines: from the settings.
-        file: a csv file with lines `subject,condition,attempts` instead; None = there is none.
-        remedy: what to do about a file that cannot be read, for people.
-    """
+    """The source of the plan: settings, or a csv file with lines `subject,condition,attempts`."""
 
     lines: tuple[PlanLine, ...] = ()
     file: Path | None = None
@@ -288,16 +229,10 @@ class PlanSource:
 
     @property
     def file_words(self) -> str:
-        """The path of the file, for people; empty = there is none."""
         return "" if self.file is None else terminal_safe(str(self.file))
 
     def read(self, before: Plan | None = None) -> Plan:
-        """The plan as it is now.
-
-        Args:
-            before: as it was: it stays where the file cannot be read now or has no line; None =
-                it is read for the first time.
-        """
+        """The plan now, or `before` where the file is unreadable or empty."""
         if self.file is None:
             return Plan(self.lines)
         kept = before or Plan()
@@ -315,15 +250,7 @@ class PlanSource:
 
 
 def read_plan(path: Path, remedy: str = CORRECT_SETTINGS) -> Plan:
-    """Read a plan from a csv file.
-
-    Args:
-        path: the file.
-        remedy: what to do if that is in vain.
-
-    Raises:
-        MadrobError: it is not there, is no file of text, or is too large.
-    """
+    """Reads a csv file; MadrobError, with the `remedy`, where that fails."""
     reader = _Reader(path, "plan", remedy)
     reader.read()
     return Plan(tuple(reader.lines), told(reader.problems), terminal_safe(str(path)))
@@ -337,14 +264,12 @@ def _attempts(task: Task, planned: int, runs: Sequence[RunFacts]) -> Attempts:
 
 
 class _Reader(ListReader):
-    """Takes line after line."""
-
     def __init__(self, path: Path, name: str, remedy: str) -> None:
         super().__init__(path, name, remedy)
         self.lines: list[PlanLine] = []
 
     def take(self, number: int, values: list[str]) -> Iterator[str]:
-        """A line; who leaves the attempts out means one."""
+        """Takes a line; without a number it means one attempt."""
         if len(values) > 3:
             raise MadrobError(f"{len(values)} values, use subject, condition and attempts")
         subject = subject_number(values[0])
@@ -359,11 +284,6 @@ class _Reader(ListReader):
 
 
 def _whole(value: str, name: str, largest: int) -> int:
-    """A number from 1.
-
-    Raises:
-        MadrobError: it is none, or too large.
-    """
     if not (value.isascii() and value.isdigit() and len(value) < 10 and 1 <= int(value) <= largest):
         raise MadrobError(f"{name} {quoted(value)} is no number from 1 to {largest}")
     return int(value)

@@ -43,24 +43,18 @@ class EvidenceGap:
     number: int = 1
 
     def since(self, start: float) -> EvidenceGap:
-        """The same from the start of the run on.
-
-        Args:
-            start: s since the epoch.
-        """
+        """The gap in s since the run's start, given as s since the epoch."""
         end = None if self.end is None else round(self.end - start, 2)
         return replace(self, begin=round(self.begin - start, 2), end=end)
 
     @property
     def words(self) -> str:
-        """From when to when."""
         end = "the end" if self.end is None else f"{self.end:+.1f} s"
         times = f", {self.number} times" if self.number > 1 else ""
         return f"from {self.begin:+.1f} s to {end}{times}"
 
 
 def gaps_words(gaps: Sequence[EvidenceGap]) -> str:
-    """The first of some gaps, and how many there are more; empty = there is none."""
     number = sum(gap.number for gap in gaps)
     more = f" and {counted(number - 1, 'time')} more" if number > 1 else ""
     return f"{gaps[0].words}{more}" if gaps else ""
@@ -88,25 +82,22 @@ class RecordedTopic:
 
     @property
     def lost_words(self) -> str:
-        """How many were lost and why; empty = none."""
         reasons = ", ".join(f"{number} {why}" for why, number in self.lost.items() if number)
         return f"{sum(self.lost.values())} lost ({reasons})" if reasons else ""
 
     @property
     def left_out_words(self) -> str:
-        """How many were left out by which setting; empty = none."""
         return f"{self.left_out} left out by `recording.limits`" if self.left_out else ""
 
     @property
     def troubles(self) -> str:
-        """What is wrong with it, without numbers; empty = nothing."""
         reasons = ", ".join(why for why, number in self.lost.items() if number)
         lost = f"messages are lost ({reasons})" if reasons else ""
         return ", ".join(filter(None, (lost, self.problem)))
 
 
 def _as_found(told: RecordedTopic, found: int) -> RecordedTopic:
-    """A topic of which so many messages are in the files; the others are lost, their bytes, too."""
+    """The topic with so many messages in the files; the others are lost, and the bytes unknown."""
     if found == told.messages:
         return told
     lost = dict(told.lost)
@@ -137,7 +128,6 @@ class EvidenceAccount:
 
     @property
     def words(self) -> str:
-        """How much was recorded."""
         messages = sum(one.messages for one in self.topics)
         size = (self.file_bytes or sum(one.bytes or 0 for one in self.topics)) / 1e6
         lost = sum(sum(one.lost.values()) for one in self.topics)
@@ -149,17 +139,15 @@ class EvidenceAccount:
 
     @property
     def gap_words(self) -> str:
-        """When nothing was recorded; empty = there was no such time."""
         return gaps_words(self.gaps)
 
     @property
     def _at_least(self) -> str:
-        """Before numbers of what was lost: nobody counts what comes while nothing is recorded."""
+        """A prefix of losses: messages during a gap are not counted."""
         return "at least " if self.gaps else ""
 
     @property
     def _rest(self) -> str:
-        """What nobody knows yet, in words; empty = nothing."""
         if self.unwritten is None:
             return ", not known how many of them are on disk"
         return f", {self.unwritten} of them still being written" if self.unwritten else ""
@@ -171,14 +159,10 @@ class EvidenceAccount:
         spans: Sequence[tuple[float, float]] = (),
         file_bytes: int | None = None,
     ) -> EvidenceAccount:
-        """The account of what is in the files; what is not there did not reach the disk.
+        """The account of the messages in the files; others did not reach the disk.
 
-        Args:
-            counts: type and number of messages, by topic, in all files together.
-            problems: what is wrong with the files, in words.
-            spans: from when to when there is something in each of them, in their order, s since the
-                start of the run.
-            file_bytes: size of all of them.
+        `counts` has type and number of messages by topic, in all files together. `spans` has first
+        and last message of each file, in order, s since the start of the run.
         """
         told = {one.topic: one for one in self.topics}
         for topic, (type_name, _) in counts.items():
@@ -190,7 +174,6 @@ class EvidenceAccount:
         return EvidenceAccount(topics, (*self.problems, *problems), 0, gaps, file_bytes)
 
     def remarks(self) -> list[str]:
-        """What is missing, in words; empty where nothing is."""
         remarks = list(self.problems)
         if len(self.gaps) > 1:  # of one the words tell
             remarks.append(f"missing {', '.join(gap.words for gap in self.gaps)}")
@@ -203,7 +186,6 @@ class EvidenceAccount:
 
 
 def unseen_words(patterns: Sequence[str]) -> str:
-    """That nobody publishes what patterns of the settings ask for."""
     return f"nobody publishes {listed(patterns)}"
 
 
@@ -230,7 +212,6 @@ CUT_OFF = EvidenceAccount(
     problems=("the engine was ended before it could tell: what was lost is not known",),
     unwritten=None,
 )
-"""Of a run of which only the files of evidence tell."""
+"""For a run with evidence files but no account."""
 
 NO_EVIDENCE = EvidenceAccount()
-"""Nothing was recorded, and nothing was wrong."""

@@ -35,22 +35,15 @@ from scoring.result import Indicator
 
 
 Doubts: TypeAlias = dict[IndicatorName, tuple[str, ...]]
-"""Sentences by indicator; those without are missing."""
 
 MOST_NAMED = 4
-"""Indicators; more of them are counted."""
+"""Indicators that are named; further ones are counted."""
 
 
 def waiting_doubts(
     indicators: Mapping[IndicatorName, Indicator], accepted: Iterable[AcceptedDoubts]
 ) -> Doubts:
-    """The doubts that the referee has not accepted.
-
-    Args:
-        indicators: of the result as it is now.
-        accepted: what the referee has accepted; of a result that was another one only the
-            sentences that still stand say something.
-    """
+    """The doubts that are not accepted; an acceptance holds for equal sentences only."""
     passed = {
         (name, words)
         for one in accepted
@@ -65,7 +58,7 @@ def waiting_doubts(
 
 
 def doubted_words(found: Mapping[IndicatorName, tuple[str, ...]]) -> str:
-    """Which indicators are doubted: `execution time, passage time`; of many the first."""
+    """The doubted indicators: `execution time, passage time`; of many the first."""
     names = [name.words for name in found]
     more = len(names) - MOST_NAMED
     if more <= 1:
@@ -78,13 +71,13 @@ def doubted_words(found: Mapping[IndicatorName, tuple[str, ...]]) -> str:
 
 
 LONGEST_WORDS = 300
-"""Of a flag, characters."""
+"""Characters of a flag."""
 
 NO_INDICATORS: Mapping[IndicatorName, Indicator] = MappingProxyType({})
 """Before there is a result."""
 
 FlagWords = Annotated[str, Meta(max_length=500)]
-"""Longer than any that this version writes."""
+"""Longer than any flag of this version."""
 
 
 class FlagWeight(StrEnum):
@@ -96,7 +89,6 @@ class FlagWeight(StrEnum):
 
     @property
     def rank(self) -> int:
-        """Its place among them, 0 for the lightest."""
         return tuple(FlagWeight).index(self)
 
     @classmethod
@@ -148,82 +140,54 @@ class Flag:
 
 
 class Flagged(Protocol):
-    """What flags are made of: a run has it, and so has a stored result of a version without."""
+    """The facts that flags are made of, from a run or a stored result."""
 
     @property
-    def outcome(self) -> Outcome | None:
-        """How it ended; None before that."""
-        ...
+    def outcome(self) -> Outcome | None: ...
 
     @property
-    def practice(self) -> bool:
-        """Whether it counts for nothing."""
-        ...
+    def practice(self) -> bool: ...
 
     @property
-    def out_of_plan(self) -> bool:
-        """Whether it was set up beyond the competition's plan."""
-        ...
+    def out_of_plan(self) -> bool: ...
 
     @property
     def team_reason(self) -> str:
-        """Why its team has another name than in the list; empty = it has not."""
+        """Why its team has another name than in the list; empty = it has the same."""
         ...
 
     @property
-    def false_starts(self) -> tuple[FalseStart, ...]:
-        """Those of the countdown."""
-        ...
+    def false_starts(self) -> tuple[FalseStart, ...]: ...
 
     @property
-    def incidents(self) -> tuple[Incident, ...]:
-        """What the referee marked."""
-        ...
+    def incidents(self) -> tuple[Incident, ...]: ...
 
     @property
-    def waivers(self) -> tuple[Waiver, ...]:
-        """The checks that were let pass."""
-        ...
+    def waivers(self) -> tuple[Waiver, ...]: ...
 
     @property
-    def rulings(self) -> tuple[Ruling, ...]:
-        """What the referee said of the steps, in order."""
-        ...
+    def rulings(self) -> tuple[Ruling, ...]: ...
 
     @property
-    def faults(self) -> tuple[TestbedFault, ...]:
-        """Of the testbed."""
-        ...
+    def faults(self) -> tuple[TestbedFault, ...]: ...
 
     @property
-    def unrecorded(self) -> int:
-        """Messages that were scored and that its recording lacks."""
-        ...
+    def unrecorded(self) -> int: ...
 
     @property
-    def closure(self) -> Closure | None:
-        """How it was finalised."""
-        ...
+    def closure(self) -> Closure | None: ...
 
     @property
-    def voided(self) -> Voiding | None:
-        """Why it counts nowhere; None = it counts as its outcome says."""
-        ...
+    def voided(self) -> Voiding | None: ...
 
     @property
-    def corrections(self) -> tuple[Correction, ...]:
-        """Of what was set up."""
-        ...
+    def corrections(self) -> tuple[Correction, ...]: ...
 
     @property
-    def accepted_doubts(self) -> tuple[AcceptedDoubts, ...]:
-        """Which doubts on the indicators the referee lets stand."""
-        ...
+    def accepted_doubts(self) -> tuple[AcceptedDoubts, ...]: ...
 
     @property
-    def protests(self) -> tuple[Protest, ...]:
-        """Of teams against the result."""
-        ...
+    def protests(self) -> tuple[Protest, ...]: ...
 
 
 def flags(
@@ -235,12 +199,8 @@ def flags(
 ) -> tuple[Flag, ...]:
     """All flags of a run, the heaviest first.
 
-    Args:
-        run: the run, or what a stored result says of it.
-        steps: the six, as they count; empty before the stop.
-        source: where its messages came from; None = of no interest.
-        remarks: on the quality of its data, with a result.
-        indicators: of the result, with what is doubted of them; empty without one.
+    The `steps` are empty before the stop. `remarks` are on the quality of the data. A `source` of
+    None is not flagged.
     """
     # else there is nothing to decide
     counts = run.outcome is not Outcome.ABORTED and run.voided is None
@@ -267,23 +227,20 @@ def flags(
 
 
 def common_reason(found: Mapping[IndicatorName, Indicator]) -> str:
-    """Why a run has no indicator at all, where all have one reason; empty otherwise."""
+    """The reason why a run has no indicator, where all have the same one; else empty."""
     reasons = {indicator.reason for indicator in found.values()}
     return (reasons.pop() or "") if len(reasons) == 1 else ""
 
 
 def worst(found: Iterable[Flag]) -> FlagWeight | None:
-    """The heaviest weight among flags; None without any."""
     return max((flag.weight for flag in found), key=lambda weight: weight.rank, default=None)
 
 
 def weighty(found: Iterable[Flag]) -> tuple[Flag, ...]:
-    """The flags that are more than a remark."""
     return tuple(flag for flag in found if flag.weight is not FlagWeight.REMARK)
 
 
 def undecided(found: Iterable[Flag]) -> tuple[Flag, ...]:
-    """The flags that wait for the referee."""
     return tuple(flag for flag in found if flag.undecided)
 
 
@@ -334,12 +291,7 @@ def _corrections(corrections: Sequence[Correction]) -> Iterator[Flag]:
 
 
 def practice_flags(source: SourceKind | None, *, practice: bool) -> Iterator[Flag]:
-    """That a run is not official, where it is not.
-
-    Args:
-        source: where its messages came from; None = of no interest.
-        practice: whether it was set up as practice.
-    """
+    """Flags a run that is not official: simulated, replayed or set up as practice."""
     if source not in (None, SourceKind.ROS):
         yield _unofficial(source)
     elif practice:
@@ -358,7 +310,7 @@ def _out_of_plan(*, beyond: bool) -> Iterator[Flag]:
 
 
 def _protests(protests: Sequence[Protest]) -> Iterator[Flag]:
-    """Also of a run that does not count: that is what a protest may be about."""
+    """Protests count even for a run that does not: they may be about that."""
     for one in protests:
         if one.answer is None:
             words = f"{one.title} OPEN, UNDECIDED"
@@ -386,7 +338,6 @@ def _rulings(rulings: Iterable[Ruling]) -> Iterator[Flag]:
 
 
 def unrecorded_words(messages: int) -> str:
-    """What it means that a recording lacks messages that were scored."""
     lacks = counted(messages, "message")
     return f"the recording lacks {lacks}: the result cannot be made again from it"
 
@@ -402,7 +353,7 @@ def _faults(faults: Sequence[TestbedFault]) -> Iterator[Flag]:
 
 
 def _against_opening(remarks: Iterable[str]) -> Iterator[Flag]:
-    """A fault, by protocol section 3: the testbed is wrong, or what was set up or corrected."""
+    """A fault, by protocol section 3: testbed or set-up is wrong."""
     for remark in remarks:
         if remark.endswith(AGAINST_OPENING):
             yield Flag(FlagKind.FAULT, remark.partition(":")[0], FlagWeight.CAUTION)
@@ -422,7 +373,6 @@ def _waivers(waivers: Iterable[Waiver]) -> Iterator[Flag]:
 
 
 def _cut(words: str) -> str:
-    """What people wrote into a flag may be long; it stands whole elsewhere."""
     return words if len(words) <= LONGEST_WORDS else f"{words[: LONGEST_WORDS - 3]}..."
 
 
@@ -433,5 +383,4 @@ def _other_name(why: str) -> Iterator[Flag]:
 
 
 def _listed(words: Iterable[str]) -> str:
-    """Each word once, in the order in which they come."""
     return ", ".join(dict.fromkeys(words))

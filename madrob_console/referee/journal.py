@@ -21,18 +21,18 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold, checked_plain, read_all
 
 HOLD_FILE = ".journal.lock"
-"""Beside a journal: whoever writes it holds this."""
+"""The lock file beside a journal; its writer holds it."""
 
 LARGEST_JOURNAL = 16_000_000
-"""A larger journal is none, bytes: a run of 300 s takes some 20,000."""
+"""Bytes; a larger file is rejected. A run of 300 s takes some 20,000."""
 
 MOST_LINES = 20_000
-"""In a journal: what sensors say is noted 500 times a run, and the rest is said by people."""
+"""Lines of a journal: up to 500 sensor events a run, the rest by people."""
 
 _MOST_DIGITS = 300  # of a whole number: more do not fit a float
 
 WITHDRAWN: Final = "withdrawn"
-"""A line of this kind takes back one before it (`id`), or the last ones before it (`lines`)."""
+"""A line of this kind takes back an earlier one (`id`), or the last ones (`lines`)."""
 
 
 class Origin(StrEnum):
@@ -47,17 +47,11 @@ class Origin(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One line.
+    """One line of a journal.
 
-    Attributes:
-        time: s since the epoch, steady (section 8).
-        origin: who or what.
-        what: the act or the change, in fixed words.
-        referee: the referee's name; empty unless `origin` is the referee.
-        reason: the reason given, in the referee's words.
-        details: everything needed to do it again: JSON values by name.
-        id: of an act that takes effect only when it is on disk; empty for all others, and in
-            journals of versions that had none.
+    The `time` is in s since the epoch, steady (section 8). `details` are everything needed to do it
+    again. The `id` is of an act that takes effect only when it is on disk; else empty, as in older
+    journals.
     """
 
     time: float
@@ -69,7 +63,6 @@ class Entry:
     id: str = ""
 
     def to_json(self) -> str:
-        """The entry as one line of JSON, without the line end."""
         record = {name: getattr(self, name) for name in self.__slots__}
         if not self.id:
             del record["id"]
@@ -77,11 +70,7 @@ class Entry:
 
     @classmethod
     def from_json(cls, line: str) -> Entry:
-        """The entry of a line.
-
-        Raises:
-            MadrobError: it is not a journal line.
-        """
+        """Parses a line; MadrobError where it is not a journal line."""
         try:
             record = _decoder.decode(line)
             return cls(
@@ -118,15 +107,9 @@ _FLAGS = os.O_RDWR | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 class Journal:
     """A file of lines, each on disk or no part of it. Its methods wait for the disk.
 
-    What a disk took and could not sync is taken back before anything else is written: nobody can
-    know whether it is there after a power cut.
-
-    Args:
-        before: the hold on the run, or the journal of the same run that this one takes the place
-            of, whose hold this one shares; None = there is none.
-
-    Attributes:
-        refused: why the last lines were not all written; None when they were.
+    Lines that could not be synced are taken back before the next write: after a power cut their
+    state is unknown. `refused` says why the last lines were not all written. A journal that
+    replaces another of the same run (`before`) shares its lock.
     """
 
     def __init__(self, before: Journal | Hold | None = None) -> None:
@@ -140,9 +123,7 @@ class Journal:
         self._torn = self._synced_torn = False
 
     def open(self, path: Path) -> None:
-        """Create the file.
-
-        It is held, so that nobody else takes the run for one that was cut off.
+        """Creates the file and locks it, so that no other program repairs the run.
 
         Raises:
             BlockingIOError: another program is about to write it.
@@ -151,7 +132,7 @@ class Journal:
         self._take(path, _FLAGS | os.O_CREAT | os.O_EXCL)
 
     def reopen(self, path: Path) -> None:
-        """Go on in the file of an earlier run; a torn last line stays by itself.
+        """Goes on in the file of an earlier run; a torn last line stays by itself.
 
         Raises:
             BlockingIOError: another program writes it.
@@ -160,7 +141,6 @@ class Journal:
         self._take(path, _FLAGS)
 
     def _take(self, path: Path, flags: int) -> None:
-        """Open and hold a journal that nobody else holds."""
         file = checked_plain(os.open(path, flags, 0o644))
         try:
             self._hold = self._held(path.with_name(HOLD_FILE))
@@ -182,11 +162,9 @@ class Journal:
         return Hold(path)
 
     def append(self, entries: Sequence[Entry]) -> int:
-        """Add lines and bring them to the disk, all of them by one sync.
+        """Adds lines by one sync; returns how many are on disk, the first ones.
 
-        Returns:
-            How many are on disk, the first ones; `refused` says why not all. The others are no
-            part of the journal.
+        `refused` says why not all. The others are no part of the journal.
         """
         written, self.refused = 0, None
         try:
@@ -226,7 +204,6 @@ class Journal:
         self._loose += 1
 
     def _take_back(self) -> None:
-        """Make what could not be synced no part of the journal."""
         if self._loose == 0:
             return
         assert self._file is not None
@@ -244,7 +221,6 @@ class Journal:
             self._end, self._torn, self._loose = self._synced, self._synced_torn, 0
 
     def close(self) -> None:
-        """Close the file."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
@@ -254,17 +230,11 @@ class Journal:
 
 
 def refusal_words(error: OSError) -> str:
-    """Why a journal is not on disk, in words."""
     return f"the journal cannot be written ({error.strerror})"
 
 
 def up_to_date(path: Path, entries: Sequence[Entry], before: Journal | None = None) -> Journal:
-    """The journal of a run, open and with all its lines: those that its file has not are added.
-
-    Args:
-        path: its file; made if there is none.
-        entries: every line, in order.
-        before: as for `Journal`.
+    """Opens or creates the journal of a run and adds those `entries` that its file lacks.
 
     Raises:
         MadrobError: a line cannot be written.
@@ -289,10 +259,10 @@ def up_to_date(path: Path, entries: Sequence[Entry], before: Journal | None = No
 
 
 def read_journal(path: Path) -> tuple[tuple[Entry, ...], tuple[str, ...]]:
-    """All entries of a journal file that stand, and the lines that could not be read, as remarks.
+    """All valid entries of a journal file, and remarks on the unreadable lines.
 
     Raises:
-        OSError: the file cannot be read, it is a link or none, or it is too long.
+        OSError: the file cannot be read, is missing, a link or too long.
     """
     data = read_all(path, LARGEST_JOURNAL)
     if (count := data.count(b"\n")) > MOST_LINES:
@@ -309,7 +279,7 @@ def read_journal(path: Path) -> tuple[tuple[Entry, ...], tuple[str, ...]]:
 
 
 class _Standing:
-    """The lines that stand; each is looked at once, however many are withdrawn."""
+    """The lines that are not withdrawn, found in linear time."""
 
     def __init__(self) -> None:
         self._entries: list[Entry | None] = []
@@ -318,11 +288,9 @@ class _Standing:
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """Those that were not withdrawn, and the lines that say so."""
         return tuple(entry for entry in self._entries if entry is not None)
 
     def add(self, entry: Entry) -> None:
-        """The next line."""
         if entry.what == WITHDRAWN:
             lines = entry.details.get("lines")
             if isinstance(lines, int):

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 
 LARGEST_FILE = 1_000_000
-"""Bytes in such a file; what is larger is something else."""
+"""Bytes; a larger file is rejected."""
 MOST_PROBLEMS = 20
-"""Problems that are told one by one; the others are counted."""
+"""Problems that are listed one by one; further ones are counted."""
 
 _LINE_END = re.compile(r"\r\n|\r|\n")
 _SUBJECT = re.compile(r"0*([1-9][0-9]{0,2})")
@@ -34,16 +34,9 @@ _SHOWN = 20
 
 
 class ListReader(ABC):
-    """Takes line after line of a list.
+    """Reads a list line by line.
 
-    Args:
-        path: of the file.
-        name: what it is: `teams file`.
-        remedy: what to do if it cannot be read: `correct teams_file of [competition]`.
-
-    Attributes:
-        problems: what was not taken or looks wrong, a line each.
-        unread: how many lines were not taken.
+    `problems` has a line for each rejected or odd entry; `unread` counts the rejected ones.
     """
 
     def __init__(self, path: Path, name: str, remedy: str) -> None:
@@ -54,22 +47,10 @@ class ListReader(ABC):
 
     @abstractmethod
     def take(self, number: int, values: list[str]) -> Iterator[str]:
-        """Take an entry; says what looks wrong with it.
-
-        Args:
-            number: of its line, from 1.
-            values: at least one.
-
-        Raises:
-            MadrobError: it cannot be taken.
-        """
+        """Takes an entry and yields what looks wrong with it; MadrobError rejects it."""
 
     def read(self) -> None:
-        """Take all lines.
-
-        Raises:
-            MadrobError: the file is not there, is no file of text, or is too large.
-        """
+        """Takes all lines; MadrobError where the file is missing, too large or no text."""
         file = terminal_safe(self._path.name)
         for number, text in enumerate(_LINE_END.split(self._text()), start=1):
             try:
@@ -91,7 +72,7 @@ class ListReader(ABC):
         yield from self.take(number, _fields(text, self._delimiter))
 
     def _text(self) -> str:
-        """What the file says; single bytes that are no UTF-8 become surrogates."""
+        """The file's text; single bytes that are no UTF-8 become surrogates."""
         try:
             data = _bytes(self._path)
             problem = (
@@ -109,11 +90,7 @@ class ListReader(ABC):
 
 
 def subject_number(value: str) -> int:
-    """The number of a team.
-
-    Raises:
-        MadrobError: it is none.
-    """
+    """Parses a team's number; MadrobError for anything else."""
     found = _SUBJECT.fullmatch(value)
     if found is None:
         raise MadrobError(f"subject {quoted(value)} is no number from 1 to 999")
@@ -121,13 +98,11 @@ def subject_number(value: str) -> int:
 
 
 def quoted(text: str) -> str:
-    """Some of a text, in quotes."""
     safe = terminal_safe(text)
     return repr(safe if len(safe) <= _SHOWN else safe[: _SHOWN - 3] + "...")
 
 
 def told(problems: list[str]) -> tuple[str, ...]:
-    """The first of many problems, and how many more there are."""
     more = len(problems) - MOST_PROBLEMS
     if more <= 0:
         return tuple(problems)
@@ -135,10 +110,7 @@ def told(problems: list[str]) -> tuple[str, ...]:
 
 
 def _bytes(path: Path) -> bytes:
-    """The file, or one byte more than it may have.
-
-    A pipe or a device is not opened: that may wait for ever.
-    """
+    """At most one byte more than allowed; a pipe or a device could block and is not opened."""
     if path.exists() and not path.is_file() and not path.is_dir():
         raise OSError(0, "no file")
     with path.open("rb") as file:
@@ -146,17 +118,11 @@ def _bytes(path: Path) -> bytes:
 
 
 def _delimiter(text: str) -> str:
-    """What separates the values of a file: the first of its characters that may."""
     return next((char for char in _QUOTED.sub("", text) if char in ",;"), ",")
 
 
 def _fields(text: str, delimiter: str) -> list[str]:
-    """The values of a line, without blanks around them and without empty ones at its end.
-
-    Raises:
-        MadrobError: a quote is not closed.
-        csv.Error: a value is absurdly long.
-    """
+    """The values of a line, stripped, without empty ones at its end."""
     # an open quote would swallow the second, empty line
     rows = list(csv.reader((text, ""), delimiter=delimiter, skipinitialspace=True))
     if len(rows) != 2:
@@ -173,19 +139,11 @@ def _fields(text: str, delimiter: str) -> list[str]:
 
 
 CORRECT_SETTINGS = "correct teams_file of [competition]"
-"""What to do about a teams file that cannot be read, where the settings name it."""
 
 
 @dataclass(frozen=True, slots=True)
 class TeamList:
-    """The teams by subject number; without a name in it there is no list, and names are free.
-
-    Attributes:
-        names: subject -> team; clean names.
-        problems: what was not taken or looks wrong, a line each.
-        file: where it is read from, for people; empty = no file.
-        unread: lines of the file that could not be used.
-    """
+    """The teams by subject number; without names there is no list, and names are free."""
 
     names: Mapping[int, str] = field(default_factory=dict)
     problems: tuple[str, ...] = ()
@@ -193,15 +151,14 @@ class TeamList:
     unread: int = 0
 
     def differs(self, subject: int, name: str) -> bool:
-        """Whether a name is another one than the list has; never where there is no list."""
+        """Whether the list has another name for the subject; never without a list."""
         return bool(self.names) and name != self.names.get(subject, "")
 
     def lacks(self, subject: int) -> bool:
-        """Whether a subject is not in the list; never where there is no list."""
+        """Whether the list has no such subject; never without a list."""
         return bool(self.names) and subject not in self.names
 
     def problem(self, setup: RunSetup) -> str | None:
-        """Why a run cannot be set up for a team of this name; None when it can."""
         if setup.team_reason.strip() or not self.differs(setup.subject, setup.team):
             return None
         known = self.names.get(setup.subject)
@@ -214,28 +171,17 @@ class TeamList:
 
 
 NO_TEAMS = TeamList()
-"""No list: names are free."""
 
 
 class TeamName(NamedTuple):
-    """What a team is called, whatever its runs say.
-
-    Attributes:
-        name: empty = it has none.
-        others: the other names that runs of it carry, each once, the oldest first.
-    """
+    """A team's name (empty = unknown), and other names in its runs, the oldest first."""
 
     name: str
     others: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, listed: str, used: Iterable[str]) -> TeamName:
-        """The name of a team.
-
-        Args:
-            listed: what the list says; empty = nothing: then the last name that was used counts.
-            used: the names that its runs carry, oldest first.
-        """
+        """The listed name, else the last of `used`, the names in its runs, oldest first."""
         newest_first = [name for name in dict.fromkeys(reversed(list(used))) if name]
         name = listed or next(iter(newest_first), "")
         return cls(name, tuple(other for other in reversed(newest_first) if other != name))
@@ -243,13 +189,7 @@ class TeamName(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class TeamSource:
-    """Where the list of teams comes from.
-
-    Attributes:
-        names: subject -> team, from the settings; they count, whatever the file says.
-        file: the teams file; None = there is none.
-        remedy: what to do about a file that cannot be read, for people.
-    """
+    """The sources of the list of teams: settings, which take precedence, and a file."""
 
     names: Mapping[int, str]
     file: Path | None = None
@@ -257,16 +197,10 @@ class TeamSource:
 
     @property
     def file_words(self) -> str:
-        """The path of the file, for people; empty = there is none."""
         return "" if self.file is None else terminal_safe(str(self.file))
 
     def read(self, before: TeamList | None = None) -> TeamList:
-        """The list as it is now.
-
-        Args:
-            before: the list as it was: what cannot be read now stays as it was; None = the file is
-                read for the first time.
-        """
+        """The list now; what cannot be read stays as it was `before`."""
         if self.file is None:
             return TeamList(self.names)
         kept = before or NO_TEAMS
@@ -287,22 +221,14 @@ class TeamSource:
 
 
 def read_teams(path: Path, remedy: str = CORRECT_SETTINGS) -> TeamList:
-    """Read a teams file.
-
-    Args:
-        path: the file.
-        remedy: what to do if that is in vain.
-
-    Raises:
-        MadrobError: it is not there, is no file of text, or is too large.
-    """
+    """Reads a teams file; MadrobError, with the `remedy`, where that fails."""
     reader = _Reader(path, "teams file", remedy)
     reader.read()
     return TeamList(reader.names, told(reader.problems), unread=reader.unread)
 
 
 def merge_teams(settings: Mapping[int, str], file: TeamList) -> TeamList:
-    """Put the teams of the settings over those of a file, and say where the two differ."""
+    """Puts the teams of the settings over those of a file, and reports where the two differ."""
     differing = [
         f"subject {subject} is {quoted(name)} in the settings and {quoted(file.names[subject])} in"
         " the file: the settings count"
@@ -314,8 +240,6 @@ def merge_teams(settings: Mapping[int, str], file: TeamList) -> TeamList:
 
 
 class _Reader(ListReader):
-    """Takes team after team."""
-
     def __init__(self, path: Path, name: str, remedy: str) -> None:
         super().__init__(path, name, remedy)
         self.names: dict[int, str] = {}
@@ -323,7 +247,7 @@ class _Reader(ListReader):
         self._subjects: dict[str, int] = {}
 
     def take(self, number: int, values: list[str]) -> Iterator[str]:
-        """A team; the first of two for one subject counts."""
+        """Takes a team; the first of two for one subject counts."""
         subject, name = _entry(values)
         if subject in self.names:
             raise MadrobError(
@@ -343,11 +267,6 @@ class _Reader(ListReader):
 
 
 def _entry(values: list[str]) -> tuple[int, str]:
-    """The subject number and the clean name.
-
-    Raises:
-        MadrobError: the values are no such thing.
-    """
     subject = subject_number(values[0])
     if len(values) > 2:
         raise MadrobError(
@@ -360,7 +279,6 @@ def _entry(values: list[str]) -> tuple[int, str]:
 
 
 def _name(value: str) -> str:
-    """A clean name; of one that is too long the beginning, because a team needs a name."""
     try:
         return clean_name(value, "team")
     except MadrobError:
@@ -369,7 +287,6 @@ def _name(value: str) -> str:
 
 
 def _loss(value: str) -> str:
-    """What is taken from a name, beyond blanks."""
     if _name(value).endswith("…") and not value.endswith("…"):
         return f"more than {LONGEST_NAME} characters, cut"
     if any(char in value for char in "/\\"):

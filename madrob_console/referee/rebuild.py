@@ -46,13 +46,13 @@ from scoring.rest import HandleRest
 from scoring.rulesets import RulesetName
 
 _LATER = ("unwritten", "gaps", "file_bytes")
-"""What the account of the evidence had not in its first form."""
+"""Fields that the first form of the evidence account lacked."""
 
 _LATEST = 1e11  # s since the epoch, within what calendars reach
 
 
 class Change(StrEnum):
-    """Journal lines that no act wrote."""
+    """Kinds of journal lines that no act wrote."""
 
     COUNTDOWN_BEGINS = "countdown begins"
     WITHDRAWN = journal.WITHDRAWN
@@ -71,11 +71,7 @@ class Change(StrEnum):
 
 
 def act_of(entry: Entry) -> Act | None:
-    """The act that a journal line tells of; None for a line of another kind.
-
-    Raises:
-        MadrobError: the line's details do not fit the act.
-    """
+    """The act in a journal line, None in others; MadrobError where the details do not fit."""
     if not is_act(entry.what):
         return None
     try:
@@ -87,15 +83,9 @@ def act_of(entry: Entry) -> Act | None:
 def rebuild(
     entries: Iterable[Entry], handle_zero: float = 0.0, zero_samples: HandleRest | None = None
 ) -> Run:
-    """The run after all entries.
+    """The run after all entries; MadrobError where a line is damaged.
 
-    Args:
-        entries: of one run, in order.
-        handle_zero: the one stored with the run, N; it may have been set before the run was.
-        zero_samples: the samples behind it, likewise; None = nothing is stored of them.
-
-    Raises:
-        MadrobError: a line is damaged.
+    `handle_zero` (N) and `zero_samples` are those stored with the run: they may be older than it.
     """
     run = Run()
     for entry in entries:
@@ -104,15 +94,7 @@ def rebuild(
 
 
 def after(run: Run, entry: Entry) -> Run:
-    """The run after one more entry.
-
-    Args:
-        run: before it.
-        entry: the next of its journal.
-
-    Raises:
-        MadrobError: the line is damaged.
-    """
+    """The run after one more entry; MadrobError where the line is damaged."""
     try:
         act = act_of(entry)
         if act is None:
@@ -134,7 +116,6 @@ def _time(found: float) -> float:
 
 
 def _changed(run: Run, entry: Entry) -> Run:
-    """The run after a line that no act wrote."""
     details = entry.details
     match entry.what:
         case Change.COUNTDOWN_BEGINS if run.setup is not None:
@@ -166,7 +147,6 @@ def _changed(run: Run, entry: Entry) -> Run:
 
 
 def _with_recorded(run: Run, entry: Entry) -> Run:
-    """The run after a line of what its recording lacks, of the evidence, or of what is gone."""
     details = entry.details
     if entry.what == Change.UNRECORDED:
         return replace(run, unrecorded=max(0, int(details["messages"])))
@@ -186,15 +166,13 @@ _BESIDE = {
     *(Change.EVENT, Change.EVIDENCE, Change.EVIDENCE_REMOVED),
     *(Change.RESULT_WRITTEN, Change.WITHDRAWN),
 }
-"""From these no result changes; where they stand among the others may differ."""
+"""Lines that change no result; their place among the others may differ."""
 
 _OPENING = (Reissue, Void, Correct, TakeBack, FileProtest, DecideProtest, WithdrawProtest)
 _OPENS = {*(act.name for act in _OPENING), Change.REISSUED}
-"""They open a final result again."""
 
 
 def mark_of(entries: Iterable[Entry]) -> JournalMark:
-    """The mark of a journal as it was read."""
     growing = GrowingMark()
     for entry in entries:
         growing.add(entry)
@@ -202,11 +180,7 @@ def mark_of(entries: Iterable[Entry]) -> JournalMark:
 
 
 class GrowingMark:
-    """The mark of a journal that is still written.
-
-    Attributes:
-        mark: of all lines so far.
-    """
+    """The mark of a journal that is still being written."""
 
     def __init__(self) -> None:
         self._lines = 0
@@ -215,7 +189,6 @@ class GrowingMark:
         self.mark = JournalMark(0, self._digest.hexdigest())
 
     def add(self, entry: Entry) -> None:
-        """One more line."""
         if entry.what in _BESIDE:
             return
         self._digest.update(f"{entry.to_json()}\n".encode())

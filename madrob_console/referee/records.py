@@ -19,18 +19,12 @@ from scoring.rulesets import RulesetName
 
 
 Randomness = Callable[[int], bytes]
-"""So many random bytes."""
 
 _MILLISECOND = 1_000_000  # ns
 
 
 def new_run_id(now_ns: int, random: Randomness) -> str:
-    """The identity of a run that is set up: a UUID of version 7 (RFC 9562), sorted by time.
-
-    Args:
-        now_ns: when it is set up, ns since the epoch.
-        random: tells it from all others of the same millisecond.
-    """
+    """The identity of a new run: a UUID of version 7 (RFC 9562), sorted by time."""
     time = (now_ns // _MILLISECOND) % 2**48
     chance = int.from_bytes(random(10), "big") % 2**74
     number = time << 80 | 7 << 76 | (chance >> 62) << 64 | 0b10 << 62 | chance % 2**62
@@ -38,12 +32,9 @@ def new_run_id(now_ns: int, random: Randomness) -> str:
 
 
 def derived_run_id(sha256: str) -> str:
-    """The identity of a run that was set up before runs had one: a UUID of version 5 (RFC 9562).
+    """The identity of an older run by its recording: a UUID of version 5 (RFC 9562).
 
-    It is the same wherever the recording lies: that of the URL `urn:sha256:` and the digest.
-
-    Args:
-        sha256: the digest of its recording, as `sha256sum` prints it.
+    It is that of the URL `urn:sha256:` and the checksum.
     """
     return str(uuid5(NAMESPACE_URL, f"urn:sha256:{sha256}"))
 
@@ -115,7 +106,7 @@ class RunSetup:
 
 
 Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
-"""A digest as `sha256sum` prints it."""
+"""A SHA-256 checksum as `sha256sum` prints it."""
 
 
 class CheckName(StrEnum):
@@ -360,7 +351,6 @@ class RemovedEvidence:
 
     @property
     def words(self) -> str:
-        """How much it was."""
         return f"{self.files} file{'' if self.files == 1 else 's'}, {self.bytes / 1e6:.1f} MB"
 
 
@@ -391,7 +381,7 @@ def relative_text(at: float | None, start: float | None) -> str:
 
 
 def seconds_of(text: str) -> float | None:
-    """Seconds that somebody typed: `12.5`, `6.5 s`, `-3`, `1:05.2`; None for anything else."""
+    """Parses typed seconds: `12.5`, `6.5 s`, `-3`, `1:05.2`; None for anything else."""
     minutes, colon, rest = text.strip().removesuffix("s").rpartition(":")
     sign = -1.0 if minutes.startswith("-") else 1.0
     try:
@@ -410,7 +400,7 @@ _WHOLE_MINUTES = 5  # from here on seconds say nothing
 
 
 def size_words(size: float) -> str:
-    """Bytes, in the unit that says something: `1.5 GB`, `730 kB`, `12 B`."""
+    """Bytes in a fitting unit: `1.5 GB`, `730 kB`, `12 B`."""
     for unit, factor in _UNITS:
         if size >= 0.9995 * factor:
             number = size / factor
@@ -419,10 +409,7 @@ def size_words(size: float) -> str:
 
 
 def span_words(span: float) -> str:
-    """A time that has passed, or is left, s: `8 s`, `1 min 8 s`, `12 min`, `1 h 05 min`, `3 days`.
-
-    Of the smallest unit that is told only whole ones count; a span is never told as nothing.
-    """
+    """A span, s, rounded down but never to nothing: `8 s`, `1 min 8 s`, `1 h 05 min`, `3 days`."""
     seconds = max(1, int(span))
     minutes, rest = divmod(seconds, 60)
     if not minutes:
@@ -436,7 +423,6 @@ def span_words(span: float) -> str:
 
 
 def duration_words(duration: float) -> str:
-    """A time, s, as people say it: `11 h`, `40 min`, `90 s`."""
     if duration >= 100 * 3600:
         return f"{min(duration / 86400, 9999):.0f} days"
     if duration >= 2 * 3600:
@@ -447,13 +433,13 @@ def duration_words(duration: float) -> str:
 
 
 def listed(names: Sequence[str], most: int = 2) -> str:
-    """Names, the first ones of many: `/a, /b and 3 more`."""
+    """The first of many names: `/a, /b and 3 more`."""
     more = len(names) - most
     return f"{', '.join(names[:most])}{f' and {more} more' if more > 0 else ''}"
 
 
 def counted(number: int, noun: str) -> str:
-    """How many of something there are: `1 topic`, `2 topics`."""
+    """A number with its noun: `1 topic`, `2 topics`."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
@@ -471,12 +457,9 @@ class ProtestEnd(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ProtestTimes:
-    """A competition's deadlines.
+    """A competition's deadlines, s, from the signing of a result and from the filing of a protest.
 
-    Attributes:
-        filing: until so long after a result is signed a protest is in time, s. It runs on while
-            another protest is open, and begins anew once the result was changed.
-        decision: so long after it was filed it is to be decided, s.
+    The first runs on while another protest is open, and begins anew once the result was changed.
     """
 
     filing: float = 1800.0
@@ -534,23 +517,17 @@ class Protest:
 
     @property
     def open(self) -> bool:
-        """Whether it waits for a decision."""
         return self.answer is None
 
     @property
     def late_decision(self) -> str:
-        """That it was decided after its deadline, as `late_words`; empty where it was not."""
         answer = self.answer
         if answer is None or answer.end is ProtestEnd.WITHDRAWN:
             return ""
         return late_words(self.due, answer.time)
 
     def about_words(self, start: float | None) -> str:
-        """What it is about and when that was: `step 4, 12.500 s from the start`.
-
-        Args:
-            start: of the run, s since the epoch; None = it has none.
-        """
+        """Subject and instant: `step 4, 12.500 s from the start`; `start` in s since the epoch."""
         if self.at is None or start is None:
             return self.about
         instant = f"{relative_text(self.at, start)} s"
@@ -559,22 +536,15 @@ class Protest:
 
     @property
     def title(self) -> str:
-        """Its number and what it is about."""
         return f"protest {self.number} ({self.about})"
 
 
 def open_protests(protests: Iterable[Protest]) -> tuple[Protest, ...]:
-    """Those that wait for a decision, the first one that is due first."""
     return tuple(sorted((one for one in protests if one.open), key=lambda one: one.due))
 
 
 def due_words(due: float, now: float) -> str:
-    """How long there is to decide a protest: `12 min left`, `due now`, `OVERDUE by 1 h 05 min`.
-
-    Args:
-        due: when it is to be decided, s since the epoch.
-        now: s since the epoch.
-    """
+    """The time left, from s since the epoch: `12 min left`, `due now`, `OVERDUE by 1 h 05 min`."""
     left = due - now
     if abs(left) < 1.0:
         return "due now"
@@ -582,16 +552,9 @@ def due_words(due: float, now: float) -> str:
 
 
 def deadline_words(due: float, now: float, date: Callable[[float], str]) -> str:
-    """The same by the clock: `due by 23 Nov 08:29`, `OVERDUE since 23 Nov 08:29`.
-
-    Args:
-        due: when it is to be decided, s since the epoch.
-        now: s since the epoch.
-        date: a time in words, of s since the epoch.
-    """
+    """The deadline by the clock: `due by 23 Nov 08:29`, `OVERDUE since 23 Nov 08:29`."""
     return f"{'OVERDUE since' if due < now else 'due by'} {date(due)}"
 
 
 def late_words(due: float, decided: float) -> str:
-    """That a decision came late: `LATE, 12 min after it was due`; empty where it was in time."""
     return f"LATE, {span_words(decided - due)} after it was due" if decided > due else ""

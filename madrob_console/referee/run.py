@@ -32,14 +32,14 @@ from scoring.result import Ending
 from scoring.rulesets import RulesetName
 
 VALID_OUTCOMES = (Outcome.COMPLETED, Outcome.TIMEOUT)
-"""A run that ended so is valid, unless it was voided (protocol section 2)."""
+"""Such a run is valid, unless it was voided (protocol section 2)."""
 
 DECISION_REMARKS = ("check waived: ", "false start: ")
-"""How remarks on the data begin that follow from what the referee decided."""
+"""Prefixes of remarks that follow from the referee's decisions."""
 
 
 class Phase(StrEnum):
-    """Where a run stands."""
+    """The states of a run."""
 
     IDLE = "idle"
     READY = "ready"
@@ -56,40 +56,21 @@ class Run:
     Times are s since the epoch, steady (section 8).
 
     Attributes:
-        phase: where the run stands.
-        setup: None before a run is set up.
-        pose_confirmed: the referee saw the robot at its start pose.
         handle_zero: N, subtracted before the touch threshold; kept from run to run.
-        zero_samples: the samples behind it; None = it was never set, or by an earlier version.
-        waivers: checks let pass for this run.
-        countdown_began: the opening of the recording.
+        zero_samples: the samples behind it; None = never set, or by an earlier version.
+        countdown_began: the beginning of the recording.
         start: planned during the countdown, actual afterwards.
-        stop: the end of the run.
         timeout_at: when the timeout came, while a running settle time delays the stop.
-        outcome, outcome_reason: how and why it ended.
-        false_starts, incidents, notes, rulings: what happened and what the referee said.
-        voided: by the referee; None = it counts as its outcome says.
-        corrections: of the set-up, which is as it is after them.
-        accepted_doubts: which doubts on the indicators the referee lets stand.
-        protests: of teams against the result, open and closed ones, in the order of their numbers.
-        taken_back: what the referee decided and took back.
-        decided: what was decided and stands, in the order in which it was.
-        faults: of the testbed while it was recorded, each once.
-        unrecorded: messages that were scored and that its recording lacks: the disk was full, too
-            slow, or failed.
+        corrections: of the set-up; `setup` includes them.
+        decided: decisions that were not taken back, in order.
+        unrecorded: scored messages that the recording lacks.
         evidence: what was recorded beside the testbed's topics; None = nothing was wanted.
-        removed_evidence: what was removed of the cameras' and other topics' recordings.
         issue: number of the result's latest issue; 0 before the first.
-        reissues: why there is more than one, oldest first.
-        closure: set by finalising.
-        signed: when the result was signed, s since the epoch: the first time since it changed, also
-            while it is open again; None = never.
-        changed: when a ruling, a correction, a void or a re-issue changed it last, likewise.
-        signed_notes: how many of the notes were there when that was done; the others stand beside
-            the result.
-        signed_evidence: the `evidence` as it was told then; the files may say more since.
-        ruleset: by which rules the result was re-issued; None = by those that were set.
-        journal: what says all this, for its result; None while that is of no interest.
+        signed: when the result was signed first since its last change, even if it was reopened.
+        changed: when a ruling, a correction, a void or a re-issue changed it last.
+        signed_notes: the number of notes at the signing; later ones stand beside the result.
+        signed_evidence: the `evidence` as of the signing; the files may say more since.
+        ruleset: of the re-issue; None = that of `setup`.
     """
 
     phase: Phase = Phase.IDLE
@@ -130,7 +111,7 @@ class Run:
 
     @property
     def cleared(self) -> Run:
-        """A clean run: nothing of this one stays but the handle zero."""
+        """A new run that keeps only the handle zero."""
         return Run(handle_zero=self.handle_zero, zero_samples=self.zero_samples)
 
     @property
@@ -144,11 +125,9 @@ class Run:
         return self.valid and self.outcome is Outcome.COMPLETED
 
     def decided_and(self, kind: DecisionKind) -> tuple[DecisionKind, ...]:
-        """What stands after one more decision."""
         return (*self.decided, kind)
 
     def decided_without(self, kind: DecisionKind) -> tuple[DecisionKind, ...]:
-        """What stands without the last decision of a kind."""
         left = list(reversed(self.decided))
         if kind in left:
             left.remove(kind)
@@ -162,11 +141,10 @@ class Run:
 
     @property
     def set_up_as(self) -> RunSetup | None:
-        """What was set before any correction: the folder is named after it."""
+        """The set-up before any correction; the folder is named after it."""
         return self.corrections[0].before if self.corrections else self.setup
 
     def number_in(self, subject: int, condition: Condition) -> int | None:
-        """The run number that the run has, or had before a correction, in a series."""
         known = [c.before for c in self.corrections] + ([self.setup] if self.setup else [])
         return next(
             (s.run_number for s in known if (s.subject, s.condition) == (subject, condition)), None
@@ -174,45 +152,37 @@ class Run:
 
     @property
     def undecided_false_start(self) -> FalseStart | None:
-        """The first false start that the referee has not decided; None if there is none."""
         return next((f for f in self.false_starts if f.accepted is None), None)
 
     @property
     def last_incident(self) -> Incident | None:
-        """The last incident that was not withdrawn; None if there is none."""
         return next((mark for mark in reversed(self.incidents) if mark.withdrawn is None), None)
 
     @property
     def referee(self) -> str:
-        """The referee's name; empty where none was set."""
         return self.setup.referee if self.setup else ""
 
     @property
     def team_reason(self) -> str:
-        """Why its team has another name than in the list; empty = it has not."""
         return "" if self.setup is None else self.setup.team_reason
 
     @property
     def practice(self) -> bool:
-        """Whether it is set up as practice."""
         return self.setup is not None and self.setup.practice
 
     @property
     def out_of_plan(self) -> bool:
-        """Whether it was set up beyond the competition's plan."""
         return self.setup is not None and self.setup.out_of_plan
 
     @property
     def active(self) -> bool:
-        """Whether leaving now would leave a countdown or a run behind."""
         return self.phase in (Phase.COUNTDOWN, Phase.RUNNING)
 
     @property
     def ending(self) -> Ending:
-        """How the run ended, for its result.
+        """How the run ended; an interrupted one has no stop.
 
-        An interrupted run has no stop: the time at which the machine failed says nothing about
-        the robot. So does a run whose journal ends before its stop.
+        The time of the machine's failure says nothing about the robot.
         """
         if self.outcome is None:
             return Ending(Outcome.INTERRUPTED, "no stop is recorded: the run was cut off", None)
@@ -220,17 +190,11 @@ class Run:
         return Ending(self.outcome, self.outcome_reason, None if interrupted else self.stop)
 
     def evidence_removed(self, date: Callable[[float], str]) -> str:
-        """When its evidence was removed, in words; empty = it was not.
-
-        Args:
-            date: a time in words, of s since the epoch.
-        """
         if not self.removed_evidence:
             return ""
         return f"removed by tidy on {date(self.removed_evidence[-1].time)}"
 
     def remarks(self) -> list[str]:
-        """What the referee's decisions and the testbed's faults say about the data, in words."""
         waived, false_start = DECISION_REMARKS
         remarks = [f"{waived}{w.check}: {w.reason}" for w in self.waivers]
         for mark in self.false_starts:
@@ -246,11 +210,11 @@ class Run:
 
 
 LEAST_PREROLL = 1.0
-"""Recording begins at least this long before the start, s (protocol section 3)."""
+"""s of recording before the start, at least (protocol section 3)."""
 
 
 def begin_countdown(run: Run, at: float) -> Run:
-    """The countdown begins at `at` (s since the epoch); the start lies at least 1 s later."""
+    """Begins the countdown at `at` (s since the epoch); the start lies at least 1 s later."""
     assert run.setup is not None
     return replace(
         run,
@@ -261,23 +225,20 @@ def begin_countdown(run: Run, at: float) -> Run:
 
 
 def begin_run(run: Run) -> Run:
-    """The planned start has come."""
     return replace(run, phase=Phase.RUNNING)
 
 
 def decide_false_starts(run: Run, reason: str) -> Run:
-    """All undecided false starts are let pass with `reason`."""
     decided = tuple(replace(f, accepted=f.accepted or reason) for f in run.false_starts)
     return replace(run, false_starts=decided)
 
 
 def time_out(run: Run, at: float, reason: str) -> Run:
-    """The timeout came at `at`, elapsed or declared (section 2)."""
+    """Notes a timeout at `at`, elapsed or declared (section 2)."""
     return replace(run, timeout_at=at, outcome_reason=reason)
 
 
 def stop(run: Run, outcome: Outcome, at: float, reason: str) -> Run:
-    """The run ends at `at` (s since the epoch)."""
     return replace(
         run,
         phase=Phase.STOPPED,
@@ -289,23 +250,14 @@ def stop(run: Run, outcome: Outcome, at: float, reason: str) -> Run:
 
 
 def changed(run: Run, at: float) -> Run:
-    """What the result says is another one since `at`: teams have all the time for a protest."""
+    """Notes a change of the result; the time for protests begins anew."""
     return replace(run, changed=at, signed=None)
 
 
 def reissued(
     run: Run, at: float, what: str, reason: str, referee: str, rules: RulesetName | None = None
 ) -> Run:
-    """The result gets another issue, final or not; it is open afterwards.
-
-    Args:
-        run: before it, and over.
-        at: when, s since the epoch.
-        what: the act or change that does it, in the journal's word.
-        reason: why.
-        referee: who says so; empty where no name is known.
-        rules: by which its result is made from now on; None = by those that made it.
-    """
+    """Gives the result another issue, open again; `rules` of None keep the present ones."""
     issue = max(1, run.issue) + 1
     return replace(
         run,

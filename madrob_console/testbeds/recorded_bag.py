@@ -24,31 +24,14 @@ from recorder.reader import Bag, read_bag
 from scoring.protocol import Condition
 
 MOST_KEPT = 150_000
-"""So many messages, of seven minutes, are kept in memory; of a longer bag none, it is read again
-whenever it begins anew."""
+"""Messages kept in memory, about seven minutes; a longer bag is read again at each restart."""
 
 
 class RecordedBag:
-    """A testbed that was recorded; it sends everything once more as often as it is opened.
+    """A recorded testbed; each `open` replays its messages in stored order.
 
-    What the testbed sent comes again, in the order in which it is stored. What the console
-    itself said is kept aside: the journal in `journal_lines`, the rest in the bag's `records`.
-
-    Args:
-        path: a bag folder or an `.mcap` file.
-        types: the types known; those of the bag are registered.
-        speed, monotonic, wait: of its clock.
-
-    Attributes:
-        path: the bag.
-        clock: recorded time; it goes on as messages are taken.
-        begin_ns, end_ns: its first and its last instant, ns since the epoch.
-        journal_lines: the lines of `/madrob/referee/event`, JSON, in order.
-        records: the bag's metadata records by name.
-
-    Raises:
-        MadrobError: the bag cannot be read or holds nothing, or its times make no sense; or the
-            speed is impossible.
+    The console's own messages are kept aside: the JSON lines of `/madrob/referee/event` in
+    `journal_lines`, the metadata in `records`.
     """
 
     def __init__(
@@ -88,30 +71,24 @@ class RecordedBag:
 
     @property
     def kind(self) -> SourceKind:
-        """Where the messages come from."""
         return SourceKind.REPLAY
 
     @property
     def label(self) -> str:
-        """For people: `REPLAY <name>`."""
         return f"REPLAY {self.path.name}"
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What of the bag cannot be used, in words."""
         return tuple(p for p in (*self._problems, self._bag.problem) if p)
 
     def expect(self, mappings: Sequence[TopicMapping]) -> None:
-        """These are the configured topics; without that, whatever the bag holds."""
         self._mappings = tuple(mappings)
 
     def open(self) -> None:
-        """Go to the first message."""
         self._messages = iter(self._kept or _of_testbed(self._bag, self._own))
         self._next = next(self._messages, None)
 
     def take(self, timeout: float) -> list[RawMessage]:
-        """The messages up to the next instant if that is due within `timeout` s of real time."""
         self.clock.sleep(timeout)
         until_ns = self.clock.now_ns()
         messages = []
@@ -121,11 +98,9 @@ class RecordedBag:
         return messages
 
     def topics(self) -> Sequence[Topic]:
-        """What the testbed sent."""
         return self._topics
 
     def status(self) -> Sequence[TopicStatus]:
-        """The topics of the bag and those that it lacks; what was lost on its way is not known."""
         present = {topic.name: topic for topic in self._topics}
         missing = (m for m in self._mappings if m.topic not in present)
         return (
@@ -146,31 +121,27 @@ class RecordedBag:
         )
 
     def configure(self, condition: Condition) -> None:
-        """Nothing: it was set then."""
+        """Does nothing: the recorded testbed was configured then."""
 
     @property
     def sides_problem(self) -> str | None:
-        """Nothing has to be set by hand."""
         return None
 
     @property
     def announcement(self) -> Announcement:
-        """Nothing: what it was stands in the record of its run."""
         return SILENT
 
     @property
     def other_referee(self) -> str | None:
-        """Nobody: a recording obeys nobody."""
         return None
 
     def publish(self, message: RawMessage) -> None:
-        """Nothing: who should have heard it heard it then."""
+        """Does nothing: a replay has no listeners."""
 
     def attend(self, outside: Outside) -> None:
-        """Nobody asks."""
+        """Does nothing: no other programs ask."""
 
     def close(self) -> None:
-        """Let go of the bag; safe to call twice."""
         self._messages, self._next = iter(()), None
 
 
@@ -184,7 +155,6 @@ class _Survey:
 
 
 def _register(topic: Topic, types: MessageTypes) -> str | None:
-    """Make a recorded topic's type known; returns why that is not possible."""
     if not topic.definition:
         return None if types.knows(topic.type) else f"the bag does not define {topic.type}"
     try:
@@ -199,7 +169,6 @@ def _of_testbed(bag: Bag, own: frozenset[str]) -> Iterator[RawMessage]:
 
 
 def _survey(bag: Bag, own: frozenset[str], types: MessageTypes) -> _Survey | None:
-    """Read a bag once: its instants, its journal, lines that cannot be read; None if empty."""
     messages: list[RawMessage] | None = []
     begin_ns: int | None = None
     end_ns = 0

@@ -15,19 +15,14 @@ LARGEST_DOMAIN = 232
 """Fast DDS ends the process on a larger one."""
 
 VARIABLE = "ROS_DOMAIN_ID"
-"""Where ROS programs look it up."""
 
 _NUMBER = re.compile(r"\+?(?:(0x[0-9a-f]{1,9})|(0[0-7]{0,9})|([1-9][0-9]{0,9}))", re.IGNORECASE)
 
 
 def domain_number(text: str) -> int:
-    """The domain that a text means; nothing at all is domain 0.
+    """Reads a domain as ROS does: `010` is octal, `0x10` hexadecimal, an empty text is 0.
 
-    As in ROS, `010` is octal and `0x10` hexadecimal. What ROS would only read the beginning of,
-    `5abc`, is refused.
-
-    Raises:
-        MadrobError: it is no number from 0 to 232.
+    `5abc` is refused, although ROS would read its beginning.
     """
     plain = text.strip(" \t\n\r\f\v") or "0"
     number = LARGEST_DOMAIN + 1
@@ -40,11 +35,7 @@ def domain_number(text: str) -> int:
 
 
 def domain_id(given: int | None, environment: Mapping[str, str]) -> int:
-    """The ROS domain to use: the given one, else `ROS_DOMAIN_ID`, else 0.
-
-    Raises:
-        MadrobError: it is no number from 0 to 232.
-    """
+    """The given domain, else `ROS_DOMAIN_ID`, else 0; MadrobError unless it is from 0 to 232."""
     if given is None:
         named, text = VARIABLE, environment.get(VARIABLE, "")
     else:

@@ -39,22 +39,21 @@ from recorder.bag import Durability, Qos
 from scoring.protocol import BenchmarkType, Condition, Side
 
 _PERIOD = 0.005
-"""Seconds between two looks at what is due."""
+"""Seconds between two checks of what is due."""
 
 _POST_ROLL = 3.0
-"""Seconds for which it stays after its last run, unless the referee goes on before."""
+"""Seconds that the node stays after its last run, unless the referee goes on before."""
 
 _NEVER = 1e9
-"""Seconds: the start of a robot that stands and waits."""
+"""Seconds: the start of a robot that only waits."""
 
 _LATE = 1.0
-"""Seconds: a robot that hears of its start later than this sets out when it hears of it."""
+"""Seconds; a robot that hears of its start later sets out at that moment."""
 
 _KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)
 _DEFAULT_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
 
 Say = Callable[[str], None]
-"""Takes one line for people."""
 
 
 def serve_testbed(  # noqa: PLR0913  what is played where, and how
@@ -68,20 +67,10 @@ def serve_testbed(  # noqa: PLR0913  what is played where, and how
     ros_args: Sequence[str] = (),
     stop: threading.Event | None = None,
 ) -> None:
-    """Be the testbed until its runs are over, a signal comes or `stop` is set.
+    """Runs the testbed until its runs are over, a signal arrives or `stop` is set.
 
-    Args:
-        testbed: the model; its scenario is played in every run.
-        condition: of the runs until the referee sets another; None = each run draws one.
-        repeat: how many runs; 0 = no end.
-        say: is told what happens.
-        domain: ROS domain; None = `ROS_DOMAIN_ID`, or 0.
-        mappings: topics, types and units.
-        ros_args: what a launch file says of names.
-        stop: ends it from another thread.
-
-    Raises:
-        MadrobError: ROS is not there, or a topic cannot be simulated.
+    With `condition` None each run draws one, until the referee sets one. `repeat` is the number of
+    runs; 0 = no end. `ros_args` are a launch file's remappings. Another thread may set `stop`.
     """
     number = domain_id(domain, os.environ)
     ended = stop or threading.Event()
@@ -106,11 +95,7 @@ def serve_testbed(  # noqa: PLR0913  what is played where, and how
 class DoorNode:
     """The node `/madrob/door`: the testbed's topics, its parameters and its robot.
 
-    Args:
-        connection: the ROS domain; who owns it spins it.
-        source: the model.
-        condition: at first; None = each run draws one.
-        say: is told what happens.
+    The caller spins `connection`. `condition` is the first one; None = each run draws one.
     """
 
     def __init__(
@@ -144,7 +129,6 @@ class DoorNode:
         self._announce(source)
 
     def _announce(self, source: SimulatedSource) -> None:
-        """Say that no run here is official, and where the sensors are; to late joiners, too."""
         text = encode_text(MessageTypes(), info_text(source.testbed.scenario))
         self._keep_saying(INFO_TOPIC, INFO_TYPE, text)
         with suppress(MadrobError):  # wheels have no tf2_msgs; `madrob doctor` says it
@@ -152,23 +136,17 @@ class DoorNode:
                 self._keep_saying(message.topic, message.type, message.data)
 
     def _keep_saying(self, topic: str, type_name: str, data: bytes) -> None:
-        """Publish a message that late joiners get, too.
-
-        Raises:
-            MadrobError: its type is not installed.
-        """
+        """Publishes a message that late joiners get, too."""
         message_class, qos = load_message_class(type_name), qos_profile(_KEPT, 1)
         publisher = self._node.create_publisher(message_class, in_namespace(topic), qos)
         publisher.publish(data)
 
     def has_done(self, runs: int) -> bool:
-        """Whether so many runs are over, and the last one's recording too."""
         if self._runs < runs or self._phase == "running":
             return False
         return self._phase != "stopped" or time.monotonic() > self._over_at + _POST_ROLL
 
     def publish(self) -> None:
-        """Publish what the sensors have read since the last call."""
         if self._unheeded is not None and self._alone():
             self._heed(self._unheeded)  # who had the run is gone
         for message in self._source.take(0):
@@ -219,7 +197,6 @@ class DoorNode:
         self._heed(state)
 
     def _is_strange(self, state: RefereeState) -> bool:
-        """Whether another referee says this, in the middle of a run."""
         before = self._heeded
         if before is None or not self._in_run or self._alone():
             return False
@@ -230,7 +207,6 @@ class DoorNode:
         return self._phase in ("countdown", "running")
 
     def _alone(self) -> bool:
-        """Whether there is one referee at most."""
         place = in_namespace(REFEREE_STATE_TOPIC)
         return len(self._node.get_publishers_info_by_topic(place)) < 2
 
@@ -255,7 +231,7 @@ class DoorNode:
     def _start_of(self, state: RefereeState, before: str) -> float | None:
         """When the robot sets out, s since the epoch; None outside a run.
 
-        Nobody knows in the countdown that it will be: the robot takes its place and waits.
+        The start is unknown during the countdown: the robot takes its place and waits.
         """
         if state.phase == "countdown":
             return _NEVER + time.time()
@@ -269,7 +245,6 @@ class DoorNode:
 
 
 def refusal(name: str, value: ParameterValue) -> str | None:
-    """Why the testbed does not take a parameter, in words; None when it does."""
     if name == "opening_side" and value not in ("CW", "CCW"):
         return f"{value!r} is neither CW nor CCW"
     if name == "benchmark_type" and value not in {b.value for b in BenchmarkType}:

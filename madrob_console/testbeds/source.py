@@ -23,14 +23,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class TopicStatus:
-    """What a source knows of one testbed topic.
+    """The state of one testbed topic; `type` is the one found, else the configured one.
 
-    Attributes:
-        topic: full topic name.
-        type: the message type found on it, or the configured one while nothing is found.
-        publishers: how many publishers are matched now.
-        lost: messages lost on the way, by the publisher's sequence numbers; None = unknown.
-        problem: why nothing can come from it (an unknown type, say), in words; else None.
+    `publishers` are those matched now. `lost` is by their sequence numbers; None = unknown.
     """
 
     topic: str
@@ -41,77 +36,52 @@ class TopicStatus:
 
 
 class Source(Protocol):
-    """A testbed, as the engine sees it. All calls come from the engine's thread."""
+    """A testbed, as the engine sees it. Only the engine's thread calls it."""
 
     @property
-    def kind(self) -> SourceKind:
-        """Where the messages come from."""
-        ...
+    def kind(self) -> SourceKind: ...
 
     @property
     def label(self) -> str:
-        """For people: `LIVE ros domain 0`, `SIMULATED nominal`, `REPLAY <name>`.
-
-        A simulated testbed over ROS: `SIMULATED over ROS domain 0`.
-        """
+        """For people: `LIVE ros domain 0`, `SIMULATED over ROS domain 0`, `REPLAY <name>`."""
         ...
 
     def open(self) -> None:
-        """Connect.
-
-        Raises:
-            MadrobError: it cannot be reached; the message names the remedy.
-        """
+        """Connects; raises MadrobError with the remedy where the testbed cannot be reached."""
         ...
 
     def take(self, timeout: float) -> list[RawMessage]:
-        """Messages since the last call, by receive time; waits at most `timeout` s of clock time.
-
-        Never raises for what a topic sends.
-        """
+        """Messages by receive time; waits up to `timeout` s of clock time; never raises."""
         ...
 
-    def topics(self) -> Sequence[Topic]:
-        """The testbed's topics known by now and the console's own, as a bag needs them."""
-        ...
+    def topics(self) -> Sequence[Topic]: ...
 
-    def status(self) -> Sequence[TopicStatus]:
-        """The state of every configured topic."""
-        ...
+    def status(self) -> Sequence[TopicStatus]: ...
 
     def configure(self, condition: Condition) -> None:
-        """Set the testbed's parameters for a condition; returns at once, see `sides_problem`."""
+        """Sets the testbed's parameters for a condition; returns at once, see `sides_problem`."""
         ...
 
     @property
-    def sides_problem(self) -> str | None:
-        """Why the sides must be set by hand, in words; None when the testbed confirmed them."""
-        ...
+    def sides_problem(self) -> str | None: ...
 
     @property
-    def announcement(self) -> Announcement:
-        """What the testbed says of itself."""
-        ...
+    def announcement(self) -> Announcement: ...
 
     @property
     def other_referee(self) -> str | None:
-        """Who else tells the testbed where the run stands, in words; None = nobody."""
+        """Another node that publishes the run state to the testbed, in words; None = nobody."""
         ...
 
     def publish(self, message: RawMessage) -> None:
-        """Publish on one of the console's own topics (protocol section 3); never waits.
-
-        What is published while the source is closed reaches nobody.
-        """
+        """Publishes on one of the console's own topics (protocol section 3); never waits."""
         ...
 
     def attend(self, outside: Outside) -> None:
-        """Let other programs of the testbed ask and hear; nobody does where there are none."""
+        """Lets other programs of the testbed call and query the console, where there are any."""
         ...
 
-    def close(self) -> None:
-        """Disconnect; safe to call twice."""
-        ...
+    def close(self) -> None: ...
 
 
 # What a testbed says of itself, once for all: `/madrob/testbed/info` (protocol section 2).
@@ -121,7 +91,7 @@ INFO_TOPIC = "/madrob/testbed/info"
 INFO_TYPE = "std_msgs/msg/String"
 
 LARGEST_INFO = 4096
-"""A longer message is no announcement, bytes."""
+"""Bytes; a longer message is no announcement."""
 
 _LONGEST_SCENARIO = 40
 _UNNAMED = "it does not say what"
@@ -129,14 +99,11 @@ _UNNAMED = "it does not say what"
 
 @dataclass(frozen=True, slots=True)
 class Announcement:
-    """What a testbed says of itself.
+    """What a testbed announces about itself.
 
-    Attributes:
-        simulated: what a simulated one plays, in words: every run on it is practice; None = it is
-            a real one, or says nothing.
-        problem: why what it says cannot be understood, in words; None = it can.
-        messages: what it said once for all, as it came, for recordings.
-        simulated_time: `/clock` less the engine's clock, s; None = nobody publishes `/clock`.
+    A simulated one says in `simulated` what it plays; every run on it is practice. `messages` are
+    kept for recordings. `simulated_time` is `/clock` less the engine's clock, s; None = no
+    `/clock`.
     """
 
     simulated: str | None = None
@@ -146,7 +113,6 @@ class Announcement:
 
 
 SILENT = Announcement()
-"""It says nothing of itself."""
 
 
 class _Info(msgspec.Struct):
@@ -158,16 +124,11 @@ _infos = msgspec.json.Decoder(_Info)
 
 
 def info_text(scenario: str) -> str:
-    """What a simulated testbed announces."""
     return msgspec.json.encode(_Info(SourceKind.SIMULATED, scenario)).decode()
 
 
 def simulated_in(text: str) -> str | None:
-    """What a simulated testbed plays, by its announcement; None: it is of another kind.
-
-    Raises:
-        MadrobError: it is no announcement.
-    """
+    """What a simulated testbed plays, None for another kind; MadrobError for no announcement."""
     try:
         info = _infos.decode(text)
     except (msgspec.MsgspecError, RecursionError, UnicodeEncodeError):
@@ -187,7 +148,7 @@ def simulated_in(text: str) -> str | None:
 
 
 class Level(IntEnum):
-    """How a part is; the numbers are those of `diagnostic_msgs/msg/DiagnosticStatus`."""
+    """Health of a part; the numbers are those of `diagnostic_msgs/msg/DiagnosticStatus`."""
 
     OK = 0
     WARN = 1
@@ -197,14 +158,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """How one part of the console or of its testbed is.
-
-    Attributes:
-        name: of the part.
-        level: how it is.
-        message: in words, as the screens say it.
-        values: numbers and names behind it, as text.
-    """
+    """Health of one part of the console or of its testbed; `message` as the screens word it."""
 
     name: str
     level: Level
@@ -214,33 +168,22 @@ class Diagnosis:
 
 @dataclass(frozen=True, slots=True)
 class CallAnswer:
-    """What became of a call.
-
-    Attributes:
-        success: whether it took effect.
-        message: what a referee would read.
-    """
+    """The outcome of a call; `message` is what a referee would read."""
 
     success: bool
     message: str
 
 
 LookForAnswer: TypeAlias = Callable[[], CallAnswer | None]
-"""Looks whether a call is answered: None = not yet. It never waits."""
+"""Returns the answer of a call, None while there is none; never waits."""
 
 
 class Outside(Protocol):
-    """Answers programs that are no screens. From any thread; nothing waits."""
+    """Answers programs other than the screens. Called from any thread; never waits."""
 
     @property
-    def services(self) -> Collection[RemoteService]:
-        """What may be called."""
-        ...
+    def services(self) -> Collection[RemoteService]: ...
 
-    def call(self, service: RemoteService) -> LookForAnswer:
-        """Have something done; it is answered in time, whatever core and disk do."""
-        ...
+    def call(self, service: RemoteService) -> LookForAnswer: ...
 
-    def diagnose(self) -> Sequence[Diagnosis]:
-        """How everything is now."""
-        ...
+    def diagnose(self) -> Sequence[Diagnosis]: ...

@@ -78,14 +78,13 @@ if TYPE_CHECKING:
 _OF_A_RUN = frozenset(LETTER_KEYS) - {KEYS["take"]}
 
 LATEST = 1.0
-"""After a set-up that took longer than this nothing starts: nobody expects it any more, s."""
+"""Nothing starts after a set-up that took longer, s: nobody expects it any more."""
 
 _WIDTHS = [(0, "-tiny-width"), (60, "-narrow"), (78, "-usual"), (110, "-wide")]
 _HEIGHTS = [(0, "-tiny-height"), (18, "-short"), (32, "-tall")]
 
 
 def _said_when_done(command: TakeOver | PlaybackCommand | ExportTeam | ExportDossier) -> str | None:
-    """Nothing of what bar and snapshot show."""
     match command:
         case TakeOver():
             return "This console has the right to act now."
@@ -96,13 +95,12 @@ def _said_when_done(command: TakeOver | PlaybackCommand | ExportTeam | ExportDos
 
 
 def run_beside(words: Sequence[str]) -> int:
-    """Run a `madrob` command on this terminal, and wait for its end; returns its exit code."""
+    """Runs a `madrob` command on this terminal until it ends; returns its exit code."""
     program = (sys.executable, "-P", "-m", "madrob_console.cli.main")
     return subprocess.run([*program, *words], check=False).returncode
 
 
 def console_commands() -> type[Provider]:
-    """The palette's commands, imported when they are wanted."""
     from madrob_console.ui.keys.console_app import ConsoleCommands
 
     return ConsoleCommands
@@ -111,20 +109,10 @@ def console_commands() -> type[Provider]:
 class MadrobApp(App[None], inherit_bindings=False):
     """The referee's screens. They hold no rule: the engine says what is possible and why not.
 
-    Args:
-        open_client: connects to the engine; called once the screens are there, off their loop.
-        defaults: what the first run's set-up proposes.
-        look: theme, characters, bell.
-        monotonic: a clock for the engine's silence and the age of messages, s.
-        wall: the time of day, s since the epoch.
-        ahead: which keys were typed for what is not there any more.
-        beside: runs a `madrob` command on this terminal, and returns its exit code.
-
-    Attributes:
-        ascii: whether only ASCII characters are drawn.
-        rings: whether the bell rings.
-        failure: why there is no engine; None while there is hope.
-        settled: called once the panes can be seen.
+    `open_client` is called in a thread once the screens are there. `monotonic` measures the
+    engine's silence and the age of messages, s; `wall` is in s since the epoch. `failure` says
+    why there is no engine, None while there is hope. `settled` is called once the panes can be
+    seen.
     """
 
     TITLE = "madrob"
@@ -165,11 +153,9 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._awaited = Awaited(self._link, self._console, partial(self.run_worker, group="keys"))
 
     def get_default_screen(self) -> Screen[None]:
-        """The console."""
         return self._console
 
     def get_line_filters(self) -> Sequence[LineFilter]:
-        """With those that bring all that is drawn down to what the terminal can show."""
         return [
             *super().get_line_filters(),
             *([NO_COLOURS] if self.theme == COLOURLESS else []),
@@ -177,7 +163,6 @@ class MadrobApp(App[None], inherit_bindings=False):
         ]
 
     def on_ready(self) -> None:
-        """Connect to the engine once the screens can be seen."""
         self.run_worker(self._connect, thread=True)
 
     def _connect(self) -> None:
@@ -190,7 +175,6 @@ class MadrobApp(App[None], inherit_bindings=False):
         self.call_later(self.begin)
 
     async def begin(self) -> None:
-        """There is an engine to show."""
         try:
             await self._console.begin()
         except MountError:
@@ -200,38 +184,32 @@ class MadrobApp(App[None], inherit_bindings=False):
         self.call_after_refresh(self.settled)
 
     def close_link(self) -> None:
-        """Let the engine go, after the screens have."""
         self._link.close()
 
     def set_theme(self, name: ThemeName) -> None:
-        """Change the colours, as far as the terminal has them."""
         self.theme = theme_for(name, self._environ)
         if self.is_running:
             self._console.say(f"Theme: {name}.")
 
     def toggle_bell(self) -> None:
-        """Ring, or be silent."""
         self.rings = not self.rings
         self._console.say(f"The bell is {'on' if self.rings else 'off'}.")
 
     def ring(self) -> None:
-        """Ring the terminal's bell, where that is wanted."""
         if self.rings:
             self.bell()
 
     def key_refusal(self, key: Key) -> str | None:
-        """Why a key does nothing now; None when it does."""
         snapshot = self._link.snapshot()
         return NOT_YET if snapshot is None else key.refusal(snapshot)
 
     def has_key(self, key: Key) -> bool:
-        """Whether there is such a key now: those of a replay are there on a replay only."""
         snapshot = self._link.snapshot()
         replays = snapshot is not None and snapshot.playback is not None
         return replays or key not in PLAYBACK_KEYS
 
     async def on_event(self, event: events.Event) -> None:
-        """Leave out what was typed or clicked for what is not there any more."""
+        """Drops what was typed or clicked for something that is no longer shown."""
         if (
             isinstance(event, events.Key | events.Paste | events.MouseDown | events.MouseUp)
             and not event.is_forwarded
@@ -245,7 +223,6 @@ class MadrobApp(App[None], inherit_bindings=False):
         await super().on_event(event)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Leave keys to the panes: of a replay wherever they move none, others where they say."""
         key = KEYS.get(str(parameters[0])) if action == "press" and parameters else None
         if key is not None and self._console.pane in key.left_to:
             return False
@@ -254,7 +231,6 @@ class MadrobApp(App[None], inherit_bindings=False):
         return super().check_action(action, parameters)
 
     async def action_press(self, name: str, pressed: str) -> None:
-        """A key of the console was pressed."""
         key = KEYS[name]
         if self.screen is not self._console:
             if not key.over:
@@ -278,7 +254,6 @@ class MadrobApp(App[None], inherit_bindings=False):
             await self._awaited.soon(self._press_act(key, pressed), key.act)
 
     def _start_engine(self, key: Key) -> None:
-        """Look for an engine, and start one where none runs, in place of one that has ended."""
         if (refused := self.key_refusal(key)) is not None:
             self._console.refuse(key.act, refused)
             return
@@ -309,7 +284,6 @@ class MadrobApp(App[None], inherit_bindings=False):
             await self._ask(key, asked, lambda _now: asked)
 
     async def _copy(self, copy: Copy) -> None:
-        """Through the terminal, and through the tmux of this machine."""
         if self._driver is not None:
             self._driver.write(clipboard_sequences(copy.text, self._environ))
         kept = await give_to_tmux(copy.text, self._environ)
@@ -320,7 +294,6 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._console.say(f"{words}: {copy.what}{f': {shown}' if shown else ''}", Tone.GOOD)
 
     def withdraw(self) -> bool:
-        """Take back what waits for the disk; False where nothing does."""
         return self._awaited.withdraw()
 
     async def _press_act(self, key: Key, pressed: str) -> None:
@@ -344,7 +317,7 @@ class MadrobApp(App[None], inherit_bindings=False):
             await self._ask(key, key.ask(snapshot, pressed), partial(key.question, pressed=pressed))
 
     def _show_replay(self) -> None:
-        """Another console on this terminal, until it is left; never while a run goes on."""
+        """Runs another console on this terminal until it is left; never while a run goes on."""
         meant, snapshot = self._console.run_meant(), self._link.snapshot()
         if isinstance(meant, str):
             self._console.refuse("replay", meant)
@@ -371,7 +344,6 @@ class MadrobApp(App[None], inherit_bindings=False):
             self._console.refuse("replay", f"it ended with {code}; `{again}` says why")
 
     async def _commit(self) -> str | None:
-        """What is typed in the set-up counts; returns what is wrong with it."""
         pressed = self._monotonic()
         problem = await self._console.panes.setup.commit_edits()
         self._console.poll()
@@ -380,13 +352,12 @@ class MadrobApp(App[None], inherit_bindings=False):
         return problem
 
     def _elsewhere(self, key: Key) -> str | None:
-        """Among many runs, a key is not for the one that happens to be open."""
+        """Refuses a key in a list of many runs: it does not mean the run that is open."""
         if self._console.pane in ("history", "plan", "standings") and key in _OF_A_RUN:
             return "Enter opens the marked run first, F4 shows the one that is open"
         return None
 
     def _over_dialogs(self, key: Key) -> bool:
-        """Whether a key may come before the question that is open."""
         if key.over and all(dialog.name != key.name for dialog in self._console.dialogs):
             return True
         self._console.say("A question is open: answer it, or Escape closes it.", Tone.WARN)
@@ -398,13 +369,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         intent: Intent | Ask[Intent],
         question: Callable[[Snapshot], Ask[Intent] | str],
     ) -> None:
-        """Do at once what a key brings about, or ask first.
-
-        Args:
-            key: that was pressed.
-            intent: what it brings about.
-            question: what it asks as things stand later, or why nothing.
-        """
+        """Carries out `intent`, or asks first; `question` asks as things stand later."""
         if not isinstance(intent, Ask):
             await self._do(intent, key.name, key.act)
             return
@@ -418,7 +383,6 @@ class MadrobApp(App[None], inherit_bindings=False):
         await self._console.open(key.name, intent.shortest if tiny else intent, fresh)
 
     async def _do(self, intent: Intent, name: str, what: str) -> None:
-        """Do what a key or a dialog of that name brings about; `what` a refusal is of."""
         match intent:
             case Leave():
                 self.exit()
@@ -459,7 +423,7 @@ class MadrobApp(App[None], inherit_bindings=False):
             self._console.show_pane("setup", chosen=False)
 
     async def _void_instead(self, reason: str) -> None:
-        """An abort that was confirmed while the run came to its end offers to void the run."""
+        """If the run ended while its abort was confirmed, offers to void the run."""
         key, snapshot = KEYS["void"], self._link.snapshot()
         if snapshot is None or snapshot.run.phase is not Phase.STOPPED:
             return
@@ -492,7 +456,6 @@ class MadrobApp(App[None], inherit_bindings=False):
         await self._ask(key, SetUp(setup).unless_final(snapshot), question)
 
     async def on_dialog_answered(self, event: Dialog.Answered) -> None:
-        """Do what the answers say; a text that says nothing is asked for again."""
         dialog = event.dialog
         if dialog not in self._console.dialogs:
             return
@@ -506,7 +469,6 @@ class MadrobApp(App[None], inherit_bindings=False):
         await self._awaited.soon(self._do(intent, name, name), name)
 
     async def on_dialog_closed(self, event: Dialog.Closed) -> None:
-        """Nothing happens."""
         if event.dialog in self._console.dialogs:
             await self._console.close(event.dialog)
             self._console.drafts.left()
@@ -514,7 +476,7 @@ class MadrobApp(App[None], inherit_bindings=False):
             self._console.say("Closed: nothing was done.")
 
     async def on_dialog_too_late(self, event: Dialog.TooLate) -> None:
-        """What was asked can be answered no more; who confirms an abort is offered another act."""
+        """Says that the question is void; after a confirmed abort another act is offered."""
         dialog = event.dialog
         key = KEYS.get(dialog.name or "")
         self._console.refuse(OpenRun.name if key is None else key.act, dialog.overtaken)
@@ -523,7 +485,6 @@ class MadrobApp(App[None], inherit_bindings=False):
             await self._void_instead(", ".join(dialog.answers) or "none given")
 
     async def on_check_list_chosen(self, event: CheckList.Chosen) -> None:
-        """Waive the check that is marked in the list."""
         key = KEYS["waive"]
         if (refused := self.key_refusal(key)) is not None:
             self._console.refuse(key.act, refused)
@@ -538,24 +499,21 @@ class MadrobApp(App[None], inherit_bindings=False):
             )
 
     async def on_setup_pane_next_run(self, _event: SetupPane.NextRun) -> None:
-        """The last field of the set-up asks for the next run."""
         await self._awaited.soon(self._next_run(KEYS["next"]), KEYS["next"].act)
 
     def on_plan_pane_chosen(self, event: PlanPane.Chosen) -> None:
-        """Propose a team in a condition; nothing is set up yet."""
         form = self._console.panes.setup
         form.propose(event.task)
         form.propose_again()
         self._console.show_pane("setup", chosen=False)
 
     async def on_setup_pane_naming(self, event: SetupPane.Naming) -> None:
-        """The team has another name than in the list: what, and why."""
         await self._console.open("other name", event.ask)
 
     async def on_runs_pane_opened(self, event: RunsPane.Opened) -> None:
-        """Show an earlier run, whose bag takes a moment to read, or the runs behind a standing.
+        """Shows an earlier run, whose bag takes a moment to read, or the runs behind a standing.
 
-        One that was cut off is asked about: opening it is no decision.
+        A run that was cut off is asked about: opening it is no decision.
         """
         from madrob_console.pages.tally import Standing
         from madrob_console.ui.panes.standings_pane import filter_for
@@ -574,7 +532,7 @@ class MadrobApp(App[None], inherit_bindings=False):
             )
 
     def _refuse_key(self, key: Key, why: str) -> None:
-        """What would have been typed after a key is for nothing else, a text field included."""
+        """What was typed after a refused key is dropped, text fields included."""
         if key in FUNCTION_KEYS:
             self._console.end_typing()
         self._ahead.refused(key.cap, why, answered=key.answered)

@@ -32,19 +32,13 @@ PATIENCE = 0.2
 
 
 async def _at_most(duration: float, over: asyncio.Event) -> None:
-    """Wait for an event, but not for longer, s."""
+    """Waits for an event, `duration` s at most."""
     with suppress(TimeoutError):
         await asyncio.wait_for(over.wait(), duration)
 
 
 class Awaited:
-    """What keys have asked of the engine; a thing is asked once at a time.
-
-    Args:
-        link: to the engine.
-        console: where it is said what became of it.
-        beside: has something go on beside the keys.
-    """
+    """Requests that keys have made; each is made once at a time."""
 
     def __init__(
         self,
@@ -58,7 +52,7 @@ class Awaited:
         self._durable: dict[str, bool] = {}
 
     async def soon(self, deed: Coroutine[Any, Any, None], what: str) -> None:
-        """Do what a key brings about; the next key waits for it, but not for long."""
+        """Starts what a key brings about; the next key waits for it, but not for long."""
         over = asyncio.Event()
 
         async def bring_about() -> None:
@@ -84,9 +78,9 @@ class Awaited:
         *,
         durable: bool = False,
     ) -> bool:
-        """Have something done, say what became of it, and return whether it took effect.
+        """Carries out a command, says what became of it, and returns whether it took effect.
 
-        Until then the keys work; what is `durable` waits for the disk and can be withdrawn.
+        Meanwhile the keys work; a `durable` one waits for the disk and can be withdrawn.
         """
         try:
             refused = await self._once(command.name, command, durable=durable)
@@ -103,7 +97,6 @@ class Awaited:
         return refused is None
 
     async def frames(self, request: GiveFrames) -> None:
-        """Have what the cameras saw written, and say where it is."""
         try:
             self._console.frames = await self._once(request.name, request)
         except MadrobError as error:
@@ -121,7 +114,7 @@ class Awaited:
             del self._durable[what]
 
     def withdraw(self) -> bool:
-        """Take back what waits for the disk; False where nothing does."""
+        """Withdraws what waits for the disk; False if nothing does."""
         if (what := self._for_the_disk) is None:
             return False
         self._beside(self._withdraw(what))
@@ -138,11 +131,9 @@ class Awaited:
 
     @property
     def _for_the_disk(self) -> str | None:
-        """What waits for the disk, if anything does."""
         return next((what for what, durable in self._durable.items() if durable), None)
 
     def _tell_wait(self, what: str) -> bool:
-        """Say what is waited for; False where it is only for these screens to be painted."""
         if not self._link.asking:
             return False
         words = "no answer of the engine yet; the keys work"

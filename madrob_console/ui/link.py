@@ -23,19 +23,14 @@ if TYPE_CHECKING:
 NOT_YET = "this screen is not attached to the engine yet"
 
 LOOKING_PERIOD = 2.0
-"""Between two looks for the next engine, s."""
+"""Between two searches for the next engine, s."""
 
 LATELY = 1.0
 """What an act brings about may be seen so long after its answer, s."""
 
 
 class EngineLink:
-    """An engine client that keeps the last snapshot.
-
-    Args:
-        open_client: makes the client; called by `connect`.
-        monotonic: a clock for the engine's silence, s.
-    """
+    """An engine client that keeps the last snapshot; `connect` calls `open_client`."""
 
     def __init__(
         self, open_client: Callable[[], EngineClient], monotonic: Callable[[], float]
@@ -48,7 +43,7 @@ class EngineLink:
         self._asked: dict[str, float] = {}
 
     def connect(self) -> None:
-        """Connect to the engine, in place of the one before; may take seconds: in a thread.
+        """Connects to the engine, in place of the one before; call in a thread: may take seconds.
 
         Raises:
             MadrobError: there is no engine to be had, or it gives no snapshot at all.
@@ -62,14 +57,10 @@ class EngineLink:
 
     @property
     def connected(self) -> bool:
-        """Whether there is an engine."""
         return self._client is not None
 
     def snapshot(self) -> Snapshot | None:
-        """The latest snapshot, or the last one that the engine gave; None before the first.
-
-        Of an engine that has gone, or is silent, only the screen itself can tell.
-        """
+        """The latest snapshot, also of an engine that is gone or silent; None before the first."""
         if self._client is None or self._latest is None:
             return None
         from madrob_console.engine.snapshot import Pulse
@@ -84,17 +75,13 @@ class EngineLink:
         return replace(latest, pulse=Pulse(server=silence)) if silence else latest
 
     def ask(self, request: Request[T]) -> T:
-        """Have a request carried out; may take as long as its timeout.
-
-        Raises:
-            MadrobError: it failed, or there is no engine that answers.
-        """
+        """Blocks for the request's timeout at most; MadrobError if it failed or none answers."""
         if self._client is None:
             raise MadrobError(NOT_YET)
         return self._client.ask(request)
 
     async def answer(self, request: Request[T]) -> T:
-        """The same, while the screens go on; who is cancelled gives the request up.
+        """Like `ask`, without blocking the screens; cancelling gives the request up.
 
         Raises:
             UnsureError: no answer came, though it may have begun.
@@ -118,28 +105,20 @@ class EngineLink:
 
     @property
     def asking(self) -> bool:
-        """Whether something is asked and not answered yet."""
         return math.inf in self._asked.values()
 
     def asked_lately(self, *names: str) -> bool:
-        """Whether this screen asks, or asked a moment ago, for one of these acts or commands."""
+        """Whether this screen makes, or made a moment ago, one of these acts or commands."""
         now = self._monotonic()
         return any(now - self._asked.get(name, -math.inf) < LATELY for name in names)
 
     def close(self) -> None:
-        """Let the engine go."""
         if self._client is not None:
             self._client.close()
 
 
 class EngineSearch:
-    """Finds the next engine after one has ended, for a screen at whose keyboard nobody sits.
-
-    Args:
-        link: to the engine.
-        monotonic: a clock, s.
-        aside: has something done in a thread.
-    """
+    """Finds the next engine after one has ended, for a screen without a person at its keyboard."""
 
     def __init__(
         self,
@@ -154,7 +133,7 @@ class EngineSearch:
         self._looking = False
 
     def look(self) -> None:
-        """Look for one, unless that was done a moment ago or goes on; never waits."""
+        """Searches, unless a search goes on or ended a moment ago; never waits."""
         if self._looking or self._monotonic() - self._looked < LOOKING_PERIOD:
             return
         self._looking, self._looked = True, self._monotonic()
@@ -179,15 +158,7 @@ FIRST_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
 class ConsoleDefaults:
     """The first run's proposal; later runs start from the one before.
 
-    Attributes:
-        competition: its name, for the top line.
-        results: the folder in which the runs are stored.
-        host: name of the machine, for the top line.
-        best_runs: as many of a team's runs count in the standings; 0 = all.
-        hint: what the first message says.
-        team, referee: who.
-        poses: start poses to choose from.
-        run: timeout, countdown, ruleset and what decides step 6.
+    `best_runs` of a team count in the standings, 0 = all; `hint` is the first message.
     """
 
     competition: str = ""

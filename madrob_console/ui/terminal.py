@@ -36,13 +36,10 @@ def run_console(
     *,
     wall: bool = False,
 ) -> int:
-    """Show the screens until the referee leaves; returns the exit code.
+    """Shows the screens until the referee leaves; returns the exit code.
 
-    Args:
-        open_client: connects to the engine, once the screens can be seen; closed at the end.
-        defaults: what the first run's set-up proposes.
-        look: theme, characters, bell, mouse.
-        wall: show the wall display instead of the referee's screens.
+    `open_client` is called once the screens can be seen; its client is closed at the end.
+    `wall` shows the wall display instead of the referee's screens.
 
     Raises:
         MadrobError: the terminal cannot show screens, or there is no engine to be had.
@@ -75,7 +72,7 @@ def run_console(
 
 
 def _let_go_of_terminal() -> None:
-    """What cannot be written to a terminal that is gone would make Python end with 120."""
+    """Drops unwritten output of a terminal that is gone: Python would exit with 120."""
     with suppress(OSError):
         sys.stdout.flush()
     nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -84,10 +81,9 @@ def _let_go_of_terminal() -> None:
 
 
 def _rest() -> None:
-    """The panes stay as long as the program: no garbage collection searches them.
+    """Keeps the panes out of garbage collection, and makes full collections 100 times rarer.
 
-    What is drawn lives for a while, and a full collection among it holds up a key, too: it comes
-    a hundred times more seldom than Python would have it. The young are collected as ever.
+    A full collection holds up a key. Young objects are collected as ever.
     """
     gc.freeze()
     young, middle, _ = gc.get_threshold()
@@ -95,15 +91,7 @@ def _rest() -> None:
 
 
 def check_terminal(environ: Mapping[str, str], streams: Iterable[TextIO | None] = ()) -> None:
-    """Refuse a terminal that cannot move its cursor, and what is none.
-
-    Args:
-        environ: of the process.
-        streams: input and output.
-
-    Raises:
-        MadrobError: TERM is `dumb` or not set, or one of the streams is a file or a pipe.
-    """
+    """Raises MadrobError if TERM is `dumb` or not set, or a stream is a file or a pipe."""
     if not all(stream is not None and stream.isatty() for stream in streams):
         raise MadrobError(
             "input and output are no terminal: start it without `|`, `<` and `>`; use `madrob run`,"
@@ -123,9 +111,9 @@ def _ignore(_number: int, _frame: FrameType | None) -> None:
 
 @contextmanager
 def leaving_on_signals(app: MadrobApp) -> Iterator[None]:
-    """While inside, HUP, INT and TERM leave the app with exit code 128 + number.
+    """Within the block, HUP, INT and TERM leave the app with exit code 128 + number.
 
-    Without it either kills the process at once: no unmount, no `finally`, a broken terminal.
+    Without it they kill the process at once: no unmount, no `finally`, a broken terminal.
     """
 
     def leave(number: int, _frame: FrameType | None) -> None:

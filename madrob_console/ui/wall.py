@@ -59,23 +59,17 @@ _BANDS = {
     Tone.BAD: Tone.ALARM,
     Tone.STRONG: Tone.CAP,
 }
-"""Of a state's colour: the same over the whole width."""
+"""Tones of the band over the whole width, by the state's tone."""
 
 _WAITING = "the engine has ended: what you see is old; waiting for the next one"
 _NO_ENGINE = Span("NO ENGINE", Tone.BAD)
 
 _INDICATORS = (IndicatorName.CAPABILITY_LEVEL, IndicatorName.EXECUTION_TIME)
-"""Those that stand beside each team."""
 
 
 @dataclass(frozen=True, slots=True)
 class WallRuns:
-    """What all runs say, read once for many looks.
-
-    Attributes:
-        latest: the last run with a result; None = there is none.
-        standings: of all teams, in the order of their numbers.
-    """
+    """The last run with a result and all teams' standings by number, read once for many looks."""
 
     latest: RunSummary | None = None
     standings: Sequence[Standing] = ()
@@ -84,13 +78,6 @@ class WallRuns:
     def of(
         cls, runs: Sequence[RunSummary], names: Mapping[int, str], *, practice: bool
     ) -> WallRuns:
-        """The same of a history; official and practice runs are never mixed.
-
-        Args:
-            runs: of the history.
-            names: subject -> team, as the list of teams has them.
-            practice: show the practice runs.
-        """
         done = [
             run
             for run in runs
@@ -103,18 +90,12 @@ class WallRuns:
 
 
 class Wall(View):
-    """The run while one goes on; else in turn the run, the last result and the standings.
-
-    Attributes:
-        runs: what all runs say.
-        page: counts the pages that have been shown.
-    """
+    """The run while one goes on; else in turn the run, the last result and the standings."""
 
     runs = WallRuns()
     page = 0
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """As many rows as the terminal has."""
         height = self.room.height
         head = _head(snapshot, width)
         room = max(0, height - len(head))
@@ -146,7 +127,6 @@ class Wall(View):
     def _result_page(
         self, run: RunSummary, snapshot: Snapshot, width: int, height: int
     ) -> list[Line]:
-        """The last run with a result: outcome, level, time, and what counts against it."""
         tone = Tone.GOOD if run.valid and not run.reason else Tone.BAD
         state = self._band(Span(f"LAST RUN: {run.outcome_word.upper()}", tone), width, height)
         name = snapshot.teams.names.get(run.subject) or run.team
@@ -173,13 +153,11 @@ class Wall(View):
             yield partial(_standings, title, rows[begin : begin + room])
 
     def _band(self, span: Span, width: int, height: int) -> list[Line]:
-        """The state over the whole width, in its colour."""
         rows = self._large(span, width, height // _STATE_SHARE)
         tone = _BANDS[span.tone]
         return [line(Span(_middle(row, width), tone)) for row in rows]
 
     def _large(self, span: Span, width: int, height: int) -> list[Line]:
-        """A text as large as fits, at least in usual letters."""
         size = 0
         while rows_of(size + 1) <= height and width_of_large(span.text, size + 1) <= width:
             size += 1
@@ -188,7 +166,6 @@ class Wall(View):
 
 
 def _head(snapshot: Snapshot, width: int) -> list[Line]:
-    """Source, that one only watches, the time of day; and what is wrong with the view itself."""
     clock = Span(f" {time_of_day(snapshot.time)} ", Tone.DIM)
     badge = source_badge(snapshot, max(4, width - 22))
     watching = Span(WATCHING, Tone.STRONG)
@@ -209,10 +186,7 @@ def _condition(snapshot: Snapshot) -> str:
 
 
 def wall_steps(snapshot: Snapshot, width: int) -> list[Line]:
-    """The six steps in as few rows as they need, each with its time.
-
-    Before the result, times that may still change are rough and marked.
-    """
+    """The six steps in as few rows as they need; times that may still change are marked."""
     steps, start = snapshot.steps, snapshot.run.start
     pending = next((record.step for record in steps if not record.done), None)
     cells = []
@@ -234,7 +208,6 @@ def wall_steps(snapshot: Snapshot, width: int) -> list[Line]:
 
 
 def _values(run: RunSummary) -> list[Line]:
-    """The indicators, one a row."""
     rows, spread = [], any(map(uncertainty_text, run.uncertainties.values()))
     for name in IndicatorName:
         value = run.values.get(name)
@@ -256,7 +229,6 @@ def _values(run: RunSummary) -> list[Line]:
 
 
 def _standings(title: str, rows: Sequence[Standing], width: int, _height: int) -> list[Line]:
-    """One row a team and condition."""
     task = 34 if width >= 110 else 0
     numbers = [f"{'runs':>5}", *(f"{name.spec.column:>8}{'':3}" for name in _INDICATORS)]
     team = max(10, width - 14 - task - sum(map(len, numbers)) - 4)
@@ -289,7 +261,6 @@ def _middle(row: Line, width: int) -> str:
 
 
 def _centred(rows: Sequence[Line], width: int) -> list[Line]:
-    """Rows in the middle, all by the same step."""
     widest = max((width_of(row) for row in rows), default=0)
     return [line(" " * max(0, (width - widest) // 2), *row) for row in rows]
 
@@ -298,13 +269,7 @@ def _centred(rows: Sequence[Line], width: int) -> list[Line]:
 
 
 class WallScreen(Screen[None]):
-    """Nothing but the wall display; it takes no key but those that leave.
-
-    Args:
-        link: to the engine.
-        load: reads all runs; called in a thread.
-        monotonic: a clock for the pages, s.
-    """
+    """Only the wall display; it takes only the keys that leave. `load` is called in a thread."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = TONE_CLASSES
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -329,16 +294,13 @@ class WallScreen(Screen[None]):
         self._wall = Wall()
 
     def compose(self) -> ComposeResult:
-        """One widget."""
         yield self._wall
 
     def begin(self) -> None:
-        """Poll the engine from now on."""
         self.set_interval(BUSY_PERIOD, self.poll)
         self.poll()
 
     def poll(self) -> None:
-        """Show the latest snapshot; read all runs again when a result has come or changed."""
         snapshot = self._link.snapshot()
         if snapshot is None:
             return
@@ -357,7 +319,6 @@ class WallScreen(Screen[None]):
         self._wall.show(snapshot)
 
     def _read(self, snapshot: Snapshot) -> None:
-        """In a thread."""
         try:
             runs = self._load()
         except (MadrobError, OSError, MemoryError):
@@ -369,14 +330,7 @@ class WallScreen(Screen[None]):
 
 
 class WallApp(MadrobApp, inherit_bindings=False):
-    """The console's look and its link to the engine, with another screen and none of its keys.
-
-    Args:
-        open_client: connects to the engine as a spectator.
-        defaults: where the runs lie.
-        look: theme, characters.
-        monotonic: a clock for the engine's silence and the pages, s.
-    """
+    """The console's look and engine link, another screen, no keys; connects as a spectator."""
 
     BINDINGS: ClassVar[list[BindingType]] = []
     COMMANDS = set()  # noqa: RUF012  textual's declaration
@@ -398,9 +352,7 @@ class WallApp(MadrobApp, inherit_bindings=False):
         )
 
     def get_default_screen(self) -> Screen[None]:
-        """The wall display."""
         return self._wall
 
     async def begin(self) -> None:
-        """There is an engine to show."""
         self._wall.begin()

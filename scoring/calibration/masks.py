@@ -25,7 +25,6 @@ from scoring.signals import DoorSample, PassageSample, Sample
 
 
 GRAVITY = 9.80665
-"""m/s^2."""
 
 _LEAST_FORCE_SAMPLES = 50
 _LEAST_TIME = 1.0  # s
@@ -36,15 +35,9 @@ _LARGEST_NOISE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class SteadyForce:
-    """A force that stood still for a while, in the unit that the testbed publishes.
+    """A force that stood still for a while, in the published unit.
 
-    Attributes:
-        name: of the recording, for messages.
-        samples: how many.
-        duration: s.
-        median: of them.
-        noise: standard deviation about a straight line.
-        drift: how far that line goes from the first to the last sample.
+    `duration` is in s, `noise` the standard deviation about a line that goes `drift` in all.
     """
 
     name: str
@@ -56,16 +49,7 @@ class SteadyForce:
 
     @classmethod
     def of(cls, name: str, times: Sequence[float], values: Sequence[float]) -> SteadyForce:
-        """The level of a recording.
-
-        Args:
-            name: of the recording.
-            times: of the samples, s, increasing.
-            values: as published; NaN = no reading.
-
-        Raises:
-            ScoringError: there are too few samples, or too many of them are no reading.
-        """
+        """The level of published values, NaN = no reading; `ScoringError` on too few readings."""
         time, value = np.array(times, dtype=np.float64), np.array(values, dtype=np.float64)
         read = np.isfinite(value)
         lost = len(value) - int(np.count_nonzero(read))
@@ -86,13 +70,7 @@ class SteadyForce:
 
 @dataclass(frozen=True, slots=True)
 class HandleProposal:
-    """What turns the published number into N: `published * scale + offset`.
-
-    Attributes:
-        scale: N for one of the published unit.
-        zero: what is published at rest.
-        rest, weight: the two recordings.
-    """
+    """Newtons are `published * scale + offset`; `zero` is published at rest."""
 
     scale: float
     zero: float
@@ -108,13 +86,7 @@ class HandleProposal:
 def propose_handle(
     rest: SteadyForce, weight: SteadyForce, mass: float, towards: Side
 ) -> HandleProposal:
-    """Zero and scale.
-
-    Args:
-        rest: nobody touches the handle.
-        weight: a weight pulls at it.
-        mass: of the weight, kg.
-        towards: the side to which it pulls; CCW is positive.
+    """Zero and scale from a weight of `mass` kg.
 
     Raises:
         ScoringError: the mass is none, the force is not steady, or the weight hardly shows.
@@ -153,12 +125,9 @@ Numbers = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Swept:
-    """What one passage sensor read.
+    """What one passage sensor read; the panel's angle at each reading is positive on its side, rad.
 
-    Attributes:
-        angle: of the panel at each reading, rad, positive = on the sensor's side.
-        distance: m down from the lintel; +inf = nothing there, -inf = something too close.
-        lost: samples without a reading.
+    `distance` is in m down from the lintel; +inf = nothing there, -inf = something too close.
     """
 
     angle: Numbers
@@ -168,13 +137,7 @@ class Swept:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """One or several recordings of a swept door.
-
-    Attributes:
-        door: every door angle, rad.
-        door_lost: samples of the door without an angle.
-        sensors: the ten used ones.
-    """
+    """One or several recordings of a swept door; `door` holds every door angle, rad."""
 
     door: Numbers
     door_lost: int
@@ -182,7 +145,6 @@ class Sweep:
 
     @classmethod
     def together(cls, sweeps: Iterable[Sweep]) -> Sweep:
-        """Several recordings as one."""
         found = tuple(sweeps)
         return cls(
             np.concatenate([sweep.door for sweep in found]),
@@ -199,10 +161,9 @@ class Sweep:
 
 
 class SweepLog:
-    """Collects the samples of one recording, in the order of the bag; stamps must increase.
+    """Collects one recording's samples, in the order of the bag; stamps must increase.
 
-    Args:
-        largest_gap: between door angles, s; a reading within a longer gap is not used.
+    Readings in a gap between door angles of more than `largest_gap` s are not used.
     """
 
     def __init__(self, largest_gap: float) -> None:
@@ -213,7 +174,6 @@ class SweepLog:
         self._strips: dict[Strip, list[tuple[float, tuple[float, ...]]]] = {s: [] for s in Strip}
 
     def feed(self, sample: Sample) -> None:
-        """Take the next sample; handle and latch do not matter."""
         admitted = self._guards[sample.signal].admit(sample)
         match admitted:
             case DoorSample():
@@ -228,7 +188,6 @@ class SweepLog:
                 self._strips[admitted.strip].append((admitted.time, row))
 
     def sweep(self) -> Sweep:
-        """What was collected."""
         door = np.array(self._door, dtype=np.float64).reshape(-1, 2)
         sensors = {sensor: self._swept(sensor, door) for sensor in PASSAGE_SENSORS}
         return Sweep(door[:, 1], self._door_lost, sensors)
@@ -244,7 +203,7 @@ class SweepLog:
 
 
 def _angle_at(time: Numbers, door: Numbers, largest_gap: float) -> Numbers:
-    """The door angle at each time, rad; NaN before, after and in gaps."""
+    """NaN before, after and in gaps."""
     if len(door) < 2:
         return np.full(len(time), np.nan)
     stamps, angles = door[:, 0], door[:, 1]
@@ -268,17 +227,13 @@ _SAME_HEIGHT = 0.15  # m
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PanelView:
-    """A sensor's readings, sorted into panel and others. Angles are positive on its side.
+    """A sensor's readings, sorted into panel and others. Angles are positive on its side, rad.
 
     Attributes:
-        sensor: which.
-        readings: how many there are in all.
-        under: how many of them are of the panel.
-        first, last: between which angles they lie, rad; None = it never saw the panel.
-        strays: readings of something elsewhere than the panel.
-        stray_at: the angle of the one in the middle, rad.
+        under: readings of the panel, between the angles `first` and `last`; None = none.
+        strays: readings of something elsewhere, with the median angle `stray_at`.
         holes: readings of nothing between first and last.
-        coarse: the wider step of the door at the panel's edges, rad; inf = an edge is missing.
+        coarse: the wider step of the door at the panel's edges; inf = an edge is missing.
         heights: of what is taken for the panel, m; too close ones are left out.
     """
 
@@ -327,11 +282,7 @@ class PanelView:
         return float(np.median(self.heights)) if len(self.heights) else None
 
     def problem(self, panel: float | None) -> str | None:
-        """Why the readings are of no use, in words; None = they are.
-
-        Args:
-            panel: its height as all sensors see it, m; None = not known.
-        """
+        """Why the readings are of no use; `panel` is the height by all sensors, m."""
         name, sign = sensor_name(self.sensor), self.sensor.side.sign
         if self.strays > _allowed_strays(self.readings):
             seen = ""
@@ -405,7 +356,7 @@ FIRST_MARGIN = 0.5
 LAST_MARGIN = 1.125
 """A mask ends at this many times the last angle."""
 LEAST_SWEEP = 0.9
-"""rad that the panel must be swung to on both sides: more than any mask of the protocol."""
+"""Least swing of the panel to both sides, rad: more than any mask of the protocol."""
 
 _LEAST_SAMPLES = 100
 _SAME_FLOOR = 0.1  # m
@@ -415,13 +366,10 @@ Angles = tuple[float, float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class MaskProposal:
-    """Masks and lintel height as they follow from a sweep.
+    """Masks and lintel height from a sweep; heights in m, the swept door angles in rad.
 
-    Attributes:
-        views: what the ten sensors saw, by side and index.
-        lintel_height: m; None where no sensor sees the floor.
-        panel_height: m; None where the panel is too close to be measured.
-        swept: the smallest and the largest door angle, rad.
+    `lintel_height` is None where no sensor sees the floor, `panel_height` where the panel is too
+    close to be measured.
     """
 
     views: tuple[PanelView, ...]
@@ -445,12 +393,7 @@ class MaskProposal:
 
 
 def propose_masks(sweep: Sweep, thresholds: Thresholds) -> MaskProposal:
-    """The masks that a sweep shows.
-
-    Args:
-        sweep: the recording.
-        thresholds: which angle is closed and which height is something; of the lintel height
-            only where no sensor sees the floor.
+    """The masks that a sweep shows; the settings' lintel height counts if no sensor sees the floor.
 
     Raises:
         ScoringError: the recording is of no use; the message says why and what to do.
@@ -521,7 +464,6 @@ def _blocked(sensor: PassageSensor, floor: float, lintel: float) -> str | None:
 
 
 def _stop_at(problems: Iterable[str | None]) -> None:
-    """Raise the first problem, and tell how many sensors more have one."""
     found = [problem for problem in problems if problem is not None]
     if found:
         more = f" ({len(found) - 1} more sensors are no better)" if found[1:] else ""

@@ -34,16 +34,10 @@ _NO_UNCERTAINTY = (
 def evaluate_published(
     run: EurobenchRun, ruleset: Ruleset = PROTOCOL, thresholds: Thresholds | None = None
 ) -> tuple[Result, Rows]:
-    """Score a published run.
+    """Score a published run, whose event file has no `benchmark_stop`.
 
-    Published event files have no `benchmark_stop`: the stop is then the time of step 6 where the
-    steps are complete (judged from the door angle); else there is none. Where the recording may
-    give another outcome or another unsafety, a remark says so.
-
-    Args:
-        run: as read from its files.
-        ruleset: whose rules.
-        thresholds: the testbed's numbers.
+    The stop is the time of step 6, judged from the door angle, if the steps are complete.
+    Remarks say where the recording may give another outcome or another unsafety.
     """
     thresholds = thresholds or Thresholds()
     stop = _last(run.events, EventName.BENCHMARK_STOP)
@@ -88,7 +82,6 @@ def evaluate_published(
 
 
 def _missing_rows(run: EurobenchRun, stop: float | None, thresholds: Thresholds) -> Iterator[str]:
-    """Where the files have no rows, in words: files can be cut off, and rows get lost."""
     limit = thresholds.largest_gap
     end = run.events[-1].time if stop is None else stop
     for name, times in (("jointState", run.joint_state.time), ("wrench", run.wrench.time)):
@@ -106,7 +99,6 @@ def _missing_rows(run: EurobenchRun, stop: float | None, thresholds: Thresholds)
 
 
 def _made_otherwise(run: EurobenchRun, ruleset: Ruleset) -> Iterator[str]:
-    """Where the files were made by other rules than those that judge them, in words."""
     made = _rules_of(run)
     if _passage_rules(made) != _passage_rules(PROTOCOL):  # the steps are always the protocol's
         yield (
@@ -121,10 +113,7 @@ def _made_otherwise(run: EurobenchRun, ruleset: Ruleset) -> Iterator[str]:
 
 
 def _filter_edges(run: EurobenchRun, ruleset: Ruleset, end: float) -> Iterator[str]:
-    """That the low-pass filter begins or ends within the run, where its files are cut, in words.
-
-    Rows that are a whole recording by all the rules at hand have no others that could be missed.
-    """
+    """A remark if the low-pass filter begins or ends within the run, where its files are cut."""
     joint = run.joint_state
     times = joint.time[np.isfinite(joint.acceleration)]
     if not (ruleset.cut_rows or _rules_of(run).cut_rows):
@@ -143,14 +132,13 @@ def _filter_edges(run: EurobenchRun, ruleset: Ruleset, end: float) -> Iterator[s
 
 
 def rules_told(run: EurobenchRun) -> Ruleset | None:
-    """By which rules the files say that they were made; None if they do not say."""
+    """The rules by which the files say they were made; None if they do not say."""
     name = run.run_info.get("ruleset")
     known = isinstance(name, str) and name in set(RulesetName)
     return ruleset_called(str(name)) if known else None
 
 
 def _rules_of(run: EurobenchRun) -> Ruleset:
-    """By which rules the files were made; those of the published scripts if they do not say."""
     return rules_told(run) or EUROBENCH_2020
 
 
@@ -176,11 +164,7 @@ def _filter_rules(rules: Ruleset) -> tuple[object, ...]:
 
 
 def _until_stop(events: Sequence[Event], stop: float) -> Iterator[Event]:
-    """The events as the protocol has them: none is later than the stop.
-
-    A robot that leaves the doorway after the stop has left it at the stop (section 7, "at the
-    stop").
-    """
+    """Events until the stop; who leaves later has left at it (section 7, "at the stop")."""
     left = {EventName.MOVES_TO_CW, EventName.MOVES_TO_CCW}
     for event in events:
         if event.name is EventName.BENCHMARK_STOP:

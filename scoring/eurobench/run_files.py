@@ -35,28 +35,14 @@ from scoring.rulesets import Ruleset, ruleset
 
 @dataclass(frozen=True, slots=True)
 class CsvTable:
-    """The columns asked for.
-
-    Attributes:
-        name: the file, for messages.
-        lines: line number in the file of every row.
-        cells: by column, the text of every row, without blanks around it.
-    """
+    """The columns asked for; `lines` are each row's line numbers in the file."""
 
     name: str
     lines: tuple[int, ...]
     cells: Mapping[str, tuple[str, ...]]
 
     def numbers(self, column: str, *, optional: bool = False) -> NDArray[np.float64]:
-        """A column of finite numbers, shape (rows,).
-
-        Args:
-            column: which one.
-            optional: whether cells may be empty or `nan`, both of which give NaN.
-
-        Raises:
-            ScoringError: a cell is something else.
-        """
+        """A column of finite numbers; `optional`: empty or `nan` cells are NaN, not an error."""
         values = np.empty(len(self.lines))
         for row, cell in enumerate(self.cells[column]):
             value = math.nan if optional and cell.lower() in ("", "nan") else _finite(cell)
@@ -66,14 +52,7 @@ class CsvTable:
         return values
 
     def times(self, *, repeats: bool = False) -> NDArray[np.float64]:
-        """The column `time`, s, shape (rows,).
-
-        Args:
-            repeats: whether a time may be that of the row before.
-
-        Raises:
-            ScoringError: a cell is no number, or times do not increase.
-        """
+        """Increasing times, s; `repeats` allows a time equal to the row before."""
         times = self.numbers("time")
         before, after = times[:-1], times[1:]
         for row in np.flatnonzero(after < before if repeats else after <= before)[:1].tolist():
@@ -82,22 +61,14 @@ class CsvTable:
         return times
 
     def error(self, row: int, column: str, words: str) -> ScoringError:
-        """An error that names the place of a cell."""
         return ScoringError(f"{self.name}, line {self.lines[row]}, column {column}: {words}")
 
 
 def parse_table(name: str, text: str, columns: Sequence[str]) -> CsvTable:
     """The given columns of a table with a header line, comma or semicolon between the cells.
 
-    Blanks around cells, empty lines, other columns and any order of columns are fine.
-
-    Args:
-        name: the file, for messages.
-        text: its content.
-        columns: the columns that must be there.
-
-    Raises:
-        ScoringError: the text is no such table; the message names the line.
+    Blanks around cells, empty lines, other columns and any order of columns are allowed.
+    `ScoringError` names the line that is wrong.
     """
     first = next((line for line in text.splitlines() if line.strip()), "")
     delimiter = ";" if ";" in first else ","
@@ -126,7 +97,6 @@ def parse_table(name: str, text: str, columns: Sequence[str]) -> CsvTable:
 
 
 def _places(place: str, header: list[str], columns: Sequence[str]) -> dict[str, int]:
-    """Where in a row each column stands; `place` is the header's, for messages."""
     for column in columns:
         if header.count(column) != 1:
             fault = "there more than once" if column in header else "missing"
@@ -148,7 +118,6 @@ def _check_width(place: str, cells: list[str], header: list[str]) -> None:
 
 
 def _finite(cell: str) -> float | None:
-    """The number in a cell, None if there is none."""
     try:
         value = float(cell)
     except ValueError:
@@ -168,12 +137,7 @@ LARGEST_YAML = 1024 * 1024
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wrench:
-    """Force on the handle, one row a sample.
-
-    Attributes:
-        time: increasing times, s, shape (n,).
-        force: force as recorded, N, shape (n,); NaN = no reading.
-    """
+    """Force on the handle, N, as recorded, one row a sample, times in s; NaN = no reading."""
 
     time: NDArray[np.float64]
     force: NDArray[np.float64]
@@ -181,15 +145,7 @@ class Wrench:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EurobenchRun:
-    """The pre-processed data of one run, as its files hold them.
-
-    Attributes:
-        condition: the condition of the run.
-        events: the events, by time.
-        joint_state: the panel's motion, with velocity and acceleration as in the file.
-        wrench: the force on the handle.
-        run_info: what `run_info_<prefix>.yaml` says; empty without that file.
-    """
+    """The pre-processed data in one run's files; `run_info` is empty without its file."""
 
     condition: Condition
     events: tuple[Event, ...]
@@ -204,15 +160,11 @@ class EurobenchRun:
 
 
 _TOLD_BY = ("event", "force_x", "position")
-"""The column that tells each csv file of `read_files` from the others, in the order of these."""
+"""The columns that distinguish the csv files of `read_files`, in the order of these."""
 
 
 def read_run(folder: Path, prefix: str) -> EurobenchRun:
-    """One run of a folder.
-
-    Args:
-        folder: where its files are.
-        prefix: how their names begin, `subject_SSS_cond_CCC_run_RRR`.
+    """One run of a folder, by its prefix `subject_SSS_cond_CCC_run_RRR`.
 
     Raises:
         ScoringError: it cannot be read; the message names file, line and column.
@@ -238,11 +190,7 @@ def read_run(folder: Path, prefix: str) -> EurobenchRun:
 
 
 def read_files(paths: Sequence[Path]) -> EurobenchRun:
-    """One run of which each file is named, as EUROBENCH's scripts are given them.
-
-    Args:
-        paths: of event, wrench, jointState and condition file. Their headers say which is which;
-            where these do not, their order does.
+    """One run of event, wrench, jointState and condition file, by headers or by their order.
 
     Raises:
         ScoringError: it cannot be read; the message names file, line and column.
@@ -260,7 +208,6 @@ def read_files(paths: Sequence[Path]) -> EurobenchRun:
 
 
 def _kind(path: Path) -> int:
-    """Which file of `read_files` it is, by its first line."""
     lines = _read_text(path, LARGEST_TABLE).split("\n")
     first = next((line for line in lines if line.strip()), "")
     header = {cell.strip(' "\r') for cell in re.split("[,;]", first)}
@@ -269,16 +216,10 @@ def _kind(path: Path) -> int:
 
 
 def door_stays_closed(joint: JointState, since: float, thresholds: Thresholds) -> bool:
-    """Whether the recording shows the door closed for the settle time after `since`.
+    """Whether the door stays closed for the settle time after `since`, the last `door_closes`, s.
 
-    Judges step 6 of a run without `benchmark_stop` (section 7); `since` is the time of the last
-    `door_closes`. A row stands for the time until the next one would come: files of a run that
-    was cut at its stop plus the settle time end less than a sampling interval before that.
-
-    Args:
-        joint: the panel's motion.
-        since: when the door closed, s since the epoch.
-        thresholds: the settle time, and what a closed door and a gap are.
+    Judges step 6 of a run without `benchmark_stop` (section 7). A row counts until the next one
+    would come: files cut at the stop plus the settle time end less than an interval earlier.
     """
     until = since + thresholds.settle_time
     if recorded_until(joint, thresholds) < until:
@@ -303,14 +244,7 @@ def run_files(
     wrench: Wrench,
     indicators: Mapping[IndicatorName, Indicator],
 ) -> dict[str, bytes]:
-    """EUROBENCH's files of a run by name: YAML, pre-processed data, indicators.
-
-    Args:
-        info: what was set for the run.
-        events: the events of the run.
-        joint: the panel's motion, cut as the ruleset wants it; undefined cells stay empty.
-        wrench: the force on the handle, cut likewise.
-        indicators: the indicators; none for an invalid run.
+    """EUROBENCH's files of a run by name; `joint` and `wrench` are cut as the ruleset wants it.
 
     Raises:
         ScoringError: a setting has no form in YAML.
@@ -342,12 +276,6 @@ def run_files(
 def indicator_files(
     indicators: Mapping[IndicatorName, Indicator], rules: Ruleset
 ) -> dict[str, bytes]:
-    """The YAML file of each indicator by its name.
-
-    Args:
-        indicators: what stands in them.
-        rules: say what stands there for a missing value.
-    """
     files = {}
     for name, indicator in indicators.items():
         value = rules.missing_value if indicator.value is None else indicator.value
@@ -397,7 +325,7 @@ def _wrench(path: Path) -> Wrench:
 
 
 def _condition(folder: Path, number: int, info_path: Path, info: Mapping[str, object]) -> Condition:
-    """The condition that file names, condition file and run info agree on."""
+    """The condition on which file name, condition file and run info agree."""
     try:
         condition = Condition.from_number(number)
     except ScoringError as error:
@@ -426,7 +354,6 @@ _YAML_PROBLEMS = (
     TypeError,
     ValueError,  # a date that does not exist
 )
-"""What PyYAML raises over bad content."""
 
 
 def _read_mapping(path: Path) -> dict[str, object]:

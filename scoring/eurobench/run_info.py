@@ -11,34 +11,23 @@ from scoring.rest import braking_table, door_controller_mode
 from scoring.rulesets import RulesetName
 
 CONDITION_KEYS = ("benchmark_type", "door_opening_side", "robot_approach_side")
-"""The keys that describe a condition."""
 
 SET_UP_AS = "set_up_as"
-"""The key of a run whose subject or condition was corrected: how its files' names begin."""
+"""Key of the prefix of its files, in a run whose subject or condition was corrected."""
 
 
 def series_prefix(subject: int, condition_number: int) -> str:
-    """What the file names of all runs of a subject and condition begin with (section 10)."""
     return f"subject_{subject:03d}_cond_{condition_number:03d}_run_"
 
 
 @dataclass(frozen=True, slots=True)
 class RunInfo:
-    """Everything set for a run.
+    """Everything set for a run; `start_time` in s since the epoch, `timeout` in s.
 
     Attributes:
-        subject: number of the robot.
-        team: its team.
-        run_number: number of the repetition.
-        condition: the condition of the run.
-        start_time: start of the run, s since the epoch.
-        start_pose: where the robot stood; None if unknown.
-        timeout: the timeout, s.
-        ruleset: the ruleset of the indicators.
-        rosbag_path: the recording, relative to the folder.
+        rosbag_path: relative to the folder.
         settings: whatever else was set, in plain YAML types.
-        set_up_as: subject, condition number and run number that the run's files are named after,
-            where these were corrected later; None = they are as above.
+        set_up_as: subject, condition and run in the file names, if these were corrected later.
     """
 
     subject: int
@@ -55,7 +44,7 @@ class RunInfo:
 
     @property
     def filed_as(self) -> tuple[int, int, int]:
-        """Subject, condition number and run number that the run's files are named after."""
+        """Subject, condition number and run number in the run's file names."""
         return self.set_up_as or (self.subject, self.condition.number, self.run_number)
 
     @property
@@ -94,15 +83,7 @@ def condition_mapping(condition: Condition) -> dict[str, object]:
 
 
 def condition_from(mapping: Mapping[str, object], name: str) -> Condition:
-    """The condition that a mapping describes.
-
-    Args:
-        mapping: what the file says.
-        name: the file, for messages.
-
-    Raises:
-        ScoringError: a key is missing, or its value does not exist.
-    """
+    """Raise `ScoringError` if a key is missing or its value does not exist."""
     values = (mapping.get(key) for key in CONDITION_KEYS)
     kind, opening, starting = (value if isinstance(value, str) else "" for value in values)
     if kind not in set(BenchmarkType):
@@ -125,11 +106,11 @@ _RUN_FILE = re.compile(
 
 
 def run_prefixes(names: Iterable[str]) -> list[str]:
-    """How the names of each run's files begin, `subject_SSS_cond_CCC_run_RRR`, in order."""
+    """The prefixes `subject_SSS_cond_CCC_run_RRR` of file names, in order, each once."""
     return sorted({match[1] for name in names if (match := _RUN_FILE.fullmatch(name))})
 
 
 def numbers_of(prefix: str) -> tuple[int, int, int] | None:
-    """The numbers of subject, condition and run; None for another text than a prefix."""
+    """Subject, condition and run number; None for a text that is no prefix."""
     match = _RUN_FILE.fullmatch(f"{prefix}_event.csv")
     return None if match is None else (int(match[2]), int(match[3]), int(match[4]))

@@ -46,13 +46,7 @@ _LARGEST = 1e9  # no sensor means more, and the axes' arithmetic must not overfl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Band:
-    """A zone around a line that may slope.
-
-    Attributes:
-        time: of its two ends, s, shape (2,).
-        centre: of the line there, shape (2,).
-        half: how far it reaches to either side.
-    """
+    """A zone around a line that may slope: `half` to either side, arrays of shape (2,)."""
 
     time: Array
     centre: Array
@@ -61,20 +55,15 @@ class Band:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Panel:
-    """One quantity over time.
+    """One quantity over time, s; values that are not finite are gaps.
 
     Attributes:
-        label: its name and unit.
-        colour: of the curve.
-        time: s, shape (n,).
-        value: shape (n,); what is not finite is a gap.
-        maximum: what to say of the largest absolute value, which is marked; empty = it is not.
-        mean: where to draw a line for it; None = nowhere.
+        maximum: words for the largest absolute value, which is marked; empty = not marked.
+        mean: where to draw a line for it.
         limits: of the value axis; None = what the values need.
-        band: to draw behind the curve.
         zone: shade +-`zone` around 0.
         note: words above the panel.
-        empty: why there is no value, in words.
+        empty: why there is no value.
     """
 
     label: str
@@ -101,15 +90,7 @@ _DASHES: dict[EventMark, LineStyleType] = {
 def draw_sheet(
     title: str, panels: Sequence[Panel], events: Events, window: Interval, largest_gap: float
 ) -> Figure:
-    """Panels above each other.
-
-    Args:
-        title: in the head.
-        panels: one to three, from above.
-        events: when each took place, s; those of the window are drawn.
-        window: the time that is shown, s.
-        largest_gap: curves are broken at longer intervals, s.
-    """
+    """Draw one to three panels; curves are broken at intervals above `largest_gap` s."""
     if window[1] <= window[0]:
         window = (window[0], window[0] + 1.0)
     labels = labels_of(events, window, _INNER, _RIGHT)
@@ -138,7 +119,6 @@ def draw_sheet(
 
 
 def largest_at(value: Array) -> int | None:
-    """Where the largest absolute value is; None where no value is finite."""
     finite = np.flatnonzero(np.isfinite(value))
     return int(finite[np.argmax(np.abs(value[finite]))]) if finite.size else None
 
@@ -178,7 +158,7 @@ def _draw_panel(axes: Axes, panel: Panel, window: Interval, largest_gap: float) 
 
 
 def _draw_band(axes: Axes, band: Band, low: float, high: float) -> Interval:
-    """The band behind the curve; returns what the axis has to show with it."""
+    """Draw the band behind the curve; return the values that the axis has to show with it."""
     below, above = band.centre - band.half, band.centre + band.half
     axes.fill_between(band.time, below, above, color="0.88", linewidth=0, zorder=0, label="band")
     axes.plot(
@@ -188,12 +168,11 @@ def _draw_band(axes: Axes, band: Band, low: float, high: float) -> Interval:
 
 
 def _with_gaps(parts: Iterable[Array]) -> Array:
-    """The parts in one array, with NaN between them."""
     return np.concatenate([piece for part in parts for piece in ([np.nan], part)][1:])
 
 
 def _draw_maximum(axes: Axes, panel: Panel, window: Interval) -> bool:
-    """Mark the largest absolute value; returns whether it is positive."""
+    """Mark the largest absolute value; return whether it is positive."""
     place = largest_at(panel.value) or 0
     time, value = float(panel.time[place]), float(panel.value[place])
     height = min(max(value, -_LARGEST), _LARGEST)
@@ -232,7 +211,6 @@ def _draw_marks(axes: Axes, events: Events, window: Interval) -> None:
 
 
 def _draw_label(axes: Axes, label: EventLabel, base: float, height: float) -> None:
-    """The words, `base` above the axes, and a line down to the event's own."""
     above = 3 + base
     axes.axvline(label.time, 1, 1 + above / height, color=GREY, linewidth=0.5, clip_on=False)
     axes.annotate(

@@ -41,7 +41,6 @@ _FAR = 0.95
 """A door counts as opened from this part of its largest angle on."""
 
 _MOST_TOLD = 3
-"""Times of one kind of event that words tell."""
 
 _KEPT = "\N{NO-BREAK SPACE}"
 """Keeps a value and its unit on one line of the title."""
@@ -74,17 +73,14 @@ class _Run:
         return self.rows.joint_state.time - self.result.start
 
     def times(self, name: EventName) -> list[float]:
-        """When an event took place; it may happen more than once."""
         return [e.since_start for e in self.result.events if e.event is name]
 
     def series(self, quantity: Quantity) -> tuple[Array, Array]:
-        """Times and values of a quantity."""
         time, value = self.rows.series(quantity)
         return time - self.result.start, value
 
     @property
     def window(self) -> Interval:
-        """What a figure of the whole run shows: the run, and all data of it."""
         stop = self.result.stop
         times = [0.0] if stop is None else [0.0, stop - self.result.start]
         for quantity in Quantity:
@@ -93,7 +89,6 @@ class _Run:
         return min(times), max(times)
 
     def part(self, part: FigurePart) -> Interval | None:
-        """The time of a part of the run; None where that never took place."""
         match part:
             case FigurePart.WHOLE:
                 return self.window
@@ -128,13 +123,7 @@ class _Run:
 
 
 def figures_of(result: Result, rows: Rows, condition: Condition) -> dict[FigureName, Figure]:
-    """The figures of a run by `FigureName`; `missing_figures` says why one is not there.
-
-    Args:
-        result: of the run.
-        rows: its pre-processed data.
-        condition: its destination side tells the crossing.
-    """
+    """The figures of a run; `missing_figures` says why one is not there."""
     run = _Run(result, rows)
     missing = missing_figures(result, rows)
     with _look():
@@ -142,7 +131,6 @@ def figures_of(result: Result, rows: Rows, condition: Condition) -> dict[FigureN
 
 
 def missing_figures(result: Result, rows: Rows) -> Mapping[FigureName, str]:
-    """The figures that a run does not have, and why, in words."""
     if result.outcome is Outcome.ABORTED:
         return dict.fromkeys(FigureName, "the run was aborted and is invalid")
     run = _Run(result, rows)
@@ -150,13 +138,7 @@ def missing_figures(result: Result, rows: Rows) -> Mapping[FigureName, str]:
 
 
 def alternatives_of(result: Result, rows: Rows, condition: Condition) -> Mapping[FigureName, str]:
-    """What the figures of a run show, in words and this run's numbers.
-
-    Args:
-        result: of the run.
-        rows: its pre-processed data.
-        condition: its destination side tells the crossing.
-    """
+    """Alternative texts of the figures, with this run's numbers."""
     run, missing = _Run(result, rows), missing_figures(result, rows)
     marks = marked_events(((e.since_start, e.event) for e in result.events), condition)
     return {
@@ -216,7 +198,7 @@ def svg(figure: Figure) -> str:
 
 
 def png(figure: Figure, resolution: float = 200) -> bytes:
-    """A figure as a PNG file, `resolution` in dots an inch."""
+    """`resolution` is in dots an inch."""
     data = io.BytesIO()
     with _look():
         figure.savefig(data, format="png", dpi=resolution, metadata={"Software": None})
@@ -224,7 +206,7 @@ def png(figure: Figure, resolution: float = 200) -> bytes:
 
 
 def _look() -> AbstractContextManager[None]:
-    """Our look and nobody's settings; matplotlib's own are back afterwards."""
+    """Use our matplotlib settings, and restore the others afterwards."""
     return style.context(["default", _STYLE])
 
 
@@ -248,7 +230,6 @@ def _panel(
     window: Interval,
     indicator: Indicator | None = None,
 ) -> Panel:
-    """A quantity in a part of the run, with what makes the indicator, if it makes one."""
     spec = quantity.spec
     time, value = run.series(quantity)
     limits, note, mean, maximum = None, spec.filtered, None, ""
@@ -276,7 +257,7 @@ def _panel(
 
 
 def _cut_off(run: _Run, quantity: Quantity, window: Interval) -> float:
-    """Which part of the samples in a window lies beyond the quantity's clip; 0 without one."""
+    """The part of the samples in a window beyond the quantity's clip; 0 without one."""
     clip, (time, value) = quantity.spec.clip, run.series(quantity)
     shown = value[(time >= window[0]) & (time <= window[1]) & np.isfinite(value)]
     return 0.0 if clip is None or not shown.size else float(np.mean(np.abs(shown) > clip))
@@ -296,7 +277,6 @@ def _unclipped(
 
 
 def _mean(value: Array) -> float | None:
-    """Of what is finite; None where nothing is, or it is beyond what can be drawn."""
     finite = value[np.isfinite(value)]
     with np.errstate(over="ignore"):
         mean = float(np.mean(finite)) if finite.size else math.nan
@@ -304,12 +284,11 @@ def _mean(value: Array) -> float | None:
 
 
 def _number(value: float, indicator: Indicator) -> str:
-    """A value with the digits that the indicator has."""
     return value_text(float(value), indicator.uncertainty)
 
 
 def _touch_band(run: _Run) -> Band | None:
-    """What the handle's force was at rest, and how far it may be off without being a touch."""
+    """The handle's force at rest, and how far it may be off without being a touch."""
     time, rest = run.rows.force_time, run.rows.rest
     if not time.size:
         return None

@@ -25,14 +25,13 @@ Interval = tuple[float, float]
 """From and to, s."""
 
 LABEL_SIZE = 9.5
-"""Of their letters."""
 
 _LETTER = 0.586 * LABEL_SIZE  # a letter's width on average, and a bit more
 
 
 @dataclass(frozen=True, slots=True)
 class EventLabel:
-    """A label above the panels: the place of its line and of its left end, from the axes' left."""
+    """A label above the panels; its line and left end are measured from the axes' left."""
 
     text: str
     time: float
@@ -41,7 +40,6 @@ class EventLabel:
 
     @property
     def right(self) -> float:
-        """Where the words end."""
         return self.left + _width(self.text)
 
 
@@ -50,11 +48,7 @@ def labels_of(
 ) -> list[EventLabel]:
     """One label for each kind of event in the window: of its first time, or a last closing.
 
-    Args:
-        events: when each took place, s.
-        window: the time that is shown, s.
-        width: of the axes.
-        beyond: how far to their right there is room for words.
+    Times are in s; `beyond` is the room for words to the right of the axes' `width`.
     """
     labels = []
     for mark, times in events.items():
@@ -71,12 +65,11 @@ def labels_of(
 
 
 def inside(times: Sequence[float], window: Interval) -> list[float]:
-    """The times that lie in a window, in order."""
     return sorted(time for time in times if window[0] <= time <= window[1])
 
 
 def rows_of(labels: Sequence[EventLabel]) -> tuple[int, ...]:
-    """In which row each label stands, so that no label or line runs through another one."""
+    """The row of each label, so that no label or line runs through another one."""
 
     def cost(rows: tuple[int, ...]) -> tuple[int, int, int]:
         pairs = list(itertools.permutations(zip(labels, rows, strict=True), 2))
@@ -102,7 +95,7 @@ LETTERS = 11
 """Height of letters, px."""
 
 TICK_ROOM = 20
-"""What a time axis needs below a drawing, px."""
+"""Room for a time axis below a drawing, px."""
 
 _LETTER_WIDTH = 0.6 * LETTERS
 _NARROWEST = 230.0  # px: on a phone, beside the names of the lanes
@@ -111,7 +104,7 @@ _STEPS = (1, 2, 5, 10)
 
 
 def across(time: float, window: Interval) -> float:
-    """Where a time stands, percent of the width; beyond the window at its end."""
+    """Percent of the width at a time; a time beyond the window stands at its end."""
     part = (time - window[0]) / (window[1] - window[0])
     return round(100 * min(max(part, 0.0), 1.0), 3)
 
@@ -147,12 +140,7 @@ def words(time: float, window: Interval, baseline: float, text: str) -> str:
 
 
 def rows_of_words(marks: Sequence[tuple[float, str]], window: Interval) -> list[int]:
-    """In which row each of some words stands, so that none meets another one on a phone either.
-
-    Args:
-        marks: times and words, by time.
-        window: the time that is shown, s.
-    """
+    """The row of each text, by time in s, so that none meets another one on a phone either."""
     ends: list[list[Interval]] = []
     rows = []
     for time, text in marks:
@@ -173,7 +161,6 @@ def rows_of_words(marks: Sequence[tuple[float, str]], window: Interval) -> list[
 
 
 def ticks(window: Interval) -> list[float]:
-    """Round times within a window, at most seven."""
     span = (window[1] - window[0]) / _MOST_TICKS
     power = 10.0 ** math.floor(math.log10(span))
     step = next(n * power for n in _STEPS if n * power >= span * (1 - 1e-9))
@@ -196,13 +183,7 @@ def axis(window: Interval, top: float) -> str:
 
 
 def drawing(parts: Iterable[str], height: float, alternative: str) -> str:
-    """The parts as one SVG element.
-
-    Args:
-        parts: from behind to the front.
-        height: px.
-        alternative: what it shows, for those who cannot see it.
-    """
+    """The parts, from behind to the front, as one SVG element; `height` in px."""
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="100%" height="{height:g}" role="img" '
         f'aria-label={quoteattr(alternative)} style="font: {LETTERS}px sans-serif">'
@@ -216,16 +197,9 @@ def drawing(parts: Iterable[str], height: float, alternative: str) -> str:
 def stretches(
     time: Array, value: Array, largest_gap: float, most: int
 ) -> list[tuple[Array, Array]]:
-    """The finite values, thinned so that no extreme is lost.
+    """The finite values, thinned to `most` points without losing an extreme.
 
-    Args:
-        time: s, shape (n,).
-        value: shape (n,); what is not finite ends a stretch.
-        largest_gap: a longer interval between two rows ends one, too, s.
-        most: points that all stretches may have together.
-
-    Returns:
-        Times and values of each stretch, none of them empty.
+    A value that is not finite, or an interval above `largest_gap` s, ends a stretch.
     """
     finite = np.flatnonzero(np.isfinite(time) & np.isfinite(value))
     if not finite.size:
@@ -259,10 +233,9 @@ def _extremes(value: Array, most: int) -> NDArray[np.intp]:
 
 
 ORANGE, BLUE, RED, GREY = "#d95f02", "#1f4e9e", "#c00000", "#555555"
-"""Position, what follows from it, what makes the indicator, and all the rest."""
+"""Position, derived quantities, the data of the indicator, all the rest."""
 
 BAND = "#e0e0e0"
-"""Of what lies behind curves and points."""
 
 
 # Plain data to SVG, without matplotlib. The names of the lanes stand beside the drawing.
@@ -272,10 +245,8 @@ LANE = 21
 """Height of a lane, px."""
 
 _STATES = 2
-"""Lanes above those of the sensors: what follows from sensors."""
 
 _MARGIN = 1.0
-"""What is shown before the first of it and after the last, s."""
 
 _WORDS = 14  # height of a row of words, px
 _MOST_TOLD = 4  # of a lane, in words
@@ -284,13 +255,7 @@ _MOST_SPANS = 500  # of a lane: of a loose contact that is enough
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """One sensor, or a state that follows from sensors.
-
-    Attributes:
-        name: in words.
-        spans: from when to when there was something, s since the start.
-        masked: from when to when the panel passed under it, s since the start.
-    """
+    """One sensor, or a state that follows from sensors; times in s since the start."""
 
     name: str
     spans: tuple[Interval, ...]
@@ -299,12 +264,9 @@ class Lane:
 
 @dataclass(frozen=True, slots=True)
 class PassageFigure:
-    """What the passage sensors saw of a run.
+    """What the passage sensors saw of a run; times in s since the start.
 
-    Attributes:
-        window: the time that is shown, s since the start.
-        lanes: from above: the occupation, the open door, then the sensors.
-        marks: approach, leaving and stop, by time, s since the start, in words.
+    `lanes` are, from above, the occupation, the open door, then the sensors.
     """
 
     window: Interval
@@ -318,7 +280,6 @@ class PassageFigure:
 
     @property
     def alternative(self) -> str:
-        """What it shows, in words and numbers."""
         said = [f"{text} at {time:.2f} s" for time, text in self.marks]
         for lane in self.lanes:
             told = [f"{a:.2f} to {min(b, self.window[1]):.2f} s" for a, b in lane.spans]
@@ -329,13 +290,7 @@ class PassageFigure:
 
 
 def passage_figure(result: Result, rows: Rows, condition: Condition) -> PassageFigure | None:
-    """What there is to draw of a run; None where no passage sensor saw anything.
-
-    Args:
-        result: of the run.
-        rows: its pre-processed data.
-        condition: tells which approach and leaving are meant.
-    """
+    """None where no passage sensor saw anything."""
     start = result.start
     occupied = {
         sensor: tuple((a - start, b - start) for a, b in spans[:_MOST_SPANS])
@@ -419,7 +374,6 @@ def _marks(times: dict[EventName, float]) -> Iterator[tuple[float, str]]:
 
 
 def _opened(result: Result) -> Iterator[Interval]:
-    """From when to when the door was open."""
     since: float | None = None
     last = 0.0
     for event in result.events[: 2 * _MOST_SPANS]:
@@ -434,7 +388,6 @@ def _opened(result: Result) -> Iterator[Interval]:
 
 
 def _masked(sensor: PassageSensor, rows: Rows, start: float) -> Iterator[Interval]:
-    """From when to when the panel passed under a sensor."""
     low, high = rows.thresholds.mask(sensor.side, sensor.index)
     angle = rows.joint_state.position * sensor.side.sign
     inside = (angle > low) & (angle < high)

@@ -38,13 +38,7 @@ _INSET = 4
 
 
 class TimedPhase(Enum):
-    """A part of a run: from a step to the next one that takes time.
-
-    Attributes:
-        step: which ends it; None = none, it lasts until the stop.
-        words: what it is called.
-        colour: of its bars.
-    """
+    """A part of a run, up to `step`, or to the stop if None."""
 
     TOUCH = (Step.TOUCH, "start to touch", "#7a8fb0")
     OPEN = (Step.OPEN, "touch to opening", "#d95f02")
@@ -60,19 +54,13 @@ class TimedPhase(Enum):
 
 
 PhaseTimes = Mapping[TimedPhase, float]
-"""How long each phase was, s; a phase that was not brought to its end is missing."""
+"""How long each phase was, s; a phase that was not completed is missing."""
 
 
 def phases_of(
     done: Mapping[Step, float], start: float, stop: float | None
 ) -> dict[TimedPhase, float]:
-    """The phases of a run, in order.
-
-    Args:
-        done: when each step was done, as it counts, s.
-        start: of the run, s.
-        stop: of the run, s; None = not known, then nothing is said of what came last.
-    """
+    """The phases of a run, in order; times in s. Without a `stop` the last one is not known."""
     found: dict[TimedPhase, float] = {}
     at = start
     for phase in TimedPhase:
@@ -86,7 +74,7 @@ def phases_of(
 
 
 def median_phases(runs: Iterable[PhaseTimes]) -> dict[TimedPhase, float]:
-    """The median of each phase over the runs that brought it to its end."""
+    """The median of each phase over the runs that completed it."""
     every = list(runs)
     known = {
         phase: [run[phase] for run in every if phase in run]
@@ -97,12 +85,7 @@ def median_phases(runs: Iterable[PhaseTimes]) -> dict[TimedPhase, float]:
 
 
 def phase_bars(runs: Sequence[PhaseTimes], alternative: str) -> str:
-    """A bar for each run, below each other, over one time axis, as an SVG element.
-
-    Args:
-        runs: from above.
-        alternative: what it shows, for those who cannot see it.
-    """
+    """A bar for each run, from above, over one time axis, as an SVG element."""
     longest = max((sum(run.values()) for run in runs), default=0.0)
     window = (0.0, max(longest, 1e-3))
     parts = []
@@ -122,19 +105,12 @@ def phase_bars(runs: Sequence[PhaseTimes], alternative: str) -> str:
 
 
 FAILED = "\N{MULTIPLICATION SIGN}"
-"""The mark of a run that was not completed."""
 
 _ROOM = 0.08
-"""Beyond the smallest and the largest value, as a part of what lies between."""
 
 
 def shown_values(leading: Sequence[float], others: Iterable[float] = ()) -> Interval:
-    """The values that a drawing shows, with room at both ends.
-
-    Args:
-        leading: they are all shown.
-        others: shown where they fit; they decide only where there are no leading ones.
-    """
+    """The range of a drawing: all of `leading`, `others` only where they fit (or lead alone)."""
     values = leading or tuple(others) or (0.0, 1.0)
     low, high = min(values), max(values)
     room = (high - low) * _ROOM or abs(high) * _ROOM or 1.0
@@ -151,32 +127,22 @@ ROW = 20
 """Height of a team's row, px."""
 
 FEWEST_FOR_A_BOX = 5
-"""Of fewer values there are points alone."""
+"""Fewer values are drawn as points alone."""
 
 
 @dataclass(frozen=True, slots=True)
 class BoxRow:
-    """The values of one team.
-
-    Attributes:
-        completed: of runs that were completed: of these is the box.
-        failed: of valid runs that were not: marked, and in no box.
-    """
+    """The values of one team: the box is of `completed` runs; `failed` valid runs are marked."""
 
     completed: tuple[float, ...]
     failed: tuple[float, ...] = ()
 
 
 def box_plot(rows: Sequence[BoxRow], alternative: str, *, all_shown: bool = False) -> str:
-    """Rows of one indicator as SVG, as wide as its place.
+    """Rows of one indicator, a team each, as SVG.
 
-    A box is the middle half of the values with their median, its line goes from the smallest to the
-    largest. What failed does not stretch the scale: beyond it, it stands at the edge.
-
-    Args:
-        rows: one a team, from the top.
-        alternative: what it shows, for those who cannot see it.
-        all_shown: what failed stretches the scale after all.
+    A box is the middle half of the values with their median; its line goes from the smallest to the
+    largest. Failed runs beyond the scale stand at its edge, unless `all_shown` stretches it.
     """
     failed = [value for row in rows for value in row.failed]
     completed = [value for row in rows for value in row.completed]
@@ -215,7 +181,7 @@ def box_plot(rows: Sequence[BoxRow], alternative: str, *, all_shown: bool = Fals
 
 
 HEIGHT = 84
-"""Of the plot without its axis, px."""
+"""Height of the plot without its axis, px."""
 
 _LEFT, _RIGHT = 17.0, 97.0  # percent of the width: letters stand before
 _LEVELS = 4  # round values on the scale
@@ -223,14 +189,10 @@ _LEVELS = 4  # round values on the scale
 
 @dataclass(frozen=True, slots=True)
 class DayPoint:
-    """The value of one run.
+    """The value of one run, at its start, s since the epoch.
 
-    Attributes:
-        time: of its start, s since the epoch.
-        value: of the indicator.
-        curve: the number of its condition: points of one are joined.
-        completed: else it is marked as failed, and in no curve.
-        spread: the expanded uncertainty; 0 = not known.
+    Points of one `curve`, the number of its condition, are joined if `completed`. `spread` is the
+    expanded uncertainty; 0 = not known.
     """
 
     time: float
@@ -248,14 +210,10 @@ def day_curve(
     *,
     all_shown: bool = False,
 ) -> str:
-    """One indicator as SVG, as wide as its place.
+    """One indicator as SVG, as wide as its place; `points` in order of time.
 
-    Args:
-        points: at least one, by time.
-        marks: times on the axis and what stands there.
-        day: the time that is shown, s since the epoch.
-        alternative: what it shows, for those who cannot see it.
-        all_shown: what failed stretches the scale, too; else it stands at its edge.
+    `marks` are times on the axis, s since the epoch, and their words. Failed runs beyond the scale
+    stand at its edge, unless `all_shown` stretches it.
     """
     window = shown_values(
         [point.value for point in points if point.completed or all_shown],

@@ -62,24 +62,21 @@ ACTS: tuple[type[Act], ...] = (
     WithdrawProtest,
     TakeBack,
 )
-"""All acts."""
 
 _BY_NAME = {act.name: act for act in ACTS}
 
 
 def refusals(situation: Situation) -> dict[str, str]:
-    """Act name -> why there can be no such act now; those that are possible are missing."""
+    """Act name -> why it is not possible now; possible acts are missing."""
     judged = ((act.name, act.impossible(situation)) for act in ACTS)
     return {name: why for name, why in judged if why is not None}
 
 
 def is_act(name: str) -> bool:
-    """Whether an act is called so."""
     return name in _BY_NAME
 
 
 def is_urgent(name: str) -> bool:
-    """Whether the act of that name is urgent; what is no act is not."""
     act = _BY_NAME.get(name)
     return act is not None and act.urgent
 
@@ -91,11 +88,7 @@ def act_details(act: Act) -> dict[str, object]:
 
 
 def act_named(name: str, details: Mapping[str, object]) -> Act:
-    """An act from its name and its fields.
-
-    Raises:
-        MadrobError: there is none of that name, or the fields do not fit it.
-    """
+    """Makes an act; MadrobError where name or fields do not fit."""
     kind = _BY_NAME.get(name)
     if kind is None:
         raise MadrobError(f"no act is called {name!r}")

@@ -31,14 +31,7 @@ T_co = TypeVar("T_co", covariant=True)
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """One answer to a question.
-
-    Attributes:
-        key: the key that chooses it.
-        label: in words.
-        value: what is handed on; None = close the dialog, nothing happens.
-        free: ask for a text instead of handing on `value`.
-    """
+    """One answer; a `value` of None does nothing, and a `free` one asks for a text instead."""
 
     key: str
     label: str
@@ -47,24 +40,16 @@ class Option:
 
     @property
     def harmless(self) -> bool:
-        """Whether nothing happens by it."""
         return self.value is None and not self.free
 
 
 NOTHING = Option("n", "nothing: close this", None)
-"""The first option of every question that has no other by which nothing happens."""
+"""The first option of every question without another harmless one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pick:
-    """Choose one; Enter takes the marked one.
-
-    To begin with that is the first, by which nothing happens, whatever the question.
-
-    Attributes:
-        text: the question.
-        options: the answers.
-        listed: what has to be seen before it is answered, a row each.
+    """A choice among options; the first, a harmless one, is marked, and Enter takes the marked one.
 
     Raises:
         ValueError: two options have the same key: the second could never be chosen.
@@ -86,7 +71,7 @@ class Pick:
 
 @dataclass(frozen=True, slots=True)
 class Write:
-    """Type a text. `missing` refuses an empty one in words; empty = an empty text will do."""
+    """Asks for a text. `missing` is the refusal of an empty one; empty = an empty text will do."""
 
     text: str
     initial: str = ""
@@ -105,13 +90,7 @@ Question = Pick | Write | Sure
 
 @dataclass(frozen=True, slots=True)
 class Ask(Generic[T_co]):
-    """A dialog.
-
-    Attributes:
-        title: what it is about.
-        questions: asked one after the other.
-        make: makes what is wanted out of the answers of `Pick` and `Write`, in order.
-    """
+    """A dialog; `make` gets the answers of its `Pick` and `Write` questions, in order."""
 
     title: str
     questions: tuple[Question, ...]
@@ -119,7 +98,7 @@ class Ask(Generic[T_co]):
 
     @property
     def shortest(self) -> Ask[T_co]:
-        """For a screen with room for one line: a question after a reason goes without it."""
+        """For a screen with one free line: a question after a reason goes without it."""
         if len(self.questions) < 2 or not isinstance(self.questions[-1], Sure):
             return self
         title = self.title.partition(":")[0]
@@ -133,32 +112,18 @@ def reasons(*texts: str) -> tuple[Option, ...]:
 
 
 def meanwhile(*texts: str) -> Pick:
-    """Why a run is to end; who takes the first answer ends nothing."""
     no = Option("n", "no, the run goes on", None)
     return Pick("Why? The run and its clock go on meanwhile.", (no, *reasons(*texts)))
 
 
 @dataclass(frozen=True)
 class Situation:
-    """What an act is judged against. What the sensors say is worked out once, where it is wanted.
+    """What an act is checked against; sensor values are computed once, and only where needed.
 
-    Attributes:
-        run: the state of the run.
-        scored: whether the run has its result, on disk or refused by it.
-        look: works out the pre-start checks.
-        measure: works out what the handle force was in the last second; None = no data.
-        rest_force: a force at rest differs from its zero by no more than this, N.
-        hopeless: whether several tries to compute the result were in vain.
-        teams: the list of teams as it is now.
-        steps: the six as they stand; empty where they are of no interest.
-        simulated: what the simulated testbed plays, in words; None = a real one.
-        indicators: of the result that is written; empty without one.
-        testbed: its name; empty where it has none.
-        competition: its name; empty where none was set.
-        new_id: makes the identity of a run; empty where none is set up.
-        time: now, s since the epoch.
-        protest_times: the competition's deadlines for protests.
-        refused: what the disk refuses of the run, in words; empty = nothing.
+    A run is `scored` when it has its result, on disk or refused by it. It is `hopeless` when the
+    computation of the result has failed several times. `rest_force` (N) is the most by which a
+    force at rest differs from its zero. `simulated` says what a simulated testbed plays. The `time`
+    is in s since the epoch. `refused` says why the disk refuses the run's files.
     """
 
     run: Run
@@ -180,12 +145,10 @@ class Situation:
 
     @cached_property
     def checks(self) -> tuple[Check, ...]:
-        """The pre-start checks as they stand."""
         return self.look()
 
     @property
     def flags(self) -> tuple[Flag, ...]:
-        """What a decision on the run hangs on."""
         return flags(self.run, self.steps, indicators=self.indicators)
 
     @cached_property
@@ -198,24 +161,16 @@ class RunView(Protocol):
     """What the referee sees when asking for an act."""
 
     @property
-    def run(self) -> Run:
-        """The state of the run."""
-        ...
+    def run(self) -> Run: ...
 
     @property
-    def checks(self) -> tuple[Check, ...]:
-        """The pre-start checks as they stand."""
-        ...
+    def checks(self) -> tuple[Check, ...]: ...
 
     @property
-    def teams(self) -> TeamList:
-        """The list of teams as it is now."""
-        ...
+    def teams(self) -> TeamList: ...
 
     @property
-    def steps(self) -> tuple[StepRecord, ...]:
-        """The six steps as they stand."""
-        ...
+    def steps(self) -> tuple[StepRecord, ...]: ...
 
     @property
     def indicators(self) -> Mapping[IndicatorName, Indicator]:
@@ -223,28 +178,22 @@ class RunView(Protocol):
         ...
 
     @property
-    def flags(self) -> tuple[Flag, ...]:
-        """What a decision on the run hangs on."""
-        ...
+    def flags(self) -> tuple[Flag, ...]: ...
 
     @property
     def elapsed(self) -> float | None:
-        """Of the run, s since its start; None outside a run."""
+        """Time since the start of the run, s; None outside a run."""
         ...
 
     @property
-    def time(self) -> float:
-        """Now, s since the epoch."""
-        ...
+    def time(self) -> float: ...
 
     @property
-    def protest_times(self) -> ProtestTimes:
-        """The competition's deadlines for protests."""
-        ...
+    def protest_times(self) -> ProtestTimes: ...
 
 
 class Consequence(FlagEnum):
-    """What an act brings with it, beside the new state of the run; the engine sees to it."""
+    """Side effects of an act beside the new state of the run; the engine carries them out."""
 
     NONE = 0
     NEW_RUN = auto()
@@ -258,10 +207,10 @@ class Consequence(FlagEnum):
 
 
 LONGEST_TEXT = 2000
-"""Of an act, characters: names, reasons, notes, the words of a team."""
+"""Characters of a text in an act: names, reasons, notes, the words of a team."""
 
 Asked: TypeAlias = "Act | Ask[Asked] | str"
-"""What a key or an answer brings about: an act, a question, or in words why neither."""
+"""What a key or an answer brings: an act, a question, or a refusal in words."""
 
 
 class Act(ABC):
@@ -269,15 +218,12 @@ class Act(ABC):
 
     Attributes:
         name: in the journal and on the screens.
-        phases: when it is possible.
-        elsewhere: refuses it in the others, in words; empty = the phase says why.
-        missing: refuses it without its reason or text, in words; empty = none is needed.
-        title, questions: the dialog before it, whose answers are its fields; none = at once.
-        urgent: it ends what could hurt somebody: no other request and no disk holds it up.
-        at_once: it takes effect whatever the disk says, and its line waits for the disk; others
-            take effect when the journal has them, or never.
-        consequences: what it brings with it.
-        stands_out: whether its line of the event log does.
+        elsewhere: refuses it outside its `phases`; empty = the phase says why.
+        missing: refuses it without its reason or text; empty = none is needed.
+        title, questions: the dialog before it, whose answers are its fields; none = no dialog.
+        urgent: it ends a danger: no other request and no disk delays it.
+        at_once: it takes effect before its line is on disk; others need the journal first.
+        stands_out: whether its line of the event log is highlighted.
     """
 
     __slots__ = ()
@@ -293,18 +239,14 @@ class Act(ABC):
     stands_out: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
-        """An act that does not say when it is possible is none.
-
-        Raises:
-            TypeError: its name or its phases are missing.
-        """
+        """Raises TypeError for an act without a name or phases."""
         for said in ("name", "phases"):
             if not hasattr(cls, said):
                 raise TypeError(f"{cls.__name__} does not say its {said}")
 
     @classmethod
     def impossible(cls, situation: Situation) -> str | None:
-        """Why there can be no such act now, whatever its fields, in words; None when there can."""
+        """Why no such act is possible now, whatever its fields; None when it is."""
         phase = situation.run.phase
         if phase in cls.phases:
             return cls.hindrance(situation)
@@ -312,40 +254,31 @@ class Act(ABC):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        """What stands in its way in a phase that allows it, in words; None = nothing."""
+        """What prevents it in a phase that allows it; None = nothing."""
         return None
 
     def problem(self, situation: Situation) -> str | None:
-        """What is wrong with its fields, in words; None = nothing."""
+        """What is wrong with its fields; None = nothing."""
         return None
 
     def refusal(self, situation: Situation) -> str | None:
-        """Why the act is not possible now, in words; None when it is."""
+        """Why the act is not possible now; None when it is."""
         refused = self.impossible(situation) or self._too_long or self.problem(situation)
         return refused or (None if self.reason_given.strip() else self.missing or None)
 
     @property
     def _too_long(self) -> str | None:
-        """Why its texts do not go into a journal, in words; None when they do."""
         if _longest(msgspec.to_builtins(self)) <= LONGEST_TEXT:
             return None
         return f"a text has at most {LONGEST_TEXT} characters: write the rest beside it"
 
     @classmethod
     def ask(cls, view: RunView, pressed: str) -> Asked:
-        """What its key brings about.
-
-        Args:
-            view: what the referee sees.
-            pressed: the key, where there are several.
-
-        Returns:
-            The act itself, what to ask before it, or in words why neither.
-        """
+        """The act, the dialog before it, or a refusal, after a key of those that ask for it."""
         return Ask(cls.title, cls.questions, cls) if cls.questions else cls()
 
     def settled(self, situation: Situation) -> Act:
-        """The act as it is carried out and journalled: what cannot be otherwise is so."""
+        """The act as it is carried out and journalled, with the fields that the engine sets."""
         return self
 
     @abstractmethod
@@ -353,19 +286,13 @@ class Act(ABC):
         """The state after the act, done at time `at` (s since the epoch)."""
 
     def opened_again(self, run: Run, at: float) -> Run:
-        """A final result is open once more, and this act is why it is issued again.
-
-        Args:
-            run: before the act; any other than a final one stays as it is.
-            at: when it is done, s since the epoch.
-        """
+        """Opens a final result again, for a re-issue by this act; `at` in s since the epoch."""
         if run.phase is not Phase.FINAL:
             return run
         return reissued(run, at, self.name, self.reason_given, self.signature or run.referee)
 
     @property
     def reason_given(self) -> str:
-        """The reason or note that the referee gave, for the journal."""
         return str(getattr(self, "reason", getattr(self, "note", "")))
 
     @property
@@ -375,12 +302,12 @@ class Act(ABC):
 
     @property
     def done(self) -> str:
-        """What it did, for who did it; the reason comes after that."""
+        """Its effect, for the referee; the reason is appended."""
         return self.name
 
     @property
     def logged(self) -> str:
-        """What it did, for the event log; the reason comes after that."""
+        """Its effect, for the event log; the reason is appended."""
         return self.name
 
 
@@ -395,7 +322,6 @@ _WHY_NOT = {
 
 
 def _longest(found: object) -> int:
-    """How long the longest text in some JSON values is, characters."""
     match found:
         case str():
             return len(found)

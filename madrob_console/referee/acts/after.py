@@ -51,21 +51,14 @@ DECIDED_BY: Mapping[str, str] = {
     FlagKind.DOUBT: "d accepts it with a reason",
     FlagKind.PROTEST: "P decides it",
 }
-"""Kind of what is undecided -> the key that decides it."""
+"""Kind of an undecided flag -> the key that decides it."""
 _NOTE = Write("Note (Enter for none):")
 _NAMELESS = "finalising needs the referee's name"
 
 
 @dataclass(frozen=True, slots=True)
 class Finalise(Act):
-    """Close the result, with the team's word.
-
-    Attributes:
-        team_word: what the team says of it.
-        referee: who signs.
-        note: of the team or the referee.
-        undecided: the words of all that the referee has left undecided, and knows of.
-    """
+    """Close the result; `undecided` are all open questions that the referee knows of."""
 
     name = "finalise"
     phases = (Phase.STOPPED,)
@@ -77,13 +70,12 @@ class Finalise(Act):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        """Not before the result is written."""
         if situation.scored:
             return situation.refused or None
         return "the result is being written"
 
     def problem(self, situation: Situation) -> str | None:
-        """The referee signs, and nothing undecided is signed in silence."""
+        """Needs a signature, and every open question named."""
         if not self.referee.strip():
             return _NAMELESS
         found = [flag.words for flag in undecided(situation.flags)]
@@ -95,10 +87,7 @@ class Finalise(Act):
 
     @classmethod
     def ask(cls, view: RunView, pressed: str) -> Ask[Act]:
-        """The team's word, a note, the referee's name if it is missing; first what is undecided.
-
-        The first of them lists what is to be seen before.
-        """
+        """Asks for the team's word, a note and a missing name; first lists open questions."""
         referee, waiting = view.run.referee, undecided(view.flags)
         listed = _checklist(view)
         questions: list[Question] = [_NOTE]
@@ -117,7 +106,6 @@ class Finalise(Act):
         return Ask("Finalise the result", tuple(questions), make)
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """The result is final."""
         run, closure = situation.run, Closure(at, self.referee, self.team_word, self.note)
         signed = at if run.signed is None else run.signed
         return replace(
@@ -131,17 +119,14 @@ class Finalise(Act):
 
     @property
     def signature(self) -> str:
-        """Who signed."""
         return self.referee
 
     @property
     def done(self) -> str:
-        """With the team's word."""
         return f"the result is final, {self.team_word} by the team"
 
 
 def _checklist(view: RunView) -> tuple[str, ...]:
-    """What is to be seen before a result is final, what is undecided first; empty = nothing."""
     found, unchanged = view.flags, _without_effect(view.run)
     if not (found or unchanged):
         return ()
@@ -157,7 +142,7 @@ def _checklist(view: RunView) -> tuple[str, ...]:
 
 
 def _without_effect(run: Run) -> list[Protest]:
-    """Protests that were upheld, and nothing about the result is another since they were filed."""
+    """Upheld protests after whose filing nothing about the result has changed."""
     changed = -math.inf if run.changed is None else run.changed
     upheld = (ProtestEnd.UPHELD, ProtestEnd.PARTLY)
     return [
@@ -173,7 +158,7 @@ def _without_effect(run: Run) -> list[Protest]:
 _NO_DOUBT = "no doubt waits for the referee"
 _ALL = "all"
 _MOST_LISTED = 4
-"""Sentences of two rows that a dialog has room for, in 80 x 24 cells."""
+"""Sentences of two rows that fit in a dialog, in 80 x 24 cells."""
 _WHY = Pick(
     "Why? It stands with the result, and so do the doubts.",
     reasons("seen on video: right", "no effect on the ranking", "the run is repeated"),
@@ -182,14 +167,7 @@ _WHY = Pick(
 
 @dataclass(frozen=True, slots=True)
 class AcceptDoubts(Act):
-    """Let doubts on a result stand, with a reason (section 11).
-
-    It says which: what is doubted of a later issue for another reason waits again.
-
-    Attributes:
-        doubts: the sentences, by indicator.
-        reason: why.
-    """
+    """Accept doubts (section 11); a later issue's doubt for another reason waits again."""
 
     name = "accept doubts"
     phases = (Phase.STOPPED,)
@@ -200,14 +178,12 @@ class AcceptDoubts(Act):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        """Needs a result with a doubt that waits."""
         if not situation.scored:
             return "the result is being written"
         waiting = waiting_doubts(situation.indicators, situation.run.accepted_doubts)
         return None if waiting else _NO_DOUBT
 
     def problem(self, situation: Situation) -> str | None:
-        """Only what is doubted, and waits, can be accepted."""
         waiting = waiting_doubts(situation.indicators, situation.run.accepted_doubts)
         named = [(name, words) for name, found in self.doubts.items() for words in found]
         if not named:
@@ -218,7 +194,6 @@ class AcceptDoubts(Act):
 
     @classmethod
     def ask(cls, view: RunView, pressed: str) -> Ask[Asked] | str:
-        """On which indicator, where there are several; then why, with all that is doubted of it."""
         waiting = waiting_doubts(view.indicators, view.run.accepted_doubts)
         if not waiting:
             return _NO_DOUBT
@@ -238,7 +213,6 @@ class AcceptDoubts(Act):
 
     @classmethod
     def _ask_why(cls, doubts: Doubts) -> Ask[Asked]:
-        """Why they are accepted, below the sentences; one may stand on several indicators."""
         listed = [f"? {words}" for words in dict.fromkeys(chain(*doubts.values()))]
         if (more := len(listed) - _MOST_LISTED) > 1:
             listed[_MOST_LISTED:] = [f"? and {more} more: the result has all of them"]
@@ -247,7 +221,6 @@ class AcceptDoubts(Act):
         return Ask(title, (question,), lambda reason: cls(doubts, reason))
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """They are accepted, and stay beside the values."""
         run = situation.run
         accepted = AcceptedDoubts(at, self.reason, run.referee, self.doubts)
         return replace(
@@ -258,12 +231,10 @@ class AcceptDoubts(Act):
 
     @property
     def done(self) -> str:
-        """On which indicators."""
         return f"doubt accepted: {doubted_words(self.doubts)}"
 
     @property
     def logged(self) -> str:
-        """On which indicators."""
         return f"referee accepts the doubt on {doubted_words(self.doubts)}"
 
 
@@ -276,7 +247,7 @@ def _counted(doubts: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Reissue(Act):
-    """Make a final result not final again; the next issue gets a new number, the old one stays."""
+    """Open a final result again; the next issue gets a new number, the old one stays."""
 
     name = "re-issue"
     phases = (Phase.FINAL,)
@@ -291,12 +262,8 @@ class Reissue(Act):
     reason: str
 
     def problem(self, situation: Situation) -> str | None:
-        """Not before the final result is written: it is kept beside the next issue.
-
-        It is while the question is answered: the key is not refused for that moment.
-        """
+        """Not before the final result is written, which happens while the question is answered."""
         return None if situation.scored else "the result is being written"
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """Stopped again: rulings are possible until it is finalised once more."""
         return self.opened_again(situation.run, at)

@@ -40,11 +40,10 @@ class SetUp(Act):
         return None
 
     def problem(self, situation: Situation) -> str | None:
-        """A bad set-up, naming the field; a name that the list does not have, without a reason."""
         return self.setup.problem() or situation.teams.problem(self.setup)
 
     def settled(self, situation: Situation) -> Act:
-        """With its identity; on a simulated testbed every run is practice (protocol section 2)."""
+        """Adds the identity; on a simulated testbed every run is practice (protocol section 2)."""
         practice = self.setup.practice or situation.simulated is not None
         return SetUp(
             replace(
@@ -57,11 +56,11 @@ class SetUp(Act):
         )
 
     def unless_final(self, view: RunView) -> Act | Ask[Act]:
-        """At once; asked first if the last result waits for a signature.
+        """Asks first if the last result waits for a signature.
 
-        That of an aborted or voided run does not: the referee has ended it with a reason, and
-        nothing of it is left to decide. An interrupted one does: a machine ended it, it has
-        indicators, and whether it is repeated is the referee's decision (protocol section 2).
+        That of an aborted or voided run does not: nothing of it is left to decide. That of an
+        interrupted one does: it has indicators, and the referee decides whether it is repeated
+        (protocol section 2).
         """
         if not view.run.unsigned:
             return self
@@ -70,17 +69,14 @@ class SetUp(Act):
         return Ask("Next run", (sure,), lambda: self)
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """A clean run: nothing of the one before stays but the handle zero."""
         return replace(situation.run.cleared, phase=Phase.READY, setup=self.setup)
 
     @property
     def reason_given(self) -> str:
-        """Why the team has another name than in the list."""
         return self.setup.team_reason
 
     @property
     def done(self) -> str:
-        """Which run."""
         kind = "practice run" if self.setup.practice else "run"
         return f"{kind} {self.setup.run_number} of subject {self.setup.subject} is set up"
 
@@ -90,13 +86,12 @@ class SetUp(Act):
 
 @dataclass(frozen=True, slots=True)
 class ConfirmPose(Act):
-    """The referee saw the robot standing at its start pose."""
+    """Confirm that the robot stands at its start pose."""
 
     name = "confirm the start pose"
     phases = (Phase.READY,)
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """The pose is confirmed."""
         return replace(situation.run, pose_confirmed=True)
 
 
@@ -114,7 +109,6 @@ class Start(Act):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        """Every check must be ok or waived; what is simulated must be set up as practice."""
         setup = situation.run.setup
         if situation.simulated is not None and setup is not None and not setup.practice:
             return "the testbed is simulated, a run on it is practice: set it up again"
@@ -125,7 +119,6 @@ class Start(Act):
         return f"{blocks[0].name}: {blocks[0].reason}{more}"
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """The countdown runs; the start is planned."""
         return begin_countdown(situation.run, at)
 
 
@@ -150,16 +143,13 @@ class Waive(Act):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        """Some check must fail."""
         return None if blocking(situation.checks) else _NONE_FAILS
 
     def problem(self, situation: Situation) -> str | None:
-        """It is for a check that fails."""
         return _passes(self.check, situation)
 
     @classmethod
     def ask(cls, view: RunView, pressed: str) -> Ask[Act] | str:
-        """Which failing check, and why."""
         blocks = blocking(view.checks)
         failing = [check.name for check in blocks if check.waivable or len(blocks) == 1]
         if len(failing) < 2:
@@ -173,14 +163,12 @@ class Waive(Act):
 
     @classmethod
     def ask_why(cls, view: RunView, check: CheckName) -> Ask[Act] | str:
-        """Why this check may pass."""
         if refused := _passes(check, view):
             return refused
         title = f"Waive '{check}' for this run"
         return Ask(title, (_WHY,), lambda reason: cls(check, reason))
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """One more waiver."""
         run = situation.run
         waiver = Waiver(self.check, self.reason, run.referee, at)
         return replace(
@@ -189,12 +177,10 @@ class Waive(Act):
 
     @property
     def done(self) -> str:
-        """Which check."""
         return f"'{self.check}' waived"
 
     @property
     def logged(self) -> str:
-        """Which check."""
         return f"check waived: {self.check}"
 
 
@@ -212,9 +198,7 @@ def _passes(check: CheckName, where: Situation | RunView) -> str | None:
 class ZeroHandle(Act):
     """Take the mean handle force of the last second as zero (protocol sections 4 and 11).
 
-    Attributes:
-        samples: those behind it, which the engine measures; None before that, and in journals of
-            earlier versions.
+    The engine adds the `samples`; journals of earlier versions have none.
     """
 
     name = "zero the handle"
@@ -225,7 +209,6 @@ class ZeroHandle(Act):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        """Needs fresh handle data, of a handle that nobody moves."""
         rest = situation.handle_rest
         if rest is None:
             return "no fresh handle force"
@@ -233,11 +216,10 @@ class ZeroHandle(Act):
         return "the handle force is not steady: let go of it, wait a second" if moves else None
 
     def settled(self, situation: Situation) -> Act:
-        """With the samples of the last second, whoever asks."""
         return ZeroHandle(situation.handle_rest)
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """The handle zero is their mean; that of a line without them is stored with the run."""
+        """Sets their mean; without samples, as in old journals, the stored zero stays."""
         samples, run = self.samples, situation.run
         if samples is None:
             return run
@@ -245,6 +227,5 @@ class ZeroHandle(Act):
 
     @property
     def logged(self) -> str:
-        """What the samples say."""
         found = self.samples
         return self.name if found is None else f"{self.name}: {found.mean:.3f} N, {found.scatter}"

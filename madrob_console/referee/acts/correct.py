@@ -44,15 +44,9 @@ _WHY = Pick("Why?", reasons("typed wrongly", "the set-up of the run before was k
 class Correct(Act):
     """Correct subject, sides or benchmark type; the run is scored again (section 2).
 
-    The folder keeps its name. In another series (subject and condition) the run has a number of
-    that series: the one that it had there before, else the next that was never used. A final
-    result is opened again by that.
-
-    Attributes:
-        subject, condition: as they should have been set.
-        reason: why.
-        team: the name of another subject, which the engine takes from the list of teams.
-        run_number: given out by the engine; 0 = not yet.
+    The folder keeps its name. In another series (subject and condition) the run gets the number
+    that it had there before, else the next unused one. A final result is opened again. The engine
+    sets `team` from the list of teams, and `run_number`; 0 = not yet.
     """
 
     name = "correct"
@@ -67,7 +61,6 @@ class Correct(Act):
     run_number: int = 0
 
     def problem(self, situation: Situation) -> str | None:
-        """Something is to be corrected, and the result is there."""
         setup = situation.run.setup
         if setup is None:
             return _NO_RUN
@@ -79,7 +72,6 @@ class Correct(Act):
 
     @classmethod
     def ask(cls, view: RunView, pressed: str) -> Ask[Asked] | str:
-        """What was wrong; then the right value, and why."""
         setup = view.run.setup
         if setup is None:
             return _NO_RUN
@@ -113,8 +105,6 @@ class Correct(Act):
 
     @classmethod
     def _ask_subject(cls, setup: RunSetup, teams: TeamList) -> Ask[Asked]:
-        """The number; then whose it is, and why."""
-
         def right(text: str) -> Asked:
             if not (text.isascii() and text.isdigit() and len(text) < 4):
                 return f"subject '{text[:20]}': use a number from 1 to 999"
@@ -142,11 +132,9 @@ class Correct(Act):
         )
 
     def numbered(self, number: int) -> Correct:
-        """With the run number that it got."""
         return replace(self, run_number=number)
 
     def named(self, situation: Situation) -> Correct:
-        """With the team's name as it is in the list."""
         return replace(self, team=situation.teams.names.get(self.subject, self.team))
 
     def _corrected(self, setup: RunSetup, number: int) -> RunSetup:
@@ -159,7 +147,6 @@ class Correct(Act):
         return replace(after, subject=self.subject, team=self.team, team_reason="")
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """Set up as it should have been."""
         run = changed(self.opened_again(situation.run, at), at)
         setup = run.setup
         if setup is None:
@@ -176,13 +163,11 @@ class Correct(Act):
 
     @property
     def done(self) -> str:
-        """As which run it counts."""
         number = f", run {self.run_number}" if self.run_number else ""
         return f"corrected to subject {self.subject}, condition {self.condition.number}{number}"
 
     @property
     def logged(self) -> str:
-        """As which run it counts."""
         return self.done
 
 
@@ -226,13 +211,7 @@ _CHANGES = (DecisionKind.RULING, DecisionKind.VOID, DecisionKind.CORRECTION)
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The last decision of its kind.
-
-    Attributes:
-        kind: what it is.
-        time: when it was made, s since the epoch.
-        words: what it says.
-    """
+    """The last decision of its kind, made at `time` (s since the epoch)."""
 
     kind: DecisionKind
     time: float
@@ -240,7 +219,6 @@ class Decision:
 
 
 def last_decision(run: Run) -> Decision | None:
-    """The last decision that can be taken back now; None if there is none."""
     last = next((kind for kind in reversed(run.decided) if _within_reach(kind, run)), None)
     return None if last is None else _last_of(last, run)
 
@@ -249,9 +227,9 @@ def last_decision(run: Run) -> Decision | None:
 class TakeBack(Act):
     """Take back the last decision of the referee (section 2).
 
-    It says which it means: one that came after it is never taken back instead. A final result is
-    opened again by that, where its void, its correction or the decision on a protest is taken
-    back; that protest is open again.
+    It names the decision: a later one is never taken back instead. A final result is opened again
+    where its void, its correction or the decision on a protest is taken back; that protest is open
+    again.
     """
 
     name = "take back"
@@ -264,7 +242,6 @@ class TakeBack(Act):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        """Needs a decision that stands."""
         run = situation.run
         if last_decision(run) is not None:
             return None
@@ -273,7 +250,7 @@ class TakeBack(Act):
         return _NOTHING
 
     def problem(self, situation: Situation) -> str | None:
-        """It is the last of its kind, and of a final result only what it is about."""
+        """Refuses all but the last of its kind, and on a final result what does not concern it."""
         run = situation.run
         if self._found(run) is None:
             return f"this {self.kind} is not the last one that stands"
@@ -284,7 +261,6 @@ class TakeBack(Act):
 
     @classmethod
     def ask(cls, view: RunView, pressed: str) -> Ask[Act] | str:
-        """Which it is, and why."""
         last = last_decision(view.run)
         if last is None:
             return _NOTHING
@@ -298,7 +274,6 @@ class TakeBack(Act):
         )
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """As if it had not been decided, but for the record of it."""
         before = self.opened_again(situation.run, at)
         found = self._found(before)
         if found is None:
@@ -317,17 +292,14 @@ class TakeBack(Act):
 
     @property
     def done(self) -> str:
-        """What kind it was."""
         return f"{self.kind} taken back"
 
     @property
     def logged(self) -> str:
-        """What kind it was."""
         return f"referee takes back the last {self.kind}"
 
 
 def _last_of(kind: DecisionKind, run: Run) -> Decision:
-    """The last decision of a kind, where one stands."""
     match kind:
         case DecisionKind.RULING:
             ruling = run.rulings[-1]
@@ -358,7 +330,7 @@ def _last_of(kind: DecisionKind, run: Run) -> Decision:
 
 
 def _last_decided(run: Run) -> tuple[Protest, ProtestAnswer]:
-    """The protest that was decided last, where one was; withdrawals are the team's."""
+    """The protest that was decided last; withdrawals are the team's."""
     decided = [
         (one, one.answer)
         for one in run.protests
@@ -368,7 +340,6 @@ def _last_decided(run: Run) -> tuple[Protest, ProtestAnswer]:
 
 
 def _without(run: Run, kind: DecisionKind) -> Run:
-    """The run without its last decision of a kind."""
     left = run.decided_without(kind)
     match kind:
         case DecisionKind.RULING:
@@ -393,5 +364,4 @@ def _without(run: Run, kind: DecisionKind) -> Run:
 
 
 def _within_reach(kind: DecisionKind, run: Run) -> bool:
-    """Whether a decision of that kind can be taken back without a re-issue before it."""
     return run.phase is not Phase.FINAL or kind in _OF_A_FINAL_RESULT

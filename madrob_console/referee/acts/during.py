@@ -45,7 +45,7 @@ from scoring.protocol import Outcome, Step
 
 @dataclass(frozen=True, slots=True)
 class AcceptFalseStart(Act):
-    """Let the false starts found so far pass, with a reason."""
+    """Accept the false starts found so far, with a reason."""
 
     name = "accept the false start"
     phases = (Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED)
@@ -58,12 +58,10 @@ class AcceptFalseStart(Act):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        """Needs an undecided false start."""
         undecided = situation.run.undecided_false_start
         return "there is no false start to accept" if undecided is None else None
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """All undecided false starts are accepted."""
         return decide_false_starts(situation.run, self.reason)
 
 
@@ -82,7 +80,6 @@ class AddNote(Act):
     note: str
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """One more note."""
         run = situation.run
         return replace(run, notes=(*run.notes, Note(at, self.note)))
 
@@ -106,13 +103,12 @@ class DeclareTimeout(Act):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        """Only once."""
         if situation.run.timeout_at is None:
             return None
         return "the timeout is already there; a settle time is being waited for"
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """The timeout is there; a settle time that is running may still complete the run."""
+        """A running settle time may still complete the run."""
         return time_out(situation.run, at, self.reason or "declared by the referee")
 
 
@@ -120,7 +116,7 @@ class DeclareTimeout(Act):
 
 
 _LATEST = 86_400.0
-"""Nothing that happens later than this has to do with the run, s from its start."""
+"""s from the start; later events cannot concern the run."""
 
 _NAMED = [kind for kind in IncidentKind if kind is not IncidentKind.OTHER]
 
@@ -140,13 +136,7 @@ _TIME = Write(
 
 @dataclass(frozen=True, slots=True)
 class MarkIncident(Act):
-    """Mark an incident, at this instant or after the start that is named (section 7).
-
-    Attributes:
-        kind: what happened.
-        note: of the referee.
-        after_start: when, s from the start; null = now.
-    """
+    """Mark an incident now, or `after_start` s from the start (section 7)."""
 
     name = "mark an incident"
     phases = (Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED)
@@ -158,10 +148,7 @@ class MarkIncident(Act):
 
     @classmethod
     def ask(cls, view: RunView, pressed: str) -> Ask[Asked]:
-        """Which kind: the second key marks it; what another was is typed, and when after the stop.
-
-        What is typed while the run goes on counts from when its kind was chosen.
-        """
+        """A text typed during the run gets the time at which its kind was chosen."""
         stopped, now = view.run.phase is Phase.STOPPED, view.elapsed
 
         def chosen(kind: IncidentKind) -> Asked:
@@ -182,7 +169,7 @@ class MarkIncident(Act):
         return Ask(title, (_WHICH,), lambda word: chosen(IncidentKind(word)))
 
     def problem(self, situation: Situation) -> str | None:
-        """A time is one of the recording, or later."""
+        """The time must not be before the recording."""
         run, after = situation.run, self.after_start
         if after is None or run.start is None:
             return None
@@ -192,7 +179,6 @@ class MarkIncident(Act):
         return f"{after:g} s from the start: the recording began at {began:.1f} s"
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """One more incident."""
         run = situation.run
         if self.after_start is not None and run.start is not None:
             at = run.start + self.after_start
@@ -203,12 +189,10 @@ class MarkIncident(Act):
 
     @property
     def done(self) -> str:
-        """Which kind, and when."""
         return f"{self.kind} marked{self._when}"
 
     @property
     def logged(self) -> str:
-        """Which kind, and when."""
         return f"incident: {self.kind}{self._when}"
 
     @property
@@ -235,13 +219,12 @@ class RestartCountdown(Act):
 
     @classmethod
     def ask(cls, view: RunView, pressed: str) -> Act | Ask[Act]:
-        """Why, where no false start says so."""
         if view.run.undecided_false_start is not None:
             return cls()
         return Ask(cls.title, cls.questions, cls)
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """A new planned start; earlier false starts count as decided by the restart."""
+        """Plans a new start; earlier false starts count as decided by the restart."""
         return begin_countdown(decide_false_starts(situation.run, "countdown restarted"), at)
 
 
@@ -249,7 +232,6 @@ class RestartCountdown(Act):
 
 
 RULED = {True: "confirmed", False: "denied", None: "as the sensors say"}
-"""What a ruling says of a step."""
 
 _VERDICTS = {"confirm": True, "deny": False, "sensors": None}
 _LOGGED = {True: "confirms", False: "denies", None: "takes back the ruling on"}
@@ -275,7 +257,6 @@ class Rule(Act):
 
     @classmethod
     def ask(cls, view: RunView, pressed: str) -> Ask[Act]:
-        """Confirmed or denied, and why; the key is the step's number."""
         step = Step(int(pressed))
         record = next((record for record in view.steps if record.step is step), None)
         found = None if record is None else record.sensors
@@ -295,7 +276,6 @@ class Rule(Act):
         )
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """One more ruling."""
         run = situation.run
         ruling = Ruling(self.step, self.confirmed, at, self.reason, run.referee)
         decided = run.decided_and(DecisionKind.RULING)
@@ -303,12 +283,10 @@ class Rule(Act):
 
     @property
     def done(self) -> str:
-        """Which step, and how."""
         return f"step {self.step} {RULED[self.confirmed]}"
 
     @property
     def logged(self) -> str:
-        """Which step, and how."""
         return f"referee {_LOGGED[self.confirmed]} step {self.step}"
 
 
@@ -328,7 +306,7 @@ _SURE = Sure("Void it? It can be taken back.")
 class Void(Act):
     """The run stays on record with its indicators and counts nowhere (section 2).
 
-    A final result is opened again by that: the next issue has a number, the old one stays.
+    A final result is opened again: the next issue gets a number, the old one stays.
     """
 
     name = "void"
@@ -348,7 +326,6 @@ class Void(Act):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        """Only what counts can be voided."""
         run = situation.run
         if run.voided is not None:
             return "the run is void already: that can be taken back"
@@ -363,24 +340,20 @@ class Void(Act):
 
     @classmethod
     def instead_of_abort(cls, reason: str) -> Ask[Act]:
-        """What to ask when an abort came just after the stop."""
         title = f"The run was over before the abort ({reason}). {cls.title}"
         return Ask(title, (_SURE,), lambda: cls(reason))
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """It counts no more."""
         run = changed(self.opened_again(situation.run, at), at)
         voided = Voiding(at, self.reason, run.referee)
         return replace(run, decided=run.decided_and(DecisionKind.VOID), voided=voided)
 
     @property
     def done(self) -> str:
-        """What it means."""
         return "the run is void and counts nowhere"
 
     @property
     def logged(self) -> str:
-        """What it means."""
         return "run voided"
 
 
@@ -399,7 +372,7 @@ class Abort(Act):
     reason: str = ""
 
     def __post_init__(self) -> None:
-        """A reason that is too long is cut: nothing refuses an abort."""
+        """Cuts a long reason: nothing refuses an abort."""
         object.__setattr__(self, "reason", self.reason[:LONGEST_TEXT])
 
     @classmethod
@@ -411,7 +384,6 @@ class Abort(Act):
         return refused
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """Stopped, invalid."""
         return stop(situation.run, Outcome.ABORTED, at, self.reason or "aborted by the referee")
 
 
@@ -429,13 +401,11 @@ class WithdrawIncident(Act):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        """Needs an incident."""
         if situation.run.last_incident is None:
             return "there is no incident to withdraw"
         return None
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """The last incident that stands is withdrawn."""
         run = situation.run
         withdrawn = tuple(
             replace(mark, withdrawn=self.reason) if mark is run.last_incident else mark

@@ -41,12 +41,7 @@ _NONE_OPEN = "no protest is open"
 
 @dataclass(frozen=True, slots=True)
 class WithdrawProtest(Act):
-    """Close a protest because the team withdraws it (section 2).
-
-    Attributes:
-        number: of the protest.
-        reason: what the team says.
-    """
+    """Close a protest because the team withdraws it (section 2); `reason` is the team's."""
 
     name = "withdraw protest"
     phases = (Phase.STOPPED, Phase.FINAL)
@@ -57,17 +52,13 @@ class WithdrawProtest(Act):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        """Needs an open protest."""
         return None if open_protests(situation.run.protests) else _NONE_OPEN
 
     def problem(self, situation: Situation) -> str | None:
-        """It is open."""
         return closing_problem(self.number, situation)
 
     @classmethod
     def ask(cls, view: RunView, pressed: str) -> Asked:
-        """Which one, where there are several, and why."""
-
         def withdrawal(protest: Protest) -> Ask[Act]:
             listed = (f"! {protest.team}: {protest.text}",)
             why = reasons("satisfied by the explanation", "filed by mistake")
@@ -78,30 +69,21 @@ class WithdrawProtest(Act):
         return on_which(view, "The team withdraws a protest", withdrawal)
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """It is closed."""
         run = self.opened_again(situation.run, at)
         answer = ProtestAnswer(at, ProtestEnd.WITHDRAWN, self.reason, run.referee)
         return closed(run, self.number, answer)
 
     @property
     def done(self) -> str:
-        """Which one."""
         return f"protest {self.number} is withdrawn"
 
     @property
     def logged(self) -> str:
-        """Which one."""
         return f"protest {self.number} withdrawn by the team"
 
 
 def on_which(view: RunView, title: str, then: Callable[[Protest], Ask[Act]]) -> Asked:
-    """Ask which protest is meant, where several are open.
-
-    Args:
-        view: what the referee sees.
-        title: of the question.
-        then: what to ask about the one that is meant.
-    """
+    """Asks which protest is meant, where several are open; `then` makes the next dialog."""
     waiting = {str(one.number): one for one in open_protests(view.run.protests)}
     if not waiting:
         return _NONE_OPEN
@@ -116,7 +98,6 @@ def on_which(view: RunView, title: str, then: Callable[[Protest], Ask[Act]]) -> 
 
 
 def closing_problem(number: int, situation: Situation) -> str | None:
-    """Why a protest cannot be closed, in words; None = it can."""
     run = situation.run
     if all(one.number != number for one in open_protests(run.protests)):
         return f"protest {number} is not open: look again"
@@ -125,7 +106,6 @@ def closing_problem(number: int, situation: Situation) -> str | None:
 
 
 def closed(run: Run, number: int, answer: ProtestAnswer | None) -> Run:
-    """The run with a protest that is closed, or open again."""
     protests = tuple(
         replace(one, answer=answer) if one.number == number else one for one in run.protests
     )
@@ -152,14 +132,8 @@ class DecideProtest(Act):
     """Close a protest with words and a name (section 2).
 
     It changes nothing of the result itself: rulings, corrections and voids do. A result that was
-    signed with the protest open is opened again by that.
-
-    Attributes:
-        number: of the protest.
-        end: how it is decided.
-        reason: in words, for the team.
-        referee: who decides.
-        late: that it is after its deadline, in words; empty = in time. Given out by the engine.
+    signed with the protest open is opened again. The engine sets `late`: that the deadline has
+    passed; empty = in time.
     """
 
     name = "decide protest"
@@ -175,11 +149,9 @@ class DecideProtest(Act):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        """Needs an open protest."""
         return None if open_protests(situation.run.protests) else "no protest is open"
 
     def problem(self, situation: Situation) -> str | None:
-        """It is open, is decided, and somebody signs that."""
         if self.end is ProtestEnd.WITHDRAWN:
             return "a protest is withdrawn by the team, not by a decision"
         if not self.referee.strip():
@@ -188,8 +160,6 @@ class DecideProtest(Act):
 
     @classmethod
     def ask(cls, view: RunView, pressed: str) -> Asked:
-        """Which one, where there are several; how, why, and who decides if that is not known."""
-
         def decision(protest: Protest) -> Ask[Act]:
             how = replace(_HOW, listed=(f"! {protest.team}: {protest.text}",))
             questions: list[Question] = [how, _WHY]
@@ -205,38 +175,33 @@ class DecideProtest(Act):
         return on_which(view, "Decide a protest", decision)
 
     def settled(self, situation: Situation) -> Act:
-        """With a word where it comes late."""
         known = (one for one in situation.run.protests if one.number == self.number)
         due = next((one.due for one in known), math.inf)
         return replace(self, late=late_words(due, situation.time))
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """It is closed."""
         answer = ProtestAnswer(at, self.end, self.reason, self.referee)
         run = closed(self.opened_again(situation.run, at), self.number, answer)
         return replace(run, decided=run.decided_and(DecisionKind.PROTEST))
 
     @property
     def signature(self) -> str:
-        """Who decided."""
         return self.referee
 
     @property
     def done(self) -> str:
-        """How."""
         return self.logged
 
     @property
     def logged(self) -> str:
-        """How, and whether late."""
         return f"protest {self.number} {self.end}{f' ({self.late})' if self.late else ''}"
 
 
 MOST_PROTESTS = 20
-"""Against one run."""
+"""Protests against one run."""
 
 _MARGIN = 60.0
-"""What is in question happened no longer than this before or after the recording, s."""
+"""s before or after the recording in which a protested instant may lie."""
 
 _WHOLE = "the whole run"
 _FILE, _DECIDE, _WITHDRAW = "file", "decide", "withdraw"
@@ -247,15 +212,9 @@ _TEXT = Write("What does the team say?", missing="a protest needs the team's wor
 class FileProtest(Act):
     """A team protests: the result is open until that is decided or withdrawn (section 2).
 
-    A final result is opened again by that: the next issue has a number, the old one stays.
-
-    Attributes:
-        text: what the team says.
-        team: who protests.
-        about: a step, an indicator, a time, or the whole run, in words.
-        after_start: the instant in question, s from the start; null = none.
-        late: why it is admitted although it comes late; empty = it is in time.
-        due: when it is to be decided, s since the epoch; given out by the engine.
+    A final result is opened again: the next issue gets a number, the old one stays. `after_start`
+    is the instant in question, s. A late protest is admitted with the reason `late`. The engine
+    sets `due`, s since the epoch.
     """
 
     name = "protest"
@@ -272,13 +231,12 @@ class FileProtest(Act):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        """A run has only so many."""
         if len(situation.run.protests) >= MOST_PROTESTS:
             return f"there are {MOST_PROTESTS} protests against this run already: add a note (n)"
         return None
 
     def problem(self, situation: Situation) -> str | None:
-        """Somebody says something, in time; a final result is on disk."""
+        """Needs words and a team, in time; a final result must be on disk."""
         run = situation.run
         if not self.text.strip():
             return _TEXT.missing
@@ -293,7 +251,6 @@ class FileProtest(Act):
 
     @classmethod
     def ask(cls, view: RunView, pressed: str) -> Asked:
-        """What about, who and what they say; with an open protest, first what becomes of that."""
         waiting = open_protests(view.run.protests)
         if not waiting:
             return cls._ask_about(view)
@@ -379,11 +336,9 @@ class FileProtest(Act):
         return Ask(f"PROTEST about {about}", tuple(questions), make)
 
     def settled(self, situation: Situation) -> Act:
-        """With the time at which it is to be decided."""
         return replace(self, due=situation.time + situation.protest_times.decision)
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """One more protest; the result is open."""
         run = self.opened_again(situation.run, at)
         instant = None
         if self.after_start is not None and run.start is not None:
@@ -404,25 +359,19 @@ class FileProtest(Act):
 
     @property
     def reason_given(self) -> str:
-        """What the team says."""
         return self.text
 
     @property
     def done(self) -> str:
-        """What it means."""
         return f"protest of {self.team} about {self.about} waits for a decision"
 
     @property
     def logged(self) -> str:
-        """Who, and what about."""
         return f"{self.team} protests about {self.about}"
 
 
 def _lateness(run: Run, now: float, times: ProtestTimes) -> str:
-    """Why a protest comes too late now, in words; empty = it does not.
-
-    A deadline runs on while the result is open again, for another protest for instance.
-    """
+    """Why a protest is too late; the deadline runs on while the result is open again."""
     if run.signed is None or (passed := now - run.signed) <= times.filing:
         return ""
     ended, lasts = span_words(passed - times.filing), span_words(times.filing)
@@ -430,7 +379,6 @@ def _lateness(run: Run, now: float, times: ProtestTimes) -> str:
 
 
 def _outside(after_start: float, run: Run) -> str:
-    """Why a time has nothing to do with the run, in words; empty = it may have."""
     start, began = run.start, run.countdown_began
     first = 0.0 if start is None or began is None else began - start
     last = 0.0 if start is None or run.stop is None else run.stop - start

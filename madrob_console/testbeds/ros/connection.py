@@ -22,30 +22,21 @@ from madrob_console.common.errors import MadrobError
 
 
 RosObject = Any
-"""Something of rclpy or of a message package."""
 
 REMEDY = (
     "install madrob-console[ros], or source /opt/ros/jazzy/setup.bash in an environment that "
     "sees the system's packages, or use --testbed simulated"
 )
-"""What to do when ROS 2 is not found."""
 
 SHARED_MEMORY = Path("/dev/shm")
-"""Where programs on one machine hand messages to each other."""
 
 _LEAST_SHARED_MEMORY = 128_000
-"""Bytes. With less the system may end a program that loads ROS (SIGBUS); with more ROS does
-without shared memory where it has to."""
+"""Bytes; with less, loading ROS may kill the program (SIGBUS)."""
 
 _NEEDED = ("rclpy", "rclpy.executors", "rcl_interfaces.srv", "rosidl_generator_py")
 
 
 def load_rclpy() -> RosObject:
-    """The module `rclpy`.
-
-    Raises:
-        MadrobError: it is not installed, or cannot be loaded.
-    """
     _refuse_full(SHARED_MEMORY)
     # The wheels leave it unset; rclpy looks for its plugins there.
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
@@ -75,16 +66,11 @@ def _refuse_full(folder: Path) -> None:
 
 
 def load_module(name: str) -> RosObject:
-    """A module of rclpy or of a message package, after `load_rclpy`."""
     return importlib.import_module(name)
 
 
 def load_message_class(type_name: str) -> RosObject:
-    """The class of a message type, `pkg/msg/Type`.
-
-    Raises:
-        MadrobError: it is not installed.
-    """
+    """The class of the type `pkg/msg/Type`; MadrobError where it is not installed."""
     package, _, rest = type_name.partition("/")
     kind, _, name = rest.rpartition("/")
     try:
@@ -97,21 +83,14 @@ def load_message_class(type_name: str) -> RosObject:
 
 _NAMESPACE = "/madrob"
 _MISREAD = ("parse", "['")
-"""In what ROS says of arguments that it does not understand."""
 
 
 class Connection:
     """A ROS context of its own, with nodes in the namespace `/madrob`.
 
-    It installs no signal handlers, writes no log file and reads no command line: all three
-    belong to the program. The thread that spins must be gone before `close`.
-
-    Args:
-        domain: ROS domain.
-        ros_args: what a launch file says of names and namespaces, as behind `--ros-args`.
-
-    Raises:
-        MadrobError: ROS is not installed or does not start.
+    It installs no signal handlers, writes no log file and reads no command line: these belong to
+    the program. The thread that spins must have ended before `close`. Where ROS is not installed or
+    does not start, it raises MadrobError.
     """
 
     def __init__(self, domain: int, ros_args: Sequence[str] = ()) -> None:
@@ -136,16 +115,10 @@ class Connection:
         parameter_services: bool = False,
         beside: RosObject = None,
     ) -> RosObject:
-        """A new node `/madrob/<name>`; the arguments of ROS may call it otherwise.
+        """A new node `/madrob/<name>`, unless the ROS arguments rename it.
 
-        Args:
-            name: the node's name.
-            spun: whether `spin` runs its callbacks.
-            parameter_services: whether others can see and set its parameters.
-            beside: the node that it helps: its name begins with that one's, whatever that is.
-
-        Raises:
-            MadrobError: ROS does not let it join the domain.
+        A node `beside` another takes that one's name as its prefix. `spin` runs callbacks only of a
+        node that is `spun`. Where ROS does not let it join the domain, it raises MadrobError.
         """
         parameter = load_module("rclpy.parameter").Parameter
         if beside is not None:
@@ -170,13 +143,11 @@ class Connection:
         return node
 
     def spin(self, duration: float) -> None:
-        """Run callbacks for `duration` s."""
         ends = time.monotonic() + duration
         while (left := ends - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=left)
 
     def close(self) -> None:
-        """Leave the domain."""
         self._executor.shutdown()
         for node in self._nodes:
             node.destroy_node()
@@ -196,7 +167,7 @@ class Connection:
 
 @contextmanager
 def _one_line() -> Iterator[None]:
-    """What ROS does not understand is said by us, not by ROS as well."""
+    """Keeps ROS from printing argument errors that the console reports itself."""
     logging = load_module("rclpy.logging")
     before = logging.get_logger_level("rcl")
     logging.set_logger_level("rcl", logging.LoggingSeverity.FATAL)
@@ -207,9 +178,5 @@ def _one_line() -> Iterator[None]:
 
 
 def in_namespace(name: str) -> str:
-    """The name of a topic or service as a node gives it to ROS.
-
-    What lies in `/madrob` lies in the namespace of the node: where a launch file moves that, it
-    moves along. Other names stay.
-    """
+    """Makes a name in `/madrob` relative, so that it follows a launch file's namespace."""
     return name.removeprefix(f"{_NAMESPACE}/")

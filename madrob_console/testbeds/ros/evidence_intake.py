@@ -45,36 +45,27 @@ from recorder.bag import Durability, RawMessage, Topic, topic_problem
 
 
 FIRST_DEPTH, LEAST_DEPTH, MOST_DEPTH = 32, 4, 512
-"""Messages of a topic that DDS keeps between two takes: before their size is known, and then."""
+"""Messages that DDS keeps between two takes: before their size is known, and the bounds after."""
 
 DEPTH_BYTES = 16_000_000
-"""Memory that DDS may take for the messages of a topic, about."""
+"""Bytes of memory that DDS may use for the messages of a topic, about."""
 
 MOST_TOO_LARGE = 3
-"""A topic of which so many messages in a row are too large is left alone until the next run: DDS
-would keep memory and processor busy for nothing."""
+"""A topic is left alone until the next run after so many oversized messages in a row."""
 
 MOST_AT_ONCE = 64
-"""Of one topic in one take: a flood holds up no other topic."""
+"""Messages of one topic in one take: a flood delays no other topic."""
 
 _KEPT, _KEPT_BYTES = 100, 4_000_000
-"""Of a topic whose publishers keep messages for late joiners: what a recording begins with."""
+"""Messages and bytes kept of a topic for late joiners; a recording begins with them."""
 
 _TAKE_BYTES = 8_000_000
-"""Of a topic in one take, about: large messages are taken one by one."""
+"""Bytes of one topic in one take, about: large messages are taken one by one."""
 
 
 @dataclass(slots=True)
 class TakenEvidence:
-    """What one take of a topic has brought.
-
-    Attributes:
-        topic: what a bag must know of it.
-        limit: what holds for it.
-        messages: those to be recorded, by arrival.
-        left_out: how many were left out on purpose.
-        too_large: how many were larger than is recorded.
-    """
+    """What one take of a topic has brought; `left_out` counts those over the rate limit."""
 
     topic: Topic
     limit: TopicLimit
@@ -84,17 +75,7 @@ class TakenEvidence:
 
 
 class EvidenceIntake:
-    """One topic of the evidence, from its discovery on.
-
-    Args:
-        node: subscribes.
-        name: full topic name.
-        limit: what holds for it.
-        largest: a larger message is not recorded, bytes.
-        words: finds what its messages are made of.
-        direct: see `Inbox`.
-        named: see `SilenceWatch`.
-    """
+    """One evidence topic, from its discovery on; messages over `largest` bytes are not recorded."""
 
     def __init__(
         self,
@@ -132,27 +113,19 @@ class EvidenceIntake:
 
     @property
     def topic(self) -> Topic | None:
-        """What a bag must know of it; None while it is not listened to."""
         return self._topic
 
     @property
     def kept(self) -> tuple[RawMessage, ...]:
-        """What its publishers keep for late joiners, as far as it has come."""
         return tuple(self._kept) if self.kept_for_late else ()
 
     @property
     def kept_for_late(self) -> bool:
-        """Whether all of its publishers keep messages for late joiners."""
         topic = self._topic
         return topic is not None and topic.qos.durability is Durability.TRANSIENT_LOCAL
 
     def discover(self, infos: Sequence[RosObject], *, recording: bool) -> None:
-        """Look at the publishers, and listen to them as they need it.
-
-        Args:
-            infos: what ROS says of each of them.
-            recording: whether its type must stay what it is.
-        """
+        """Subscribes as the publishers need it; while `recording` the type must stay the same."""
         types = {str(info.topic_type) for info in infos}
         if self.type and types and self.type not in types and not recording:
             self.close()
@@ -180,7 +153,6 @@ class EvidenceIntake:
             self._topic = Topic(topic.name, topic.type, topic.definition, topic.type_hash, qos)
 
     def _prepare(self, info: RosObject) -> bool:
-        """Whether it can be listened to, which is found out here."""
         if self._topic is not None:
             return True
         type_hash = str(info.topic_type_hash)
@@ -211,12 +183,7 @@ class EvidenceIntake:
         return True
 
     def take(self, now: int, wall: int) -> TakenEvidence | None:
-        """What has arrived since the last call; None while it is not listened to.
-
-        Args:
-            now: steady time, ns.
-            wall: the same, as the system's clock has it.
-        """
+        """What has arrived; `now` is steady time, ns, and `wall` the same on the system clock."""
         self._now = now
         self._silence.listen(now)
         topic, handover = self._topic, self._handover
@@ -242,17 +209,15 @@ class EvidenceIntake:
 
     @property
     def left_alone(self) -> bool:
-        """Whether it is not listened to, because its messages are too large."""
         return self._too_large >= MOST_TOO_LARGE
 
     def begin(self) -> None:
-        """A recording begins: it gets another chance."""
+        """Begins a recording: a topic that was left alone gets another chance."""
         self._too_large = self._largest_seen = 0
         self._silence.begin()
 
     @property
     def _most(self) -> int:
-        """How many messages are taken at once, by the size of those that came last."""
         size = _TAKE_BYTES if self._size is None else max(1, self._size)
         return max(1, min(MOST_AT_ONCE, _TAKE_BYTES // size))
 
@@ -278,7 +243,7 @@ class EvidenceIntake:
 
     @property
     def lost(self) -> int:
-        """Messages lost on the way to here, as far as their numbers or DDS tell."""
+        """Messages lost on the way here, as far as sequence numbers or DDS tell."""
         counted = self._losses.lost
         if counted is None and self._handover is not None:
             counted = self._handover.reported_lost
@@ -286,7 +251,6 @@ class EvidenceIntake:
 
     @property
     def flow(self) -> TopicFlow:
-        """What comes, for people."""
         problem = self._problem
         if self._largest_seen and not problem:
             size, most = self._largest_seen / 1e6, self._largest / 1e6
@@ -307,14 +271,12 @@ class EvidenceIntake:
         )
 
     def refuse(self, why: str) -> None:
-        """Listen no more until its publishers are looked at again; ROS fails on it."""
         with suppress(Exception):  # the same may be wrong with its end
             self.close()
         self._handover, self._topic = None, None
         self._problem = why
 
     def close(self) -> None:
-        """Listen no more."""
         if self._handover is not None:
             self._handover.close()
         self._handover, self._topic = None, None
@@ -322,7 +284,6 @@ class EvidenceIntake:
 
 
 def _node_of(info: RosObject) -> str:
-    """The full name of a publisher's node; empty where ROS does not know it, or not yet."""
     if info.node_name in NAMELESS:
         return ""
     return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
@@ -336,7 +297,6 @@ def _class_of(type_name: str) -> RosObject:
 
 
 def _depth(size: int, depth: int) -> int:
-    """How many messages of a size DDS shall keep; only what matters is changed."""
     fits = max(LEAST_DEPTH, min(MOST_DEPTH, DEPTH_BYTES // max(1, size)))
     return fits if not depth / 4 < fits < depth * 4 else depth
 
@@ -344,27 +304,16 @@ def _depth(size: int, depth: int) -> int:
 _T = TypeVar("_T")
 
 MOST_TOPICS = 200
-"""More are not recorded: each takes memory in DDS."""
+"""Further topics are not recorded: each takes memory in DDS."""
 
 
 class EvidenceIntakes:
-    """All topics of the evidence in a ROS domain. One thread.
-
-    Args:
-        domain: ROS domain.
-        choice: which topics, and what of them.
-        own_topics: those that are recorded elsewhere, as the settings name them.
-        ros_args: what a launch file says of their names.
-        environment: where `AMENT_PREFIX_PATH` is looked up.
-        name: of the node, in `/madrob`.
+    """All evidence topics in a ROS domain. One thread.
 
     Attributes:
-        left_over: topics that are not listened to, because there are too many.
-        unseen: patterns of the choice that match nothing that somebody publishes, or published.
-        scored: patterns that match nothing but what is recorded elsewhere.
-
-    Raises:
-        MadrobError: ROS is not installed or does not start.
+        left_over: topics without a subscription, because there are too many.
+        unseen: patterns of the choice that match no topic that is or was published.
+        scored: patterns that match only topics that are recorded elsewhere.
     """
 
     def __init__(
@@ -390,7 +339,7 @@ class EvidenceIntakes:
         self.scored: tuple[str, ...] = ()
 
     def discover(self, *, recording: bool) -> None:
-        """Look for topics and their publishers; call it a few times a second."""
+        """Looks for topics and their publishers; call it a few times a second."""
         wanted = []
         names = {name for name, _ in self._node.get_topic_names_and_types()} - self._own
         for name in names:
@@ -423,29 +372,19 @@ class EvidenceIntakes:
                 self._intakes.pop(name).close()
 
     def rest(self, duration: float) -> None:
-        """Let time pass; who was asked for a type may answer meanwhile."""
         if self._direct and not self._words.pending:
             time.sleep(duration)
         else:
             self._connection.spin(duration)
 
     def take(self, now_ns: Callable[[], int]) -> Iterator[TakenEvidence]:
-        """What has arrived since the last call, topic by topic.
-
-        Args:
-            now_ns: steady time.
-        """
         for intake in self._intakes.values():
             taken = _named(intake, partial(intake.take, now_ns(), time.time_ns()))
             if taken is not None:
                 yield taken
 
     def begin(self) -> list[tuple[Topic, TopicLimit, RawMessage]]:
-        """A recording begins.
-
-        Returns:
-            What was said before and holds, of topics that are kept for late joiners.
-        """
+        """Begins a recording; returns the earlier messages that are kept for late joiners."""
         for intake in self._intakes.values():
             intake.begin()
         return [
@@ -456,18 +395,16 @@ class EvidenceIntakes:
         ]
 
     def flows(self) -> tuple[TopicFlow, ...]:
-        """What comes on each topic, by name."""
         return tuple(self._intakes[name].flow for name in sorted(self._intakes))
 
     def close(self) -> None:
-        """Leave the domain."""
         for intake in self._intakes.values():
             intake.close()
         self._connection.close()
 
 
 def _named(intake: EvidenceIntake, action: Callable[[], _T]) -> _T | None:
-    """Do something with a topic; what rclpy raises is named, and ends no other topic."""
+    """Refuses a topic on which rclpy raises, so that no other topic ends."""
     try:
         return action()
     except Exception as error:  # noqa: BLE001  # whatever it is
@@ -477,7 +414,6 @@ def _named(intake: EvidenceIntake, action: Callable[[], _T]) -> _T | None:
 
 
 def _resolved(domain: int, names: Collection[str], ros_args: Sequence[str]) -> frozenset[str]:
-    """Topics of the settings as they are called in the domain."""
     if not ros_args:
         return frozenset(names)
     connection = Connection(domain, ros_args)

@@ -31,19 +31,16 @@ from recorder.bag import Durability, Qos, Reliability, Topic
 
 
 QUEUE_DEPTH = 2000
-"""Messages that DDS keeps for us; 10 loses silently under load, 2000 costs little."""
+"""Messages that DDS keeps for the console; 10 loses silently under load, 2000 costs little."""
 
 _APART = 1000
-"""Times that are closer may be the same as seconds in a float, ns."""
+"""ns; closer times may be equal as float seconds."""
 
 
 class Received(msgspec.Struct, frozen=True, gc=False):
-    """A message and what DDS says about it.
+    """A CDR message with the system times of sending and arrival, ns since the epoch.
 
-    Attributes:
-        data: the CDR bytes.
-        source_ns, received_ns: sent and arrived, the machines' system clocks, ns since the epoch.
-        sequence: the publisher's count of its messages; None where the middleware has none.
+    `sequence` is the publisher's count of its messages; None where the middleware has none.
     """
 
     data: bytes
@@ -53,13 +50,12 @@ class Received(msgspec.Struct, frozen=True, gc=False):
 
 
 def can_take() -> bool:
-    """Whether this rclpy lets us take messages without an executor."""
+    """Whether this rclpy can take messages without an executor."""
     implementation = load_module("rclpy.impl.implementation_singleton").rclpy_implementation
     return hasattr(implementation.Subscription, "take_message")
 
 
 def qos_profile(qos: Qos, depth: int) -> RosObject:
-    """The rclpy form of a quality of service."""
     rclpy_qos = load_module("rclpy.qos")
     return rclpy_qos.QoSProfile(
         depth=depth,
@@ -69,7 +65,6 @@ def qos_profile(qos: Qos, depth: int) -> RosObject:
 
 
 def offered_by_all(profiles: list[RosObject]) -> Qos:
-    """The best quality of service that every one of these publishers offers."""
     rclpy_qos = load_module("rclpy.qos")
     reliable = all(p.reliability == rclpy_qos.ReliabilityPolicy.RELIABLE for p in profiles)
     kept = all(p.durability == rclpy_qos.DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
@@ -82,14 +77,9 @@ def offered_by_all(profiles: list[RosObject]) -> Qos:
 class Inbox:
     """A raw subscription that is emptied by `take`.
 
-    Args:
-        node: in no executor if `direct`, else in one that is spun before each `take`.
-        message_class: the topic's message class.
-        topic: full topic name.
-        qos: what to ask of the publishers.
-        direct: take from DDS (8-17 us a message) instead of by callbacks (91-231 us).
-        depth: messages that DDS keeps for it.
-        absolute: the topic's name is one that was found, not one of the settings.
+    A `direct` one takes from DDS (8-17 us a message) instead of by callbacks (91-231 us); its node
+    is in no executor, else in one that is spun before each `take`. An `absolute` name was found in
+    the domain; no remapping applies.
     """
 
     def __init__(
@@ -127,12 +117,11 @@ class Inbox:
 
     @property
     def publishers(self) -> int:
-        """How many publishers are matched now."""
         return int(self._subscription.get_publisher_count())
 
     @property
     def reported_lost(self) -> int:
-        """Messages that DDS says were lost; 0 where it does not tell."""
+        """Messages lost according to DDS; 0 where it does not tell."""
         if self._losses is None and self._tells_losses:
             self._losses = _loss_event(self._subscription)
             self._tells_losses = self._losses is not None
@@ -142,11 +131,7 @@ class Inbox:
         return self._reported
 
     def take(self, most: int | None = None) -> list[Received]:
-        """What has arrived since the last call.
-
-        Args:
-            most: more are left in DDS, which keeps the newest; None = all.
-        """
+        """At most so many messages; DDS keeps the newest of the others."""
         if not self._direct:
             taken, self._arrived = self._arrived, []
             return [_received(*message) for message in taken]
@@ -156,7 +141,6 @@ class Inbox:
             return [_received(*message) for message in islice(waiting, most)]
 
     def close(self) -> None:
-        """End the subscription."""
         if self._losses is not None:
             self._losses.destroy_when_not_in_use()
         self._node.destroy_subscription(self._subscription)
@@ -175,7 +159,6 @@ def _received(data: bytes, info: dict[str, int]) -> Received:
 
 
 def _loss_event(subscription: RosObject) -> RosObject:
-    """Counts what DDS has lost of a subscription; None where the middleware does not."""
     rclpy = load_module("rclpy.impl.implementation_singleton").rclpy_implementation
     kind = rclpy.rcl_subscription_event_type_t.RCL_SUBSCRIPTION_MESSAGE_LOST
     try:
@@ -186,13 +169,7 @@ def _loss_event(subscription: RosObject) -> RosObject:
 
 
 def arrival(received_ns: int, now: int, wall: int) -> int:
-    """When a message arrived, in steady time, ns.
-
-    Args:
-        received_ns: as the system's clock had it.
-        now: steady time.
-        wall: the same, as the system's clock has it.
-    """
+    """Steady arrival, ns; `now` and `wall` are one instant, steady and on the system clock."""
     age = wall - received_ns
     if not 0 <= age <= NS:
         age = 0  # the system's clock was stepped
@@ -200,17 +177,11 @@ def arrival(received_ns: int, now: int, wall: int) -> int:
 
 
 def arrivals(received: Sequence[int], since: int, until: int, now: int, wall: int) -> list[int]:
-    """When the messages of one topic arrived, in steady time, ns: each later than the one before.
+    """The arrivals of one topic's messages in steady time, ns, strictly increasing.
 
-    DDS knows the time of reception by the system's clock alone. Where that was stepped between
-    reception and now, the messages are spread evenly over the time in which they came.
-
-    Args:
-        received: as the system's clock had it, in the order in which they came.
-        since: when the one before them arrived, in steady time.
-        until: they were taken then or later.
-        now: steady time.
-        wall: the same, as the system's clock has it.
+    DDS knows arrivals by the system clock alone. Where that was stepped meanwhile, the messages are
+    spread evenly from `since`, the arrival of the message before them, to `until`, when they were
+    taken. `now` and `wall` are the same instant in steady time and on the system clock.
     """
     found = [now - (wall - each) for each in received]
     limits = pairwise((since, *found, now + _APART))
@@ -224,31 +195,20 @@ def arrivals(received: Sequence[int], since: int, until: int, now: int, wall: in
 
 
 _LONGEST_HANDOVER = 5.0
-"""A new subscription replaces the old one after this many seconds at the latest."""
+"""Seconds after which a new subscription replaces the old one at the latest."""
 
 _OVERLAP = 0.5
-"""For this many seconds both are read once the new one is matched."""
+"""Seconds for which both subscriptions are read once the new one is matched."""
 
 _key: Callable[[Received], tuple[int, int | None]] = attrgetter("source_ns", "sequence")
-"""What tells a message from all others of its topic."""
 
 
 class Handover:
-    """Listens to a topic with the quality of service that its publishers need. One thread.
+    """Subscribes to a topic with the quality of service that its publishers need. One thread.
 
-    A subscription that must ask for something else, because publishers came or went, runs
-    beside the old one until it is matched, so that nothing is lost in between.
-
-    Args:
-        node: the node that subscribes.
-        name: full topic name.
-        message_class: of its messages.
-        direct: see `Inbox`.
-        depth: messages that DDS keeps for it.
-        absolute: see `Inbox`.
-
-    Attributes:
-        depth: what the next subscription shall have; another one than now brings one.
+    When publishers come or go and another quality is needed, a new subscription runs beside the old
+    one until it is matched, so that nothing is lost in between. A change of `depth` brings a new
+    one, too.
     """
 
     def __init__(
@@ -275,26 +235,17 @@ class Handover:
 
     @property
     def qos(self) -> Qos | None:
-        """What it asks for; None = it does not listen."""
         return None if self._inbox is None else self._inbox.qos
 
     @property
     def publishers(self) -> int:
-        """How many publishers are matched now."""
         return 0 if self._inbox is None else self._inbox.publishers
 
     @property
     def reported_lost(self) -> int:
-        """Messages that DDS says were lost since it listens."""
         return 0 if self._inbox is None else self._inbox.reported_lost
 
     def listen(self, qos: Qos, publishers: int) -> None:
-        """Listen, or go on listening.
-
-        Args:
-            qos: the best that all publishers offer.
-            publishers: how many there are.
-        """
         if self._inbox is None:
             self._inbox = self._open(qos)
         elif self._former is not None:
@@ -306,16 +257,10 @@ class Handover:
             self._seen = set(self._recent)
 
     def settle(self) -> None:
-        """Forget what a subscription before has delivered, once it is gone."""
         if self._former is None:
             self._seen = None
 
     def take(self, most: int | None = None) -> list[Received]:
-        """What has arrived since the last call, each message once.
-
-        Args:
-            most: more are left where they are; None = all.
-        """
         if self._inbox is None:
             return []
         received = self._take_former() + self._inbox.take(most)
@@ -325,7 +270,6 @@ class Handover:
         return received
 
     def close(self) -> None:
-        """Listen no more."""
         for inbox in (self._former, self._inbox):
             if inbox is not None:
                 inbox.close()
@@ -352,7 +296,6 @@ class Handover:
         return received
 
     def _is_new(self, received: Received) -> bool:
-        """Whether neither the old nor the new subscription has delivered it yet."""
         if self._seen is None or _key(received) in self._seen:
             return False
         self._seen.add(_key(received))
@@ -365,8 +308,7 @@ class Handover:
 class LossCounter:
     """Gaps in the sequence numbers of a topic's only publisher.
 
-    With several publishers the numbers of one cannot be told from those of another: the loss
-    is then unknown, until one is left.
+    With several publishers the loss is unknown, until one is left.
     """
 
     def __init__(self) -> None:
@@ -377,19 +319,15 @@ class LossCounter:
 
     @property
     def lost(self) -> int | None:
-        """Messages lost so far; None = unknown."""
         return None if self._several or not self._numbered else self._lost
 
     def restart(self) -> None:
-        """The publisher is another one: its numbers start anew."""
         self._last = None
 
     def see(self, numbers: Iterable[int | None], publishers: int) -> None:
-        """Count the messages of one take.
+        """Counts the messages of one take, in the order of arrival.
 
-        Args:
-            numbers: sequence numbers in the order of arrival; None = the middleware has none.
-            publishers: how many publishers were matched, at most, during the take.
+        `publishers` is the largest number that was matched during the take.
         """
         self._several = publishers > 1
         if not self._several:
@@ -406,16 +344,7 @@ class LossCounter:
 
 
 class Intake:
-    """A testbed topic, from its discovery on. All calls but the properties: one thread.
-
-    Args:
-        node: the node that subscribes.
-        name: full topic name.
-        type_name: the configured message type.
-        types: the types known; the configured one is made known here.
-        prefixes: where ROS packages are installed.
-        direct: see `Inbox`.
-    """
+    """A testbed topic, from its discovery on. One thread, except for the properties."""
 
     def __init__(
         self,
@@ -443,11 +372,9 @@ class Intake:
 
     @property
     def topic(self) -> Topic | None:
-        """What a bag must know of it; None while its type cannot be used here."""
         return self._topic
 
     def status(self, dropped: int) -> TopicStatus:
-        """Its state; `dropped` messages were lost behind the intake."""
         lost = self._losses.lost
         return TopicStatus(
             topic=self.name,
@@ -458,7 +385,6 @@ class Intake:
         )
 
     def discover(self) -> None:
-        """Look at the publishers, and subscribe to them as they need it."""
         infos = self._node.get_publishers_info_by_topic(in_namespace(self.name))
         usable = [i for i in infos if i.topic_type == self.type and self._same_version(i)]
         misfits = [i for i in infos if i not in usable]
@@ -474,7 +400,6 @@ class Intake:
             self._listen(offered_by_all([i.qos_profile for i in usable]), len(usable))
 
     def take(self) -> list[Received]:
-        """Everything that has arrived since the last call."""
         if self._handover.qos is None:
             return []
         before = self._publishers
@@ -484,11 +409,9 @@ class Intake:
         return received
 
     def close(self) -> None:
-        """End the subscription."""
         self._handover.close()
 
     def _prepare(self, types: MessageTypes, prefixes: Sequence[Path]) -> str | None:
-        """Find class and definition of the type; returns why it cannot be used."""
         definition = find_definition(self.type, prefixes)
         try:
             self._class = load_message_class(self.type)
@@ -501,7 +424,7 @@ class Intake:
         return None
 
     def _same_version(self, info: RosObject) -> bool:
-        """Whether a publisher's type has the fields that ours has, as far as both say so."""
+        """Whether publisher and console have the same fields in the type, as far as both tell."""
         theirs = str(info.topic_type_hash)
         return not self._type_hash or not theirs.startswith("RIHS") or theirs == self._type_hash
 

@@ -20,43 +20,39 @@ from madrob_console.testbeds.source import CallAnswer, Diagnosis, LookForAnswer,
 from recorder.bag import Qos
 
 DIAGNOSTICS_TOPIC = "/diagnostics"
-"""Where ROS programs say how they are."""
 
 NEEDED_BY_SERVICES = "std_srvs"
-"""The package that has the type of the services."""
+"""The package with the type of the services."""
 
 SERVICES_REMEDY = (
     f"setting `ros.services`: {NEEDED_BY_SERVICES} is not installed: install madrob-console[ros], "
     "or the package ros-jazzy-std-srvs, or allow no service"
 )
-"""What is said where it is not there."""
 
 MOST_UNDER_WAY = 4
-"""Calls of one service that are carried out at the same time."""
 
 TOO_MANY = "Refused: too many calls at once: wait for an answer, then call again"
 
 _PERIOD = 0.02
-"""Seconds between two looks at the calls."""
+"""Seconds between two checks for calls."""
 
 _DIAGNOSIS = 1.0
-"""Seconds between two messages of how the console is."""
+"""Seconds between two diagnostic messages."""
 
 DEPTH = 100
-"""Calls of one service that DDS keeps for us, and of each kind of reply to them that we keep."""
+"""Length of a service's call queue in DDS, and of each of its queues of replies."""
 
 _REPLYING = 0.02
-"""Seconds of a look after which the other replies wait for the next: one may take 0.1 s."""
+"""Seconds of one check after which further replies wait for the next; one may take 0.1 s."""
 
 _ENDED = "the engine has ended: what is shown when it is back tells whether it was done"
 _URGENT_FIRST = (RemoteService.ABORT, RemoteService.DECLARE_TIMEOUT, RemoteService.START)
 
 
 class Replies:
-    """What callers of a service are still to be told; answers go before refusals.
+    """A service's queue of replies; answers go before refusals.
 
-    Of what was carried out no answer is lost, whatever else is called; of many refusals the oldest
-    are.
+    No answer to a call that was carried out is lost. Of too many refusals the oldest are dropped.
     """
 
     def __init__(self) -> None:
@@ -65,19 +61,15 @@ class Replies:
 
     @property
     def answers(self) -> int:
-        """How many answers are among them."""
         return len(self._answers)
 
     def answer(self, caller: RosObject, answer: CallAnswer) -> None:
-        """What became of a call that was carried out."""
         self._answers.append((caller, answer))
 
     def refuse(self, caller: RosObject) -> None:
-        """A call is one too many."""
         self._refusals.append(caller)
 
     def take(self) -> tuple[RosObject, CallAnswer] | None:
-        """Who is told next, and what; None = nobody."""
         if self._answers:
             return self._answers.popleft()
         if self._refusals:
@@ -86,7 +78,7 @@ class Replies:
 
 
 class _Served:
-    """One service. Calls that come while enough are carried out are refused."""
+    """One service; it refuses calls while `MOST_UNDER_WAY` run."""
 
     def __init__(self, node: RosObject, which: RemoteService) -> None:
         trigger = load_module(f"{NEEDED_BY_SERVICES}.srv").Trigger
@@ -99,7 +91,6 @@ class _Served:
         self._replies = Replies()
 
     def take(self, outside: Outside) -> None:
-        """Have what was called carried out, and hear what came of what was called before."""
         for _ in range(DEPTH):
             with self._service.handle:
                 _, caller = self._service.handle.service_take_request(self._request)
@@ -118,7 +109,7 @@ class _Served:
                 self._replies.answer(caller, answer)
 
     def reply(self, until: float) -> None:
-        """Send answers, s of the monotonic clock long; a caller that has gone gets none."""
+        """Sends replies until `until`, monotonic s; a caller that has gone gets none."""
         while time.monotonic() < until and (owed := self._replies.take()) is not None:
             caller, answer = owed
             reply = self._response(success=answer.success, message=answer.message)
@@ -126,7 +117,6 @@ class _Served:
                 self._service.send_response(reply, caller)
 
     def end(self) -> None:
-        """Nothing is answered any more; say so."""
         for caller, look in self._under_way:
             answer = look() or CallAnswer(success=False, message=_ENDED)
             self._replies.answer(caller, answer)
@@ -136,15 +126,8 @@ class _Served:
 class Neighbours:
     """Serves the calls of other programs, and publishes `/diagnostics` once a second.
 
-    A call is answered when its answer is there; nothing waits for it. Where the messages of
-    `/diagnostics` are not installed, nothing is published.
-
-    Args:
-        node: the console's, which nobody spins.
-        outside: answers, and tells; what may be called is `~/<name>`.
-
-    Raises:
-        MadrobError: the type of the services is not installed.
+    Nothing waits for an answer. Without the messages of `/diagnostics` nothing is published. Nobody
+    spins `node`; the services are `~/<name>`. Without their type it raises MadrobError.
     """
 
     def __init__(self, node: RosObject, outside: Outside) -> None:
@@ -170,7 +153,6 @@ class Neighbours:
         self._thread.start()
 
     def close(self) -> None:
-        """Serve nobody any more."""
         self._stop.set()
         self._thread.join()
 
@@ -205,5 +187,5 @@ class Neighbours:
 
 
 def _never_spun(_request: RosObject, response: RosObject) -> RosObject:
-    """What an executor would call: calls are taken by `_Served.take` instead, as messages are."""
+    """The callback of an executor; `_Served.take` takes the calls instead."""
     return response

@@ -43,18 +43,15 @@ from scoring.protocol import Condition
 
 
 CAPACITY = 32 * 1024 * 1024
-"""Bytes of each topic held for an engine that does not come; some twenty minutes of a testbed's."""
+"""Bytes of each topic that wait for a busy engine; some twenty minutes of a testbed's."""
 
 _OVERHEAD = 400
-"""What a message takes in memory beside its bytes."""
 
 
 class Mailbox:
     """A queue between two threads that never makes the sender wait.
 
-    Args:
-        capacity: bytes of memory for each topic; what comes beyond is dropped and counted. What
-            one topic sends too much costs no other one anything.
+    Each topic has `capacity` bytes of its own. Messages beyond it are dropped and counted.
     """
 
     def __init__(self, capacity: int = CAPACITY) -> None:
@@ -65,7 +62,6 @@ class Mailbox:
         self._arrived = threading.Condition()
 
     def put(self, messages: Iterable[RawMessage]) -> None:
-        """Hand messages over, oldest first."""
         with self._arrived:
             for message in messages:
                 size = len(message.data) + _OVERHEAD
@@ -88,16 +84,13 @@ class Mailbox:
             return messages
 
     def wake(self) -> None:
-        """Let a waiting `take` return."""
         with self._arrived:
             self._arrived.notify()
 
     def dropped(self, topic: str) -> int:
-        """How many messages of a topic found no room."""
         return self._dropped[topic]
 
     def __len__(self) -> int:
-        """How many messages wait."""
         return len(self._messages)
 
 
@@ -105,7 +98,7 @@ _T = TypeVar("_T")
 _receive_ns = attrgetter("receive_ns")
 
 _PERIOD = 0.02
-"""Seconds between two takes; DDS notes itself when a message came."""
+"""Seconds between two takes; DDS itself notes the arrivals."""
 
 _DISCOVERY = 0.25
 """Seconds between two looks at the publishers."""
@@ -117,18 +110,9 @@ _DEPTHS = {REFEREE_EVENT_TOPIC: 100}
 class RosSource:
     """The testbed over ROS 2.
 
-    A thread of its own empties the subscriptions at 50 Hz; the engine's calls never wait for
-    ROS. Discovery range and middleware are the user's environment.
-
-    Args:
-        mappings: the configured topics; several mappings may share one.
-        types: the types known; the configured ones are made known when the source is opened.
-        clock: labels the messages; that of a simulation is set by `/clock`.
-        domain: ROS domain; None = `ROS_DOMAIN_ID`, or 0.
-        direct: take messages without an executor, where rclpy can.
-        speaks: whether it is the referee's: else it only listens, and no other referee hears of it.
-        ros_args: what a launch file says of names and namespaces, as behind `--ros-args`.
-        environment: where `ROS_DOMAIN_ID` and `AMENT_PREFIX_PATH` are looked up.
+    A thread of its own empties the subscriptions at 50 Hz; the engine's calls never wait for ROS.
+    Discovery range and middleware are the user's environment. `/clock` sets the clock of a
+    simulation. A source that does not speak only listens, and other referees do not see it.
 
     Raises:
         MadrobError: a topic is mapped with two types, or the domain does not exist.
@@ -173,22 +157,15 @@ class RosSource:
 
     @property
     def kind(self) -> SourceKind:
-        """Where the messages come from."""
         return SourceKind.ROS
 
     @property
     def label(self) -> str:
-        """For people: `LIVE ros domain 0`, `SIMULATED over ROS domain 0`."""
         if self.announcement.simulated is not None:
             return f"SIMULATED over ROS domain {self._domain}"
         return f"LIVE ros domain {self._domain}"
 
     def open(self) -> None:
-        """Join the ROS domain and start to listen.
-
-        Raises:
-            MadrobError: ROS is not installed or does not start; the message names the remedy.
-        """
         if self._thread is not None or self._stop.is_set():
             return
         connection = Connection(self._domain, self._ros_args)
@@ -206,7 +183,6 @@ class RosSource:
         self._thread.start()
 
     def _join(self, connection: Connection) -> tuple[DoorParameters, RefereeWatch, InfoWatch]:
-        """Create everything that speaks and listens."""
         self._direct = self._direct and can_take()
         self._console = console = connection.node(console_name(), spun=False)
         listener = connection.node("intake", beside=console, spun=not self._direct)
@@ -237,18 +213,15 @@ class RosSource:
         return self._door, self._referees, self._info
 
     def take(self, timeout: float) -> list[RawMessage]:
-        """Messages since the last call, by receive time; waits at most `timeout` s."""
         return self._mailbox.take(timeout)
 
     def topics(self) -> Sequence[Topic]:
-        """Topics whose types can be used here, and the console's own."""
         found = [i.topic for i in self._intakes if i.topic is not None]
         if self._info is not None and self._info.heard.messages:
             found.append(self._info.topic)
         return (*found, *self._own_topics)
 
     def status(self) -> Sequence[TopicStatus]:
-        """The state of every configured topic."""
         if not self._intakes:
             return tuple(
                 TopicStatus(name, type_name, 0) for name, type_name in self._configured.items()
@@ -259,41 +232,31 @@ class RosSource:
         return tuple(replace(s, problem=s.problem or self._failure) for s in states)
 
     def configure(self, condition: Condition) -> None:
-        """Set the testbed's parameters for a condition; returns at once."""
         if self._door is not None:
             self._door.request(condition)
 
     @property
     def sides_problem(self) -> str | None:
-        """Why the sides must be set by hand; None when the testbed confirmed them."""
         return self._door.problem if self._door is not None else "ROS is not connected"
 
     @property
     def announcement(self) -> Announcement:
-        """What the testbed of this domain says of itself."""
         return SILENT if self._info is None else self._info.heard
 
     @property
     def other_referee(self) -> str | None:
-        """Who else publishes the state of the run in this domain, in words; None = nobody."""
         return None if self._referees is None else self._referees.other
 
     def publish(self, message: RawMessage) -> None:
-        """Publish on one of the console's own topics; the last word reaches late joiners too."""
         if publisher := self._publishers.get(message.topic):
             publisher.publish(message.data)
 
     def attend(self, outside: Outside) -> None:
-        """Publish `/diagnostics` and serve what may be called, while the source is open.
-
-        Raises:
-            MadrobError: what may be called is not installed.
-        """
         if self._connection is not None and self._speaks and self._neighbours is None:
             self._neighbours = Neighbours(self._console, outside)
 
     def close(self) -> None:
-        """Leave the ROS domain; what arrived before can still be taken."""
+        """Leaves the ROS domain; messages that arrived before can still be taken."""
         if self._neighbours is not None:
             self._neighbours.close()
             self._neighbours = None
@@ -340,7 +303,6 @@ class RosSource:
         self._mailbox.put(self._late)
 
     def _try(self, action: Callable[[], _T]) -> _T | None:
-        """Do something that may fail without ending the thread, and all other topics with it."""
         try:
             return action()
         except Exception as error:  # noqa: BLE001  # whatever rclpy raises is shown
@@ -349,10 +311,9 @@ class RosSource:
             return None
 
     def _take(self) -> list[RawMessage]:
-        """What arrived by the beginning of this call, by receive time.
+        """The messages that arrived by the beginning of this call, by receive time.
 
-        What arrives while the topics are being emptied waits for the next call: a topic that
-        was emptied early may hold something older.
+        Later ones wait for the next call: a topic that was emptied early may have an older message.
         """
         begin = self._clock.now_ns()
         taken = [

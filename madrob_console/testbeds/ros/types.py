@@ -23,12 +23,7 @@ _SEPARATOR = "=" * 80
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """What the system knows of a message type.
-
-    Attributes:
-        text: `ros2msg` text with the definitions of nested types appended.
-        type_hash: `RIHS01_...`, or empty when the package does not state it.
-    """
+    """A type's `ros2msg` text with nested definitions appended; an unknown hash is empty."""
 
     text: str
     type_hash: str
@@ -41,7 +36,7 @@ def prefixes(environment: Mapping[str, str]) -> tuple[Path, ...]:
 
 
 def find_definition(type_name: str, prefixes: Sequence[Path]) -> Definition | None:
-    """The definition of a type as installed; None where its `.msg` file is not found."""
+    """The installed definition of a type; None without its `.msg` file."""
     text = _msg_text(type_name, prefixes)
     if text is None:
         return None
@@ -60,12 +55,6 @@ def find_definition(type_name: str, prefixes: Sequence[Path]) -> Definition | No
 
 
 def joined(text: str, nested: Mapping[str, str]) -> str:
-    """A definition with those of nested types appended.
-
-    Args:
-        text: of the type itself.
-        nested: of the others, by their full names.
-    """
     parts = [text]
     for name, inner in nested.items():
         package, last = name.split("/")[0], name.split("/")[-1]
@@ -97,7 +86,6 @@ def _type_hash(type_name: str, prefixes: Sequence[Path]) -> str:
 
 
 def _nested(type_name: str, text: str) -> list[str]:
-    """The message types in the fields of a definition; empty where it cannot be read."""
     try:
         fields = get_types_from_msg(text, type_name)[type_name][1]
     except (TypesysError, ValueError, LookupError):
@@ -114,7 +102,7 @@ def _nested(type_name: str, text: str) -> list[str]:
 
 
 MIDDLEWARE = "rmw_fastrtps_cpp"
-"""The one that it fits."""
+"""The only middleware that `foreign_class` works with."""
 
 _FAST = b"rosidl_typesupport_fastrtps_c"
 _FIELDS = b"rosidl_typesupport_introspection_c"
@@ -156,14 +144,7 @@ class _Callbacks(ctypes.Structure):
 
 @cache
 def foreign_class(type_name: str) -> RosObject:
-    """Something that rclpy takes for the class of a message type; for raw bytes alone.
-
-    Args:
-        type_name: `pkg/msg/Type`, as the publishers say.
-
-    Raises:
-        MadrobError: the middleware is another one, or this is no name of a type.
-    """
+    """A stand-in for a message class, for raw bytes alone; it needs `MIDDLEWARE`."""
     rclpy = load_module("rclpy.impl.implementation_singleton").rclpy_implementation
     package, _, rest = type_name.partition("/")
     kind, _, name = rest.partition("/")
@@ -232,11 +213,11 @@ def _support_at(address: int) -> _Support:
 
 
 PATIENCE = 2.0
-"""Who publishes a type has so long to tell what it is made of, s."""
+"""Seconds that a publisher's node has to send the definition of its type."""
 
 _SERVICE = "type_description_interfaces.srv"
 _LARGEST = 256_000
-"""Characters of a definition; more is none."""
+"""The most characters of a definition."""
 
 
 @dataclass(slots=True)
@@ -247,13 +228,9 @@ class _Asked:
 
 
 class TypeWords:
-    """Finds definitions of message types: installed ones, else those that a publisher's node has.
+    """Finds definitions of message types: installed ones, else those of a publisher's node.
 
-    Nodes of ROS 2 tell what their types are made of (`~/get_type_description`). One thread.
-
-    Args:
-        node: asks them; something must spin it while `pending`.
-        prefixes: where ROS packages are installed.
+    `node` must be spun while `pending`. One thread.
     """
 
     def __init__(self, node: RosObject, prefixes: Sequence[Path]) -> None:
@@ -265,19 +242,12 @@ class TypeWords:
 
     @property
     def pending(self) -> bool:
-        """Whether somebody was asked and has not answered."""
         return bool(self._asked)
 
     def find(self, type_name: str, type_hash: str, who: str) -> Definition | None:
-        """The definition of a type; None while nobody has told. Ask again: it may come.
+        """The definition of a type, without text where no node has it; None = ask again later.
 
-        Args:
-            type_name: `pkg/msg/Type`.
-            type_hash: as a publisher says; empty = it does not.
-            who: full name of the node that publishes it; empty = not known yet, or not at all.
-
-        Returns:
-            One without text where nobody knows.
+        `who` is the full name of a node that publishes the type; empty = not known.
         """
         if type_name not in self._installed:
             self._installed[type_name] = find_definition(type_name, self._prefixes)
@@ -307,7 +277,6 @@ class TypeWords:
         self._asked[key] = _Asked(client, time.monotonic() + PATIENCE)
 
     def _answered(self, key: tuple[str, str], asked: _Asked) -> bool:
-        """Whether there is an answer, or none is waited for any more."""
         client = asked.client
         if client is not None and asked.future is None and client.service_is_ready():
             kind = client.srv_type
@@ -326,7 +295,6 @@ class TypeWords:
 
 
 def _text(type_name: str, sources: Iterable[RosObject]) -> str:
-    """The definition that a node has told; empty where it is none."""
     told = {str(each.type_name): each for each in sources}
     if type_name not in told or any(each.encoding != "msg" for each in told.values()):
         return ""

@@ -43,20 +43,19 @@ from scoring.rest import braking_table, door_controller_mode
 
 _OURS = re.compile(r"console_(?P<host>\w+)_(?P<pid>\d+)_(?P<machine>[0-9a-f]{6})", re.ASCII)
 NAMELESS = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_", "")
-"""So ROS calls publishers of which it has not heard whose they are, or that are none of ROS."""
 
 _REMEDY = "end it, or use another ROS domain"
 
 
 @cache
 def console_name() -> str:
-    """The name of this process's node: unlike any other's, it says host and process."""
+    """The name of this process's node, unique by host and process."""
     host = re.sub(r"\W", "_", socket.gethostname(), flags=re.ASCII)[:40] or "host"
     return f"console_{host}_{os.getpid()}_{_machine()}"
 
 
 def _machine() -> str:
-    """What tells this machine, since it was started, and this container from all others."""
+    """Identifies this machine since its start, and this container."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text()
         processes = str(Path("/proc/self/ns/pid").stat().st_ino)
@@ -68,12 +67,7 @@ def _machine() -> str:
 class RefereeWatch:
     """Looks for publishers of `/madrob/referee/state` beside this process's own one.
 
-    Args:
-        node: asks the ROS graph.
-        speaks: whether this process publishes it, too.
-
-    Attributes:
-        other: who else does, in words; None = nobody. May be read from any thread.
+    Any thread may read `other`: the other referee, in words; None = nobody.
     """
 
     def __init__(self, node: RosObject, *, speaks: bool) -> None:
@@ -83,7 +77,6 @@ class RefereeWatch:
         self._own = int(speaks)
 
     def look(self) -> None:
-        """Ask the graph; call it a few times a second."""
         infos = self._node.get_publishers_info_by_topic(in_namespace(REFEREE_STATE_TOPIC))
         nodes = ((i.node_namespace, i.node_name) for i in infos)
         self.other = second_referee(nodes, self._own, self._name)
@@ -92,15 +85,10 @@ class RefereeWatch:
 def second_referee(
     nodes: Iterable[tuple[str, str]], own: int = 1, own_name: str | None = None
 ) -> str | None:
-    """Who publishes the state of the run beside us, in words; None = nobody.
+    """The other referee among the publishers' (namespace, name) pairs, in words; None = nobody.
 
-    One that was killed stays in the graph for a while (20 s with Fast DDS): where it ran on this
-    machine, it is known to be gone.
-
-    Args:
-        nodes: (namespace, name) of each publisher's node.
-        own: how many publishers are ours.
-        own_name: of our node; None = `console_name()`.
+    A killed one stays in the graph for a while (20 s with Fast DDS); one that ran on this machine
+    is known to be gone. `own` is the number of this process's publishers.
     """
     others, ours = [], 0
     own_name = own_name or console_name()
@@ -140,28 +128,19 @@ def _in_words(namespace: str, name: str) -> str:
 
 
 _DEPTH = 10
-"""Messages that DDS keeps between two looks: whoever sends more says the same."""
+"""Messages that DDS keeps between two looks; more only repeat themselves."""
 
 _CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 _LATCHED = Qos(durability=Durability.TRANSIENT_LOCAL)
 
 
 class InfoWatch:
-    """Listens to `/madrob/testbed/info`, which a testbed says once and late joiners hear, too.
+    """Listens to `/madrob/testbed/info`, which late joiners hear, too.
 
-    It holds as long as somebody is there who could have said it. Where several are, one that is
-    simulated is enough. A simulation says what time it is on `/clock`; that sets the engine's
-    clock where this is a `SimulationClock`, and makes every run practice then.
-
-    Args:
-        node: subscribes; see `Inbox`.
-        types: the types known.
-        clock: the engine's.
-        direct: see `Inbox`.
-
-    Attributes:
-        topic: what a bag must know of it.
-        clock_problem: why the engine's clock cannot follow `/clock`; None = it does, or need not.
+    An announcement holds as long as a possible publisher is there. Of several testbeds, one that is
+    simulated is enough. A simulation's `/clock` sets the engine's clock where that is a
+    `SimulationClock`, and makes every run practice. `clock_problem` says why the clock cannot
+    follow it.
     """
 
     def __init__(self, node: RosObject, types: MessageTypes, clock: Clock, *, direct: bool) -> None:
@@ -178,14 +157,13 @@ class InfoWatch:
 
     @property
     def heard(self) -> Announcement:
-        """What it says of itself. May be read from any thread."""
+        """The announcement. May be read from any thread."""
         simulated = self._said.simulated or (
             "time of /clock" if isinstance(self._clock, SimulationClock) else None
         )
         return replace(self._said, simulated=simulated, simulated_time=self._simulated_time)
 
     def look(self) -> None:
-        """Take what has come; call it a few times a second."""
         heard = self._inbox.take()
         publishers = self._inbox.publishers
         if not publishers and not heard:
@@ -196,7 +174,7 @@ class InfoWatch:
                 self._said = news
 
     def hear_clock(self) -> None:
-        """Take what `/clock` has said; call it as often as messages are taken."""
+        """Takes messages of `/clock`; call it as often as messages are taken."""
         heard, clock = self._clock_inbox.take(), self._clock
         if not self._clock_inbox.publishers:
             self._simulated_time = None
@@ -213,7 +191,6 @@ class InfoWatch:
         )
 
     def close(self) -> None:
-        """End the subscriptions."""
         self._inbox.close()
         self._clock_inbox.close()
 
@@ -234,10 +211,8 @@ class InfoWatch:
 
 
 DOOR_NODE = "/madrob/door"
-"""The testbed's node that takes the parameters."""
 
 SET_PARAMETERS = f"{DOOR_NODE}/set_parameters"
-"""Its service for them."""
 
 _PATIENCE = 2.0
 """Seconds after which an unanswered request is sent again."""
@@ -250,8 +225,7 @@ ParameterValue = str | bool | list[int]
 def door_parameters(condition: Condition) -> dict[str, ParameterValue]:
     """The parameters of the node `/madrob/door` for a condition, by name.
 
-    Sides are written `CW` and `CCW`; the braking tables hold 181 forces in gram-force for
-    -90..+90 deg.
+    The braking tables hold 181 forces in gram-force for -90..+90 deg.
     """
     benchmark_type = condition.benchmark_type
     return {
@@ -265,7 +239,7 @@ def door_parameters(condition: Condition) -> dict[str, ParameterValue]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Request:
-    """One wish for the testbed's parameters; another wish is another request."""
+    """Compared by identity: an equal request later is another one."""
 
     values: dict[str, ParameterValue]
 
@@ -287,7 +261,6 @@ class DoorParameters:
         self._future: RosObject = None
 
     def request(self, condition: Condition) -> None:
-        """Set the parameters for a condition, now or as soon as the node is there."""
         self._wanted = _Request(door_parameters(condition))
 
     @property
@@ -302,11 +275,10 @@ class DoorParameters:
 
     @property
     def pending(self) -> bool:
-        """Whether an answer is awaited, so that the node must be spun."""
         return self._future is not None
 
     def poll(self) -> None:
-        """Ask, or look for the answer; call it a few times a second."""
+        """Sends the request or checks for the answer; call it a few times a second."""
         wanted = self._wanted
         if wanted is None:
             return
@@ -342,7 +314,6 @@ def _parameter(name: str, value: ParameterValue) -> RosObject:
 
 
 def _judgement(wanted: _Request, response: RosObject) -> str | None:
-    """What an answer says: why something is not set, in words; None when all of it is."""
     refused = [
         f"{name} ({result.reason or 'no reason given'})"
         for name, result in zip(wanted.values, response.results, strict=False)

@@ -42,19 +42,12 @@ _ROWS = {
     + [(Strip.CCW_RIGHT, e) for e in (0, 1, 2, 3)],
 }
 _LONGEST_STALENESS = 0.024
-"""s by which the door angle that masks a reading may be older than it: one period and jitter."""
+"""s that the door angle may be older than the reading it masks: one period and jitter."""
 
 
 @dataclass(frozen=True, slots=True)
 class RobotBody:
-    """A box that moves along the doorway axis.
-
-    Attributes:
-        length: along the axis, m.
-        width: across it, m.
-        height: m.
-        shift: from the middle of the doorway away from the hinge, m: past the open panel.
-    """
+    """A box that moves along the doorway axis; its middle is `shift` m further from the hinge."""
 
     length: float = 0.5
     width: float = 0.5
@@ -74,7 +67,6 @@ class Mount:
 
     @property
     def x(self) -> float:
-        """In the frame `madrob_door`, m."""
         return self.side.sign * self.distance
 
 
@@ -82,17 +74,9 @@ class Mount:
 class DoorGeometry:
     """The doorway, its panel and its sensors; lengths in m.
 
-    Attributes:
-        doorway_width: between the jambs.
-        panel_length, panel_thickness, panel_height: of the panel.
-        lintel_height: of the sensors above the ground.
-        sensor_distance: of each row of sensors from the wall.
-        sensor_spacing: between neighbours; the rows are centred on the doorway.
-        beam_radius: of a sensor's beam.
-        hinge_left: the hinge stands left of somebody who looks towards CCW. With the sides
-            named as in the protocol it does; False describes a mirrored testbed.
-        encoder_counts: a turn, of the panel's encoder.
-        thresholds: the protocol's, which the masks belong to.
+    `sensor_distance` is that of each row from the wall; the rows are centred on the doorway.
+    `hinge_left` is seen towards CCW, as in the protocol; False describes a mirrored testbed.
+    `encoder_counts` are those of a turn.
     """
 
     doorway_width: float = 1.0
@@ -109,7 +93,6 @@ class DoorGeometry:
 
     @property
     def mounts(self) -> tuple[Mount, ...]:
-        """The sixteen sensors, each side from the far end to the hinge."""
         first = self.doorway_width / 2 + self.sensor_spacing * (SENSORS_PER_SIDE - 1) / 2
         return tuple(
             Mount(side, strip, element, self.sensor_distance, first - i * self.sensor_spacing)
@@ -118,7 +101,6 @@ class DoorGeometry:
         )
 
     def mount(self, sensor: PassageSensor) -> Mount:
-        """Where a used sensor hangs."""
         place = (sensor.strip, sensor.element)
         return next(m for m in self.mounts if (m.strip, m.element) == place)
 
@@ -138,7 +120,7 @@ class DoorGeometry:
         return self.thresholds.mask(sensor.side, sensor.index)
 
     def panel_seen(self, mount: Mount) -> tuple[float, float] | None:
-        """Between which panel angles, rad, on its side a sensor sees the panel; None = never."""
+        """The panel angles, rad, on its side between which a sensor sees it; None = never."""
         radius = math.hypot(mount.distance, mount.reach)
         half = self.panel_thickness / 2 + self.beam_radius
         if radius - self.beam_radius > self.panel_length:
@@ -148,7 +130,6 @@ class DoorGeometry:
         return middle - spread, middle + spread
 
     def sees_panel(self, mount: Mount, sine: float, cosine: float) -> bool:
-        """Whether a sensor sees the panel at the angle with this sine and cosine."""
         distance = mount.distance if sine * mount.side.sign > 0 else -mount.distance
         along = distance * abs(sine) + mount.reach * cosine
         across = distance * cosine - mount.reach * abs(sine)
@@ -156,35 +137,30 @@ class DoorGeometry:
         return abs(across) < half and 0 < along < self.panel_length + self.beam_radius
 
     def half_view(self, body: RobotBody) -> float:
-        """How far along x a body's middle may be from a sensor that still sees it, m."""
+        """The largest distance along x, m, at which a sensor still sees a body's middle."""
         return body.length / 2 + self.beam_radius
 
     def covers(self, body: RobotBody, mount: Mount) -> bool:
-        """Whether a body's way leads under a sensor."""
         reach = self.doorway_width / 2 + body.shift
         return abs(reach - mount.reach) < body.width / 2 + self.beam_radius
 
     def clear_distance(self, body: RobotBody) -> float:
-        """How far from the threshold a body's middle must be to be seen by no sensor, m."""
+        """The distance of a body's middle from the threshold, m, that no sensor sees."""
         return self.sensor_distance + self.half_view(body)
 
     def start_pose(self, body: RobotBody, x: float) -> StartPose:
-        """The pose of a body at `x` that faces the door."""
         away = -1 if self.hinge_left else 1
         return StartPose(x, away * body.shift, 180.0 if x > 0 else 0.0)
 
     def encode(self, angle: float) -> float:
-        """The encoder's reading of a panel angle, rad."""
         resolution = math.tau / self.encoder_counts
         return round(angle / resolution) * resolution
 
     def reading_reaches(self, threshold: float) -> float:
-        """The angle, rad, from which on the encoder reads `threshold` or more."""
         resolution = math.tau / self.encoder_counts
         return (math.ceil(threshold / resolution) - 0.5) * resolution
 
     def reading_exceeds(self, threshold: float) -> float:
-        """The angle, rad, from which on the encoder reads more than `threshold`."""
         resolution = math.tau / self.encoder_counts
         return (math.floor(threshold / resolution) + 0.5) * resolution
 
@@ -193,7 +169,7 @@ class DoorGeometry:
 
 
 class Profile(Enum):
-    """How a value gets from one rest to the next; both are monotone."""
+    """The shape of a move between two rests; both are monotone."""
 
     MINIMUM_JERK = auto()
     FALL = auto()
@@ -202,7 +178,7 @@ class Profile(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A way from `origin` at `start` to `target` at `end` (s)."""
+    """A move from `origin` at `start` to `target` at `end` (s)."""
 
     start: float
     end: float
@@ -211,7 +187,6 @@ class Segment:
     profile: Profile = Profile.MINIMUM_JERK
 
     def at(self, time: float) -> float:
-        """The value at a time within the segment."""
         part = (time - self.start) / (self.end - self.start)
         if part >= 1:
             return self.target
@@ -223,7 +198,6 @@ class Segment:
 
     @property
     def fastest(self) -> float:
-        """The largest speed on the way, per s."""
         factor = 2.0 if self.profile is Profile.FALL else 1.875
         return factor * abs(self.target - self.origin) / (self.end - self.start)
 
@@ -240,13 +214,11 @@ class Motion:
         object.__setattr__(self, "_starts", tuple(s.start for s in self.segments))
 
     def at(self, time: float) -> float:
-        """The value at `time` (s)."""
         index = bisect_right(self._starts, time)
         return self.segments[index - 1].at(time) if index else self.initial
 
     @property
     def end(self) -> float:
-        """When it comes to rest for good, s."""
         return self.segments[-1].end if self.segments else 0.0
 
     @property
@@ -256,7 +228,7 @@ class Motion:
 
 
 class Track:
-    """Writes a `Motion` down, move by move."""
+    """Builds a `Motion` move by move."""
 
     def __init__(self, initial: float) -> None:
         self._initial = initial
@@ -264,13 +236,12 @@ class Track:
 
     @property
     def value(self) -> float:
-        """Where the last move ends."""
         return self._segments[-1].target if self._segments else self._initial
 
     def move(
         self, start: float, target: float, duration: float, profile: Profile = Profile.MINIMUM_JERK
     ) -> float:
-        """Add a move from the last value to `target`; returns when it ends, s."""
+        """Adds a move from the last value to `target`; returns its end, s."""
         if target == self.value:
             return start + duration
         if self._segments:
@@ -279,20 +250,14 @@ class Track:
         return start + duration
 
     def motion(self) -> Motion:
-        """What has been written."""
         return Motion(self._initial, tuple(self._segments))
 
 
 @dataclass(frozen=True, slots=True)
 class Tremor:
-    """A shake of the hand on the panel, rad; it dies out towards the closed door.
+    """A shake of the hand on the panel, in rad and Hz, from `start` to `end` (s).
 
-    Attributes:
-        amplitude: rad.
-        frequency: Hz.
-        start, end: between which the hand is on the handle, s.
-        still: below this angle the frame holds the panel still, rad.
-        full: from this angle on the shake is full, rad.
+    Below the angle `still` the frame holds the panel still; from `full` on the shake is full.
     """
 
     amplitude: float
@@ -303,7 +268,7 @@ class Tremor:
     full: float = 0.2
 
     def at(self, time: float, angle: float) -> float:
-        """What it adds to a panel that would be at `angle` (rad, abs value)."""
+        """Its addition to a panel at `angle` (rad, abs value)."""
         if not self.start < time < self.end or angle <= self.still:
             return 0.0
         grip = min(1.0, (time - self.start) / 0.2, (self.end - time) / 0.2)
@@ -320,11 +285,9 @@ class Tremor:
 
 
 class Levels:
-    """Finds when a function crosses a level.
+    """Finds when a function of time (s) crosses a level.
 
-    Args:
-        function: of time (s).
-        knots: sorted instants between which it is monotone; before and after it is at rest.
+    It is monotone between the sorted `knots`, and at rest before and after them.
     """
 
     def __init__(self, function: Callable[[float], float], knots: Iterable[float]) -> None:
@@ -332,7 +295,7 @@ class Levels:
         self._points = [(knot, function(knot)) for knot in knots]
 
     def crossings(self, *levels: float) -> list[float]:
-        """Every instant, s, at which it has just crossed one of `levels`, to a microsecond."""
+        """Every instant, s, just after a crossing of one of `levels`, to a microsecond."""
         return sorted(
             self._root(level, start, end, rising=a < level)
             for level in levels
@@ -359,23 +322,16 @@ LOAD_CELL_LIMIT = 20_000 * GRAM_FORCE
 _STEADY_SPEED = 0.05
 """rad/s from which on the brake resists in full."""
 _DIFFERENCE = 0.001
-"""s over which the panel's speed is taken."""
+"""s over which the panel's speed is computed."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotionPlan:
-    """One run, in s since its start.
+    """One run, in s since its start; `scenario` is never `RANDOM`.
 
-    Attributes:
-        scenario: what the robot does; never `RANDOM`.
-        condition: under which it does it.
-        body: the robot's.
-        robot: x of the body's middle in the frame `madrob_door`, m.
-        panel: abs(panel angle) without tremor, rad.
-        tremors: what the hand adds to it.
-        grip: force of the hand on the handle, N, positive = pushes towards CCW.
-        latch: when the latch changes and whether it is engaged from then on; it is engaged at
-            first. None = no latch sensor.
+    `robot` is x of the body's middle in the frame `madrob_door`, m, and `panel` abs(panel angle)
+    without tremor, rad. `grip` is in N, positive = pushes towards CCW. The latch is engaged at
+    first; None = no latch sensor.
     """
 
     scenario: Scenario
@@ -389,29 +345,25 @@ class MotionPlan:
 
     @property
     def end(self) -> float:
-        """When everything has come to rest, s."""
         latched = self.latch[-1][0] if self.latch else 0.0
         return max(self.robot.end, self.panel.end, self.grip.end, latched)
 
     def opening(self, time: float) -> float:
-        """abs(panel angle) with tremor, rad."""
         angle = self.panel.at(time)
         return angle + sum(tremor.at(time, angle) for tremor in self.tremors)
 
     def angle(self, time: float) -> float:
-        """Panel angle, rad, positive = CCW."""
         return self.condition.opening_side.sign * self.opening(time)
 
     @property
     def opening_knots(self) -> list[float]:
-        """The instants between which `opening` is monotone, s."""
         knots = set(self.panel.knots)
         for tremor in self.tremors:
             knots.update(tremor.knots)
         return sorted(knots)
 
     def contact(self, time: float) -> float:
-        """Force between hand and handle, N: the grip, and what it takes to move the brake."""
+        """Force between hand and handle, N: the grip, and the force that moves the brake."""
         grip = self.grip.at(time)
         if grip == 0:
             return 0.0
@@ -423,7 +375,6 @@ class MotionPlan:
         return max(-LOAD_CELL_LIMIT, min(LOAD_CELL_LIMIT, total))
 
     def latched(self, time: float) -> bool:
-        """Whether the latch is engaged."""
         engaged = True
         for change, state in self.latch or ():
             if time >= change:

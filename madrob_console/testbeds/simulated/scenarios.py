@@ -33,25 +33,15 @@ _REBOUND = 0.008
 
 @dataclass(frozen=True, slots=True)
 class Manner:
-    """How a robot does what it does.
+    """How a robot acts; in s, m, m/s, rad, N and Hz.
 
     Attributes:
-        reaction: from the start until the robot sets out, s.
-        start_distance: of its middle from the threshold at the start, m.
-        speed: mean speed of a drive, m/s.
-        open_angle: how far it opens the panel, rad; beyond every mask.
-        opening_time, closing_time: s.
-        pause: between its acts, s.
-        grip: force of its hand, N.
-        tremor: amplitude of its hand's shake on the panel, rad.
-        tremor_frequency: Hz.
-        overlap: how long before the panel is open a robot that pushes drives on, s.
-        turn_back_at: how far behind the threshold it turns back, m; negative = before it.
-        bounce: how far the door springs open again, rad.
-        closes_behind: whether it closes the door after turning back.
-        slam_time: how long a door takes to slam shut, s.
-        leaves_after: how long after the closing it leaves the sensors, s; negative = while the
-            door closes, None = never.
+        reaction: from the start until the robot sets out.
+        start_distance: of its middle from the threshold at the start.
+        overlap: how long before the panel is open a robot that pushes drives on.
+        turn_back_at: how far behind the threshold it turns back; negative = before it.
+        leaves_after: from the closing until it leaves the sensors; negative = while the door
+            closes, None = never.
     """
 
     reaction: float = 0.5
@@ -73,7 +63,7 @@ class Manner:
 
 
 class Performance:
-    """Writes a motion plan, one act after the other.
+    """Builds a motion plan, one act after the other.
 
     Positions are counted along the robot's way: 0 = threshold, positive = destination side.
     """
@@ -106,11 +96,9 @@ class Performance:
         return self.geometry.panel_length + self.body.length / 2 + 0.15
 
     def wait(self, duration: float) -> None:
-        """Do nothing for a while."""
         self.now += duration
 
     def drive(self, position: float, hops: int = 1) -> None:
-        """Drive to a position, with a stop after each hop."""
         origin = self._way * self._robot.value
         for hop in range(1, hops + 1):
             target = origin + (position - origin) * hop / hops
@@ -122,12 +110,12 @@ class Performance:
     def turn_panel(
         self, angle: float, duration: float, profile: Profile = Profile.MINIMUM_JERK
     ) -> None:
-        """Turn the panel to an angle (abs value, rad)."""
+        """Turns the panel to an angle (abs value, rad)."""
         slowest = 2.2 * abs(angle - self._panel.value) / self.geometry.fastest_panel
         self.now = self._panel.move(self.now, angle, max(duration, slowest), profile)
 
     def take_handle(self, *, opening: bool) -> None:
-        """Close the hand on the handle, and turn it where the door is closed."""
+        """Closes the hand on the handle, and turns it where the door is closed."""
         sign = self._opening if opening else -self._opening
         self._taken = self.now
         self.now = self._grip.move(self.now, sign * self.manner.grip, _GRIP_RISE)
@@ -137,7 +125,6 @@ class Performance:
         self.wait(self.manner.pause / 2)
 
     def let_go(self) -> None:
-        """Open the hand."""
         if self._taken is not None and self.manner.tremor > 0:
             self._tremors.append(
                 Tremor(
@@ -151,26 +138,23 @@ class Performance:
         self.now = self._grip.move(self.now, 0.0, _GRIP_RISE)
 
     def unlock(self) -> None:
-        """Disengage the latch."""
         self._latch.append((self.now, False))
 
     def lock(self) -> None:
-        """Let the latch engage, a moment later."""
+        """Engages the latch, a moment later."""
         self._latch.append((self.now + 0.15, True))
 
     def approach(self) -> None:
-        """Drive to where the handle is within reach."""
         self.drive(-self.arm_reach)
         self.wait(self.manner.pause)
 
     def open(self, *stages: float) -> None:
-        """Open the panel by hand, over `stages` (rad) to the end; back off to pull."""
+        """Opens the panel by hand, over `stages` (rad) to the end; backs off to pull."""
         self.take_handle(opening=True)
         self.swing_open(*stages)
         self.let_go()
 
     def swing_open(self, *stages: float) -> None:
-        """Open the panel without a word about the hand."""
         began = self.now
         way = (*stages, self.manner.open_angle)
         for angle in way:
@@ -179,7 +163,7 @@ class Performance:
             self._robot.move(began, -self._way * self.beyond_swing, self.now - began)
 
     def cross(self, position: float | None = None, hops: int = 1) -> None:
-        """Drive through the doorway, as far as closing the door needs or to `position`."""
+        """Drives through the doorway, as far as closing the door needs or to `position`."""
         self.now -= self.manner.overlap
         if position is None:
             position = self.arm_reach if self.condition.must_pull else self.beyond_swing
@@ -187,7 +171,6 @@ class Performance:
         self.wait(self.manner.pause)
 
     def close(self, *stages: float) -> None:
-        """Close the panel by hand, over `stages` (rad)."""
         self.take_handle(opening=False)
         self.swing_closed(*stages)
         self.wait(0.2)
@@ -195,7 +178,6 @@ class Performance:
         self.lock()
 
     def slam(self) -> None:
-        """Give the panel a push, let go, and let it fall shut."""
         self.take_handle(opening=False)
         pushed = self.now
         self.turn_panel(0.0, self.manner.slam_time, Profile.FALL)
@@ -207,7 +189,7 @@ class Performance:
         self.lock()
 
     def bounce(self) -> None:
-        """Close the panel and let go too early: it springs open and falls shut again."""
+        """Closes the panel and lets go too early: it springs open and falls shut again."""
         self.take_handle(opening=False)
         self.swing_closed()
         shut = self.now
@@ -218,13 +200,11 @@ class Performance:
         self.lock()
 
     def swing_closed(self, *stages: float) -> None:
-        """Close the panel without a word about the hand."""
         way = (*stages, 0.0)
         for angle in way:
             self.turn_panel(angle, self.manner.closing_time / len(way))
 
     def plan(self, scenario: Scenario, *, latch: bool) -> MotionPlan:
-        """What has been written."""
         return MotionPlan(
             scenario=scenario,
             condition=self.condition,
@@ -242,13 +222,9 @@ _ATTEMPTS = 100
 
 @dataclass(frozen=True, slots=True)
 class RobotSettings:
-    """What a user may fix of the simulated robot.
+    """User settings of the simulated robot; a random scenario draws its own body.
 
-    Attributes:
-        body: its size; a random scenario draws its own.
-        reaction: from the start until it sets out, s.
-        start_distance: of its middle from the threshold at the start, m; None = 1.5 m, or as
-            much as it takes to be clear of the sensors.
+    `reaction` is in s. A `start_distance` of None is 1.5 m, or what is clear of the sensors.
     """
 
     body: RobotBody = field(default_factory=RobotBody)
@@ -265,18 +241,11 @@ def plan_run(
     *,
     latch: bool = False,
 ) -> MotionPlan:
-    """Plan one run.
+    """Plans one run; the same state of `rng` gives the same plan.
 
-    Two runs of one scenario differ a little, as a robot's do. A plan in which the order of two
-    events hangs on a single sample is thrown away and drawn anew, so that the truth is plain.
-
-    Args:
-        scenario: what the robot does; `RANDOM` draws scenario, manner and body.
-        condition: None draws one of the twenty.
-        geometry: the doorway.
-        rng: where everything drawn comes from; the same state gives the same plan.
-        robot: what is fixed of the robot.
-        latch: whether the testbed has a latch sensor.
+    Two runs of one scenario differ a little. A plan in which the order of two events depends on a
+    single sample is drawn anew, so that the truth is plain. A `condition` of None draws one of the
+    twenty.
 
     Raises:
         MadrobError: the doorway and the robot leave no plan with a plain truth.
@@ -319,7 +288,6 @@ def _draw(
 
 
 def _varied(manner: Manner, rng: Random) -> Manner:
-    """The manner with what differs between two runs of one robot."""
     return replace(
         manner,
         open_angle=rng.uniform(1.0, 1.1),

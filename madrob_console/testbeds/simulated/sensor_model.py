@@ -22,16 +22,7 @@ Reading = float | bool | tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class SensorSettings:
-    """How the sensors behave.
-
-    Attributes:
-        rate: readings a second of each topic, Hz.
-        jitter: standard deviation of the instants of reading, s.
-        handle_offset: what the load cell reads at rest, N.
-        handle_noise: standard deviation of the force, N.
-        range_noise: standard deviation of the ranges, m.
-        latch: whether there is a latch sensor.
-    """
+    """Rate (Hz), jitter (s), offset and noise (N, m); jitter and noise are standard deviations."""
 
     rate: float = 50.0
     jitter: float = 0.0008
@@ -43,14 +34,10 @@ class SensorSettings:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What is in the doorway at one instant.
+    """The objects in the doorway at one instant; a body of None = nowhere near.
 
-    Attributes:
-        body: the robot; None = nowhere near.
-        x: of the robot's middle in the frame `madrob_door`, m.
-        angle: of the panel, rad, positive = CCW.
-        contact: force of the hand on the handle, N, positive = pushes towards CCW.
-        latched: whether the latch is engaged.
+    `x` is that of its middle in the frame `madrob_door`, m; `angle` (rad) and `contact` (N) are
+    positive towards CCW.
     """
 
     body: RobotBody | None = None
@@ -76,7 +63,6 @@ class SensorModel:
         self._noise = {signal: Random(f"{seed}/{signal.name}") for signal in Signal}
 
     def read(self, signal: Signal, scene: Scene) -> Reading:
-        """One reading of one signal."""
         if signal is Signal.DOOR:
             return self.geometry.encode(scene.angle)
         if signal is Signal.HANDLE:
@@ -109,20 +95,15 @@ class SensorModel:
 
 
 _MARGIN = 0.06
-"""s that must lie between two events whose order matters: two samples, their jitter, and more."""
+"""s between two events whose order matters, at least: two samples, their jitter, and more."""
 
 _HEIGHT_MARGIN = 0.03
-"""m by which a body must be taller or smaller than what counts as a robot."""
+"""m by which a body must be taller or smaller than the limit for a robot."""
 
 
 @dataclass(frozen=True, slots=True)
 class Switch:
-    """A two-valued function of time.
-
-    Attributes:
-        initial: its value at first.
-        changes: (instant, value from then on), in order; each differs from the one before.
-    """
+    """A two-valued function of time; `changes` are (instant, value from then on), in order."""
 
     initial: bool
     changes: tuple[tuple[float, bool], ...] = ()
@@ -138,7 +119,6 @@ class Switch:
 
     @property
     def instants(self) -> tuple[float, ...]:
-        """When it changes, s."""
         return tuple(time for time, _ in self.changes)
 
     @property
@@ -151,13 +131,8 @@ class Switch:
 class Perception:
     """One plan, seen by flawless sensors.
 
-    Attributes:
-        touched: when the force on the handle first exceeds its threshold, s; None = never.
-        door_open: whether the encoder reads at least the closed angle.
-        latched: whether the latch is engaged; None without a latch sensor.
-        present: whether the body is under a sensor.
-        masked: whether the protocol ignores a sensor.
-        occupied: what a sensor says: a masked one keeps its state.
+    The handle is `touched` when the force first exceeds its threshold, s. `masked` sensors are
+    those that the protocol ignores; `occupied` is the state that they keep meanwhile.
     """
 
     touched: float | None
@@ -169,12 +144,6 @@ class Perception:
 
 
 def switch_of(value: Callable[[float], bool], instants: Iterable[float]) -> Switch:
-    """The switch of a function that is constant between `instants`.
-
-    Args:
-        value: the function; False at first. It is asked between two instants.
-        instants: where it may change.
-    """
     times = sorted(set(instants))
     state, changes = False, []
     for time, after in pairwise([*times, *(t + 1.0 for t in times[-1:])]):
@@ -186,7 +155,6 @@ def switch_of(value: Callable[[float], bool], instants: Iterable[float]) -> Swit
 
 
 def observe(plan: MotionPlan, geometry: DoorGeometry) -> Perception:
-    """What flawless sensors would say of `plan`."""
     present = {sensor: _present(plan, geometry, sensor) for sensor in PASSAGE_SENSORS}
     opening = Levels(plan.opening, plan.opening_knots)
     masked = {sensor: _masked(opening, plan, geometry, sensor) for sensor in PASSAGE_SENSORS}
@@ -203,14 +171,8 @@ def observe(plan: MotionPlan, geometry: DoorGeometry) -> Perception:
 def is_clear_cut(plan: MotionPlan, geometry: DoorGeometry, timeout: float | None = None) -> bool:
     """Whether samples taken 20 ms apart cannot tell another story than the plan.
 
-    False where two events whose order matters lie too near to each other, or a state is too
-    short to be sampled.
-
-    Args:
-        plan: what the robot does.
-        geometry: where.
-        timeout: an instant, s since the start, that must not be near an event either, nor the
-            end of the recording after it.
+    False where two events whose order matters lie too close together, or a state is too short to be
+    sampled. `timeout` (s since the start) and the end of the recording after it count as events.
     """
     if abs(plan.body.height - geometry.thresholds.present_height) < _HEIGHT_MARGIN:
         return False

@@ -49,16 +49,10 @@ _STRIPS = {Signal.of_strip(strip) for strip in Strip}
 
 
 class Encoder:
-    """Makes the messages of one topic, by filling one message object again and again.
+    """Encodes the messages of one topic, reusing one message object.
 
-    Args:
-        mapping: the topic, its type and field, scale and offset.
-        types: the types known.
-        frame: in the header, where there is one.
-        scan: fields of a scan, with their values; those beside the ranges are set.
-
-    Raises:
-        MadrobError: the type is unknown, or its field cannot hold the signal.
+    In a scan, `scan` sets the fields beside the ranges. Where the type is unknown, or its field
+    cannot hold the signal, it raises MadrobError.
     """
 
     def __init__(
@@ -87,7 +81,6 @@ class Encoder:
             self._message.name = ["door"]
 
     def encode(self, stamp_ns: int, reading: Reading) -> bytes:
-        """The CDR bytes of a reading taken at `stamp_ns` (ns since the epoch)."""
         if self._stamp is not None:
             self._stamp.sec, self._stamp.nanosec = divmod(stamp_ns, NS)
         if isinstance(reading, tuple):
@@ -101,14 +94,12 @@ class Encoder:
         return self._types.encode(self._mapping.type, self._message)
 
     def _published(self, value: float) -> float:
-        """A value in the topic's unit and number type."""
         raw = (value - self._mapping.offset) / self._mapping.scale
         if self._base.startswith("float"):
             return raw
         return raw >= 0.5 if self._base == "bool" else round(raw)
 
     def _place(self, field: MessageField) -> tuple[Message, str, int | None]:
-        """The object that holds the field, the field's name in it, and its index."""
         *way, last = field.steps
         index = None
         if isinstance(last, int):
@@ -162,20 +153,14 @@ _HALF = math.sqrt(0.5)
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 _DOWN_TO_LEFT = (0.0, _HALF, 0.0, _HALF)
 _DOWN_TO_RIGHT = (_HALF, 0.0, -_HALF, 0.0)
-"""Turned so that x points down and y along the wall, to the left or right of who looks to CCW."""
+"""Turned so that x points down and y along the wall, to the left or right when looking to CCW."""
 
 _TRANSFORM = "geometry_msgs/msg/TransformStamped"
 
 
 @dataclass(frozen=True, slots=True)
 class StandingFrame:
-    """A frame that stands still in `madrob_door`.
-
-    Attributes:
-        name: of the frame.
-        place: its origin x, y, z, m.
-        turn: its rotation as a quaternion x, y, z, w.
-    """
+    """A static frame in `madrob_door`: origin x, y, z in m, and a quaternion x, y, z, w."""
 
     name: str
     place: tuple[float, float, float]
@@ -183,7 +168,6 @@ class StandingFrame:
 
 
 def frame_name(signal: Signal) -> str:
-    """The frame of a signal's messages; the door's angle is told in that of the door."""
     if signal is Signal.HANDLE:
         return "madrob_handle"
     strip = next((strip for strip in Strip if Signal.of_strip(strip) is signal), None)
@@ -206,8 +190,8 @@ def frames(geometry: DoorGeometry) -> tuple[StandingFrame, ...]:
 def scan_angles(geometry: DoorGeometry) -> dict[str, float]:
     """The angles of a strip's `LaserScan`, by field, rad.
 
-    Its sensors look straight down, side by side. A scan has rays from one point: they are spread so
-    that each meets the ground below its sensor.
+    A scan has rays from one point, although the sensors look straight down, side by side. The rays
+    are spread so that each meets the ground below its sensor.
     """
     between = geometry.sensor_spacing / geometry.lintel_height
     most = between * (SENSORS_PER_STRIP - 1) / 2
@@ -215,13 +199,6 @@ def scan_angles(geometry: DoorGeometry) -> dict[str, float]:
 
 
 def encode_frames(types: MessageTypes, geometry: DoorGeometry, time_ns: int) -> RawMessage:
-    """The message on `/tf_static`.
-
-    Args:
-        types: the types known.
-        geometry: the doorway.
-        time_ns: stamp, ns since the epoch.
-    """
     transforms = []
     for frame in frames(geometry):
         stamped = types.make(_TRANSFORM, child_frame_id=frame.name)
@@ -245,16 +222,15 @@ def _strip_frame(geometry: DoorGeometry, strip: Strip) -> StandingFrame:
 
 
 def _along_wall(geometry: DoorGeometry, reach: float) -> float:
-    """Where along the wall something so far from the hinge is: its y, m."""
     y = geometry.doorway_width / 2 - reach
     return y if geometry.hinge_left else -y
 
 
 _KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)
 _LARGEST_JITTER = 0.2
-"""Of the period between two readings."""
+"""As a fraction of the period between two readings."""
 _PUBLISHING_NS = 50_000
-"""From a reading to its publication."""
+"""ns from a reading to its publication."""
 _LEAST_LATENCY = 0.0003
 _MEAN_EXTRA_LATENCY = 0.0002
 _LARGEST_EXTRA_LATENCY = 0.003
@@ -263,19 +239,11 @@ _LONGEST_BACKLOG = 60.0
 
 
 class SimulatedSource:
-    """A simulated testbed that lives on the engine's clock.
+    """A simulated testbed on the engine's clock.
 
-    The robot sets out when a run starts: a published state with the phase `countdown` or
-    `running` names the instant, `idle` or `ready` sends it back for the next run.
-
-    Args:
-        testbed: the model; None = a nominal one.
-        clock: real, scaled or virtual.
-        types: the types known.
-        mappings: topics, types and units; those of the protocol by default.
-
-    Raises:
-        MadrobError: a mapping names a type or a field that cannot be simulated.
+    The robot sets out when a run starts: a published state with the phase `countdown` or `running`
+    names the instant, `idle` or `ready` sends it back for the next run. A mapping that cannot be
+    simulated raises MadrobError.
     """
 
     def __init__(
@@ -304,16 +272,13 @@ class SimulatedSource:
 
     @property
     def kind(self) -> SourceKind:
-        """Where the messages come from."""
         return SourceKind.SIMULATED
 
     @property
     def label(self) -> str:
-        """For people: `SIMULATED nominal`."""
         return f"SIMULATED {self.testbed.scenario}"
 
     def open(self) -> None:
-        """Switch the sensors on."""
         if not self._opened:
             self._opened = True
             now, geometry = self._clock.now_ns(), self.testbed.geometry
@@ -322,7 +287,6 @@ class SimulatedSource:
             self._switch_on()
 
     def take(self, timeout: float) -> list[RawMessage]:
-        """Messages since the last call, by receive time; `timeout` s of clock time pass."""
         self._clock.sleep(timeout)
         if not self._opened or self._closed:
             return []
@@ -336,37 +300,30 @@ class SimulatedSource:
         return messages[:arrived]
 
     def topics(self) -> Sequence[Topic]:
-        """The testbed's topics and the console's own."""
         return self._topics
 
     def status(self) -> Sequence[TopicStatus]:
-        """The state of every topic."""
         publishers = int(self._opened and not self._closed)
         return tuple(
             TopicStatus(m.topic, m.type, publishers, problem=self._problem) for m in self._mappings
         )
 
     def configure(self, condition: Condition) -> None:
-        """Set the testbed for a condition."""
         self.testbed.set_condition(condition)
 
     @property
     def sides_problem(self) -> str | None:
-        """Nothing has to be set by hand."""
         return None
 
     @property
     def announcement(self) -> Announcement:
-        """Its scenario, and where its sensors are."""
         return self._announcement
 
     @property
     def other_referee(self) -> str | None:
-        """Nobody: it belongs to its engine."""
         return None
 
     def publish(self, message: RawMessage) -> None:
-        """Nobody listens but the testbed and its robot, who heed state and start pose."""
         if message.topic == REFEREE_STATE_TOPIC:
             self.heed(parse_state(decode_text(self._types, message.data)))
         elif message.topic == REFEREE_START_POSE_TOPIC:
@@ -374,10 +331,9 @@ class SimulatedSource:
             self.testbed.set_start_distance(abs(pose.position.x))
 
     def attend(self, outside: Outside) -> None:
-        """Nobody asks: it belongs to its engine."""
+        """Does nothing: it belongs to its engine."""
 
     def heed(self, state: RefereeState) -> None:
-        """Do what testbed and robot do in a state of the run."""
         if state.phase in ("idle", "ready"):
             self.testbed.reset()
         if state.condition is not None:
@@ -386,7 +342,6 @@ class SimulatedSource:
             self._start(nanoseconds(state.start_time))
 
     def close(self) -> None:
-        """Switch the sensors off; safe to call twice."""
         self._closed = True
 
     def _start(self, start_ns: int) -> None:
@@ -403,14 +358,12 @@ class SimulatedSource:
             stream.begin(now)
 
     def _in_step(self, now: int) -> bool:
-        """Whether the clock has not been stepped away from what comes next."""
+        """Whether the clock has not been stepped away from the next message."""
         due = min((stream.due_ns for stream in self._streams), default=now)
         return now - nanoseconds(_LONGEST_BACKLOG) < due < now + nanoseconds(1.0)
 
 
 class _Stream:
-    """The messages of one topic, one after the other."""
-
     def __init__(
         self, mapping: TopicMapping, types: MessageTypes, testbed: SimulatedTestbed
     ) -> None:
@@ -430,12 +383,10 @@ class _Stream:
         self.due_ns = 0
 
     def begin(self, now: int) -> None:
-        """Start, or start anew, at `now`."""
         self._nominal, self.due_ns, self._receive_ns = now + self._phase, now, now
         self._draw()
 
     def until(self, now: int) -> list[RawMessage]:
-        """What has been sent by `now` since the last call; a slow network delivers it later."""
         messages = []
         while self.due_ns <= now:
             messages.append(self._message())
@@ -457,7 +408,6 @@ class _Stream:
         )
 
     def _draw(self) -> None:
-        """Draw when the next reading is taken, and received where the network is not slow."""
         largest = round(_LARGEST_JITTER * self._period)
         jitter = nanoseconds(self._rng.gauss(0.0, self._testbed.sensors.jitter))
         extra = min(_LARGEST_EXTRA_LATENCY, self._rng.expovariate(1 / _MEAN_EXTRA_LATENCY))

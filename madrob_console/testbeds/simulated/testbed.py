@@ -27,40 +27,29 @@ from scoring.protocol import Condition, ScoringError, Signal
 
 _NOBODY = Scene()
 _SLOWEST_PANEL = 0.5
-"""rad/s at which the panel must be able to turn without showing itself to an unmasked sensor."""
+"""rad/s at which the panel must be able to turn unseen by unmasked sensors."""
 
 
 @dataclass(frozen=True, slots=True)
 class Network:
-    """How late the messages of each signal arrive. Their stamps stay those of the readings.
+    """Delays of each signal's messages, s; their stamps stay those of the readings.
 
-    Attributes:
-        latency: the constant part of the delay, s; 0 where a signal is missing.
-        jitter: the random part is the absolute value of a normal distribution with this standard
-            deviation, s; 0 where a signal is missing. `SensorSettings.jitter` moves the readings.
+    The constant part is `latency`. The random part is the absolute value of a normal distribution
+    with the standard deviation `jitter`. Both are 0 where a signal is missing.
     """
 
     latency: Mapping[Signal, float] = field(default_factory=dict)
     jitter: Mapping[Signal, float] = field(default_factory=dict)
 
     def delay(self, signal: Signal, rng: Random) -> float:
-        """The delay of the next message, s."""
         return self.latency.get(signal, 0.0) + abs(rng.gauss(0.0, self.jitter.get(signal, 0.0)))
 
 
 class SimulatedTestbed:
     """A testbed in which a robot plays one scenario over and over.
 
-    Args:
-        scenario: what the robot does.
-        seed: of everything random; the n-th run of a seed is always the same.
-        geometry: the doorway.
-        sensors: how the sensors behave.
-        robot: what is fixed of the robot.
-        network: how late the messages arrive; at once by default.
-
-    Raises:
-        MadrobError: the panel would pass under sensors that the protocol does not mask.
+    The n-th run of a `seed` is always the same. Where the panel would pass under sensors that the
+    protocol does not mask, it raises MadrobError.
     """
 
     def __init__(
@@ -91,34 +80,27 @@ class SimulatedTestbed:
 
     @property
     def plan(self) -> MotionPlan | None:
-        """The run that has been started; None before."""
         return self._plan
 
     @property
     def start_ns(self) -> int:
-        """When it starts, ns since the epoch."""
         return self._start_ns
 
     @property
     def signals(self) -> tuple[Signal, ...]:
-        """What its sensors deliver."""
         latch = (Signal.LATCH,) if self.sensors.latch else ()
         return (*(signal for signal in Signal if not signal.optional), *latch)
 
     def set_condition(self, condition: Condition) -> None:
-        """Set the condition of the runs to come; None at first: each run draws one."""
+        """Sets the condition of later runs; before the first call each run draws one."""
         self.condition = condition
 
     def set_start_distance(self, distance: float) -> None:
-        """Set how far from the threshold the robot starts, m; at least clear of the sensors."""
+        """Sets the robot's start distance from the threshold, m; at least clear of the sensors."""
         self.robot = replace(self.robot, start_distance=distance)
 
     def start(self, start_ns: int) -> None:
-        """Let a run start at an instant, ns since the epoch; another instant moves it.
-
-        Raises:
-            MadrobError: the doorway leaves no plan for the robot.
-        """
+        """Starts a run at an instant, ns since the epoch; another instant moves it."""
         if self._plan is None:
             self._plan = plan_run(
                 self.scenario,
@@ -131,13 +113,12 @@ class SimulatedTestbed:
         self._start_ns = start_ns
 
     def reset(self) -> None:
-        """Shut the door and send the robot back to its start pose, for the next repetition."""
+        """Shuts the door and sends the robot back to its start pose, for the next repetition."""
         if self._plan is not None:
             self._repetition += 1
         self._plan = None
 
     def scene(self, time_ns: int) -> Scene:
-        """What is in the doorway at an instant, ns since the epoch."""
         plan = self._plan
         if plan is None:
             return _NOBODY
@@ -147,7 +128,6 @@ class SimulatedTestbed:
         )
 
     def read(self, signal: Signal, time_ns: int) -> Reading:
-        """What one of its sensors reads at an instant, ns since the epoch."""
         return self._model.read(signal, self.scene(time_ns))
 
 
@@ -156,13 +136,9 @@ class SimulatedTestbed:
 
 @dataclass(frozen=True, slots=True)
 class RefereeState:
-    """Where the run stands, as the referee's console says.
+    """The run state that the referee's console publishes.
 
-    Attributes:
-        phase: `idle`, `ready`, `countdown`, `running`, `stopped` or `final`.
-        condition: the condition of the run; None before one is set up.
-        start_time: planned or actual start, s since the epoch; None before the countdown.
-        subject, run_number: whose run, and which; None before one is set up.
+    `start_time` is planned or actual, s since the epoch; None before the countdown.
     """
 
     phase: str
@@ -172,7 +148,6 @@ class RefereeState:
     run_number: int | None = None
 
     def goes_on_with(self, before: RefereeState) -> bool:
-        """Whether who said `before` of a run that goes on may say this next."""
         if self.phase not in ("countdown", "running", "stopped"):
             return False
         same_start = before.phase == "countdown" or self.start_time == before.start_time
@@ -181,11 +156,7 @@ class RefereeState:
 
 
 def parse_state(text: str) -> RefereeState:
-    """What the referee says on `/madrob/referee/state`.
-
-    Raises:
-        MadrobError: it is no JSON object with a `phase`.
-    """
+    """Parses a message of `/madrob/referee/state`; MadrobError without a `phase`."""
     try:
         content = json.loads(text)
         phase, start, number, subject, run = (

@@ -23,13 +23,7 @@ from madrob_console.ui.look.words import cut_inside
 
 
 class DraftKey(NamedTuple):
-    """A question for a text.
-
-    Attributes:
-        name: of what opened the dialog.
-        about: which run it is about, and the title of the dialog.
-        question: in words.
-    """
+    """A question for a text; `name` is the opener's, `about` the run and the dialog's title."""
 
     name: str
     about: str
@@ -37,32 +31,28 @@ class DraftKey(NamedTuple):
 
 
 class Drafts:
-    """What was typed into dialogs, until the act that it is for takes effect."""
+    """Texts typed into dialogs, kept until their act takes effect."""
 
     def __init__(self) -> None:
         self._typed: dict[DraftKey, str] = {}
         self._kept: dict[DraftKey, str] = {}
 
     def typed(self, asked: DraftKey, text: str) -> None:
-        """A question is answered with a text."""
         self._typed[asked] = text
 
     def kept(self, asked: DraftKey) -> str:
-        """What was answered when the act was refused; empty = nothing."""
+        """The text given when the act was refused; empty = none."""
         return self._kept.get(asked, "")
 
     def refused(self, name: str) -> None:
-        """The act of the dialogs of that name was refused."""
         self._kept |= {asked: text for asked, text in self._typed.items() if asked.name == name}
         self.left()
 
     def done(self, name: str) -> None:
-        """It took effect."""
         self._kept = {asked: text for asked, text in self._kept.items() if asked.name != name}
         self.left()
 
     def left(self) -> None:
-        """The dialog was closed: nothing came of it."""
         self._typed = {}
 
 
@@ -91,7 +81,7 @@ class Field(Input):
         await super()._on_key(event)
 
     def on_blur(self) -> None:
-        """Show the beginning of a long text, where coming back selects it all."""
+        """Shows the beginning of a long text; coming back selects it all."""
         if self.select_on_focus:
             self.cursor_position = 0
 
@@ -105,7 +95,7 @@ class Field(Input):
 
 
 class NumberField(Field):
-    """A field that takes no letter: one typed by mistake is told, not taken."""
+    """A field that refuses letters, and says so."""
 
     class Refused(Message):
         """A letter was typed into the field of that name."""
@@ -133,16 +123,7 @@ _OR_NO = "no (also Enter, Escape)"
 
 
 class Prompt(Lines, can_focus=True):
-    """Title, answers so far, and the question.
-
-    Attributes:
-        question: the one that is open.
-        answers: those that are given.
-        cursor: the option that Enter takes.
-        notice: what has changed meanwhile; empty = nothing.
-        overtaken: why nothing can be answered any more; empty = it can.
-        complaint: what is wrong with the last key or text.
-    """
+    """Title, answers so far, and the question; `cursor` is the option that Enter takes."""
 
     class Clicked(Message):
         """The mouse chose an answer, by its key."""
@@ -167,12 +148,10 @@ class Prompt(Lines, can_focus=True):
         return character is not None
 
     def on_click(self, event: events.Click) -> None:
-        """An answer under the mouse is chosen."""
         if (hit := self.clicked(event)) is not None:
             self.post_message(self.Clicked(hit[0]))
 
     def lines(self, width: int) -> Sequence[Line]:
-        """All rows but the text field."""
         rows = self._head(width)
         if self.notice:
             rows += paragraph(self.notice, width, Tone.WARN)
@@ -207,7 +186,6 @@ class Prompt(Lines, can_focus=True):
         return rows
 
     def _head(self, width: int) -> list[Line]:
-        """The title, and which run it is about: beside it, or below where there is no room."""
         rows = paragraph(self.title, width, Tone.STRONG)
         if self._about and width_of(rows[-1]) + 2 + cell_len(self._about) > width:
             rows += paragraph(self._about, width, Tone.DIM)
@@ -219,17 +197,10 @@ class Prompt(Lines, can_focus=True):
 class Dialog(Vertical):
     """Asks the questions of an `Ask` one after the other.
 
-    The keys that it does not know do nothing; Escape closes it and never does more. What it is
-    about may change meanwhile: then it changes, too, says so, and takes no key that was typed
-    before that could be seen.
-
-    Args:
-        name: of what opened it.
-        ask: the questions.
-        about: which run they are about.
-        fresh: what is asked as things stand; None = nothing can change it.
-        ahead: which keys were typed for something else.
-        drafts: texts of acts that were refused.
+    Unknown keys do nothing; Escape closes the dialog and never does more. If what it is about
+    changes, the dialog changes, says so, and drops keys typed before that could be seen.
+    `fresh` gives the questions as things stand; None = nothing can change them. `drafts` are
+    texts of acts that were refused.
     """
 
     class Answered(Message):
@@ -277,17 +248,14 @@ class Dialog(Vertical):
         self.trap_focus()
 
     def compose(self) -> ComposeResult:
-        """The prompt and a text field for questions that need one."""
         yield self._prompt
         yield self._field
 
     def on_mount(self) -> None:
-        """Ask the first question."""
         self._show()
 
     @property
     def answers(self) -> tuple[str, ...]:
-        """Those that are given."""
         return tuple(self._answers)
 
     @property
@@ -296,12 +264,10 @@ class Dialog(Vertical):
         return self._prompt.overtaken
 
     def take_focus(self) -> None:
-        """Where typing goes now."""
         writing = isinstance(self._prompt.question, Write) and not self.overtaken
         self.screen.set_focus(self._field if writing else self._prompt)
 
     def look_again(self) -> None:
-        """Ask what is to be asked as things stand now."""
         if self._fresh is None or not (self._open or self.overtaken):
             return
         found, prompt = self._fresh(), self._prompt
@@ -318,7 +284,7 @@ class Dialog(Vertical):
         self._changed("")
 
     def _take_questions(self, before: Ask[Intent], now: Ask[Intent]) -> None:
-        """Other questions: go on where the answers so far are answers to these as well."""
+        """Takes other questions; keeps the answers so far that also answer these."""
         asked = len(now.questions) - len(self._open)
         alike = [_kind(question) for question in before.questions] == [
             _kind(question) for question in now.questions
@@ -334,7 +300,6 @@ class Dialog(Vertical):
         self._prompt.question = self._open[0]
 
     def _changed(self, overtaken: str) -> None:
-        """Say that it has changed by itself."""
         prompt = self._prompt
         prompt.title, prompt.overtaken, prompt.complaint = self.ask.title, overtaken, ""
         prompt.notice = "" if overtaken else "This has changed meanwhile: look again."
@@ -344,12 +309,11 @@ class Dialog(Vertical):
         self.take_focus()
 
     def complain(self, words: str) -> None:
-        """What is wrong with the last key."""
         self._prompt.complaint = words
         self._prompt.redraw()
 
     def ask_again(self, words: str) -> bool:
-        """What is wrong with the last answer, if it was a text; returns whether it was."""
+        """Says what is wrong with the last answer, if that was a text; returns whether it was."""
         question = self._prompt.question
         if self._open or not isinstance(question, Write):
             return False
@@ -359,7 +323,7 @@ class Dialog(Vertical):
         return True
 
     def on_key(self, event: events.Key) -> None:
-        """Only what the question knows; nothing goes on to the keys of the console."""
+        """Handles what the question knows; nothing goes on to the keys of the console."""
         if self._field.has_focus and event.key not in ("escape", "enter"):
             return  # it moves and deletes in the text
         event.stop()
@@ -380,7 +344,6 @@ class Dialog(Vertical):
                 self._decide(event)
 
     def on_prompt_clicked(self, event: Prompt.Clicked) -> None:
-        """The mouse chose an answer."""
         event.stop()
         match self._prompt.question:
             case _ if self.overtaken:
@@ -393,21 +356,19 @@ class Dialog(Vertical):
                 self.post_message(self.Closed(self))
 
     def _answer_too_late(self, key: str) -> None:
-        """Nothing can be answered: the answer is refused, and so plainly."""
         if key in ("enter", _NO):
             self.post_message(self.Closed(self))
         else:
             self.post_message(self.TooLate(self, confirmed=key == _YES))
 
     def _late(self, event: events.Key) -> None:
-        """Keys that were typed before the text field had the focus."""
+        """Takes keys that were typed before the text field had the focus."""
         if event.key == "enter":
             self._text(self._field.value)
         elif event.is_printable and event.character:
             self._field.insert_text_at_cursor(event.character)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """A text is typed."""
         event.stop()
         self._text(event.value)
 
@@ -433,7 +394,6 @@ class Dialog(Vertical):
             self._mistyped(event)
 
     def _decide(self, event: events.Key) -> None:
-        """Only y goes on."""
         if event.key == _YES:
             self._next()
         elif event.key in (_NO, "enter"):
@@ -490,7 +450,6 @@ class Dialog(Vertical):
 
 
 def _kind(question: Question) -> object:
-    """What an answer to it means."""
     return question.options if isinstance(question, Pick) else type(question)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import unicodedata
 
 HEIGHT = 5
-"""Of a letter of size 1, in points: two of them lie in one row of cells."""
+"""Height of a letter of size 1, points; two lie in one row of cells."""
 
 _LETTERS = {
     "0": "### #.# #.# #.# ###",
@@ -86,20 +86,15 @@ _BARS = {
 
 
 def rows_of(size: int) -> int:
-    """The rows of cells that a text of a size takes; 3 for size 1."""
+    """Rows of cells for a text of a size; 3 for size 1."""
     return (HEIGHT * size + 1) // 2
 
 
 def large_text(text: str, size: int, *, ascii_only: bool = False) -> list[str] | None:
-    """A text in large letters, `rows_of(size)` rows of one width.
+    """A text in large letters, `rows_of(size)` rows of one width; None if a letter has none.
 
-    Args:
-        text: without regard to case.
-        size: 1 for the smallest, whose points are as wide as a cell.
-        ascii_only: draw with bars; they only make digits.
-
-    Returns:
-        The rows; None where a character has no large form.
+    Case does not matter. In size 1, the smallest, a point is as wide as a cell. `ascii_only`
+    draws with bars, which only make digits.
     """
     plain = _capitals(text)
     known = _BARS if ascii_only else _LETTERS
@@ -111,13 +106,12 @@ def large_text(text: str, size: int, *, ascii_only: bool = False) -> list[str] |
 
 
 def width_of_large(text: str, size: int) -> int:
-    """The cells that each row of a large text takes, if there is one."""
+    """Width of each row of a large text, cells, if there is one."""
     letters = [_LETTERS.get(letter, "") for letter in _capitals(text)]
     return size * (sum(len(rows.split()[0]) if rows else 0 for rows in letters) + len(letters) - 1)
 
 
 def _capitals(text: str) -> str:
-    """Letters without their accents, in capitals."""
     parts = unicodedata.normalize("NFKD", text)
     return "".join(part for part in parts if not unicodedata.combining(part)).upper()
 

@@ -57,16 +57,11 @@ class Span(NamedTuple):
 
 
 class Target(Span):
-    """A span that can be clicked.
-
-    Attributes:
-        click: what that is for, as its widget understands it.
-    """
+    """A span that can be clicked; its widget understands `click`."""
 
     click: str
 
     def __new__(cls, text: str, tone: Tone, click: str) -> Self:
-        """A span with that."""
         target = super().__new__(cls, text, tone)
         target.click = click
         return target
@@ -76,17 +71,15 @@ Line = tuple[Span, ...]
 
 
 def line(*parts: str | Span) -> Line:
-    """A line of parts; plain text becomes a plain span."""
     return tuple(part if isinstance(part, Span) else Span(part) for part in parts if part)
 
 
 def width_of(spans: Line) -> int:
-    """The cells that a line takes."""
+    """Width of a line, cells."""
     return sum(cell_len(terminal_safe(span.text)) for span in spans)
 
 
 def plain(lines: Iterable[Line]) -> str:
-    """Lines as text, for other programs."""
     rows = ("".join(terminal_safe(span.text) for span in spans).rstrip() for spans in lines)
     return "\n".join(rows)
 
@@ -110,15 +103,14 @@ class Lines(Widget):
 
     @property
     def ascii_only(self) -> bool:
-        """Whether to draw shapes that are made for ASCII; single signs are brought down anyway."""
+        """Whether to draw ASCII shapes; single signs are converted anyway."""
         return self.is_attached and bool(getattr(self.app, "ascii", False))
 
     def lines(self, width: int) -> Sequence[Line]:
-        """What to show in `width` cells."""
         raise NotImplementedError
 
     def clicked(self, event: events.Click) -> tuple[str, str] | None:
-        """What a click is for and the character that it hit; None where it is for nothing."""
+        """The click's purpose and the character that it hit; None if it hit no target."""
         offset = event.get_content_offset(self)
         if offset is None or not 0 <= offset.y < len(self._drawn):
             return None
@@ -134,17 +126,16 @@ class Lines(Widget):
 
     @property
     def room(self) -> Size:
-        """Columns and rows for lines, as they were laid out last: also while it is out of view.
+        """Columns and rows at the last layout, also while the widget is out of view.
 
-        Textual's `content_size` is looked up in a map of the screen, which is made anew for a
-        widget that is not on it.
+        Textual's `content_size` looks into a map of the screen, which is made anew for a widget
+        that is not on it.
         """
         gutter = self.styles.gutter
         width, height = self.outer_size
         return Size(max(0, width - gutter.width), max(0, height - gutter.height))
 
     def redraw(self) -> None:
-        """Ask for the lines again and refresh the cells that differ."""
         width, height = self.room
         if not width:
             return
@@ -165,16 +156,13 @@ class Lines(Widget):
                 self.refresh(changed_cells(before, after, y, width))
 
     def on_resize(self, _event: events.Resize) -> None:
-        """Lines may depend on the width."""
         self.redraw()
 
     def watch_has_focus(self, has_focus: bool) -> None:
-        """Lines may depend on the focus."""
         super().watch_has_focus(has_focus)
         self.redraw()
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
-        """As many rows as there are lines."""
         return len(self.lines(width))
 
     def render_lines(self, crop: Region) -> list[Strip]:
@@ -185,7 +173,6 @@ class Lines(Widget):
         return super().render_lines(crop)
 
     def render_line(self, y: int) -> Strip:
-        """One row, cropped with an ellipsis where it is too long."""
         if self._base is None:
             self._base = self.rich_style
         base, width = self._base, self._for
@@ -200,13 +187,11 @@ class Lines(Widget):
         return strip.adjust_cell_length(width, base)
 
     def notify_style_update(self) -> None:
-        """Theme or focus have changed: look the styles up again."""
         super().notify_style_update()
         self._base = None
         self._tones = {}
 
     def _toned(self, tone: Tone, base: Style) -> Style:
-        """The style of a tone; kept, for most of a frame's time went into looking it up."""
         style = self._tones.get(tone)
         if style is None:
             _, background = self.background_colors
@@ -232,26 +217,22 @@ class View(Lines):
     _snapshot: Snapshot | None = None
 
     def show(self, snapshot: Snapshot) -> None:
-        """Show a newer snapshot."""
         self._snapshot = snapshot
         self.redraw()
 
     def forget(self) -> None:
-        """Show nothing until the next snapshot: what is out of view grows old."""
+        """Shows nothing until the next snapshot: what is out of view grows old."""
         self._snapshot, self._drawn, self._for = None, (), 0
         self.refresh()
 
     def lines(self, width: int) -> Sequence[Line]:
-        """The lines of the latest snapshot."""
         return () if self._snapshot is None else self.draw(self._snapshot, width)
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """What a snapshot looks like in `width` cells."""
         raise NotImplementedError
 
 
 def changed_cells(before: Line, after: Line, y: int, width: int) -> Region:
-    """The cells of row `y` between the first and the last difference of two lines."""
     old, new = _characters(before), _characters(after)
     longest = max(len(old), len(new))
     if longest > width or not _one_cell_each(old + new):
@@ -282,12 +263,7 @@ _BACK, _ON = "back", "on"
 
 
 class Choice(Lines, Generic[V], can_focus=True):
-    """Left, right and space go through the values; nothing pops up.
-
-    Args:
-        options: the values with their labels, in order.
-        value: the one to begin with.
-    """
+    """Left, right and space go through the values; nothing pops up."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "turn(-1)", show=False),
@@ -309,7 +285,6 @@ class Choice(Lines, Generic[V], can_focus=True):
 
     @property
     def value(self) -> V:
-        """The value chosen now."""
         return self._options[self._index][1]
 
     @value.setter
@@ -320,7 +295,6 @@ class Choice(Lines, Generic[V], can_focus=True):
         self.redraw()
 
     def lines(self, width: int) -> Sequence[Line]:
-        """The label between arrows; where it stands in a list of more than two."""
         label = self._options[self._index][0]
         focused = self.has_focus
         place = f" {self._index + 1}/{len(self._options)}"
@@ -337,12 +311,10 @@ class Choice(Lines, Generic[V], can_focus=True):
         ]
 
     def on_click(self, event: events.Click) -> None:
-        """The left arrow goes back, the rest goes on."""
         if (hit := self.clicked(event)) is not None:
             self.action_turn(-1 if hit[0] == _BACK else 1)
 
     def action_turn(self, step: int) -> None:
-        """Go to the next or previous value, around the end."""
         self._index = (self._index + step) % len(self._options)
         self.redraw()
         self.post_message(self.Changed(self))
@@ -352,7 +324,6 @@ class Choice(Lines, Generic[V], can_focus=True):
 
 
 def column(value: float, limit: float, width: int) -> int:
-    """The cell of `value` on a scale from -limit to +limit in `width` cells; clipped."""
     share = (max(-limit, min(limit, value)) + limit) / (2 * limit)
     return min(width - 1, max(0, round(share * (width - 1))))
 
@@ -367,7 +338,7 @@ def scale(track: str, marks: Iterable[tuple[int, str, Tone]]) -> Line:
 
 
 def joined(cells: Iterable[Span]) -> Line:
-    """Neighbours of one tone become one span."""
+    """Joins neighbours of one tone into one span."""
     spans: list[Span] = []
     for cell in cells:
         if spans and spans[-1].tone is cell.tone:
@@ -393,11 +364,7 @@ def ruler(width: int, labels: Iterable[tuple[int, str]]) -> str:
 
 
 class Label(Lines):
-    """A text in one tone, on as many rows as it needs.
-
-    Attributes:
-        tone: of all of it.
-    """
+    """A text in one tone, on as many rows as it needs."""
 
     def __init__(self, text: str = "", tone: Tone = Tone.DIM, *, id: str | None = None) -> None:  # noqa: A002 - textual's name
         super().__init__(id=id)
@@ -406,20 +373,16 @@ class Label(Lines):
 
     @property
     def text(self) -> str:
-        """The text."""
         return self._text
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
-        """Show another text."""
         self._text, self.tone = text, tone
         self.redraw()
 
     def get_content_width(self, container: Size, viewport: Size) -> int:
-        """As wide as the text, where the width is `auto`."""
         return cell_len(self._text)
 
     def lines(self, width: int) -> Sequence[Line]:
-        """The text, wrapped."""
         return paragraph(self._text, width, self.tone)
 
 
@@ -439,19 +402,15 @@ class PushButton(Lines, can_focus=True):
         self._label = label
 
     def say(self, label: str) -> None:
-        """Change the label."""
         self._label = label
         self.redraw()
 
     def lines(self, width: int) -> Sequence[Line]:
-        """The label in brackets."""
         tone = Tone.CURSOR if self.has_focus else Tone.STRONG
         return [line(Span(f"[ {self._label} ]", tone))]
 
     def on_click(self) -> None:
-        """The mouse presses it."""
         self.action_press()
 
     def action_press(self) -> None:
-        """Tell who listens."""
         self.post_message(self.Pressed())

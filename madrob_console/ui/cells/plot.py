@@ -30,19 +30,16 @@ class Window:
 
     @property
     def width(self) -> float:
-        """Its length, s."""
         return self.end - self.start
 
     @property
     def middle(self) -> float:
-        """The instant in its middle, s."""
         return self.start + self.width / 2
 
     def __contains__(self, time: float) -> bool:
         return self.start <= time <= self.end
 
     def column(self, time: float, columns: int) -> int:
-        """The column of a time; none of 0..columns-1 for a time outside."""
         if time == self.end:
             return columns - 1
         return math.floor((time - self.start) / self.width * columns)
@@ -60,12 +57,7 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """A y axis with round numbers at both ends and between.
-
-    Attributes:
-        ticks: the numbers, from below.
-        labels: as they are written.
-    """
+    """A y axis with round numbers at both ends and between; `ticks` from below."""
 
     ticks: tuple[float, ...]
     labels: tuple[str, ...]
@@ -74,11 +66,8 @@ class Axis:
     def over(cls, low: float, high: float, least: float, height: int) -> Axis:
         """An axis of `height` >= 3 rows around [low, high] and 0.
 
-        Args:
-            low: the smallest value.
-            high: the largest value.
-            least: it spans at least this much, so that noise does not look like motion.
-            height: rows; at most two of three get a label, and at least three in all.
+        It spans `least` at least, so that noise does not look like motion. At most two of three
+        rows get a label, and at least three in all.
         """
         low, high = max(-LARGEST, min(0.0, low)), min(LARGEST, max(0.0, high))
         if high - low < least:
@@ -89,11 +78,11 @@ class Axis:
 
     @property
     def gutter(self) -> int:
-        """Cells that the labels need."""
+        """Width of the labels, cells."""
         return max(map(len, self.labels))
 
     def dot(self, value: float, dots: int) -> int:
-        """Which of `dots` shows a value, from below; the nearest for one outside."""
+        """Which of `dots`, from below, shows a value; the nearest for one outside."""
         low, high = self.ticks[0], self.ticks[-1]
         top = (dots - 1) // 2 * 2  # even: a 0 in the middle lies on a dot, not between two
         return min(top, max(0, round((value - low) / (high - low) * top)))
@@ -114,7 +103,6 @@ def _steps(low: float, high: float, most: int) -> tuple[float, int, int]:
 
 
 def _labels(ticks: Iterable[float], step: float) -> tuple[str, ...]:
-    """With the decimals that the step needs; powers for very large and very small numbers."""
     if not 1e-4 <= step < 1e5:
         return tuple(f"{tick:.3g}" for tick in ticks)
     decimals = next(n for n in range(6) if abs(step * 10**n - round(step * 10**n)) < 1e-6)
@@ -169,12 +157,8 @@ class Extreme:
 class Plot:
     """One curve and how it is drawn.
 
-    Attributes:
-        stretches: the curve; between two stretches nothing is drawn.
-        least: the y axis spans at least this much.
-        absolute: absolute values are drawn.
-        clip: a larger value is drawn at this one.
-        zone: the band from -zone to zone is dotted; None = no band.
+    Between two `stretches` nothing is drawn. The y axis spans `least` at least. Values above
+    `clip` are drawn at it. The band from -`zone` to `zone` is dotted.
     """
 
     stretches: tuple[Curve, ...]
@@ -184,7 +168,6 @@ class Plot:
     zone: float | None = None
 
     def drawn(self, value: float) -> float:
-        """Where on the y axis a value is drawn."""
         value = abs(value) if self.absolute else value
         return max(-self.clip, min(self.clip, value))
 
@@ -204,15 +187,7 @@ class Plot:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """What all plots of a figure have in common.
-
-    Attributes:
-        window: the time that is shown.
-        width: cells in all.
-        gutter: cells for the labels of the y axis.
-        marks: events, as lines and letters.
-        ink: the characters.
-    """
+    """What all plots of a figure share; `width` and `gutter`, for the y axis' labels, in cells."""
 
     window: Window
     width: int
@@ -222,11 +197,9 @@ class Frame:
 
     @property
     def columns(self) -> int:
-        """Cells of the curve, beside the y axis."""
         return max(1, self.width - self.gutter - 1)
 
     def plot(self, plot: Plot, height: int) -> list[Line]:
-        """The curve, its largest absolute value, the events and the y axis in `height` rows."""
         ink, columns, axis = self.ink, self.columns, plot.axis(height)
         cells = [[Span(" ")] * columns for _ in range(height)]
         if plot.zone is not None:
@@ -266,7 +239,6 @@ class Frame:
         ]
 
     def _row(self, axis: Axis, value: float, height: int) -> int:
-        """The row of a value, from the top."""
         return height - 1 - axis.dot(value, height * self.ink.high) // self.ink.high
 
     def _border(self, label: str | None) -> str:
@@ -275,7 +247,6 @@ class Frame:
         return f"{label:>{self.gutter}}{self.ink.tick}"
 
     def _letters(self) -> dict[int, str]:
-        """The letters under their lines, or a cell or two further where that one is taken."""
         letters: dict[int, str] = {}
         for mark in sorted(self.marks, key=lambda mark: mark.time):
             cell = self.window.column(mark.time, self.columns)
@@ -289,7 +260,6 @@ class Frame:
 def _draw_curve(
     cells: Sequence[list[Span]], plot: Plot, axis: Axis, window: Window, ink: Ink
 ) -> None:
-    """Fill the cells that the curve passes."""
     columns, dots = len(cells[0]) * ink.wide, len(cells) * ink.high
     for column, reach in enumerate(_reaches(plot, window, columns)):
         if reach is None:
@@ -336,7 +306,6 @@ def _reaches(plot: Plot, window: Window, columns: int) -> list[tuple[float, floa
 def _crossed(
     before: tuple[float, float], after: tuple[float, float], columns: int
 ) -> Iterable[tuple[int, float, float]]:
-    """What the straight line between two points reaches in each of the columns that it crosses."""
     (x, y), (next_x, next_y) = before, after
     first, last = math.floor(x), math.floor(next_x)
     if first == last:

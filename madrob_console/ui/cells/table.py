@@ -32,9 +32,7 @@ class Column(Generic[Row]):
     """One column.
 
     Attributes:
-        title: in the header.
         meaning: in words, with the unit.
-        cell: what a row shows.
         value: by what a row sorts: a number or a text; None = missing, always last.
         width: cells, with room for the arrow beside the title.
         ample: cells in a roomy table; 0 = `width`.
@@ -87,11 +85,8 @@ def lay_out(
 ) -> ColumnLayout[Row]:
     """Which columns fit into `width` cells.
 
-    Args:
-        columns: in order.
-        fixed: how many of them stay in view on the left; fewer where nothing else would fit.
-        first: the first of the others that is wanted in view.
-        width: cells.
+    `fixed` of them stay in view on the left; fewer if nothing else would fit. `first` is the
+    first of the others that is wanted in view.
     """
     fixed = min(fixed, len(columns) - 1)
     sized = [(c, c.ample if c.ample and width >= ROOMY else c.width) for c in columns]
@@ -122,13 +117,9 @@ _WHEEL = 3
 class Table(Lines, Generic[Row], can_focus=True):
     """Rows under a header; arrows move, left and right bring more columns, `o` and `O` sort.
 
-    Args:
-        columns: in the order of their importance.
-        key: what names a row: the marked row stays marked when rows change.
-        fixed: how many columns stay in view on the left.
-
-    Attributes:
-        empty: what to show instead of rows when there are none.
+    The columns come in the order of their importance. `key` names a row: the marked row stays
+    marked when rows change. `fixed` columns stay in view on the left. `empty` is shown if
+    there are no rows.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -181,30 +172,21 @@ class Table(Lines, Generic[Row], can_focus=True):
 
     @property
     def selected(self) -> Row | None:
-        """The marked row."""
         return self._rows[self._cursor] if self._rows else None
 
     @property
     def rows(self) -> Sequence[Row]:
-        """All rows as they are sorted."""
         return self._rows
 
     def set_rows(self, rows: Sequence[Row], *, from_top: bool = False) -> None:
-        """Show other rows; rows that sort alike keep the order given here.
-
-        Args:
-            rows: all of them.
-            from_top: mark the first row; else the marked row stays marked.
-        """
+        """Rows that sort alike keep this order; `from_top` marks the first, else the mark stays."""
         self._given = rows
         self._arrange(from_top=from_top)
 
     def lines(self, width: int) -> Sequence[Line]:
-        """Header, the rows in view, where that is."""
         return self.page(width, self.room.height)
 
     def page(self, width: int, height: int) -> list[Line]:
-        """The same for any height."""
         layout = self._layout(width)
         room = max(1, height - _AROUND)
         self._top = min(self._top, self._cursor, max(0, len(self._rows) - room))
@@ -229,46 +211,39 @@ class Table(Lines, Generic[Row], can_focus=True):
         return f"{heads}\n{cells}"
 
     def action_move(self, step: int) -> None:
-        """Mark a row further down or up."""
         self._mark(self._cursor + step)
 
     def action_page(self, step: int) -> None:
-        """The same by what is in view."""
         self._mark(self._cursor + step * max(1, self.room.height - _AROUND))
 
     def action_end(self, last: bool) -> None:
-        """Mark the first or the last row."""
         self._mark(len(self._rows) if last else 0)
 
     def action_columns(self, step: int) -> None:
-        """Bring more columns into view."""
         layout = self._layout(self.room.width)
         self._first = min(max(0, layout.first + step), layout.last_first)
         self.redraw()
 
     def action_sort(self) -> None:
-        """Sort by the next column, as they stand now, and show it."""
         order = in_order(self._columns, self.room.width - len(_MARK))
         self.sort_by(order[(order.index(self._by) + 1) % len(order)])
 
     def action_reverse(self) -> None:
-        """Sort the other way round."""
         self.sort_by(self._by, falling=not self._falling)
 
     def sort_by(self, column: Column[Row], *, falling: bool | None = None) -> None:
-        """Sort by a column, from the top; without `falling`, the way that is usual for it."""
+        """Sorts by a column, from the top; without `falling`, the way that is usual for it."""
         self._by = column
         self._falling = column.falling if falling is None else falling
         self._bring_into_view(column)
         self._arrange(from_top=True)
 
     def action_choose(self) -> None:
-        """Tell which row is marked."""
         if self._rows:
             self.post_message(self.Chosen(self._key(self._rows[self._cursor])))
 
     def on_click(self, event: events.Click) -> None:
-        """Mark the row under the mouse, a double click opens it; a head sorts, again turns."""
+        """Marks the row under the mouse, a double click opens it; a head sorts, again turns."""
         if (hit := self.clicked(event)) is not None:
             column = next(column for column in self._columns if column.title == hit[0])
             self.sort_by(column, falling=not self._falling if column is self._by else None)
@@ -281,12 +256,10 @@ class Table(Lines, Generic[Row], can_focus=True):
                 self.action_choose()
 
     def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
-        """The wheel moves the mark."""
         event.stop()
         self.action_move(_WHEEL)
 
     def on_mouse_scroll_up(self, event: events.MouseScrollUp) -> None:
-        """The wheel moves the mark."""
         event.stop()
         self.action_move(-_WHEEL)
 
@@ -362,12 +335,7 @@ class Table(Lines, Generic[Row], can_focus=True):
 
 
 class GridRow(NamedTuple):
-    """One row.
-
-    Attributes:
-        head: stands on its left, in as many cells in every row.
-        cells: one for each column.
-    """
+    """One row; `head` takes as many cells in every row, `cells` has one for each column."""
 
     head: Sequence[Span]
     cells: Sequence[Span]
@@ -376,11 +344,8 @@ class GridRow(NamedTuple):
 class Grid(Lines, can_focus=True):
     """Cells of one width under titles; arrows mark one, the others follow into view.
 
-    The marked cell stands in brackets, so that it can be seen without colours.
-
-    Attributes:
-        row, column: of the marked cell, from 0.
-        empty: what to show where there are no rows.
+    The marked cell stands in brackets, so that it can be seen without colours. `row` and
+    `column` count from 0. `empty` is shown if there are no rows.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -411,25 +376,17 @@ class Grid(Lines, can_focus=True):
         self._top = self._first = 0
 
     def set_cells(self, corner: str, titles: Sequence[str], rows: Sequence[GridRow]) -> None:
-        """Show other cells; the mark stays where it is, as far as there is such a cell.
-
-        Args:
-            corner: stands over the heads of the rows, as wide as they are.
-            titles: of the columns.
-            rows: each with a cell for each column.
-        """
+        """Shows other cells; the mark stays if it can. `corner` is as wide as the rows' heads."""
         self._corner, self._titles, self._rows = corner, titles, rows
         self.mark(self.row, self.column)
 
     def mark(self, row: int, column: int) -> None:
-        """Mark a cell, or the one nearest to it."""
         self.row = min(max(0, row), max(0, len(self._rows) - 1))
         self.column = min(max(0, column), max(0, len(self._titles) - 1))
         self.post_message(self.Marked())
         self.redraw()
 
     def lines(self, width: int) -> Sequence[Line]:
-        """Titles, the rows in view, where that is."""
         height = self.room.height
         if not self._rows or not self._titles:
             return [line(Span(f"  {self.empty}", Tone.DIM))]
@@ -480,24 +437,20 @@ class Grid(Lines, can_focus=True):
         return line(Span("  ".join(parts), Tone.DIM))
 
     def action_move(self, down: int, right: int) -> None:
-        """Mark a cell beside the marked one."""
         self.mark(self.row + down, self.column + right)
 
     def action_page(self, step: int) -> None:
-        """Mark one further up or down, by what is in view."""
         self.mark(self.row + step * max(1, self.room.height - _AROUND), self.column)
 
     def action_edge(self, last: bool) -> None:
-        """Mark the first or the last of the row."""
         self.mark(self.row, len(self._titles) if last else 0)
 
     def action_choose(self) -> None:
-        """Tell that the marked cell is wanted."""
         if self._rows and self._titles:
             self.post_message(self.Chosen())
 
     def on_click(self, event: events.Click) -> None:
-        """Mark the cell under the mouse; the marked one is wanted."""
+        """Marks the cell under the mouse; a click on the marked one chooses it."""
         offset = event.get_content_offset(self)
         if offset is None or not self._rows:
             return
@@ -511,12 +464,10 @@ class Grid(Lines, can_focus=True):
         self.mark(row, column)
 
     def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
-        """The wheel moves the mark."""
         event.stop()
         self.action_move(_WHEEL, 0)
 
     def on_mouse_scroll_up(self, event: events.MouseScrollUp) -> None:
-        """The wheel moves the mark."""
         event.stop()
         self.action_move(-_WHEEL, 0)
 

@@ -58,9 +58,9 @@ if TYPE_CHECKING:
     from madrob_console.ui.panes.all_panes import Panes
 
 BUSY_PERIOD = 0.1
-"""Between two looks at the engine while a countdown or a run goes on, s."""
+"""Polling period while a countdown or a run goes on, s."""
 IDLE_PERIOD = 0.25
-"""The same otherwise, s."""
+"""Polling period otherwise, s."""
 
 TOP_LINE_EVERY = 4
 """Every fourth snapshot of a run reaches the top line: its counters change with every one."""
@@ -76,10 +76,10 @@ _BY = {
     ),
     Phase.FINAL: (Finalise.name, OpenRun.name),
 }
-"""What brings a run into a phase, where it does not come by itself."""
+"""Acts that bring a run into a phase, if it does not come by itself."""
 
 _ABOUT_NO_RUN = ("next", "again", "leave", "unfinished", "other name", "copy", "take")
-"""Questions that are not about the run at hand."""
+"""Questions that are not about the current run."""
 
 _STARTING = "Looking for the engine; one is started where none runs ..."
 _WRITTEN = "The result is written: f finalises it, x the next run, PgDn more."
@@ -91,20 +91,10 @@ _AT_THE_END = "The recording is at its end: < goes back, j jumps to a time, PgDn
 class ConsoleScreen(Screen[None]):
     """Top line, faults, one pane, status, keys; dialogs over the lower part of the pane.
 
-    In a terminal too small for that, a clock with the keys that end a run.
-
-    Args:
-        link: to the engine.
-        defaults: what the first run's set-up proposes.
-        ahead: told when something else is shown by itself.
-        monotonic: a clock for the age of a message, s.
-        wall: the time of day, s since the epoch.
-
-    Attributes:
-        pane: the name of the pane shown.
-        dialogs: those that are open, the front one last.
-        drafts: texts of acts that were refused.
-        frames: the folder of the cameras' frames that were asked for last; empty = none were.
+    A terminal too small for that shows a clock with the keys that end a run. `ahead` is told
+    when something else is shown by itself. `monotonic` is for the age of a message, s; `wall`
+    in s since the epoch. The front one of `dialogs` is the last. `drafts` are texts of acts
+    that were refused. `frames` is the last requested folder of camera frames; empty = none.
     """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = TONE_CLASSES
@@ -152,7 +142,6 @@ class ConsoleScreen(Screen[None]):
         self.drafts = Drafts()
 
     def compose(self) -> ComposeResult:
-        """Top to bottom."""
         yield self._top
         yield self._playback
         yield self._faults
@@ -162,12 +151,10 @@ class ConsoleScreen(Screen[None]):
 
     @property
     def tiny(self) -> bool:
-        """Whether the terminal is too small for the panes."""
         return self.has_class("-tiny-width") or self.has_class("-tiny-height")
 
     @property
     def status(self) -> str:
-        """The message shown."""
         return self._status.text
 
     @property
@@ -178,7 +165,6 @@ class ConsoleScreen(Screen[None]):
 
     @property
     def results(self) -> Path:
-        """The results folder."""
         return self._defaults.results
 
     @property
@@ -215,7 +201,7 @@ class ConsoleScreen(Screen[None]):
         return RunMeant.of_shown(now.folder, now.run)
 
     def ask_copy(self, user: str) -> Ask[Copy] | str:
-        """What there is to copy on this pane; `user` can log in here."""
+        """Asks what to copy on this pane; `user` can log in here."""
         now, panes = self._latest, self.panes
         if now is None:
             return NOT_YET
@@ -236,7 +222,7 @@ class ConsoleScreen(Screen[None]):
         return ask_copy(row, result, folder, zipped, host, self.frames or pictures)
 
     async def ask_about_unfinished(self) -> None:
-        """The first run that was cut off, where the referee may decide about it."""
+        """Asks about the first run that was cut off, if the referee may decide about it."""
         now = self._latest
         if now is None or self.dialogs or now.refusal(SetUp.name):
             return
@@ -255,7 +241,7 @@ class ConsoleScreen(Screen[None]):
         self._ahead.replaced("the question has just come")
 
     async def ask_about(self, folder: str) -> bool:
-        """What becomes of this run, if it was cut off and nobody has decided; else False."""
+        """Asks what becomes of a run that was cut off, if nobody has decided; else False."""
 
         def asked() -> Ask[Intent] | None:
             now = self._latest
@@ -274,7 +260,6 @@ class ConsoleScreen(Screen[None]):
         return True
 
     async def begin(self) -> None:
-        """Make the panes and poll the engine from now on."""
         from madrob_console.ui.panes.all_panes import Panes
 
         panes = Panes(self._link, self._defaults)
@@ -290,7 +275,7 @@ class ConsoleScreen(Screen[None]):
         self.take_focus(chosen=True)
 
     def poll(self) -> None:
-        """Show the latest snapshot; look more often while a run goes on."""
+        """Shows the latest snapshot; polls more often while a run goes on."""
         snapshot = self._link.snapshot()
         if snapshot is None or self._panes is None:
             return
@@ -304,7 +289,6 @@ class ConsoleScreen(Screen[None]):
             self._timer = self.set_interval(period, self.poll)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Show a newer snapshot."""
         before, self._latest = self._latest, snapshot
         if before is not None and _stage(before) != _stage(snapshot):
             self._status.pass_on()
@@ -334,7 +318,6 @@ class ConsoleScreen(Screen[None]):
         self._hint_at_next(snapshot)
 
     def _hint_at_next(self, now: Snapshot) -> None:
-        """After a run, where nothing else is said: what the plan has x set up."""
         if not now.plan.lines or now.right.only_watches or now.run.phase is Phase.IDLE:
             return
         over = now.run.phase in (Phase.STOPPED, Phase.FINAL)
@@ -344,9 +327,9 @@ class ConsoleScreen(Screen[None]):
             self._status.redraw()
 
     def _take_no_keys(self, before: Snapshot, now: Snapshot) -> None:
-        """The run is in another state: no key was typed for that, unless a key brought it about.
+        """The run changed its state: drops keys typed before, unless a key caused the change.
 
-        What goes into a question or a field is still for that.
+        Keys for an open question or field still count.
         """
         phase = now.run.phase
         if phase is before.run.phase and now.opened == before.opened:
@@ -358,14 +341,13 @@ class ConsoleScreen(Screen[None]):
             self._ahead.replaced(f"the run has just changed: {PHASES[phase].lower()}")
 
     def _tell_export(self, before: Snapshot | None, now: Snapshot) -> None:
-        """Say what has become of an export; not of one that was there before this screen."""
+        """Says what has become of an export; not of one that was there before this screen."""
         if before is not None and now.export is not None and now.export != before.export:
             made, bad = bool(now.export.path), bool(now.export.problem)
             tone = (Tone.WARN if made else Tone.BAD) if bad else (Tone.GOOD if made else Tone.PLAIN)
             self.say(export_text(now.export), tone)
 
     def _tell_lists(self, before: Snapshot | None, now: Snapshot) -> None:
-        """Say what is wrong with the list of teams and the plan, and that they are others now."""
         if now.right.only_watches:
             return
         problems: list[str] = []
@@ -385,25 +367,20 @@ class ConsoleScreen(Screen[None]):
             self.say(" ".join(news), Tone.GOOD)
 
     def on_descendant_focus(self) -> None:
-        """The footer says whether letters type."""
         self._keys.typing = self._types and not self.dialogs
         self._keys.redraw()
 
     @property
     def _types(self) -> bool:
-        """Whether letters go to what has the focus, and are no keys."""
         return self.focused is not None and self.focused.check_consume_key("x", "x")
 
     def on_descendant_blur(self) -> None:
-        """The same."""
         self.on_descendant_focus()
 
     def show_pane(self, name: str, *, chosen: bool = True) -> None:
-        """Switch to a pane; the key of a side pane that is shown goes back.
+        """Switches to a pane; the key of a side pane that is shown goes back.
 
-        Args:
-            name: of the pane.
-            chosen: whether the referee wants to be there; what comes by itself takes no text.
+        `chosen`: the referee wants to be there; a pane that comes by itself takes no text.
         """
         if self._panes is None:
             return
@@ -424,10 +401,7 @@ class ConsoleScreen(Screen[None]):
             self._faults.show(self._latest)
 
     def action_back(self) -> None:
-        """Escape: what waits for the disk is withdrawn; else out of a field, or of a side pane.
-
-        It never does more.
-        """
+        """Escape withdraws what waits for the disk, else leaves a field or side pane; no more."""
         if cast("ConsoleApp", self.app).withdraw():
             return
         if self._types:
@@ -436,26 +410,23 @@ class ConsoleScreen(Screen[None]):
             self.show_pane(self._behind, chosen=False)
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
-        """Show a message until the next one, or the next key."""
         self._status.say(text, tone)
 
     def refuse(self, what: str, why: str) -> None:
-        """Say why something is not done."""
         self.say(f"Refused: {what}: {why}", Tone.BAD)
 
     def key_pressed(self) -> None:
-        """What was said is about what was before."""
+        """Drops the message: it is about what was before."""
         self._status.go()
 
     def leave_out(self, words: str) -> None:
-        """Say why a key was for nothing, where it was to go."""
+        """Says why a key was dropped, where it was to go."""
         if self.dialogs:
             self.dialogs[-1].complain(words)
         else:
             self.say(words, Tone.WARN)
 
     def end_typing(self) -> None:
-        """Out of the text field: the next letters are keys."""
         if self._types and not self.dialogs:
             self.take_focus(chosen=False)
 
@@ -470,12 +441,11 @@ class ConsoleScreen(Screen[None]):
         return True
 
     def show_runs(self, text: str) -> None:
-        """The history with a filter."""
         self.show_pane("history")
         self.panes.history.look_for(text)
 
     def take_focus(self, *, chosen: bool = False) -> None:
-        """Give the focus to what is in front; to a text field only where that was chosen."""
+        """Gives the focus to what is in front; to a text field only if that was chosen."""
         if self.dialogs:
             self.dialogs[-1].take_focus()
         elif self.pane == "setup" and not chosen:
@@ -484,7 +454,7 @@ class ConsoleScreen(Screen[None]):
             self.panes[self.pane].enter()
 
     async def open(self, name: str, ask: Ask[Intent], fresh: FreshAsk | None = None) -> None:
-        """Open a dialog in front of everything; `fresh` asks as things stand later."""
+        """Opens a dialog in front of everything; `fresh` asks as things stand later."""
         from madrob_console.ui.cells.dialog import Dialog
 
         dialog = Dialog(name, ask, self._about(name), fresh, self._ahead, self.drafts)
@@ -493,20 +463,18 @@ class ConsoleScreen(Screen[None]):
         dialog.take_focus()
 
     def _about(self, name: str) -> str:
-        """Which run a question is about."""
         if self._latest is None or name in _ABOUT_NO_RUN:
             return ""
         return who_text(self._latest.run)
 
     async def close(self, dialog: Dialog) -> None:
-        """Close a dialog; the focus goes to what was behind it."""
         if dialog in self.dialogs:
             self.dialogs.remove(dialog)
             await dialog.remove()
             self.take_focus()
 
     def _ring(self, before: Snapshot | None, now: Snapshot) -> None:
-        """The bell: a run starts, a run stops, a fault appears; never for what is over."""
+        """Rings when a run starts, a run stops or a fault appears; never for what is over."""
         if before is None or now.playback is not None:
             return
         started = now.run.phase is Phase.RUNNING is not before.run.phase

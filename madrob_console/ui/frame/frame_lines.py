@@ -55,28 +55,23 @@ LITTLE_DISK = 2_000_000_000
 """Below this many bytes free the number is marked; the pre-start check decides."""
 
 WATCHING = " WATCHING"
-"""On a screen that can do nothing to the run."""
+"""Shown on a screen that can do nothing to the run."""
 
 _LEAST_LABEL = 18
 ROOMY = 100
-"""With fewer cells the row below tells competition and machine."""
+"""With fewer cells the row below shows competition and machine."""
 
 _STATES = {"finished": "done"}
 
 
 class TopLine(View):
-    """Which source, which competition, and whether everything is being kept.
-
-    Args:
-        where: competition and machine; the row below has room for them where this one has not.
-    """
+    """Which source, which competition (`where`), and whether everything is being kept."""
 
     def __init__(self, where: str) -> None:
         super().__init__(id="top-line")
         self._where = where
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """The source on the left, what is being kept on the right, names between them."""
         if snapshot.pulse.stale:
             return [_old(snapshot, width)]
         clock = f" {time_of_day(snapshot.time)}"
@@ -99,7 +94,6 @@ class TopLine(View):
 
 
 def _old(snapshot: Snapshot, width: int) -> Line:
-    """Nothing of it is told as if it were so now."""
     word = " ENDED " if snapshot.pulse.gone else " SILENT "
     text = f" {snapshot.label}, as it was at {time_of_day(snapshot.time)}"
     return line(Span(word, Tone.ALARM), Span(shortened(text, width - len(word)), Tone.DIM))
@@ -115,7 +109,6 @@ def source_badge(snapshot: Snapshot, room: int) -> Span:
 
 
 def recorder_spans(recorder: RecorderView) -> Line:
-    """The recorder in a few words."""
     if recorder.state == "closed":
         return line(Span(" rec closed", Tone.DIM))
     recording = recorder.state == "recording"
@@ -129,7 +122,6 @@ def recorder_spans(recorder: RecorderView) -> Line:
 
 
 def _oldest(topics: Sequence[TopicView]) -> str:
-    """How old the newest message of the most silent needed topic is."""
     needed = [topic for topic in topics if not topic.optional]
     if not needed or any(topic.age is None for topic in needed):
         return "no data"
@@ -153,11 +145,7 @@ def _disk(free: int | None) -> Line:
 
 
 class FaultLine(View):
-    """The faults, one a row; the last row counts those that found no room.
-
-    Attributes:
-        whole_below: whether the pane that is shown has all of them where they are cut here.
-    """
+    """The faults, one a row; the last row counts the rest. `whole_below`: the pane has them all."""
 
     def __init__(self, where: str = "") -> None:
         super().__init__()
@@ -165,7 +153,6 @@ class FaultLine(View):
         self._where = where
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """Up to three rows."""
         told = notices(snapshot, width)
         if not snapshot.all_faults and told:
             return told
@@ -187,23 +174,17 @@ class FaultLine(View):
 
 _ROOMY = 100
 _ALWAYS_NAMED = ("start", "abort", "timeout", "leave")
-"""Keys that keep their names where there is no room for all."""
+"""Keys that keep their names if there is no room for all."""
 _PLAYBACK_NAMES = tuple(key.name for key in PLAYBACK_KEYS)
 
 
 class KeyLine(View):
-    """Two rows; a key with a refusal is dim and not reversed. A spectator sees none of an act.
-
-    Attributes:
-        pane: the one that is shown.
-        typing: whether a text field takes the letters.
-    """
+    """Two rows; a key with a refusal is dim and not reversed. A spectator sees none of an act."""
 
     pane = "setup"
     typing = False
 
     def on_click(self, event: events.Click) -> None:
-        """The mouse presses a key; of several under one name the one under the mouse."""
         if (hit := self.clicked(event)) is None:
             return
         key = KEYS[hit[0]]
@@ -244,7 +225,7 @@ class KeyLine(View):
         return self._named(here, width, _PLAYBACK_NAMES)
 
     def _named(self, keys: Sequence[Key], width: int, most: Sequence[str]) -> Line:
-        """The keys with their names; without room the last lose theirs, but for those in `most`."""
+        """The keys with their names; without room the last lose theirs, except those in `most`."""
         named = [key.name for key in keys]
         losing = [name for name in named if name not in most]
         row = self._row(keys, width)
@@ -254,7 +235,6 @@ class KeyLine(View):
         return row
 
     def _row(self, keys: Sequence[Key], width: int, named: Sequence[str] | None = None) -> Line:
-        """The keys; only those in `named` with their names, None = all."""
         roomy = width >= _ROOMY
         spans: list[Span] = []
         watches = self._snapshot is not None and self._snapshot.right.only_watches
@@ -284,13 +264,12 @@ class PlaybackBar(View):
     """One row; none for anything but a replay."""
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """REPLAY, playing or not, speed, position and length, and the same as a scale."""
         playback = snapshot.playback
         return () if playback is None else [playback_line(playback, width)]
 
 
 def playback_line(playback: PlaybackView, width: int) -> Line:
-    """The bar in `width` cells; the scale goes first where there is little room."""
+    """The bar in `width` cells; the scale goes first if there is little room."""
     words = line(
         Span(" REPLAY ", Tone.NOTICE),
         " ",
@@ -304,7 +283,6 @@ def playback_line(playback: PlaybackView, width: int) -> Line:
 
 
 def state_span(playback: PlaybackView) -> Span:
-    """Playing, paused, jumping or at the end, and how fast."""
     if playback.jumping_to is not None:
         return Span(f"jumping to {position_text(playback.jumping_to)}", Tone.WARN)
     if playback.ended:
@@ -330,7 +308,6 @@ def position_text(seconds: float) -> str:
 
 
 def _scale(playback: PlaybackView, width: int) -> Line:
-    """What has been played, and a mark at the start of the run."""
     length = max(1e-9, playback.end - playback.begin)
 
     def cell(at: float) -> int:
@@ -352,17 +329,9 @@ _GRAVE = (Tone.BAD, Tone.WARN)
 
 
 class StatusLine(Lines):
-    """A message; where there is none, a hint.
+    """A message; if there is none, the hint.
 
-    Args:
-        hint: what stands there while nothing is said.
-        monotonic: a clock for the age of a message, s.
-        wall: the time of day, s since the epoch.
-
-    Attributes:
-        text: of the message, without its time; of the hint where there is none.
-        hint: as given; empty = no more.
-        tone: of the message.
+    `monotonic` is for the age of a message, s; `wall` in s since the epoch.
     """
 
     def __init__(
@@ -379,7 +348,7 @@ class StatusLine(Lines):
 
     @property
     def text(self) -> str:
-        """The message, or the hint."""
+        """The message without its time, or the hint."""
         return self._said or self.hint
 
     @property
@@ -388,13 +357,11 @@ class StatusLine(Lines):
         return bool(self._said) and self.tone in _GRAVE
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
-        """Show a message; an empty one is none."""
         self._said, self.tone = text, tone if text else Tone.DIM
         self._at, self._shown_at, self._faded = self._wall(), self._monotonic(), False
         self.redraw()
 
     def age(self) -> None:
-        """Fade when it is time."""
         faded = bool(self._said) and self._monotonic() - self._shown_at >= FRESH
         if faded != self._faded:
             self._faded = faded
@@ -411,7 +378,6 @@ class StatusLine(Lines):
             self.go()
 
     def lines(self, width: int) -> Sequence[Line]:
-        """The time and the message, wrapped; the hint has no time."""
         if not self._said:
             return paragraph(self.hint, width, Tone.DIM)
         head = line(Span(f"{time_of_day(self._at)} ", Tone.DIM))
@@ -447,14 +413,13 @@ class TinyClock(View):
     """Clock, abort, and as much else as there are rows for."""
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """What fits into the rows that the style gives."""
         return tiny_lines(snapshot, width, self.room.height)
 
 
 def tiny_lines(snapshot: Snapshot, width: int, height: int) -> list[Line]:
     """The most important parts that fit into `width` x `height` cells, from the top.
 
-    Phase, clock and time left share a row where that is wide enough. Long texts are wrapped, and
+    Phase, clock and time left share a row if that is wide enough. Long texts are wrapped, and
     cut to one row before anything but the hint gives way to them.
     """
     lines: list[Line] = []
@@ -466,7 +431,6 @@ def tiny_lines(snapshot: Snapshot, width: int, height: int) -> list[Line]:
 
 
 def _concessions() -> Iterator[tuple[Sequence[Part], int]]:
-    """Parts that are kept and rows that a long text may take, less and less."""
     parts = list(Part)
     yield parts, _MOST_ROWS
     for most in range(_MOST_ROWS, 0, -1):
@@ -476,7 +440,6 @@ def _concessions() -> Iterator[tuple[Sequence[Part], int]]:
 
 
 def _lines(snapshot: Snapshot, width: int, kept: Sequence[Part], most: int) -> list[Line]:
-    """The parts that are kept and have something to say."""
     text, tone = banner(snapshot)
     urgent = tone in (Tone.ALARM, Tone.NOTICE)
     head = {
@@ -502,7 +465,6 @@ def _lines(snapshot: Snapshot, width: int, kept: Sequence[Part], most: int) -> l
 
 
 def _packed(spans: Iterable[Span], width: int) -> list[Line]:
-    """Spans on as few rows as they need."""
     lines: list[Line] = []
     for text, tone in spans:
         span = Span(shortened(text, width), tone)
@@ -514,7 +476,6 @@ def _packed(spans: Iterable[Span], width: int) -> list[Line]:
 
 
 def _wrapped(text: str, tone: Tone, width: int, most: int) -> list[Line]:
-    """A text on at most `most` rows."""
     rows = wrapped(text, width) if text else []
     if len(rows) > most:
         rows = [*rows[: most - 1], fitted(" ".join(rows[most - 1 :]), width)]
@@ -529,10 +490,7 @@ def _left(snapshot: Snapshot) -> str:
 
 
 def _abort(snapshot: Snapshot, width: int) -> Line:
-    """The key as the footer has it; where it does nothing, dim and with the reason.
-
-    A replay says that it is one: there is nothing to abort.
-    """
+    """The key as in the footer, dim with the reason if it does nothing; a replay says it is one."""
     if snapshot.playback is not None:
         return line(Span("REPLAY", Tone.NOTICE), " ", state_span(snapshot.playback))
     refused = snapshot.refusal(Abort.name)

@@ -29,40 +29,26 @@ if TYPE_CHECKING:
 
 
 class ConsoleApp(Protocol):
-    """The program.
-
-    Attributes:
-        rings: whether the bell rings.
-    """
+    """The app around the screens."""
 
     rings: bool
 
-    def ring(self) -> None:
-        """Ring the terminal's bell, where that is wanted."""
-        ...
+    def ring(self) -> None: ...
 
-    def toggle_bell(self) -> None:
-        """Ring, or be silent."""
-        ...
+    def toggle_bell(self) -> None: ...
 
-    def set_theme(self, name: ThemeName) -> None:
-        """Change the colours, as far as the terminal has them."""
-        ...
+    def set_theme(self, name: ThemeName) -> None: ...
 
     def has_key(self, key: Key) -> bool:
-        """Whether there is such a key now: those of a replay are there on a replay only."""
+        """Whether the key exists now: keys of a replay do so on a replay only."""
         ...
 
-    def key_refusal(self, key: Key) -> str | None:
-        """Why a key does nothing now; None when it does."""
-        ...
+    def key_refusal(self, key: Key) -> str | None: ...
 
-    def action_press(self, name: str, pressed: str) -> Awaitable[None]:
-        """A key of the console was pressed."""
-        ...
+    def action_press(self, name: str, pressed: str) -> Awaitable[None]: ...
 
     def withdraw(self) -> bool:
-        """Take back what waits for the disk; False where nothing does."""
+        """Withdraws what waits for the disk; False if nothing does."""
         ...
 
 
@@ -70,20 +56,16 @@ class ConsoleApp(Protocol):
 
 
 TMUX_TIME = 2.0
-"""tmux has so long to take a text, s."""
+"""Timeout for handing tmux a text, s."""
 
 _MULTIPLEXED = "tmux"
 
 
 def clipboard_sequences(text: str, environ: Mapping[str, str]) -> str:
-    """What to write to the terminal so that it takes `text`.
+    """What to write to the terminal so that it takes `text`; most terminals take 70 kB.
 
-    A tmux passes on neither by itself: the plain sequence with `set-clipboard on`, the wrapped one
-    with `allow-passthrough on`.
-
-    Args:
-        text: of any length that the terminal takes; most take 70 kB.
-        environ: of this process; TERM crosses SSH.
+    A tmux passes on neither by itself: the plain sequence with `set-clipboard on`, the wrapped
+    one with `allow-passthrough on`. `environ`: TERM crosses SSH.
     """
     plain = f"\x1b]52;c;{base64.b64encode(text.encode()).decode()}\x07"
     if not in_tmux(environ):
@@ -98,9 +80,9 @@ def in_tmux(environ: Mapping[str, str]) -> bool:
 
 
 async def give_to_tmux(text: str, environ: Mapping[str, str]) -> bool:
-    """Hand a text to the tmux of this machine, which hands it to its terminal (`load-buffer -w`).
+    """Hands a text to the tmux of this machine, and it to its terminal (`load-buffer -w`).
 
-    That works with the settings that tmux comes with. Returns whether there is one that took it.
+    That works with tmux's default settings. Returns whether there is one that took it.
     """
     if not environ.get("TMUX"):
         return False
@@ -130,10 +112,7 @@ _MOVES, _DRAGS = "\x1b[?1003", "\x1b[?1002"
 
 
 class ButtonsDriver(LinuxDriver):
-    """A terminal that tells of clicks and drags: nothing here cares where the mouse hovers.
-
-    Each move would be sent over the line, and wake the screens.
-    """
+    """Reports clicks and drags, but no moves: each would cross the line and wake the screens."""
 
     def __init__(
         self,
@@ -143,14 +122,7 @@ class ButtonsDriver(LinuxDriver):
         mouse: bool = True,
         size: tuple[int, int] | None = None,
     ) -> None:
-        """As any driver; where the error output goes elsewhere, the screen is drawn on the output.
-
-        Args:
-            app: whose screen it is.
-            debug: as textual has it.
-            mouse: whether the terminal is asked for the mouse.
-            size: of the terminal; None = it is asked.
-        """
+        """As any driver; if the error output goes elsewhere, draws on the output."""
         super().__init__(app, debug=debug, mouse=mouse, size=size)
         error, output = sys.__stderr__, sys.__stdout__
         if output is not None and not (error is not None and error.isatty()):
@@ -159,7 +131,6 @@ class ButtonsDriver(LinuxDriver):
             self._file = output
 
     def write(self, data: str) -> None:
-        """What is drawn, and what is asked of the terminal."""
         super().write(data.replace(_MOVES, _DRAGS) if data.startswith(_MOVES) else data)
 
 
@@ -181,14 +152,10 @@ _ALWAYS = frozenset({"f8", "f10", "ctrl+q", "ctrl+c", "escape"})
 
 @dataclass(frozen=True, slots=True)
 class _Hold:
-    """What is left out.
+    """What is left out, and `why`; keys typed before `until`, s.
 
-    Attributes:
-        why: in words.
-        until: what is typed before, s.
-        pause: each key that is left out adds so much, s: the rest of a word goes with it.
-        letters: only what is text; everything else ends it.
-        enter: Enter as well.
+    Each key that is left out adds `pause`, s: the rest of a word goes with it. `letters` leaves
+    out text only, and all else ends it; `enter` leaves out Enter as well.
     """
 
     why: str
@@ -199,14 +166,11 @@ class _Hold:
 
 
 class TypeAhead:
-    """Says which keys are left out.
+    """Decides which keys are left out.
 
-    What a key of the referee brings about is foreseen, and takes the next keys at once: `F8 1 y`
-    as fast as they can be typed. What comes by itself is not, nor what did not come.
-
-    Args:
-        now: a clock, s.
-        typed: when a key was typed, by that clock.
+    What a key of the referee brings about is foreseen and takes the next keys at once: `F8 1 y`
+    as fast as they can be typed. What comes by itself is not foreseen, nor what did not come.
+    `typed` tells when a key was typed, by the clock `now`, s.
     """
 
     def __init__(
@@ -219,19 +183,19 @@ class TypeAhead:
         self._hold: _Hold | None = None
 
     def replaced(self, why: str) -> None:
-        """Something else is shown, by itself: no key was typed for it yet."""
+        """Something else is shown by itself: no key was typed for it yet."""
         self._hold = _Hold(why, self._now() + UNSEEN, UNSEEN)
 
     def closed(self) -> None:
-        """A question is answered: the rest of a word that was typed into it is for nothing else."""
+        """A question is answered: the rest of a word that was typed into it is left out."""
         self._take_letters("typed before the question was gone", UNSEEN)
 
     def asked(self) -> None:
-        """The next question takes a text: the rest of a word that answered this one is none."""
+        """The next question takes a text: the rest of the word just typed is left out."""
         self._take_letters("typed before the field was there", UNSEEN, enter=False)
 
     def mistyped(self, letter: str) -> None:
-        """A letter that answers nothing: it may begin a text."""
+        """A letter answered nothing: it may begin a text."""
         self._take_letters(f"it follows '{letter}', which is no answer here", MISTYPED)
 
     def refused(self, cap: str, why: str, *, answered: bool) -> None:
@@ -241,7 +205,7 @@ class TypeAhead:
         self._take_letters(f"{cap} was refused: {why}{more}", pause)
 
     def leaves_out(self, event: events.Key | events.Paste | events.MouseEvent) -> str | None:
-        """Why a key is for nothing, in words; None: it counts."""
+        """Why a key is left out, in words; None: it counts."""
         hold, at = self._hold, self._typed(event)
         if hold is None:
             return None
@@ -260,7 +224,6 @@ class TypeAhead:
 
 
 def _holds(hold: _Hold, event: events.Event) -> bool:
-    """Whether it concerns what was typed."""
     match event:
         case events.Key() if event.key in _ALWAYS:
             return False
@@ -292,12 +255,11 @@ class ConsoleCommands(Provider):
     """Searches the console's commands."""
 
     async def discover(self) -> Hits:
-        """All of them, in the order of the keys; those that are not possible now come last."""
+        """All commands in the order of the keys; those that are not possible now come last."""
         for text, command, help_text, _possible in _commands(self._console_app):
             yield DiscoveryHit(_row(Content(text), help_text), command, text)
 
     async def search(self, query: str) -> Hits:
-        """Those that match what is typed."""
         matcher = self.matcher(query)
         for text, command, help_text, possible in _commands(self._console_app):
             score = max(matcher.match(text), matcher.match(help_text) / 2)
@@ -311,8 +273,6 @@ class ConsoleCommands(Provider):
 
 
 class _Command(NamedTuple):
-    """One line of the palette: its text, what it does, what that means, whether it is possible."""
-
     text: str
     command: Callable[[], object]
     help: str
@@ -320,12 +280,10 @@ class _Command(NamedTuple):
 
 
 def _row(text: Content, help_text: str) -> Content:
-    """A command and what it means on one row, as many of them as the terminal has rows."""
     return Content.assemble(text.pad_right(max(1, _TEXT - text.cell_length)), (help_text, "dim"))
 
 
 def _commands(app: ConsoleApp) -> list[_Command]:
-    """All, with the reason where one is not possible now: those are the last."""
     return sorted(_in_order(app), key=lambda command: not command.possible)
 
 

@@ -37,12 +37,7 @@ class Leave:
 
 @dataclass(frozen=True, slots=True)
 class Copy:
-    """Give a text to the clipboard.
-
-    Attributes:
-        what: in words.
-        text: as it is.
-    """
+    """Copies a text to the clipboard; `what` names it."""
 
     name: ClassVar[str] = "copy"
     what: str
@@ -51,13 +46,7 @@ class Copy:
 
 @dataclass(frozen=True, slots=True)
 class OtherName:
-    """The next run's team has another name than in the list of teams.
-
-    Attributes:
-        subject: the team's number.
-        name: clean.
-        reason: why.
-    """
+    """The next run's team has another name than in the list of teams; `name` is cleaned."""
 
     subject: int
     name: str
@@ -66,11 +55,9 @@ class OtherName:
 
 @dataclass(frozen=True, slots=True)
 class RunMeant:
-    """The run that a key is about.
+    """The run that a key is about; `folder` as seen from the results folder.
 
-    Attributes:
-        folder: as seen from the results folder.
-        at: the instant that a protest is about, s from its start; None = nobody protested.
+    `at` is the instant that a protest is about, s from its start; None = nobody protested.
     """
 
     folder: str
@@ -78,13 +65,12 @@ class RunMeant:
 
     @classmethod
     def of_list(cls, run: RunSummary) -> RunMeant:
-        """One of a list."""
         at = 0.0 if run.protest_due is not None else None  # where none was named
         return cls(run.folder, at if run.protest_at is None else run.protest_at)
 
     @classmethod
     def of_shown(cls, folder: str, run: Run) -> RunMeant:
-        """The one at hand; `folder` is its whole path."""
+        """The current run; `folder` is its whole path."""
         path = PurePath(folder)
         name = f"{path.parent.name}/{path.name}"
         of = (*open_protests(run.protests), *reversed(run.protests))
@@ -98,8 +84,7 @@ Intent: TypeAlias = (
     "Act | PlaybackCommand | OpenRun | TakeOver | ExportTeam | ExportDossier | GiveFrames | Leave"
     " | Copy | OtherName | Ask[Intent] | str"
 )
-"""What a key or the answers to a dialog bring about: maybe one more question; a text says why
-nothing."""
+"""What a key or a dialog brings about, maybe one more question; a text says why nothing."""
 
 
 def _jump(text: str) -> JumpTo | str:
@@ -112,17 +97,11 @@ JUMP = Ask(
     (Write("Seconds from its start (12.5, -3, 1:05):", missing="a time is needed"),),
     _jump,
 )
-"""Where to; what is shown there is worked out anew."""
+"""Asks where to; what is shown there is worked out anew."""
 
 
 def ask_other_name(subject: int, listed: str, typed: str) -> Ask[OtherName | str]:
-    """What a team is called, and why not as in the list.
-
-    Args:
-        subject: the team's number.
-        listed: its name in the list; empty = it is not in it.
-        typed: the other name as far as it is known.
-    """
+    """Asks what a team is called, and why not as in the list (`listed`; empty = not in it)."""
 
     def named(text: str, reason: str) -> OtherName | str:
         try:
@@ -148,7 +127,6 @@ def ask_other_name(subject: int, listed: str, typed: str) -> Ask[OtherName | str
 
 
 def ask_unfinished(run: Unfinished) -> Ask[OpenRun]:
-    """What becomes of a run that was cut off."""
     return Ask(
         f"A RUN WAS CUT OFF: {run.words}",
         (
@@ -168,15 +146,10 @@ def ask_unfinished(run: Unfinished) -> Ask[OpenRun]:
 def ask_copy(
     row: str, result: str, folder: str, zipped: str, host: str, pictures: str = ""
 ) -> Ask[Copy] | str:
-    """What to copy of what there is; empty = there is none.
+    """Asks what to copy of what there is; empty = there is none.
 
-    Args:
-        row: the marked one, with its heads.
-        result: as text.
-        folder: whole path of the run's folder.
-        zipped: whole path of the last zip.
-        host: from where somebody else copies the files, as `user@host`.
-        pictures: whole path of the folder with what cameras saw.
+    `row` is the marked one, with its heads. `folder`, `zipped` (the last zip) and `pictures`
+    (what cameras saw) are whole paths. Others copy files from `host`, as `user@host`.
     """
 
     def scp(path: str, option: str = "") -> str:
@@ -206,7 +179,7 @@ def _offer(copy: Copy) -> str:
 
 
 def ask_abort(snapshot: Snapshot) -> Intent:
-    """Why; a console without the right to act is asked one question, and takes it over as well."""
+    """Asks why; a console without the right to act is asked one question, and takes it over."""
     if not snapshot.right.holder and not snapshot.right.free:
         return Abort.ask(snapshot, "")
     return Ask(
@@ -222,7 +195,7 @@ def ask_abort(snapshot: Snapshot) -> Intent:
 
 
 def ask_take(snapshot: Snapshot) -> Ask[TakeOver]:
-    """Whose right to act is taken; that console is told, and can take it back."""
+    """Asks before taking the right to act; the console that loses it is told, can take it back."""
     goes_on = " A run goes on." if snapshot.run.active else ""
     return Ask(
         "Take the right to act",
@@ -232,7 +205,7 @@ def ask_take(snapshot: Snapshot) -> Ask[TakeOver]:
 
 
 def ask_leave(snapshot: Snapshot) -> Ask[Leave] | Leave:
-    """At once; who may act is asked first while a run goes on or a result is not final."""
+    """Leaves at once; with the right to act asks first during a run or before a final result."""
     run, pulse = snapshot.run, snapshot.pulse
     if snapshot.playback is not None or pulse.gone or snapshot.right.only_watches:
         return Leave()

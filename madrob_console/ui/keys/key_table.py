@@ -35,10 +35,9 @@ if TYPE_CHECKING:
     from madrob_console.ui.keys.dialogs import Intent
 
 START_ENGINE = "start the engine again"
-"""What the key does that needs no engine."""
 
 FINDS_BY_ITSELF = "this screen only watches: it finds the next engine by itself"
-"""Why that key does nothing there."""
+"""Why the key `START_ENGINE` does nothing there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,15 +45,12 @@ class Key:
     """One key of the console.
 
     Attributes:
-        name: for the program.
         keys: as textual names them, separated by commas.
         cap: as the footer shows it.
-        label: what it does, in a word.
-        help: what it does, in a sentence.
         act: name of the act whose refusal dims the key; empty = always possible.
         ask: what it brings about, or what is asked before; None = the screen itself does it.
         pane: the pane that it shows; empty = none.
-        where: the panes whose footer shows it where there is no room for all; empty = every.
+        where: panes whose footer shows it if there is no room for all; empty = every pane.
         commits: what is typed in the set-up counts before the act.
         over: it works while a dialog is open.
         left_to: the panes that have another use for it.
@@ -76,7 +72,6 @@ class Key:
     answered: bool = False
 
     def refusal(self, snapshot: Snapshot) -> str | None:
-        """Why the key does nothing now; None when it does."""
         if self.act == START_ENGINE:
             if snapshot.right.only_watches:
                 return FINDS_BY_ITSELF
@@ -272,7 +267,7 @@ PLAYBACK_KEYS = (
         PlaybackCommand.name, lambda _s, _k: GiveFrames(), where=_PLAYED,
     ),
 )  # fmt: skip
-"""Keys of a replay; anywhere else they are not there, and left to the panes."""
+"""Keys of a replay; elsewhere they do not exist and are left to the panes."""
 
 
 def _skip(pressed: str, duration: float) -> Skip:
@@ -283,10 +278,9 @@ KEYS = {key.name: key for key in (*FUNCTION_KEYS, *LETTER_KEYS, *PLAYBACK_KEYS)}
 
 
 def bindings() -> list[Binding]:
-    """Textual's bindings.
+    """Textual's bindings; they come before the widgets', so keys act in the order of typing.
 
-    All come before the widgets', so that keys act in the order in which they are typed; a
-    text field keeps the letters for itself (`check_consume_key`).
+    A text field keeps the letters for itself (`check_consume_key`).
     """
     return [
         Binding(

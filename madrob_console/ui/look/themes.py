@@ -76,12 +76,7 @@ _COLOURS_OF_16 = {
 
 
 def theme_for(name: ThemeName, environ: Mapping[str, str]) -> str:
-    """Which theme of `THEMES` to use for a terminal.
-
-    Args:
-        name: what the referee wants.
-        environ: with NO_COLOR, which counts unless it is empty, TERM and COLORTERM.
-    """
+    """Which of `THEMES` to use, by TERM, COLORTERM and NO_COLOR, which counts unless empty."""
     if environ.get("NO_COLOR") or environ.get("TERM", "").startswith("vt"):
         return COLOURLESS  # a VT100 and its kin have no colours either
     colours = environ.get("TEXTUAL_COLOR_SYSTEM", "auto")
@@ -97,7 +92,6 @@ class NoColours(LineFilter):
     """Leaves out every colour, the terminal's own too: not one code for colours is written."""
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
-        """The same segments without colours."""
         return [Segment(text, style and _bare(style), control) for text, style, control in segments]
 
 
@@ -107,7 +101,6 @@ NO_COLOURS = NoColours()
 
 @lru_cache(1024)
 def _bare(style: Style) -> Style:
-    """Only the attributes, and what the mouse does there."""
     bare = style.without_color
     return bare + Style.from_meta(style.meta) if style.meta else bare
 
@@ -178,14 +171,13 @@ def _all() -> Iterator[Theme]:
 
 
 THEMES = tuple(_all())
-"""All themes, for `App.register_theme`."""
 
 
 # ASCII instead of the signs that a terminal or a line in between cannot show.
 
 
 UNKNOWN = "?"
-"""Stands in each cell of a character that has no likeness in ASCII."""
+"""Replaces each cell of a character that has no likeness in ASCII."""
 
 _TERMINALS = ("vt100", "vt102", "vt220")
 _LOCALE = ("LC_ALL", "LC_CTYPE", "LANG")
@@ -237,7 +229,6 @@ def _table() -> Iterator[tuple[int, str]]:
 
 
 def _box(name: str) -> str:
-    """A line that goes one way, or `+` where lines meet."""
     words = name.replace("-", " ").split()
     if "DIAGONAL" in words:
         return "X" if "CROSS" in words else "/" if name.endswith("LOWER LEFT") else "\\"
@@ -247,22 +238,16 @@ def _box(name: str) -> str:
 
 
 def _dots(bits: int) -> str:
-    """Dots of braille: in the upper half of the cell, in the lower, in both."""
     upper, lower = bits & 0b00011011, bits & 0b11100100
     return ":" if upper and lower else "'" if upper else "." if lower else " "
 
 
 LIKENESS = dict(_table())
-"""What stands for a sign in ASCII, in one cell as the sign itself; for `str.translate`."""
+"""Signs and their ASCII likeness, both of one cell; for `str.translate`."""
 
 
 def uses_ascii(environ: Mapping[str, str], wanted: bool | None = None) -> bool:
-    """Whether to draw with ASCII only.
-
-    Args:
-        environ: with TERM and the locale; one that is not set is taken for Unicode.
-        wanted: what the settings or a flag say; None = find out.
-    """
+    """Whether to use ASCII only; None = by TERM and the locale, Unicode if that is not set."""
     if wanted is not None:
         return wanted
     if environ.get("TERM") in _TERMINALS:
@@ -274,8 +259,8 @@ def uses_ascii(environ: Mapping[str, str], wanted: bool | None = None) -> bool:
 def to_ascii(text: str) -> str:
     """The text in ASCII, in as many cells.
 
-    Letters lose their accents, signs become their likeness, and anything else, as the name of a
-    team in another script, becomes `?` in each of its cells. Only the screen: files keep it.
+    Letters lose their accents, signs become their likeness, anything else, as a name in another
+    script, becomes `?` in each of its cells. Only for the screen: files keep the text.
     """
     if text.isascii():
         return text
@@ -297,7 +282,6 @@ class AsciiFilter(LineFilter):
     """Brings all that widgets draw, borders and scrollbars too, down to ASCII."""
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
-        """The same segments with other text."""
         return [Segment(to_ascii(text), style, control) for text, style, control in segments]
 
 

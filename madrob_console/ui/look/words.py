@@ -56,12 +56,12 @@ def rough_text(duration: float) -> str:
 
 
 def time_of_day(epoch: float) -> str:
-    """The local time of day of a time in s since the epoch."""
+    """The local time of day; `epoch` in s."""
     return time.strftime("%H:%M:%S", time.localtime(epoch))
 
 
 def date_of(epoch: float) -> str:
-    """The local date and time of a time in s since the epoch."""
+    """The local date and time; `epoch` in s."""
     return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(epoch))
 
 
@@ -75,13 +75,11 @@ def size_text(size: float) -> str:
 
 
 def done_text(act: Act) -> str:
-    """What an act that took effect did."""
     reason = act.reason_given
     return f"Done: {act.done}" + (f" ({shortened(reason, _LONGEST_REASON)})" if reason else "")
 
 
 def export_text(export: ExportView) -> str:
-    """What has become of an export; the zip's whole path, for who copies it."""
     if not export.path:
         if not export.problem:
             runs = "" if export.dossier else "the runs of "
@@ -107,7 +105,7 @@ def shortened(text: str, width: int) -> str:
 
 
 def cut_inside(text: str, width: int) -> str:
-    """The text in at most `width` cells; what is cut is cut in its middle: both ends tell more."""
+    """The text in at most `width` cells; a long one is cut in its middle: both ends tell more."""
     if cell_len(text) <= width:
         return text
     if width < 3:
@@ -122,7 +120,7 @@ def cut_inside(text: str, width: int) -> str:
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """The text in lines of at most `width` cells, broken at blanks where there are any.
+    """The text in lines of at most `width` cells, broken at blanks if there are any.
 
     A word that is longer, as a path, is broken behind a slash or an underscore if it has one.
     """
@@ -136,7 +134,6 @@ def wrapped(text: str, width: int) -> list[str]:
 
 
 def _chopped(word: str, width: int) -> list[str]:
-    """A word in pieces of at most `width` cells."""
     pieces: list[str] = []
     while cell_len(word) > width:
         first = chop_cells(word, width)[0]

@@ -20,17 +20,15 @@ MOST_ROWS = 3
 """Rows that faults may take from the screen."""
 
 FAULT, NOTE = " FAULT ", " NOTE  "
-"""What the first row of the fault line begins with."""
 
 BELOW, ON_LIVE = " below", ": F3"
 """Where the rest of the faults stands."""
 
 
 class AllFaults(View):
-    """Every fault, with all its words, where the fault line of the screen has no room for them."""
+    """Every fault, with all its words, if the screen's fault line has no room for them."""
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """As many rows as they need; none where the fault line says everything."""
         if not short_form(snapshot, self.screen.size.width, BELOW).cut:
             return ()
         rows = [line(Span("all faults", Tone.STRONG), Span("  arrows and PgDn scroll", Tone.DIM))]
@@ -47,19 +45,13 @@ class ShortForm(NamedTuple):
 
 
 def notices(snapshot: Snapshot, width: int) -> list[Line]:
-    """What is no fault and stands before them: a row at most."""
+    """Notices that are no faults and stand before them: a row at most."""
     told = [] if snapshot.notice is None else wrapped(snapshot.notice, width - len(FAULT))[:1]
     return [line(Span(NOTE, Tone.NOTICE), Span(text, Tone.WARN)) for text in told]
 
 
 def short_form(snapshot: Snapshot, width: int, where: str) -> ShortForm:
-    """The faults as the fault line of a screen has them.
-
-    Args:
-        snapshot: what is shown.
-        width: of the screen, cells.
-        where: the rest of them stands.
-    """
+    """The faults as the fault line of a screen has them; `where` says where the rest stands."""
     faults, room = snapshot.all_faults, width - len(FAULT)
     most = MOST_ROWS - len(notices(snapshot, width))
     rows: list[str] = []
@@ -98,13 +90,11 @@ class Banner(View):
     """A false start, a question, or what comes next."""
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """The text on as many rows as it needs."""
         text, tone = banner(snapshot)
         return paragraph(text, width, tone)
 
 
 def banner(snapshot: Snapshot) -> tuple[str, Tone]:
-    """What to look at now, the most urgent first."""
     run = snapshot.run
     if (false_start := run.undecided_false_start) is not None:
         at = "" if run.start is None else f" at {false_start.time - run.start:.1f} s"
@@ -122,7 +112,6 @@ def banner(snapshot: Snapshot) -> tuple[str, Tone]:
 
 
 def _decision(snapshot: Snapshot) -> str:
-    """What the referee can do about a false start."""
     if snapshot.playback is not None or snapshot.right.only_watches:
         return ""
     again = "r restarts the countdown, " if snapshot.run.phase is Phase.COUNTDOWN else ""
@@ -170,7 +159,6 @@ class EvidenceLine(View):
     """What is wrong first, then how long there is room, then what comes, as far as it fits."""
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """One row; none where no evidence is wanted."""
         evidence = snapshot.evidence
         if evidence is None:
             return ()
@@ -230,9 +218,9 @@ def _good(topic: EvidenceTopicView, name: str) -> Line:
 
 
 def _as_they_fit(parts: Sequence[Line], width: int) -> Line:
-    """The first ones, the first of all cut where it must be, and how many there are more.
+    """The parts that fit, and how many more there are.
 
-    Where not even that one would be told they are only counted.
+    The first part is cut if necessary. If not even it would be legible, all are only counted.
     """
     row: Line = ()
     more = len(f"{_GAP}and {len(parts)} more") if len(parts) > 1 else 0
@@ -257,7 +245,7 @@ def _cut_spans(row: Sequence[Span], width: int) -> Line:
 
 
 def _short_names(topics: Sequence[str]) -> dict[str, str]:
-    """Names without what all cameras' topics end with, where that leaves them different."""
+    """Topic names without the common end of all cameras' topics, if they still differ."""
     short = {topic: topic.removeprefix("/") for topic in topics}
     for topic, name in short.items():
         for ending in _ENDINGS:

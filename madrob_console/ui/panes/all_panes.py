@@ -33,12 +33,7 @@ Pane = (
 
 
 class Panes:
-    """One of each, by name.
-
-    Args:
-        link: to the engine.
-        defaults: what the first run's set-up proposes.
-    """
+    """One of each, by name."""
 
     def __init__(self, link: EngineLink, defaults: ConsoleDefaults) -> None:
         history = History(defaults.results)

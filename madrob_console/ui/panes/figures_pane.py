@@ -49,14 +49,7 @@ FIGURES = tuple(name.spec for name in FigureName if name.spec.part is FigurePart
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
-    """One figure of one run, ready to be drawn.
-
-    Attributes:
-        number: index into `FIGURES`.
-        curves: of the run.
-        snapshot: says which run it is, and what it scored.
-        window: the time that is shown.
-    """
+    """One figure of one run, ready to be drawn; `number` is an index into `FIGURES`."""
 
     number: int
     curves: Curves
@@ -64,13 +57,7 @@ class Sheet:
     window: Window
 
     def lines(self, width: int, height: int, ink: Ink = BRAILLE) -> list[Line]:
-        """Title, plots, time axis and legend; words give way where rows are few.
-
-        Args:
-            width: cells.
-            height: rows; 13 at least for two plots.
-            ink: the characters.
-        """
+        """Title, plots, time axis and legend; words give way if rows are few, 13 for two plots."""
         figure = FIGURES[self.number]
         events = marked_events(self.curves.events, self._condition)
         run = line(Span(what_text(self.snapshot.run), Tone.DIM))
@@ -114,7 +101,6 @@ class Sheet:
         return line(Span(fitted(text, width - len(right)) + right, Tone.STRONG))
 
     def _finding(self) -> Line:
-        """The indicator that the figure explains, by the ruleset of the result."""
         figure, result = FIGURES[self.number], self.snapshot.result
         name = figure.indicator.words
         if result is None:
@@ -126,7 +112,6 @@ class Sheet:
         return line(begin, Span(indicator.text, Tone.STRONG), f" = {figure.meaning}")
 
     def _heading(self, panel: PanelSpec, plot: Plot) -> Line:
-        """The quantity, its maximum and where that is."""
         top = plot.extreme()
         name = Span(f"{panel.filtered} {panel.label}, {panel.unit}".lstrip(), Tone.STRONG)
         if top is None:
@@ -156,13 +141,11 @@ def _legend(events: Mapping[EventMark, Sequence[float]]) -> Line:
 
 
 def _times(times: Sequence[float]) -> str:
-    """One or two times; of more the first and the last."""
     between = f" .. ({len(times)}) .. " if len(times) > 2 else " "
     return between.join(f"{time:.2f}" for time in dict.fromkeys((times[0], times[-1])))
 
 
 def _shares(rows: int, parts: int) -> Iterable[int]:
-    """The rows divided among the plots, each of which gets its least."""
     share, more = divmod(max(rows, parts * _LEAST_ROWS), parts)
     return [share + (part < more) for part in range(parts)]
 
@@ -183,7 +166,6 @@ class FigureView(Lines):
     content: Sheet | tuple[str, Tone] = (READING, Tone.DIM)
 
     def lines(self, width: int) -> Sequence[Line]:
-        """What fits."""
         if isinstance(self.content, Sheet):
             ink = ASCII if self.ascii_only else BRAILLE
             return self.content.lines(width, self.room.height, ink)
@@ -192,12 +174,7 @@ class FigureView(Lines):
 
 
 class FiguresPane(Vertical, can_focus=True):
-    """One figure at a time, zoomable in time.
-
-    Args:
-        load: gives the curves of the run with a result; None without one. May take a while and
-            is called in a thread.
-    """
+    """One figure at a time, zoomable in time; `load`, called in a thread, may take a while."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "move(-1)", show=False),
@@ -229,16 +206,13 @@ class FiguresPane(Vertical, can_focus=True):
         self._window: Window | None = None
 
     def compose(self) -> ComposeResult:
-        """All of it."""
         yield self._view
 
     def enter(self) -> None:
-        """Take the focus and read the curves again."""
         self.focus()
         self._request()
 
     def show(self, snapshot: Snapshot) -> None:
-        """Show a newer snapshot; the curves are read again where the result is another one."""
         shown = (snapshot.run.start, snapshot.run.issue)
         if shown == self._shown:
             return
@@ -262,28 +236,23 @@ class FiguresPane(Vertical, can_focus=True):
         self.post_message(loaded)
 
     def on_figures_pane_loaded(self, event: Loaded) -> None:
-        """Draw what the latest request brought."""
         if event.number == self._requests:
             self._loaded = event
             self._redraw()
 
     def action_move(self, way: int) -> None:
-        """Earlier or later, by a quarter of what is shown."""
         if (window := self._window) is not None:
             self._look(window.middle + way * _STEP * window.width, window.width)
 
     def action_zoom(self, way: int) -> None:
-        """Into the middle of what is shown, or out of it."""
         window = self._window or self._whole()
         self._look(window.middle, window.width / _ZOOM**way)
 
     def action_show_all(self) -> None:
-        """The whole run."""
         self._window = None
         self._redraw()
 
     def action_turn(self, way: int) -> None:
-        """The next or previous figure."""
         self._figure = (self._figure + way) % len(FIGURES)
         self._redraw()
 
@@ -293,7 +262,7 @@ class FiguresPane(Vertical, can_focus=True):
         return Window(first, max(last, first + SHORTEST_WINDOW))
 
     def _look(self, middle: float, width: float) -> None:
-        """Show `width` s around `middle`, as far as there is that much."""
+        """Shows `width` s around `middle`, as far as there is that much."""
         whole = self._whole()
         width = max(SHORTEST_WINDOW, width)
         if width >= whole.width:
@@ -321,7 +290,6 @@ class FiguresPane(Vertical, can_focus=True):
 
 
 def _nothing(snapshot: Snapshot) -> str:
-    """Why there is nothing to draw."""
     if snapshot.run.outcome is Outcome.ABORTED:
         return "no figures: the run was aborted and is invalid"
     return "no figures: nothing was recorded of door and handle during the run"
@@ -361,25 +329,22 @@ _ASCII = _Ink("#", "+", "-", ".", "^\\</v\\>/")
 
 
 class TopView(Lines):
-    """Follows the set-up; as many rows as its style gives it, 13 where that is `auto`."""
+    """Follows the set-up; as many rows as its style gives it, 13 if that is `auto`."""
 
     _condition: Condition | None = None
     _pose: StartPose | None = None
 
     def show_setup(self, condition: Condition, pose: StartPose | None) -> None:
-        """Show another set-up; no pose where what is typed is no number."""
         self._condition, self._pose = condition, pose
         self.redraw()
 
     def lines(self, width: int) -> Sequence[Line]:
-        """The drawing; nothing where there is no room for it."""
         if self._condition is None:
             return ()
         height = self.room.height
         return top_view(self._condition, self._pose, width, height, self.ascii_only)
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
-        """A comfortable height."""
         return GOOD_HEIGHT
 
 
@@ -392,12 +357,7 @@ def top_view(
 ) -> list[Line]:
     """The drawing in `width` x `height` cells, 15 x 7 at least; empty in fewer.
 
-    Args:
-        condition: its opening side has the panel's swing; its starting side must hold the pose.
-        pose: None = no pose is known.
-        width: cells.
-        height: rows.
-        ascii: only ASCII characters.
+    The starting side must hold `pose`; None = no pose is known.
     """
     if width < LEAST_WIDTH or height < LEAST_HEIGHT:
         return []
@@ -436,7 +396,6 @@ class _Sheet:
         return scale / self._middle
 
     def _holds(self, pose: StartPose, scale: float) -> bool:
-        """Whether a pose lies between the labels above and below."""
         row = self._row_length(scale)
         return abs(pose.x) / row <= self._middle - 0.5 and abs(pose.y) / row * 2 <= self._centre
 
@@ -451,17 +410,14 @@ class _Sheet:
         )
 
     def put(self, row: int, column: int, span: Span) -> None:
-        """Write one cell, if it is on the sheet."""
         if 0 <= row < len(self.cells) and 0 <= column < len(self.cells[0]):
             self.cells[row][column] = span
 
     def write(self, row: int, column: int, text: str, tone: Tone) -> None:
-        """Write a text."""
         for offset, char in enumerate(text):
             self.put(row, column + offset, Span(char, tone))
 
     def draw_door(self, opening: Side) -> None:
-        """Wall, hinge, closed panel, and the way of its edge to the open door."""
         ink, row = self._ink, self._row_length(self.scale)
         half = max(1, round(DOORWAY / row))  # half the doorway in cells of half a row
         hinge = self._centre - half
@@ -477,7 +433,6 @@ class _Sheet:
         self.put(self._middle, hinge, Span(ink.hinge, Tone.STRONG))
 
     def write_labels(self, starting: Side) -> None:
-        """The sides, where the run starts, the scale, and the way of y."""
         wide = len(self.cells[0])
         for side, row in ((Side.CCW, 0), (Side.CW, len(self.cells) - 1)):
             start = " start" if side is starting else ""
@@ -488,7 +443,6 @@ class _Sheet:
             self.write(self._middle, 0, "+y ", Tone.DIM)
 
     def write_words(self, text: str, tone: Tone) -> None:
-        """A word on the side where the robot is not."""
         row = len(self.cells) - 2 if self.place[0] <= self._middle else 1
         self.write(row, (len(self.cells[0]) - len(text)) // 2, text, tone)
 

@@ -53,16 +53,11 @@ never count, and lie in a folder of their own."""
 
 
 class HelpText(Lines):
-    """All keys, then how things hang together, then the symbols.
-
-    Attributes:
-        of_replay: whether to show the keys of a replay, too.
-    """
+    """All keys, those of a replay if `of_replay`, then how things hang together, the symbols."""
 
     of_replay = False
 
     def lines(self, width: int) -> Sequence[Line]:
-        """The page."""
         rows = [
             line(
                 Span(f"{key.cap:>4}", Tone.CAP),
@@ -89,14 +84,11 @@ class HelpPane(VerticalScroll):
         self._text = HelpText()
 
     def compose(self) -> ComposeResult:
-        """One page."""
         yield self._text
 
     def enter(self) -> None:
-        """Arrows scroll."""
         self.screen.set_focus(self)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Only a replay changes the help."""
         self._text.of_replay = snapshot.playback is not None
         self._text.redraw()

@@ -41,7 +41,6 @@ class DoorGauge(View):
     """Angle, open or closed, latch; a scale with the closed zone and the opening side."""
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """Three rows."""
         room = width - 9
         setup = snapshot.run.setup
         opening = None if setup is None else setup.condition.opening_side
@@ -106,7 +105,6 @@ class HandleGauge(View):
     """Force, zero and maximum; a scale around the zero with the touch threshold."""
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """Three rows; the scale counts from the zero."""
         handle = snapshot.handle
         room = width - 1
         limit = _limit(handle)
@@ -139,7 +137,6 @@ def _touched(handle: HandleView) -> bool:
 
 
 def _limit(handle: HandleView) -> float:
-    """The smallest scale that holds threshold and maximum."""
     most = max(4 * handle.touch_force, (handle.maximum or 0.0) + abs(handle.zero))
     return next((limit for limit in _LIMITS if limit >= most), _LIMITS[-1])
 
@@ -174,7 +171,6 @@ class LogView(View):
     """As many lines as there is room for, the newest at the bottom."""
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """Time, origin, text."""
         rows = self.size.height
         return [log_line(entry) for entry in snapshot.log[-rows:]] if rows else ()
 
@@ -199,7 +195,6 @@ LEGEND = (
     ("s", "stale"),
     ("?", "no data"),
 )
-"""What the symbols mean, for the help."""
 
 
 class Passage(View):
@@ -219,7 +214,6 @@ class Passage(View):
 
 
 def symbol(sensor: SensorView) -> Span:
-    """One letter for the state of a sensor."""
     if sensor.freshness is Freshness.STALE:
         return Span("s", Tone.WARN)
     if sensor.freshness is not Freshness.FRESH or sensor.occupied is None:
@@ -257,7 +251,6 @@ class Provisional(View):
     """The time indicators as they become known; what the run can still change is marked."""
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """One row; two when a source is silent or the recorder has a problem."""
         spans = [Span("so far ", Tone.STRONG)]
         for name, words in _NAMES.items():
             value = snapshot.provisional.get(name)
@@ -304,7 +297,6 @@ class LivePane(VerticalScroll):
         self._count = 0
 
     def compose(self) -> ComposeResult:
-        """Top to bottom."""
         clock, tenths, summary, banner, steps, passage, door, handle, faults = self._quick
         so_far, evidence, log = self._slow
         yield Horizontal(clock, tenths, summary, classes="row")
@@ -317,12 +309,10 @@ class LivePane(VerticalScroll):
         yield log
 
     def enter(self) -> None:
-        """No field has the focus: the letters are keys, arrows scroll."""
         self.scroll_home(animate=False)
         self.screen.set_focus(self)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Show a newer snapshot."""
         for view in self._quick:
             view.show(snapshot)
         if self._count % _SLOW == 0:

@@ -40,7 +40,7 @@ _PROBLEMS = 2
 
 
 class CellView(StrEnum):
-    """What a cell says where there is no room for all."""
+    """What a cell says if there is no room for all."""
 
     DONE = "done/planned"
     VALID = "valid/planned"
@@ -48,11 +48,7 @@ class CellView(StrEnum):
 
 
 class PlanPane(Vertical):
-    """A row a team, a column a condition; Enter proposes the marked one.
-
-    Args:
-        reader: knows how much of the plan is done.
-    """
+    """A row a team, a column a condition; Enter proposes the marked one."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("v", "view", show=False)]
 
@@ -80,7 +76,6 @@ class PlanPane(Vertical):
         self._keys = Label()
 
     def compose(self) -> ComposeResult:
-        """What is done and comes next, what is wrong, the grid, the marked cell, the keys."""
         yield self._head
         yield self._problems
         yield self._grid
@@ -89,14 +84,12 @@ class PlanPane(Vertical):
 
     @property
     def selected(self) -> Task | None:
-        """The marked team and condition; None where there is nothing."""
         if not self._subjects or not self._conditions:
             return None
         return Task(self._subjects[self._grid.row], self._conditions[self._grid.column])
 
     @property
     def copied(self) -> str:
-        """All of the marked cell, in words."""
         task = self.selected
         if task is None:
             return ""
@@ -106,34 +99,28 @@ class PlanPane(Vertical):
         return about(attempts, self._teams) + ("; NEXT" if is_next else "")
 
     def enter(self) -> None:
-        """Mark what comes next, and ask whether it still does."""
         self.screen.set_focus(self._grid)
         self._goes_to_next = True
         self.run_worker(self._reader.read(), exclusive=True)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Show a newer answer, and newer names."""
         if (self._version, self._teams) != (self._reader.version, snapshot.teams.names):
             self._version, self._teams = self._reader.version, snapshot.teams.names
             self._show_progress()
 
     def on_resize(self, _event: events.Resize) -> None:
-        """There is room for more, or for less."""
         self._show_progress()
 
     def on_grid_marked(self, event: Grid.Marked) -> None:
-        """Say all of the marked cell."""
         event.stop()
         self._about.say(self.copied, Tone.DIM)
 
     def on_grid_chosen(self, event: Grid.Chosen) -> None:
-        """Ask for the marked run."""
         event.stop()
         if (task := self.selected) is not None:
             self.post_message(self.Chosen(task))
 
     def action_view(self) -> None:
-        """Done, valid, level."""
         order = list(CellView)
         self._view = order[(order.index(self._view) + 1) % len(order)]
         self._show_progress()
@@ -188,7 +175,6 @@ class PlanPane(Vertical):
         self._head.say(text)
 
     def _heads(self, width: int) -> list[str]:
-        """What stands over the rows' heads, and these: number, team, how much is done."""
         done = [self._total(subject) for subject in self._subjects]
         names = [self._teams.get(subject, "") for subject in self._subjects]
         numbers = max(map(len, done), default=0)
@@ -224,7 +210,7 @@ class PlanPane(Vertical):
 def cell(attempts: Attempts | None, view: CellView | None, *, is_next: bool) -> Span:
     """What a cell of the grid says; all of it without a `view`.
 
-    `1/2` is one attempt done of two, `1!2` the same where one is not valid, `+1` one out of plan;
+    `1/2` is one attempt done of two, `1!2` the same with one not valid, `+1` one out of plan;
     `P` at the end: a protest is open.
     """
     if attempts is None:
@@ -252,7 +238,6 @@ def cell(attempts: Attempts | None, view: CellView | None, *, is_next: bool) -> 
 
 
 def about(attempts: Attempts, teams: Mapping[int, str]) -> str:
-    """A cell in words."""
     words = ", ".join(condition_words(attempts.task.condition))
     told = [f"{task_words(attempts.task, teams)}: {words}"]
     if attempts.open_protests:
@@ -280,16 +265,7 @@ def _widest(rows: Iterable[Iterable[Span]]) -> int:
 
 
 class PlanReader:
-    """Asks the engine again when the plan, or the result of a run, has changed.
-
-    Args:
-        link: to the engine.
-
-    Attributes:
-        progress: the latest answer.
-        problem: why there is no later one, in words; empty = this is the latest.
-        version: counts the answers.
-    """
+    """Asks the engine again after a change; `problem` says why there is no newer `progress`."""
 
     def __init__(self, link: EngineLink) -> None:
         self._link = link
@@ -311,11 +287,10 @@ class PlanReader:
 
     @property
     def behind(self) -> bool:
-        """Whether something has changed since the latest answer."""
         return self._answered < self._wanted
 
     async def read(self) -> None:
-        """Ask; the answer to the latest question counts."""
+        """Asks; the answer to the latest question counts."""
         self._asked += 1
         number = self._asked
         progress, problem = self.progress, ""

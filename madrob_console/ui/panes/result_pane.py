@@ -52,7 +52,6 @@ class QualityTable(View):
     """Rates, gaps, jitter, skew, dropped and shifted stamps."""
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """The table of the result."""
         if snapshot.result is None:
             return ()
         quality = snapshot.result.quality
@@ -105,10 +104,9 @@ _UNSAVED = "NOT ON DISK YET: only the engine has it, and goes on trying"
 
 
 class ResultHead(View):
-    """Three rows; one more for flags, and more for long words."""
+    """Outcome, validity, open questions, run, state; three rows, more for flags and long words."""
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """Outcome and validity, what a decision hangs on, run, state of the result."""
         result = snapshot.result
         if result is None:
             return [line(_no_result(snapshot))]
@@ -131,7 +129,6 @@ class ResultHead(View):
 
 
 def _marked(lines: list[Line], snapshot: Snapshot, width: int) -> list[Line]:
-    """With a notice where the result is no official one: beside the outcome, else below it."""
     source = snapshot.result_source
     if source is None or (source is SourceKind.ROS and not snapshot.practice):
         return lines
@@ -143,7 +140,6 @@ def _marked(lines: list[Line], snapshot: Snapshot, width: int) -> list[Line]:
 
 
 def _silent(snapshot: Snapshot) -> bool:
-    """Whether there is nobody before this screen who could do anything about it."""
     return snapshot.playback is not None or snapshot.right.only_watches
 
 
@@ -158,7 +154,6 @@ def _no_result(snapshot: Snapshot) -> str:
 
 
 def _deadlines(snapshot: Snapshot, width: int) -> list[Line]:
-    """How long there is to decide what is protested."""
     if snapshot.playback is not None:  # what was to be done then is over
         return []
     lines: list[Line] = []
@@ -230,16 +225,11 @@ class _Room(NamedTuple):
 
 
 class IndicatorTable(View):
-    """One row each; a long reason takes more.
-
-    Attributes:
-        earlier: completed runs of the same team in the same condition, to compare with.
-    """
+    """One row for each indicator; `earlier` are the team's completed runs in the same condition."""
 
     earlier: Sequence[RunSummary] = ()
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """A header and the indicators; below them what the signs mean that are among them."""
         if snapshot.result is None:
             return ()
         found = snapshot.result.indicators
@@ -279,7 +269,6 @@ _LEGEND = (
 
 
 def _room(found: Iterable[Indicator], width: int) -> _Room:
-    """Names and values are shortened where the uncertainties leave no room for all."""
     spread = _SPREAD if any(uncertainty_text(one.uncertainty) for one in found) else 0
     if not spread or width >= _ROOMY + spread:
         return _Room(width, _NAME, _VALUE, spread)
@@ -309,7 +298,7 @@ def _rows(
 
 
 def _drift(result: Result, touch_force: float) -> list[Line]:
-    """How far the handle came to rest from its zero, where that is too far (section 11)."""
+    """How far the handle came to rest from its zero, if too far (protocol section 11)."""
     rest = result.rest
     if rest is None or rest.drift is None or not rest.drifted(touch_force):
         return []
@@ -322,8 +311,8 @@ def compared(
 ) -> Line:
     """The difference to the mean, and whether it is better; with room, the mean.
 
-    Beside that stands of how many runs it is, where not all of the `count` have a value. A
-    difference within the uncertainties is neither better nor worse (protocol section 11).
+    Beside it the number of its runs, if not all of the `count` have a value. A difference
+    within the uncertainties is neither better nor worse (protocol section 11).
     """
     if earlier is None or indicator.value is None:
         return ()
@@ -351,7 +340,7 @@ def compared(
 
 
 _BESIDE = 114
-"""Cells that indicators and steps take beside each other, with what is between them."""
+"""Cells of indicators and steps side by side, with what is between them."""
 
 
 _LOOKS_EVERY = 3.0  # s
@@ -363,11 +352,7 @@ _Shown = tuple[float | None, int, tuple[int, Condition] | None]
 
 
 class ResultsPane(VerticalScroll):
-    """Outcome, indicators, capability, marks, files, data quality; arrows scroll.
-
-    Args:
-        load: all runs of the competition; may take a moment.
-    """
+    """Outcome, indicators, capability, marks, files, data quality; `load` may take a moment."""
 
     def __init__(self, load: Callable[[], Sequence[RunSummary]]) -> None:
         super().__init__(id="results")
@@ -386,7 +371,6 @@ class ResultsPane(VerticalScroll):
         )
 
     def compose(self) -> ComposeResult:
-        """Top to bottom; indicators and steps side by side where there is room."""
         head, indicators, steps, marks, quality = self._views
         yield head
         yield Container(indicators, steps, classes="columns")
@@ -394,7 +378,7 @@ class ResultsPane(VerticalScroll):
         yield quality
 
     def on_mount(self) -> None:
-        """A report is made some time after the result, and its pictures with it."""
+        """Looks for pictures later: they come with the report, some time after the result."""
         self.set_interval(_LOOKS_EVERY, self._look_for_pictures)
 
     @property
@@ -403,15 +387,13 @@ class ResultsPane(VerticalScroll):
         return f"{self._folder}/{PICTURES_FOLDER}" if self._marks.pictures else ""
 
     def on_resize(self, _event: events.Resize) -> None:
-        """Side by side only where both tables are whole."""
+        """Side by side only if both tables are whole."""
         self.set_class(self.scrollable_content_region.width >= _BESIDE, "-beside")
 
     def enter(self) -> None:
-        """Arrows scroll."""
         self.screen.set_focus(self)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Show a newer snapshot; another result begins at its top."""
         result = snapshot.result
         run, setup = snapshot.run, snapshot.run.setup
         series = None if setup is None else (setup.subject, setup.condition)
@@ -432,11 +414,10 @@ class ResultsPane(VerticalScroll):
 
     @property
     def copied(self) -> str:
-        """All of it as text."""
         return "\n\n".join(filter(None, (plain(view.lines(_COPIED)) for view in self._views)))
 
     def _compare(self, snapshot: Snapshot, setup: RunSetup) -> None:
-        """Look up the team's earlier runs in the same condition, off the loop."""
+        """Looks up the team's earlier runs in the same condition, off the loop."""
         result, practice, shown = snapshot.result, snapshot.practice, self._shown
         assert result is not None
 

@@ -57,11 +57,9 @@ class RunClock(View):
     """
 
     def get_content_width(self, container: Size, viewport: Size) -> int:
-        """For minutes and seconds."""
         return width_of_large(_LARGEST_TIME, clock_size(viewport)) + 1
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """To the right; plain digits where there is no room for large ones."""
         text, tone = clock_span(snapshot)
         size = clock_size(self.app.size)
         rows = large_text(text[:-2], size, ascii_only=self.ascii_only)
@@ -74,7 +72,6 @@ class RunTenths(View):
     """The point and the tenths beside `RunClock`, at the foot of its digits."""
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """Three rows, and those above them."""
         text, tone = clock_span(snapshot)
         size = clock_size(self.app.size)
         rows = large_text(text[-2:], 1, ascii_only=self.ascii_only) or ["", text[-2:], ""]
@@ -104,13 +101,9 @@ _LARGE_TEAM = 3
 
 
 class RunStatus(View):
-    """Phase or outcome with the time left, who, and in which condition.
-
-    Where the clock is large, so is the phase, and then the team.
-    """
+    """Phase or outcome with the time left, who, and in which condition; large if the clock is."""
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """Three rows, or as many as the larger letters need."""
         run, size = snapshot.run, clock_size(self.app.size)
         phase = phase_span(run)
         stands = line(phase, *_on_its_way(snapshot), *_time_left(snapshot))
@@ -123,7 +116,7 @@ class RunStatus(View):
 
 
 def in_large(span: Span, width: int, size: int, *, ascii_only: bool) -> list[Line]:
-    """A text in the largest letters up to a size that fit; no row where none do."""
+    """A text in the largest letters up to a size that fit; no row if none do."""
     while size and width_of_large(span.text, size) > width:
         size -= 1
     rows = large_text(span.text, size, ascii_only=ascii_only) if size else None
@@ -131,7 +124,6 @@ def in_large(span: Span, width: int, size: int, *, ascii_only: bool) -> list[Lin
 
 
 def phase_span(run: Run) -> Span:
-    """The phase in words; the outcome once there is one."""
     if run.outcome is not None:
         return Span(OUTCOMES[run.outcome].partition(":")[0], TONES[run.outcome])
     tone = Tone.GOOD if run.phase is Phase.RUNNING else Tone.STRONG
@@ -139,12 +131,10 @@ def phase_span(run: Run) -> Span:
 
 
 def team_text(run: Run) -> str:
-    """Subject and team."""
     return "" if run.setup is None else f"{run.setup.subject} {run.setup.team}".rstrip()
 
 
 def who_text(run: Run) -> str:
-    """Subject, team and run number."""
     if run.setup is None:
         return "no run is set up"
     team = f" {run.setup.team}" if run.setup.team else ""
@@ -153,7 +143,6 @@ def who_text(run: Run) -> str:
 
 
 def what_text(run: Run) -> str:
-    """The same, and what the robot has to do."""
     if run.setup is None:
         return who_text(run)
     condition = run.setup.condition
@@ -210,7 +199,6 @@ class StepTable(View):
         self._of_result = of_result
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """A header and six rows; more for reasons that would not be whole."""
         result = snapshot.result
         if not self._of_result:
             return step_lines(snapshot.steps, snapshot.run.start, width, settled=result is not None)
@@ -220,15 +208,10 @@ class StepTable(View):
 def step_lines(
     steps: Sequence[StepRecord], start: float | None, width: int, *, settled: bool = True
 ) -> list[Line]:
-    """The table of a run that goes on; times in s since `start`.
+    """The table of a run that goes on, times in s since `start` (s since the epoch).
 
-    With room, a column says why a step is not done.
-
-    Args:
-        steps: the six.
-        start: of the run, s since the epoch.
-        width: cells.
-        settled: no time can change any more; else those that can are rough and marked.
+    With room, a column says why a step is not done. `settled`: no time can change any more;
+    else those that can are rough and marked.
     """
     room = _room(width)
     pending = next((record.step for record in steps if not record.done), None)
@@ -292,7 +275,6 @@ def _row(
 def _compact(
     record: StepRecord, start: float | None, width: int, *, is_next: bool, rough: bool
 ) -> Line:
-    """What counts, and whether the referee said so; the result has all columns."""
     counts = _counts(record, start, rough=rough)
     ruled = record.referee is not None
     roomy = width >= _COMPACT
@@ -323,18 +305,13 @@ def step_time(at: float | None, start: float | None, *, rough: bool) -> str:
 
 
 class RunMarks(View):
-    """One row each, by kind, the newest first; then the folder (y copies it whole).
-
-    Attributes:
-        pictures: how many there are in the run's folder of what cameras saw.
-    """
+    """One row each, by kind, the newest first; then the folder (y copies it whole)."""
 
     def __init__(self) -> None:
         super().__init__()
         self.pictures = 0
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """The rows; none before there is a result."""
         if snapshot.result is None:
             return ()
         doubts = (
@@ -372,7 +349,6 @@ def run_marks(run: Run) -> Iterator[tuple[str, str]]:
 
 
 def _protests(run: Run) -> Iterator[tuple[str, str]]:
-    """What teams say, and what was decided."""
     for one in reversed(run.protests):
         at = "" if one.at is None else f" {_at(one.at, run)}".rstrip()
         late = f"; late, admitted: {one.late}" if one.late else ""
@@ -383,7 +359,6 @@ def _protests(run: Run) -> Iterator[tuple[str, str]]:
 
 
 def _decisions(run: Run) -> Iterator[tuple[str, str]]:
-    """What the referee decided after the stop, or of a step."""
     for one in reversed(run.reissues):
         by = f" ({one.referee})" if one.referee else ""
         yield f"issue {one.issue}", f"{date_of(one.time)}, {one.what}: {one.reason}{by}"
@@ -402,7 +377,6 @@ def _decisions(run: Run) -> Iterator[tuple[str, str]]:
 
 
 def _path(name: str, path: str, width: int) -> list[Line]:
-    """One row: beside its name, or without it where that leaves room for all."""
     head = f"{name:<18}"
     if cell_len(head) + cell_len(path) > width:
         head = f"{name} "
@@ -430,7 +404,7 @@ _BETWEEN = Span("; ", Tone.DIM)
 
 
 def flag_sign(found: Iterable[Flag]) -> str:
-    """The heaviest of some flags in two cells, `!!` with one undecided; empty if none weighs."""
+    """The most serious flag in two cells, `!!` with one undecided; empty if none weighs."""
     flags = tuple(found)
     return _SIGNS[FlagWeight.ALARM if undecided(flags) else worst(flags)]
 
@@ -438,13 +412,7 @@ def flag_sign(found: Iterable[Flag]) -> str:
 def flag_lines(
     found: Sequence[Flag], width: int, hints: Mapping[str, str] | None = None
 ) -> list[Line]:
-    """All words of some flags, each in its tone, on as many rows as they need.
-
-    Args:
-        found: the flags, in order.
-        width: cells of a row.
-        hints: what the referee can do about a flag, by its kind.
-    """
+    """All words of some flags, each in its tone; `hints`: what the referee can do, by flag kind."""
     rows: list[list[Span]] = []
     for flag in found:
         how = (hints or {}).get(flag.kind) if flag.undecided else None

@@ -44,18 +44,7 @@ Load = Callable[[], Sequence[RunSummary]]
 
 
 class RunsPane(Vertical, Generic[Content, _Row]):
-    """Reads all runs when it comes into view and whenever a result changes.
-
-    Args:
-        load: called in a thread.
-        table: of what is read; it has the focus.
-        id: of the pane.
-
-    Attributes:
-        table: as given.
-        head: says what is shown, or what is wrong.
-        about: says what does not fit into the marked row.
-    """
+    """Reads all runs in a thread when it comes into view and whenever a result changes."""
 
     class Opened(Message):
         """The referee wants to see the run, or the runs, of a row."""
@@ -88,36 +77,31 @@ class RunsPane(Vertical, Generic[Content, _Row]):
 
     @property
     def selected(self) -> _Row | None:
-        """The marked row."""
         return self.table.selected
 
     def on_table_marked(self, event: Table.Marked) -> None:
-        """Say what does not fit into the marked row."""
         event.stop()
         row = self.selected
         self.about.say(*("", Tone.DIM) if row is None else self.words_about(row))
 
     def on_table_chosen(self, event: Table.Chosen) -> None:
-        """Ask for the marked row."""
         event.stop()
         if self.selected is not None:
             self.post_message(self.Opened(self.selected))
 
     def enter(self) -> None:
-        """Take the focus and read."""
         self.screen.set_focus(self.table)
         self._seen = None
         self.reload()
 
     def reload(self) -> None:
-        """Read in the background; what was shown stays until then."""
+        """Reads in the background; what was shown stays until then."""
         self._number += 1
         self._reading = True
         self.head.say("reading the results folder ...", Tone.DIM)
         self.run_worker(partial(self._read, self._number), thread=True, exclusive=True)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Read again when a result has come or changed, or the list of teams."""
         run = snapshot.run
         written = snapshot.result is not None
         said = (run.closure, run.rulings, run.accepted_doubts, run.protests)
@@ -127,7 +111,7 @@ class RunsPane(Vertical, Generic[Content, _Row]):
         self._seen = seen
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
-        """Say what is shown; not while other runs are on their way."""
+        """Says what is shown; not while other runs are on their way."""
         if not self._reading:
             self.head.say(text, tone)
 
@@ -140,7 +124,7 @@ class RunsPane(Vertical, Generic[Content, _Row]):
         self.call_later(self._show_read, number, show)
 
     def _show_read(self, number: int, show: Callable[[], None]) -> None:
-        """Show what was read last; what an earlier reading brings is old."""
+        """Shows what was read last; results of earlier reads are dropped."""
         if number == self._number:
             self._reading = False
             show()
@@ -160,17 +144,14 @@ def results_state(snapshot: Snapshot) -> tuple[object, ...]:
 
 
 MISSING = Span("-", Tone.DIM)
-"""Where there is no value."""
 
 _LARGE = 1e4
-"""Of such a number the power of ten is told rather than all its digits."""
+"""From here on a number is shown by its power of ten instead of all its digits."""
 
 
 def number_column(
     title: str, meaning: str, value: Callable[[Row], int | None], width: int
 ) -> Column[Row]:
-    """The column of a whole number."""
-
     def cell(row: Row) -> Span:
         found = value(row)
         return MISSING if found is None else Span(str(found))
@@ -200,13 +181,7 @@ def text_column(
 
 
 class Shown(NamedTuple):
-    """What a row has of an indicator.
-
-    Attributes:
-        value: in its unit; None = no value.
-        uncertainty: of the value; None = not known.
-        signs: what stands directly behind it.
-    """
+    """What a row has of an indicator; `signs` stand directly behind the value."""
 
     value: float | None
     uncertainty: Uncertainty | None = None
@@ -218,10 +193,7 @@ def indicator_column(
 ) -> Column[Row]:
     """The column of an indicator.
 
-    Args:
-        name: which one.
-        shown: what a row has of it.
-        signs: the most that stand behind a value now; all values leave room for them.
+    `signs` gives the most that stand behind a value now; all values leave room for them.
     """
     spec = name.spec
     width = len(spec.column) + 1
@@ -250,7 +222,7 @@ def number_text(
 ) -> str:
     """A number in at most `width` cells: counts as they are, very large ones in powers of ten.
 
-    It has no digit that its uncertainty does not leave, and less decimals where there is no room.
+    It shows no digit below its uncertainty, and fewer decimals if there is no room.
     """
     text = str(value) if isinstance(value, int) else f"{value:.{decimals}f}"
     if uncertainty is not None and uncertainty.expanded:
@@ -291,7 +263,7 @@ _OUTCOME = 13
 
 
 def columns(name: Callable[[RunSummary], str] = attrgetter("team")) -> list[Column[RunSummary]]:
-    """Every column, the most important first; `name` is what the team of a run is called now."""
+    """Every column, the most important first; `name` gives the current name of a run's team."""
     indicators = {name: _indicator(name) for name in IndicatorName}
     first = [
         indicators.pop(IndicatorName.CAPABILITY_LEVEL),
@@ -328,7 +300,7 @@ def _indicator(name: IndicatorName) -> Column[RunSummary]:
 
 
 def _outcome(run: RunSummary) -> Span:
-    """The word; `P` where a protest is open or `*` where it is not final, the sign of its flags."""
+    """The word; `P` if a protest is open or `*` if it is not final, the sign of its flags."""
     void = run.outcome is Outcome.ABORTED or run.voided
     unsigned = "*" if run.issue and not run.final and not void else ""
     if run.protest_due is not None:
@@ -370,7 +342,6 @@ class RunFilter(StrEnum):
     PROTEST = "protest open"
 
     def takes(self, run: RunSummary) -> bool:
-        """Whether it shows a run."""
         match self:
             case RunFilter.ALL:
                 return True
@@ -393,18 +364,12 @@ class FilterField(Field):
     ]
 
     def action_clear(self) -> None:
-        """Look for nothing."""
         self.value = ""
         self.post_message(self.Submitted(self, ""))
 
 
 class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
-    """Newest first; a filter and `v` choose which.
-
-    Args:
-        load: as for every pane of runs.
-        competition: its runs' teams are called what the list of teams calls them.
-    """
+    """Newest first; a filter and `v` choose. Teams of `competition` are called as in the list."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("slash", "filter", show=False),
@@ -423,7 +388,6 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
         self._row = Horizontal(Label("filter", id="filter-name"), self._field, id="filter-row")
 
     def compose(self) -> ComposeResult:
-        """What is shown, the filter, the table, the marked run, the keys."""
         yield self.head
         yield self._row
         yield self.table
@@ -431,58 +395,46 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
         yield Label(KEYS)
 
     def look_for(self, text: str) -> None:
-        """Show the runs that pass a filter, as if it had been typed."""
         self._field.value = text
         self._which = RunFilter.ALL
         self._show_rows()
 
     def show(self, snapshot: Snapshot) -> None:
-        """Read again when a result has come or changed, or the list of teams."""
         self._listed = snapshot.teams.names
         super().show(snapshot)
 
     def _called(self, run: RunSummary) -> str:
-        """The team as the list has it; for runs of other competitions, and without one, as then."""
+        """The team as listed; as recorded for other competitions and teams that are not listed."""
         listed = self._listed.get(run.subject, "") if run.competition == self._competition else ""
         return listed or run.team
 
     def prepare(self, runs: Sequence[RunSummary]) -> Sequence[RunSummary]:
-        """Newest first, where nothing else decides."""
         return tuple(reversed(runs))
 
     def take(self, content: Sequence[RunSummary]) -> None:
-        """Other runs."""
         self._runs = content
         self._show_rows(from_top=False)
 
     def action_filter(self) -> None:
-        """Open the filter."""
         self._row.display = True
         self.screen.set_focus(self._field)
 
     def action_which(self) -> None:
-        """All, those not final, those that do not count."""
         order = list(RunFilter)
         self._which = order[(order.index(self._which) + 1) % len(order)]
         self._show_rows()
 
     def action_unfilter(self) -> None:
-        """Show all runs again.
-
-        Raises:
-            SkipAction: all are shown; the key goes on.
-        """
+        """Shows all runs again; SkipAction if all are shown, so that the key goes on."""
         if not self._field.value.strip() and self._which is RunFilter.ALL:
             raise SkipAction
         self.look_for("")
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Filter while typing."""
         event.stop()
         self._show_rows()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """The filter stays as it is."""
         event.stop()
         self.screen.set_focus(self.table)
 
@@ -492,7 +444,6 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
         self._row.display = False
 
     def words_about(self, row: RunSummary) -> tuple[str, Tone]:
-        """The condition of a run, and what is wrong with it."""
         odd = row.problem is not None or row.outcome is None or undecided(row.flags)
         return about(row, self._called(row)), Tone.WARN if odd else Tone.DIM
 
@@ -520,7 +471,6 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
 
 
 def summary(runs: Sequence[RunSummary]) -> str:
-    """How many runs there are of each kind."""
     if not runs:
         return "no runs in the results folder"
     words = Counter("valid" if run.valid else run.outcome_word for run in runs)
@@ -535,12 +485,7 @@ def summary(runs: Sequence[RunSummary]) -> str:
 
 
 def about(run: RunSummary, name: str | None = None) -> str:
-    """One run in words: what its condition asks, what is wrong with it, where it lies.
-
-    Args:
-        run: it.
-        name: what its team is called now; None = as it was recorded.
-    """
+    """One run in words: its condition, what is wrong, where it lies; `name` None = as recorded."""
     if run.problem is not None:
         return f"{run.problem} (folder {run.folder})"
     if run.twin:

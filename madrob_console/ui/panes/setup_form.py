@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 OPEN = (Phase.IDLE, Phase.READY)
-"""What the fields say is set up; in other states it is a draft of the next run."""
+"""In these phases the fields are set up; in others they are a draft of the next run."""
 
 
 class Focus(Enum):
@@ -55,14 +55,7 @@ class Focus(Enum):
 
 @dataclass(frozen=True, slots=True)
 class SetupWords:
-    """Words about a set-up.
-
-    Args:
-        snapshot: how things stand.
-        setup: what the fields say, or what is wrong with them.
-        plan: how much of the competition's plan is done.
-        focus: where keys go.
-    """
+    """Words about a set-up; `setup` is what the fields say, or what is wrong with them."""
 
     snapshot: Snapshot
     setup: RunSetup | str
@@ -70,11 +63,7 @@ class SetupWords:
     focus: Focus
 
     def state(self, problem: str) -> tuple[str, Tone]:
-        """What becomes of it.
-
-        Args:
-            problem: what is wrong, besides what the fields say; it comes first. Empty = nothing.
-        """
+        """What becomes of it; `problem` comes first, besides what is wrong with the fields."""
         snapshot, setup, run = self.snapshot, self.setup, self.snapshot.run
         if snapshot.playback is not None:
             return "A replay: nothing is set up here. F3 shows the run.", Tone.WARN
@@ -102,7 +91,7 @@ class SetupWords:
 
     @property
     def next(self) -> str:
-        """That x sets this up, where it is the plan's next run; else empty."""
+        """That x sets this up, if it is the plan's next run; else empty."""
         following, setup = self.plan.next, self.setup
         if following is None or isinstance(setup, str) or setup.practice:
             return ""
@@ -114,13 +103,11 @@ class SetupWords:
 
     @property
     def _next_key(self) -> str:
-        """What sets a draft up, from where the focus is."""
         if self.focus in (Focus.FIELD, Focus.TEAM):
             return "Escape, then x sets it up"
         return "x or Enter sets it up" if self.focus is Focus.BUTTON else "x sets it up"
 
     def _team(self, setup: RunSetup, teams: TeamList, *, checked: bool) -> str:
-        """What is odd about the team's name, and how to change it."""
         here = self.focus is Focus.TEAM
         if setup.team_reason:
             clears = " Del takes the list's." if here else ""
@@ -130,7 +117,6 @@ class SetupWords:
         return " Type to look for a team." if here else ""
 
     def _planned(self, setup: RunSetup, *, checked: bool) -> str:
-        """Which attempt of the plan it is, in words; empty where it is none."""
         if setup.out_of_plan:
             return "" if checked else ", OUT OF PLAN"
         of = next((one for one in self.plan.tasks if one.task == task_of(setup)), None)
@@ -142,7 +128,6 @@ class SetupWords:
 
 
 def task_of(setup: RunSetup) -> Task:
-    """The team and the condition of a set-up."""
     return Task(setup.subject, setup.condition.number)
 
 
@@ -170,17 +155,11 @@ class TeamLine(Lines, can_focus=True):
     _other = False
 
     def say(self, name: str, *, other: bool) -> None:
-        """Show a name.
-
-        Args:
-            name: empty = the team is not in the list.
-            other: it is another one than the list has.
-        """
+        """Shows a name, empty if the team is not in the list; `other`: it is not the list's."""
         self._team, self._other = name, other
         self.redraw()
 
     def lines(self, width: int) -> Sequence[Line]:
-        """The name, and that it is another one than the list's."""
         mark = " OTHER" if self._other else ""
         name, room = self._team or "(not in the list)", max(1, width - len(mark))
         tone = Tone.PLAIN if self._team and not self._other else Tone.WARN
@@ -199,23 +178,19 @@ class TeamLine(Lines, can_focus=True):
         return character is not None and character.isprintable()
 
     def on_key(self, event: events.Key) -> None:
-        """Look for a team."""
         if event.is_printable and event.character:
             event.stop()
             event.prevent_default()
             self.post_message(self.Typed(event.character))
 
     def on_paste(self, event: events.Paste) -> None:
-        """The same."""
         event.stop()
         self.post_message(self.Typed(terminal_safe(event.text.strip())))
 
     def on_click(self, _event: events.Click) -> None:
-        """The mouse asks for the list."""
         self.post_message(self.Typed(""))
 
     def action_clear(self) -> None:
-        """Tell who listens."""
         self.post_message(self.Cleared())
 
 
@@ -238,12 +213,10 @@ class FieldNames(Lines):
         self._names = tuple(names)
 
     def say(self, names: Sequence[str]) -> None:
-        """Other names."""
         self._names = tuple(names)
         self.redraw()
 
     def lines(self, width: int) -> Sequence[Line]:
-        """The names, however narrow it is."""
         return [line(Span(name, Tone.DIM)) for name in self._names]
 
 
@@ -281,7 +254,6 @@ class SetupForm(Horizontal):
         self.top_view = TopView()
 
     def compose(self) -> ComposeResult:
-        """Who and in which condition, the rest, the pose seen from above."""
         yield Horizontal(
             self._names,
             Vertical(
@@ -313,11 +285,9 @@ class SetupForm(Horizontal):
 
     @property
     def condition(self) -> Condition:
-        """The condition chosen."""
         return Condition(self.benchmark.value, self.opening.value, self.starting.value)
 
     def load(self, setup: RunSetup) -> None:
-        """Show a set-up."""
         condition = setup.condition
         self.subject.value = str(setup.subject)
         self.team.value = setup.team
@@ -337,7 +307,6 @@ class SetupForm(Horizontal):
         self.show_pose(setup.start_pose)
 
     def use_list(self, teams: TeamList) -> None:
-        """Take the team's name from a list; without one it is typed."""
         self._teams = teams
         there = bool(teams.names)
         self._names.say([_LISTED if there and name == "Team" else name for name in _WHO])
@@ -349,18 +318,16 @@ class SetupForm(Horizontal):
         self.show_team()
 
     def take_name(self, other: OtherName) -> None:
-        """Another name than the list's; one that is the list's takes an earlier one back."""
+        """Another name than the list's; the list's own takes an earlier one back."""
         differs = self._teams.differs(other.subject, other.name)
         self._other = other if differs else None
         self.show_team()
 
     def forget_name(self) -> None:
-        """The list's name counts again."""
         self._other = None
         self.show_team()
 
     def show_team(self) -> None:
-        """The name of the subject that is typed."""
         other = self._named_otherwise()
         name = self._teams.names.get(self.team_number, "") if other is None else other.name
         self.listed.say(name, other=other is not None)
@@ -372,29 +339,25 @@ class SetupForm(Horizontal):
         return int(text) if text.isascii() and text.isdigit() and len(text) < 10 else 0
 
     def _named_otherwise(self) -> OtherName | None:
-        """The other name of the subject that is typed."""
         other = self._other
         return other if other is not None and other.subject == self.team_number else None
 
     def ask_name(self, name: str) -> Ask[OtherName | str]:
-        """What is asked for another name than the list's; it may have been typed already."""
         subject = self.team_number
         return ask_other_name(subject, self._teams.names.get(subject, ""), name)
 
     def show_names(self, setup: RunSetup) -> None:
-        """Show the names as they were cleaned, so that nothing changes unseen."""
+        """Shows the names as they were cleaned, so that nothing changes unseen."""
         for field, name in ((self.team, setup.team), (self.referee, setup.referee)):
             if field.value != name and not field.has_focus:  # who types goes on typing
                 field.value = name
 
     def show_pose(self, pose: StartPose) -> None:
-        """Write a pose into its fields."""
         for field, value in ((self.x, pose.x), (self.y, pose.y), (self.yaw, pose.yaw)):
             field.value = f"{value:g}"
         self.show_derived()
 
     def show_derived(self) -> None:
-        """What follows from the fields: the condition in words, the preset that they match."""
         self.show_team()
         condition = self.condition
         way = condition.way.replace("from ", "")
@@ -405,7 +368,6 @@ class SetupForm(Horizontal):
         self.preset.value = next(names, _OWN_POSE)
 
     def pose(self) -> StartPose | str:
-        """The pose in the fields, or what is wrong with it."""
         try:
             return StartPose(
                 _number(self.x, "start pose x", "metres"),
@@ -416,7 +378,7 @@ class SetupForm(Horizontal):
             return str(error)
 
     def take_condition(self, condition: Condition) -> None:
-        """Choose a condition; the start pose follows its side."""
+        """Chooses a condition; the start pose follows its side."""
         self.opening.value = condition.opening_side
         self.starting.value = condition.starting_side
         self.benchmark.value = condition.benchmark_type
@@ -424,7 +386,6 @@ class SetupForm(Horizontal):
         self.show_derived()
 
     def take_preset(self) -> None:
-        """The chosen preset's numbers."""
         if (pose := self._poses.get(self.preset.value)) is not None:
             self.show_pose(pose)
 
@@ -472,7 +433,6 @@ def _choice(
 
 
 def _row(*parts: Widget | str) -> Widget:
-    """Short fields with words between them."""
     widgets: list[Widget] = []
     for part in parts:
         widget = Label(part) if isinstance(part, str) else part

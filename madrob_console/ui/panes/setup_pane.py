@@ -85,7 +85,6 @@ class CheckList(View, can_focus=True):
     _cursor = 0
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """A header, the checks, and the testbed's sides where they need a hand."""
         if snapshot.playback is not None:
             return [line(Span("Checks  ", Tone.STRONG), "made on the day; F4 shows the waivers")]
         if snapshot.pulse.stale:
@@ -110,7 +109,7 @@ class CheckList(View, can_focus=True):
         return lines
 
     def action_move(self, step: int) -> None:
-        """Choose the next or previous check; above the first the focus goes back."""
+        """Chooses the next or previous check; above the first the focus goes back."""
         checks = () if self._snapshot is None else self._snapshot.checks
         if self._cursor + step < 0:
             self.post_message(self.Left())
@@ -119,7 +118,7 @@ class CheckList(View, can_focus=True):
         self.redraw()
 
     def on_click(self, event: events.Click) -> None:
-        """Mark the check under the mouse; a double click waives it."""
+        """Marks the check under the mouse; a double click waives it."""
         if (hit := self.clicked(event)) is not None:
             self._cursor = int(hit[0])
             self.redraw()
@@ -127,13 +126,11 @@ class CheckList(View, can_focus=True):
                 self.action_choose()
 
     def action_choose(self) -> None:
-        """Ask to waive the chosen check."""
         checks = () if self._snapshot is None else self._snapshot.checks
         if self._cursor < len(checks):
             self.post_message(self.Chosen(checks[self._cursor].name))
 
     def on_focus(self) -> None:
-        """Start at the first check that blocks."""
         checks = () if self._snapshot is None else self._snapshot.checks
         self._cursor = next((i for i, check in enumerate(checks) if check.blocks), 0)
         self.redraw()
@@ -155,7 +152,6 @@ def _header(checks: Sequence[Check], how: str, *, over: bool) -> Line:
 
 
 def _faded(check: Check, width: int) -> Line:
-    """One that nobody knows of any more."""
     return line(Span(shortened(f"  ? {check.name:<15} was {check.state}", width), Tone.DIM))
 
 
@@ -174,13 +170,13 @@ def _entry(check: Check, width: int, click: str, *, at_cursor: bool) -> list[Lin
 
 _DRAFTED = (Phase.IDLE, Phase.STOPPED, Phase.FINAL)
 _ASKING = "asking"
-"""What waits for the engine; the latest takes the place of those before."""
+"""What waits for the engine; the latest replaces those before."""
 
 NEVER_OFFICIAL = "a simulated testbed's runs are never official"
 
 
 class SetupPane(Vertical):
-    """What the fields say is set up when a field is left, so that no change waits unseen.
+    """Sets a run up when a field is left, so that no change waits unseen.
 
     After a run the fields are a draft for the next one, set up only when asked for.
     """
@@ -228,14 +224,12 @@ class SetupPane(Vertical):
         self._picker = TeamPicker()
 
     def compose(self) -> ComposeResult:
-        """Fields, what becomes of them, checks; over all that the list of teams."""
         yield self._picker
         yield self._form
         yield Horizontal(self._button, self._state, id="setup-row")
         yield self._checks
 
     def enter(self) -> None:
-        """Where typing begins."""
         self._close_picker()
         self.screen.set_focus(self._form.subject)
 
@@ -245,7 +239,6 @@ class SetupPane(Vertical):
         self.screen.set_focus(self._button)
 
     def follow(self, snapshot: Snapshot) -> None:
-        """Keep the proposal up to date, in view or not."""
         before, self._snapshot = self._snapshot, snapshot
         self.disabled = snapshot.run.active or snapshot.right.only_watches
         if before is None or snapshot.teams != before.teams:
@@ -265,7 +258,6 @@ class SetupPane(Vertical):
             self.run_worker(self._follow_plan(), group="plan", exclusive=True)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Show a newer snapshot."""
         self.follow(snapshot)
         run = snapshot.run
         self._button.say("Set up this run" if run.phase in OPEN else "Set up the next run")
@@ -273,11 +265,10 @@ class SetupPane(Vertical):
         self._checks.show(snapshot)
 
     def commit(self) -> None:
-        """Set the run up as the fields say; the keys go on until the engine has answered."""
+        """Sets the run up as the fields say; the keys go on until the engine has answered."""
         self.run_worker(self._set_up(), group=_ASKING, exclusive=True)
 
     async def _set_up(self) -> str | None:
-        """Set the run up as the fields say; returns why that is not possible."""
         setup = await self.draft()
         self._snapshot = self._link.snapshot()
         if self._snapshot is None:
@@ -314,39 +305,36 @@ class SetupPane(Vertical):
         return draft if isinstance(draft, str) else None
 
     def remember_referee(self, name: str) -> None:
-        """Propose the name of who signed."""
         if not self._form.referee.value.strip():
             self._form.referee.value = name
 
     def take_name(self, other: OtherName) -> None:
-        """The team of the set-up has this name."""
         self._form.take_name(other)
         self.commit()
 
     def propose_like(self, run: RunSummary) -> None:
-        """Propose the team and the condition of an earlier run, with the next run number."""
+        """Proposes the team and the condition of an earlier run, with the next run number."""
         self._free_names.setdefault(run.subject, run.team)
         self.propose(Task(run.subject, run.condition))
 
     def propose(self, task: Task) -> None:
-        """Propose a team in a condition, with the next run number; the plan changes it no more."""
+        """Proposes a team in a condition, with the next run number; the plan changes it no more."""
         self._form.subject.value = str(task.subject)
         self._form.take_condition(Condition.from_number(task.condition))
         self._proposed, self._untouched = None, ""
 
     def propose_same(self) -> None:
-        """Propose the team and the condition of the run that ended last."""
+        """Proposes the team and the condition of the run that ended last."""
         if self._last is not None:
             self.propose(task_of(self._last))
 
     async def propose_planned(self) -> None:
-        """Propose what the plan has next, unless somebody has chosen anything else."""
+        """Proposes what the plan has next, unless somebody has chosen anything else."""
         if self._snapshot is not None and self._snapshot.plan.lines:
             await self._plan.read()
             await self._take_planned()
 
     async def _follow_plan(self) -> None:
-        """The draft of the next run is what the plan has next, when that changes."""
         await self._plan.read()
         now = self._snapshot
         if now is not None and now.playback is None and now.run.phase in _DRAFTED:
@@ -363,7 +351,7 @@ class SetupPane(Vertical):
 
     @property
     def next_words(self) -> str:
-        """What x sets up, where that is the plan's next run; empty while that is not known."""
+        """What x sets up, if that is the plan's next run; empty while that is not known."""
         now = self._snapshot
         if now is None or now.result is None or self._plan.behind:
             return ""
@@ -380,23 +368,20 @@ class SetupPane(Vertical):
         return setup
 
     def on_input_changed(self, _event: Input.Changed) -> None:
-        """Check while typing."""
         self._problem = self._letter = ""
         self._form.show_derived()
         self._say_state()
 
     def on_input_blurred(self, _event: Input.Blurred) -> None:
-        """A field that is left counts, where something was typed."""
+        """A field that is left counts, if something was typed."""
         if self._form.read() != self._untouched:
             self.commit()
 
     def on_descendant_focus(self) -> None:
-        """What the keys do depends on where they go."""
         self._letter = ""
         self._say_state()
 
     def on_choice_changed(self, event: Choice.Changed) -> None:
-        """A choice counts at once."""
         practice = self._form.practice
         simulated = self._snapshot is not None and self._snapshot.simulated is not None
         if event.choice is practice and simulated and not practice.value:
@@ -410,7 +395,7 @@ class SetupPane(Vertical):
         self.commit()
 
     def on_number_field_refused(self, event: NumberField.Refused) -> None:
-        """Say it below the fields; a slash asks for the list, from there, too."""
+        """Says it below the fields; a slash asks for the list, from there, too."""
         event.stop()
         if event.letter == "/":
             self.action_search()
@@ -420,7 +405,6 @@ class SetupPane(Vertical):
         self._say_state()
 
     def on_team_line_typed(self, event: TeamLine.Typed) -> None:
-        """Look for a team; what is typed fast comes from the line, too."""
         if self.has_class("-picking"):
             self._picker.type(event.text)
         else:
@@ -428,22 +412,18 @@ class SetupPane(Vertical):
             self._picker.type(event.text.lstrip(" /"))
 
     def on_team_line_cleared(self, _event: TeamLine.Cleared) -> None:
-        """The list's name counts again."""
         self._form.forget_name()
         self.commit()
 
     def action_search(self) -> None:
-        """Choose a team from the list."""
         self.add_class("-picking")
         self._picker.open(self._form.team_number)
 
     def on_team_picker_named(self, event: TeamPicker.Named) -> None:
-        """The team has another name than in the list: that is asked about."""
         self.rest()
         self.post_message(self.Naming(self._form.ask_name(event.name)))
 
     def on_team_picker_picked(self, event: TeamPicker.Picked) -> None:
-        """A team was chosen; a choice counts at once."""
         self.rest()
         if event.subject is not None:
             self._form.subject.value = str(event.subject)
@@ -453,38 +433,29 @@ class SetupPane(Vertical):
         self.remove_class("-picking")
 
     def on_push_button_pressed(self, _event: PushButton.Pressed) -> None:
-        """Set up, or ask for the next run."""
         if self._snapshot is not None and self._snapshot.run.phase in OPEN:
             self.commit()
         else:
             self.post_message(self.NextRun())
 
     def on_check_list_left(self, _event: CheckList.Left) -> None:
-        """Up from the first check."""
         self.action_focus_step(-1)
 
     def action_enter(self) -> None:
-        """What the fields say counts; go to the next."""
         self.commit()
         self.action_focus_step(1)
 
     def action_leave_field(self, step: int) -> None:
-        """From a field to the next or the one before; what it says counts.
-
-        Raises:
-            SkipAction: no field has the focus.
-        """
+        """Goes to another field; what the old one says counts. SkipAction if none has the focus."""
         if not isinstance(self.screen.focused, Input) or self.has_class("-picking"):
             raise SkipAction
         self.commit()
         self.action_focus_step(step)
 
     def action_focus_step(self, step: int) -> None:
-        """The field after or before."""
         (self.screen.focus_next if step > 0 else self.screen.focus_previous)()
 
     def _read(self) -> RunSetup | str:
-        """The set-up in the fields, or what is wrong with them; marked where it is out of plan."""
         setup = self._form.read()
         if isinstance(setup, str):
             return setup
@@ -520,11 +491,7 @@ class SetupPane(Vertical):
         )
 
     def propose_again(self, *, only_later: bool = False) -> None:
-        """The next run number, though subject and condition are the same.
-
-        Args:
-            only_later: a number that was chosen stays, unless it is used by now.
-        """
+        """Proposes the next run number again; `only_later` keeps a chosen one unless it is used."""
 
         async def propose() -> None:
             untouched = self._form.read() == self._untouched
@@ -537,14 +504,13 @@ class SetupPane(Vertical):
 
     @property
     def _wanted(self) -> tuple[int, int, bool] | None:
-        """Subject, condition, whether practice; None where the subject is no number."""
+        """Subject, condition, whether practice; None if the subject is no number."""
         text = self._form.subject.value.strip()
         good = text.isascii() and text.isdigit()
         form = self._form
         return (int(text), form.condition.number, form.practice.value) if good else None
 
     async def _propose(self, *, only_later: bool = False) -> None:
-        """The next run number and the team's name, when subject or condition are others."""
         wanted, form = self._wanted, self._form
         if wanted is None or wanted == self._proposed:
             return
@@ -566,7 +532,6 @@ class SetupPane(Vertical):
                 form.run_number.value = proposed
 
     def _say_state(self) -> None:
-        """Say what becomes of what the fields say."""
         if self._snapshot is not None:
             words = self._words(self._snapshot)
             told = self._problem or self._no_number

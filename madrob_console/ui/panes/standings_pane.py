@@ -43,14 +43,10 @@ class Statistic(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Tables:
-    """The standings of all runs, made once.
+    """The standings of all runs, made once; `of` has them by (official, only the best runs).
 
-    Attributes:
-        of: the standings by (official, only the best runs).
-        any_official: whether there are official runs at all.
-        damaged: runs left out because their result is damaged.
-        apart: in what the testbeds differ, of official runs and of practice; empty = in nothing.
-        others: runs of other competitions, which are left out.
+    `damaged` and `others` count runs left out: damaged results, other competitions. `apart`
+    says in what the testbeds differ, by official; empty = in nothing.
     """
 
     of: Mapping[tuple[bool, bool], Sequence[Standing]]
@@ -63,10 +59,8 @@ class Tables:
 class StandingsPane(RunsPane[Tables, Standing]):
     """Official runs first; practice runs are never among them.
 
-    Args:
-        load: reads all runs.
-        best: how many runs of a team in a condition enter when only the best do; 0 = no such view.
-        competition: only its runs: others have other teams of the same numbers.
+    `best` runs of a team in a condition enter when only the best do; 0 = no such view. Only
+    runs of `competition` enter: others have other teams of the same numbers.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -90,7 +84,6 @@ class StandingsPane(RunsPane[Tables, Standing]):
         self._banner = Label(PRACTICE_BANNER, Tone.NOTICE, id="standings-banner")
 
     def compose(self) -> ComposeResult:
-        """What is shown, the table, the marked team, the keys."""
         yield self._banner
         yield self.head
         yield self.table
@@ -100,12 +93,10 @@ class StandingsPane(RunsPane[Tables, Standing]):
         yield Label(f"Enter its runs, v PRACTICE, c mean/std{best}, o O sort, <- -> columns")
 
     def show(self, snapshot: Snapshot) -> None:
-        """Read again when a result has come or changed, or the list of teams."""
         self._listed = snapshot.teams.names
         super().show(snapshot)
 
     def prepare(self, runs: Sequence[RunSummary]) -> Tables:
-        """All standings that the keys can ask for."""
         every, runs = len(runs), of_competition(runs, self._competition)
         made = {
             (official, only_best): standings(
@@ -127,33 +118,27 @@ class StandingsPane(RunsPane[Tables, Standing]):
         return Tables(made, any(run.official for run in runs), damaged, apart, every - len(runs))
 
     def take(self, content: Tables) -> None:
-        """Other runs."""
         self._tables = content
         self._show_rows()
 
     def action_source(self) -> None:
-        """Official or practice."""
         self._official = not self.official
         self._show_rows()
 
     def action_number(self) -> None:
-        """Mean, median, standard deviation, smallest, largest."""
         order = list(Statistic)
         self._statistic = order[(order.index(self._statistic) + 1) % len(order)]
         self._show_rows()
 
     def action_best(self) -> None:
-        """All runs or the best."""
         self._only_best = not self._only_best and self._best > 0
         self._show_rows()
 
     def words_about(self, row: Standing) -> tuple[str, Tone]:
-        """The counts and the condition of a team."""
         return about(row), Tone.WARN if row.open_protests else Tone.DIM
 
     @property
     def official(self) -> bool:
-        """Whether official runs are shown; else the practice runs."""
         return self._tables.any_official if self._official is None else self._official
 
     def _show_rows(self) -> None:
@@ -233,14 +218,12 @@ def _flag_rank(standing: Standing) -> float | None:
 
 
 def number_of(standing: Standing, name: IndicatorName, statistic: Statistic) -> float | None:
-    """One number of a standing; None where there is none."""
     aggregate = standing.aggregates.get(name)
     number: float | None = None if aggregate is None else getattr(aggregate, statistic.name.lower())
     return number
 
 
 def about(standing: Standing) -> str:
-    """One row in words."""
     counts = (
         (standing.completed, "completed"),
         (standing.timeout, "timeout"),

@@ -27,7 +27,7 @@ NO_LIST = (
 
 
 class PickRow(NamedTuple):
-    """A team of the list; without a subject what to do about one that is not in it."""
+    """A team of the list; without a subject, what to do about one that is not in it."""
 
     subject: int | None
     name: str
@@ -48,7 +48,6 @@ class SearchField(Field):
         self._table = table
 
     def action_mark(self, how: str, step: int) -> None:
-        """Mark another row."""
         if how == "page":
             self._table.action_page(step)
         else:
@@ -93,7 +92,6 @@ class TeamPicker(Vertical):
         self._about = Label(id="team-about")
 
     def compose(self) -> ComposeResult:
-        """How many there are, what is looked for, what is found, all of the marked name, keys."""
         yield self._head
         yield Horizontal(Label("search ", id="team-search-name"), self._field, id="team-search-row")
         yield self._table
@@ -101,37 +99,29 @@ class TeamPicker(Vertical):
         yield Label(KEYS)
 
     def open(self, subject: int) -> None:
-        """Look for anything; typing goes into the search.
-
-        Args:
-            subject: the team of the set-up, which may have another name; 0 = none.
-        """
+        """`subject` is the set-up's team, which may have another name; 0 = none."""
         self._subject = subject
         self._field.value = ""
         self._show_rows()
         self.screen.set_focus(self._field)
 
     def type(self, text: str) -> None:
-        """What was typed before the search had the focus."""
+        """Takes what was typed before the search had the focus."""
         self._field.insert_text_at_cursor(text)
 
     def take(self, teams: TeamList) -> None:
-        """Another list."""
         if teams != self._teams:
             self._teams = teams
             self._show_rows()
 
     def action_close(self) -> None:
-        """Choose none."""
         self.post_message(self.Picked(None))
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Search while typing."""
         event.stop()
         self._show_rows()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Choose the marked one."""
         event.stop()
         self._table.action_choose()
 
@@ -140,14 +130,12 @@ class TeamPicker(Vertical):
         event.stop()
 
     def on_table_marked(self, event: Table.Marked) -> None:
-        """All of a name that its row has no room for."""
         event.stop()
         marked = self._table.selected
         number = "" if marked is None or marked.subject is None else f"{marked.subject} "
         self._about.say("" if marked is None else f"{number}{marked.name}", Tone.STRONG)
 
     def on_table_chosen(self, event: Table.Chosen) -> None:
-        """Choose it."""
         event.stop()
         if event.key:
             self.post_message(self.Picked(int(event.key)))
@@ -192,6 +180,5 @@ def matching(names: Mapping[int, str], text: str) -> list[PickRow]:
 
 
 def _plain(text: str) -> str:
-    """Without capitals and accents."""
     apart = unicodedata.normalize("NFKD", text.casefold())
     return "".join(char for char in apart if not unicodedata.combining(char))
