@@ -397,9 +397,9 @@ class Catalogue:
         self._qos_size = 0
         self._size = 0
         for record in records:
-            self.add(record)
+            self.add_record(record)
 
-    def add(self, record: McapRecord) -> None:
+    def add_record(self, record: McapRecord) -> None:
         """Records of other kinds are ignored. Raises DamageError beyond the limits."""
         match record:
             case Schema() if record.id not in self._schemas:

@@ -154,10 +154,10 @@ def read_items(file: BinaryIO) -> Iterator[BagItem]:
                 if gaps == 1:  # it may have held channels of later chunks; the summary has all
                     with suppress(DamageError):
                         for known in read_summary(file):
-                            catalogue.add(known)
+                            catalogue.add_record(known)
                     yield from catalogue.fresh_topics()
             case _:
-                catalogue.add(record)
+                catalogue.add_record(record)
                 if isinstance(record, Channel):
                     yield from catalogue.fresh_topics()
                 elif isinstance(record, Metadata):
@@ -182,7 +182,7 @@ def _catalogue(path: Path) -> tuple[Catalogue, str | None]:
                 if isinstance(record, Gap):
                     problem = problem or left_out(record)
                 else:
-                    catalogue.add(record)
+                    catalogue.add_record(record)
         except ForeignError:
             raise
         except DamageError as error:

@@ -158,7 +158,7 @@ class ChunkTable:
                     raise DamageError("an index points behind its end")
                 chunks.append(place)
             else:
-                self.catalogue.add(record)
+                self.catalogue.add_record(record)
         told = self.catalogue.statistics
         if told is None or not self.catalogue.whole or told.chunk_count != len(chunks):
             raise DamageError("its summary is not complete")
@@ -301,7 +301,7 @@ class ChunkTable:
         """A damaged type or channel is unknown."""
         try:
             for parsed in records_in(record):
-                self.catalogue.add(parsed)
+                self.catalogue.add_record(parsed)
         except DamageError as error:
             self.problem = self.problem or str(error)
 

@@ -130,7 +130,7 @@ class RecorderStats:
     """A recorder at one instant; messages per topic.
 
     Attributes:
-        dropped: those handed to `put` that are not and will not be in the bag.
+        dropped: those handed over that are not and will not be in the bag.
         queued_bytes: memory of the messages on their way to the file.
         seconds_since_sync: since everything received had reached the disk; None before `open`.
         error: why the recording failed, with the remedy.
@@ -191,7 +191,7 @@ class Account:
         return total
 
 
-# The caller never waits for the disk, and the order of `put` is the order in the bag.
+# The caller never waits for the disk, and the order of `put_message` is the order in the bag.
 
 
 _OVERHEAD_BYTES = 256
@@ -219,7 +219,7 @@ class BagWriter:
         records: MCAP metadata records by name, written before the first message.
         flush_period: seconds of `clock` between two syncs, about the most that a crash can cost.
         queue_bytes: memory that messages may take on their way to the file.
-        block_when_full: let `put` wait for room instead of dropping (virtual time).
+        block_when_full: let `put_message` wait for room instead of dropping (virtual time).
         clock: monotonic time, s.
     """
 
@@ -294,7 +294,7 @@ class BagWriter:
     ) -> None:
         self.close()
 
-    def put(self, message: RawMessage) -> bool:
+    def put_message(self, message: RawMessage) -> bool:
         """Queue a message; False = it is dropped and counted. Never raises, never waits.
 
         With `block_when_full` it waits for room.
@@ -302,7 +302,7 @@ class BagWriter:
         return self.put_all((message,)) == 1
 
     def put_all(self, messages: Iterable[RawMessage]) -> int:
-        """As `put`, oldest first; returns how many were not dropped."""
+        """As `put_message`, oldest first; returns how many were not dropped."""
         accepted, received = 0, self._account.received
         with self._lock:
             for message in messages:

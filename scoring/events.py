@@ -355,4 +355,4 @@ class EventDetector:
     def _begin(self) -> None:
         """Signals that were up at the start rise there, even if they never spoke again."""
         for level in (self._door, self._touch, *self._sensors.values()):
-            level.begin(self._start)
+            level.begin_run(self._start)

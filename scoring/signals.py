@@ -73,7 +73,7 @@ class BinarySignal:
             if self.begun or time < start:
                 return False
         if time >= start and not self.begun:
-            self.begin(start)
+            self.begin_run(start)
         if value is self.state:
             return True
         first = Edge(time, value, since, self.readings)
@@ -95,7 +95,7 @@ class BinarySignal:
         else:
             self.edges.append(Edge(start, edge.value, None, edge.reading))
 
-    def begin(self, start: float) -> None:
+    def begin_run(self, start: float) -> None:
         """The run has started: a signal that was up rises now. Later calls do nothing."""
         if not self.begun:
             self.begun = True

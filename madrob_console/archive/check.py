@@ -116,7 +116,7 @@ class CheckedRun:
     def grade(self) -> Grade:
         return Grade.worst(difference.grade for difference in self.found)
 
-    def of(self, grade: Grade) -> tuple[Difference, ...]:
+    def differences_of(self, grade: Grade) -> tuple[Difference, ...]:
         return tuple(difference for difference in self.found if difference.grade is grade)
 
     @property
@@ -135,7 +135,7 @@ class CheckedRun:
             case Grade.CLOSE:
                 return f"{grade} ({libraries_told(self.stored_by, self.libraries)})"
             case Grade.DIFFERS:
-                told = f"{grade} in {len(self.of(grade))}"
+                told = f"{grade} in {len(self.differences_of(grade))}"
                 if not self.values_hold:
                     return told
                 return f"{told}, only doubts; the values: {self.of_the_rest}"
@@ -160,8 +160,8 @@ class CheckedRun:
         return {
             "grade": self.grade,
             "grade_but_for_doubts": self.of_the_rest,
-            "differences": values(self.of(Grade.DIFFERS)),
-            "last_digits": values(self.of(Grade.CLOSE)),
+            "differences": values(self.differences_of(Grade.DIFFERS)),
+            "last_digits": values(self.differences_of(Grade.CLOSE)),
             "uncertainties": values(self.uncertainties),
             "libraries": {"stored": self.stored_by, "now": self.libraries},
         }

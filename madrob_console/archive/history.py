@@ -83,7 +83,7 @@ class StampedIndex(Generic[_Item]):
         kept = self._items.get(name)
         return kept[1] if kept is not None and kept[0] == stamps else None
 
-    def put(self, name: str, stamps: Stamps, item: _Item) -> None:
+    def store_item(self, name: str, stamps: Stamps, item: _Item) -> None:
         self._items[name] = (stamps, item)
         self._changed = True
 
@@ -344,7 +344,7 @@ class History:
             damaged = isinstance(problem, DamagedResultError)
             return _unusable(unread, folder, str(problem), repairable=damaged)
         run = self._told(unread, result)
-        index.put(name, (stamp, stamps[1]), run)
+        index.store_item(name, (stamp, stamps[1]), run)
         return run
 
     def _told(self, unread: RunSummary, result: ListedResult) -> RunSummary:

@@ -355,7 +355,7 @@ def _differences(folder: Path, scored: Scored) -> Sequence[Difference]:
         stored = read_whole_result(str(folder))
     except UnusableResultError as error:
         raise MadrobError(f"{folder}: {error}") from None
-    found = compare(stored, scored, folder).of(Grade.DIFFERS)
+    found = compare(stored, scored, folder).differences_of(Grade.DIFFERS)
     if any(_RECORDING.match(each.what) for each in found):
         raise MadrobError(
             f"{folder}: the recording is not the one that its result was made of: put that back, "

@@ -73,7 +73,7 @@ class IndicatorPart(msgspec.Struct, frozen=True):
     uncertainty: UncertaintyPart | None = None
     doubts: tuple[str, ...] = ()
 
-    def of(self, name: IndicatorName) -> Indicator:
+    def indicator_of(self, name: IndicatorName) -> Indicator:
         if self.value is None:
             return Indicator(None, name.spec.unit, self.reason or _UNTOLD, doubts=self.doubts)
         known = self.uncertainty
@@ -179,7 +179,7 @@ class ListedResult(msgspec.Struct, frozen=True):
     def told(self) -> dict[IndicatorName, Indicator]:
         """The indicators that this version knows, in the protocol's order."""
         parts = self.indicators
-        return {name: parts[name].of(name) for name in IndicatorName if name in parts}
+        return {name: parts[name].indicator_of(name) for name in IndicatorName if name in parts}
 
     @property
     def rate(self) -> float | None:

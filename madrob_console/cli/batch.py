@@ -107,7 +107,7 @@ def _results(
 # How a command shares work on many runs: processes here, a cluster, or one shard of several.
 
 
-def add(parser: argparse.ArgumentParser, done: str) -> None:
+def add_sharing_options(parser: argparse.ArgumentParser, done: str) -> None:
     options.add_jobs(parser, done)
     parser.add_argument(
         "--scheduler",

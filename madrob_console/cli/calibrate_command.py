@@ -24,7 +24,7 @@ How to record: `ros2 bag record -s mcap -o NAME --all`, or start a run, move the
 it: its folder holds the recording. Topics, types and units are those of the settings."""
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "calibrate",

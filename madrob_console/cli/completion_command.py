@@ -61,7 +61,7 @@ _REPLAY = {
 """Completion after `--testbed replay`: the path of a bag."""
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "completion",

@@ -26,7 +26,7 @@ _REPLAY = "A replay: nothing is recorded. Space pauses, j jumps to a time. F1 li
 _FIRST_TIME = "No run yet. To practise: `madrob console --testbed simulated`. F1 lists the keys."
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "console",
@@ -215,10 +215,10 @@ def _move(
     if playback is None:
         return
     if speed is not None and playback.speed != speed:
-        client.ask(SetSpeed(speed))  # refused where another console has the right to act
+        client.send_request(SetSpeed(speed))  # refused where another console has the right to act
     if pause:
-        client.ask(Skip(0.0))  # stands still, also while it jumps
-    if begin_at is not None and (refused := client.ask(JumpTo(begin_at))) is not None:
+        client.send_request(Skip(0.0))  # stands still, also while it jumps
+    if begin_at is not None and (refused := client.send_request(JumpTo(begin_at))) is not None:
         client.close()
         raise MadrobError(f"--from {begin_at:g}: {refused}")
 

@@ -24,7 +24,7 @@ from madrob_console.common.version import DISTRIBUTION
 from madrob_console.engine.engine_lock import runtime_folder
 from madrob_console.referee.competition_plan import PlanSource, unknown_teams
 from madrob_console.referee.lists import TeamSource
-from madrob_console.referee.records import counted, listed, size_words
+from madrob_console.referee.records import counted, format_size, listed
 from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicFlow, TopicLimit
 from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
 from madrob_console.testbeds.ros_domain import domain_id
@@ -157,9 +157,9 @@ def look_at_results(folder: Path, disk_space: int) -> Iterator[Finding]:
         )
         return
     free = shutil.disk_usage(place).free
-    text = f"{folder}: {size_words(free)} free"
+    text = f"{folder}: {format_size(free)} free"
     if free < disk_space:
-        needed = size_words(disk_space)
+        needed = format_size(disk_space)
         yield Finding(Severity.WARNING, "results", f"{text}, less than {needed}: make room")
     else:
         yield Finding(Severity.OK, "results", text)
@@ -442,7 +442,7 @@ def _listen(
             if now - looked >= _LOOK_PERIOD:
                 looked = now
                 intakes.discover(recording=False)
-            for _ in intakes.take(time.time_ns):
+            for _ in intakes.take_messages(time.time_ns):
                 pass
             if not found and not intakes.unseen and _comes(intakes.flows()):
                 found, ends = True, now + LISTENS

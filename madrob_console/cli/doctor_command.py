@@ -17,7 +17,7 @@ OFF = 1
 """Exit code of `--reference` if a value is not as it must be."""
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "doctor",

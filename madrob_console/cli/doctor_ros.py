@@ -253,7 +253,7 @@ def look_at_testbed(
         while time.monotonic() < ends and not (
             door.service_is_ready() and _all_matched(source, needed)
         ):
-            source.take(0.05)
+            source.take_messages(0.05)
         found = any(status.publishers for status in source.status())
         counts = _take(source, listen if found else 0.0)
         statuses = source.status()
@@ -277,7 +277,7 @@ def _take(source: RosSource, duration: float) -> Counter[str]:
     counts: Counter[str] = Counter()
     ends = time.monotonic() + duration
     while (left := ends - time.monotonic()) > 0:
-        counts.update(message.topic for message in source.take(left))
+        counts.update(message.topic for message in source.take_messages(left))
     return counts
 
 

@@ -47,7 +47,7 @@ _EXIT_CODES = (
 )
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "engine",
@@ -164,7 +164,7 @@ def serve(arguments: argparse.Namespace) -> int:
             control.describe = lambda: server.presence(presence)
             asyncio.run(_serve(server, place.socket, manager, local))
         finally:
-            manager.tell("STOPPING=1")
+            manager.send_assignments("STOPPING=1")
             local.close()
             if engine.disk_silence:
                 holding.keep()

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from madrob_console.pages.surroundings import Surroundings
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "export",

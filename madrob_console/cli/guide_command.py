@@ -19,7 +19,7 @@ PAGES = {
 """The pages and their subjects; they lie in the folder `guide` of the package."""
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "guide",

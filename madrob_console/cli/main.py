@@ -58,7 +58,7 @@ def build_parser(names: Sequence[str] = COMMANDS) -> Parser:
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     for name in names:
-        import_module(f"madrob_console.cli.{name}_command").add(commands)
+        import_module(f"madrob_console.cli.{name}_command").add_command(commands)
     return parser
 
 

@@ -59,7 +59,7 @@ class Complaints:
             if count > MOST_ALIKE:
                 complain(f"and {count - MOST_ALIKE} more like it: {words}")
 
-    def add(self, problem: object, of: object) -> None:
+    def add_complaint(self, problem: object, of: object) -> None:
         """Print a problem, as `complain` does; `of` is the thing as the problem names it."""
         self.count += 1
         words = str(problem).replace(str(of), "").strip(": ")
@@ -69,7 +69,7 @@ class Complaints:
 
     def add_each(self, problems: Iterable[tuple[str, str]]) -> None:
         for of, problem in problems:
-            self.add(f"{of}: {problem}", of)
+            self.add_complaint(f"{of}: {problem}", of)
 
 
 # What a command asks whoever sits at the terminal.

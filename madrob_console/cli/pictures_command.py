@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _WIDEST = 6000
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "pictures",
@@ -77,13 +77,13 @@ def main(arguments: argparse.Namespace) -> int:
         try:
             made, folder, begin = _made(run, arguments)
         except MadrobError as error:
-            bad.add(error, run)
+            bad.add_complaint(error, run)
             return BAD_INPUT
         for problem in made.index.problems:
-            bad.add(problem, run)
+            bad.add_complaint(problem, run)
         for entry in made.index.pictures:
             if why := nothing_near(entry):
-                bad.add(f"{run}: {entry.topic} at {entry.since_start:.2f} s: {why}", run)
+                bad.add_complaint(f"{run}: {entry.topic} at {entry.since_start:.2f} s: {why}", run)
                 continue
             path = folder / f"{begin}{entry.file}"
             print(terminal_safe(f"{path}: {difference_words(entry)}; {caption_words(entry)}"))

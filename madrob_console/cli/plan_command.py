@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from madrob_console.referee.competition_plan import Plan, PlanSource
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "plan",

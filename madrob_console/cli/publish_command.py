@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from madrob_console.pages.site_content import SiteContent
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "publish",
@@ -78,7 +78,7 @@ def main(arguments: argparse.Namespace) -> int:
         complaints.add_each(found.unlisted)
         complaints.add_each((run.folder, run.problem) for run in content.runs if run.problem)
         for problem in written.unread:
-            complaints.add(problem, problem.partition(":")[0])
+            complaints.add_complaint(problem, problem.partition(":")[0])
     print(f"{written.files} files, {written.written} written, {written.removed} removed")
     print(terminal_safe(str(site / INDEX_PAGE)))
     return BAD_INPUT if complaints.count else 0

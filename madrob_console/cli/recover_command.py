@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from recorder.recovery import Recovered
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "recover",
@@ -47,7 +47,7 @@ def main(arguments: argparse.Namespace) -> int:
             try:
                 print(terminal_safe(_recovered(run)))
             except (MadrobError, RecorderError) as error:
-                bad.add(error, run.name)
+                bad.add_complaint(error, run.name)
             tell(number, len(runs))
     return BAD_INPUT if bad.count else 0
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 NamedFile: TypeAlias = tuple[Path, bytes]
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "report",
@@ -60,7 +60,7 @@ def main(arguments: argparse.Namespace) -> int:
             try:
                 _make(run, arguments.figures, arguments.output, written, around)
             except MadrobError as error:
-                bad.add(error, run)
+                bad.add_complaint(error, run)
             tell(number, len(runs))
     return BAD_INPUT if bad.count else 0
 

@@ -29,7 +29,7 @@ EXIT_CODES = {
 _CODES = ", ".join(f"{code} {outcome}" for outcome, code in EXIT_CODES.items())
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "run",
@@ -152,7 +152,7 @@ def main(arguments: argparse.Namespace) -> int:
         control, presence, _ = stack.enter_context(owning(arguments, owned))
         presence = replace(presence, version=software_version())
         control.describe = lambda: replace(
-            presence.of(engine.run, busy=engine.busy),
+            presence.with_run(engine.run, busy=engine.busy),
             testbed=label_of(engine.source.label, practice=engine.run.practice),
         )
         stack.enter_context(run.stopping_on_signals())

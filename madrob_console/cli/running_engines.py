@@ -21,7 +21,7 @@ from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import RELEASE
 from madrob_console.config import Settings, load_settings
 from madrob_console.engine import wire
-from madrob_console.engine.control import ControlPort, Inquiry, WhoAnswer, ask, stop_answer_in
+from madrob_console.engine.control import ControlPort, Inquiry, WhoAnswer, ask_owner, stop_answer_in
 from madrob_console.engine.discovery import EngineHandle, FoundEngine, Holding, all_engines, held
 from madrob_console.engine.engine_lock import Owned, results_name
 from madrob_console.engine.snapshot import Snapshot
@@ -97,7 +97,7 @@ def _without_answer(found: FoundEngine) -> str:
 
 
 def run_words(snapshot: Snapshot) -> str:
-    run = WhoAnswer().of(snapshot.run, busy=False).run
+    run = WhoAnswer().with_run(snapshot.run, busy=False).run
     return ", ".join(filter(None, (PHASES[snapshot.run.phase], run)))
 
 
@@ -192,7 +192,7 @@ def _end_process(found: FoundEngine, handle: EngineHandle, *, force: bool) -> in
         force = True
     told, hangs = False, found.silent
     if presence is not None:
-        heard = ask(found.names[0], Inquiry("stop", force))
+        heard = ask_owner(found.names[0], Inquiry("stop", force))
         answer = stop_answer_in(heard.line if heard else b"")
         if answer.refused:
             return _say(

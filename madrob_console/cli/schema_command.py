@@ -7,7 +7,7 @@ import argparse
 from madrob_console.cli import options
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     options.command(
         commands,
         "schema",

@@ -59,7 +59,7 @@ class Destination(NamedTuple):
     folder: Path
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "score",
@@ -130,7 +130,7 @@ def add(commands: options.Commands) -> None:
         "--dry-run", action="store_true", help="say what --reissue would change, write nothing"
     )
     options.add_settings(parser)
-    batch.add(parser, "scored")
+    batch.add_sharing_options(parser, "scored")
 
 
 class _Write(argparse.Action):
@@ -255,7 +255,7 @@ def _print(
         for number, (run, one) in enumerate(zip(runs, texts, strict=True), start=1):
             tell(number, len(runs))
             if one.problem is not None:
-                bad.add(one.problem, run.name)
+                bad.add_complaint(one.problem, run.name)
                 continue
             if one.run_id and (first := met.setdefault(one.run_id, run.name)) != run.name:
                 same.append((run.name, first))
@@ -352,7 +352,7 @@ def _checked(run: RunPath, *, as_json: bool) -> RunText:
     if as_json:
         text = _json(run, checked.content())
     else:
-        found = [each.words for each in checked.of(checked.grade)]
+        found = [each.words for each in checked.differences_of(checked.grade)]
         if checked.uncertainties:
             found.append(checked.uncertainty_words)
         lines = [f"{run.name}: {checked.words}", *(f"  {words}" for words in found)]

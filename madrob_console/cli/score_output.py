@@ -118,14 +118,14 @@ def _write(
     for number, (run, one) in enumerate(zip(runs, made, strict=True), start=1):
         tell(number, len(runs))
         if one.problem is not None:
-            bad.add(one.problem, run.name)
+            bad.add_complaint(one.problem, run.name)
             reason = one.problem.removeprefix(f"{run.name}: ")
-            writers[UNREADABLE.name].add([{"place": run.name, "reason": reason}])
+            writers[UNREADABLE.name].write_rows([{"place": run.name, "reason": reason}])
         elif one.run_id and (place := counted.setdefault(one.run_id, run.name)) != run.name:
             twins.append((run.name, place))
         else:
             for table in RUN_TABLES:
-                writers[table.name].add(one.rows[table.name])
+                writers[table.name].write_rows(one.rows[table.name])
     name_twins(twins)
 
 
@@ -299,7 +299,7 @@ class ChangeTotals:
     unchanged: int = 0
     unwritten: int = 0
 
-    def add(self, issue: NextIssue) -> None:
+    def count_issue(self, issue: NextIssue) -> None:
         self.issues += 1
         self.counting += issue.counts
         self.signed += issue.signed is not None
@@ -369,11 +369,11 @@ def _go_through(
             issues_before = totals.issues
             try:
                 for issue in _settled(run, one, change, clock, dry=dry):
-                    totals.add(issue)
+                    totals.count_issue(issue)
                     print(terminal_safe(f"{run.name}: {issue.words}"), flush=True)
             except MadrobError as error:
                 totals.unwritten += isinstance(error, UnwrittenError)
-                bad.add(error, run.name)
+                bad.add_complaint(error, run.name)
                 continue
             totals.unchanged += totals.issues == issues_before
 
@@ -420,10 +420,10 @@ def _renew_reports(
         for number, (run, problem) in enumerate(zip(old, renewed, strict=True), start=1):
             tell(number, len(old))
             if problem:
-                bad.add(problem, run.name)
+                bad.add_complaint(problem, run.name)
     for results in dict.fromkeys(results_folder_of(run.path) for run in old):
         for problem in renew_all(results):
-            bad.add(problem, str(results))
+            bad.add_complaint(problem, str(results))
 
 
 def renewed_report(run: RunPath, *, time: float) -> str:

@@ -22,9 +22,9 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.config import Settings
 from madrob_console.engine.core import Engine
-from madrob_console.engine.disk import Keepers
+from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.engine_config import EngineConfig
-from madrob_console.engine.evidence_client import EvidencePlan, Witness
+from madrob_console.engine.evidence_client import EvidenceClient, EvidencePlan
 from madrob_console.engine.replay import Replay
 from madrob_console.engine.reports import Reporting
 from madrob_console.engine.run_recorder import EventLog
@@ -79,7 +79,7 @@ def open_engine(
             if arguments.speed == 0:
                 return Engine(simulated, clock, config, types)
             return Engine(
-                simulated, clock, config, types, keepers=Keepers.threads(), scorer=scorer()
+                simulated, clock, config, types, keepers=DiskThreads.threads(), scorer=scorer()
             )
         case SourceKind.ROS:
             follows = arguments.use_sim_time or settings.testbed.use_sim_time
@@ -90,9 +90,9 @@ def open_engine(
                 clock,
                 config,
                 types,
-                keepers=Keepers.threads(),
+                keepers=DiskThreads.threads(),
                 scorer=scorer(),
-                witness=_witness(arguments, settings, types),
+                evidence_client=_evidence_client(arguments, settings, types),
             )
         case _:
             assert_never(kind)
@@ -105,9 +105,9 @@ def _evidence_plan(settings: Settings) -> EvidencePlan | None:
     return EvidencePlan(recording.budget_bytes, 60 * recording.least_room)
 
 
-def _witness(
+def _evidence_client(
     arguments: argparse.Namespace, settings: Settings, types: MessageTypes
-) -> Witness | None:
+) -> EvidenceClient | None:
     if not settings.recording.topics:
         return None
     from madrob_console.engine.evidence_process import EvidenceProcess
@@ -179,7 +179,7 @@ def _find_testbed(arguments: argparse.Namespace, settings: Settings) -> SourceKi
     try:
         end = time.monotonic() + _SEARCH_TIME
         while time.monotonic() < end:
-            source.take(0.1)
+            source.take_messages(0.1)
             if any(status.publishers for status in source.status()):
                 return SourceKind.ROS
     finally:

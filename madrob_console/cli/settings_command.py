@@ -10,7 +10,7 @@ from madrob_console.cli import options
 from madrob_console.common.names import terminal_safe
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "settings",

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _STDOUT = Path("-")
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "standings",

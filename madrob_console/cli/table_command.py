@@ -49,7 +49,7 @@ class _Written(NamedTuple):
     problem: str | None = None
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "table",
@@ -164,13 +164,13 @@ def _write_runs(
         try:
             stored = stored_run(run)
         except MadrobError as error:
-            bad.add(error, run.name)
+            bad.add_complaint(error, run.name)
             continue
         label = stored.label
         if (place := counted.places.get(label.run_id, run.name)) != run.name:
             twins.append((run.name, place))
         elif testbed in (None, label.testbed) and competition in (None, label.competition):
-            writer.add(rows_of(table, stored))
+            writer.write_rows(rows_of(table, stored))
         tell(number, len(runs))
     name_twins(twins)
 
@@ -200,13 +200,13 @@ def _samples(arguments: argparse.Namespace) -> int:
         tell(0, len(runs))
         for number, run in enumerate(runs, start=1):
             if (first := chosen[run.own_name]) is not run:
-                bad.add(
+                bad.add_complaint(
                     f"{run.name}: is called like {first.name}: give it another --output", run.name
                 )
             else:
                 written = next(results)
                 if written.problem is not None:
-                    bad.add(written.problem, run.name)
+                    bad.add_complaint(written.problem, run.name)
                 for path in written.files:
                     print(terminal_safe(str(path)), flush=True)
             tell(number, len(runs))

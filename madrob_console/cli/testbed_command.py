@@ -10,7 +10,7 @@ from madrob_console.cli.parsing import whole_within
 from scoring.imports import imports_kept
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "testbed",

@@ -24,7 +24,7 @@ NOT_REMOVED = 1
 """Exit code if the user said no."""
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "tidy",
@@ -162,7 +162,7 @@ def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int
                 try:
                     remove_evidence(one, time.time(), limits.filing)
                 except MadrobError as error:
-                    bad.add(error, one.folder)
+                    bad.add_complaint(error, one.folder)
                 else:
                     removed.append(one)
         _renew_reports(removed, bad)
@@ -188,4 +188,4 @@ def _renew_reports(removed: Sequence[RunEvidence], bad: Complaints) -> None:
             try:
                 renew_report(folder, around)
             except MadrobError as error:
-                bad.add(error, folder)
+                bad.add_complaint(error, folder)

@@ -8,7 +8,7 @@ from madrob_console.cli import options
 from madrob_console.cli.console_command import add_look_options, show
 
 
-def add(commands: options.Commands) -> None:
+def add_command(commands: options.Commands) -> None:
     parser = options.command(
         commands,
         "watch",

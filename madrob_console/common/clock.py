@@ -45,7 +45,7 @@ class Clock(Protocol):
         """Let `duration` seconds of this clock's time pass."""
         ...
 
-    def hold(self) -> None:
+    def hold_steady(self) -> None:
         """From now on run on monotonic time alone (a bag is open)."""
         ...
 
@@ -74,7 +74,7 @@ class SystemClock:
     def sleep(self, duration: float) -> None:
         time.sleep(max(0.0, duration) / self.speed)
 
-    def hold(self) -> None:
+    def hold_steady(self) -> None:
         if not self._held:
             self._wall, self._monotonic, self._held = time.time_ns(), time.monotonic_ns(), True
 
@@ -149,7 +149,7 @@ class VirtualClock:
         """Move to `now_ns`; never back."""
         self._now = max(self._now, now_ns)
 
-    def hold(self) -> None:
+    def hold_steady(self) -> None:
         """Nothing to do: virtual time has no steps."""
 
     def release(self) -> None:
@@ -224,7 +224,7 @@ class RecordedClock:
             self.target = None
             self._go_on_from_here()
 
-    def hold(self) -> None:
+    def hold_steady(self) -> None:
         """Does nothing: recorded time has no steps."""
 
     def release(self) -> None:

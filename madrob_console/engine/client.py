@@ -20,7 +20,7 @@ import msgspec
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine import wire
-from madrob_console.engine.disk import Lanes
+from madrob_console.engine.disk import PriorityQueue
 from madrob_console.engine.engine_lock import peer_of
 from madrob_console.engine.engine_thread import begun, fail
 from madrob_console.engine.requests import NO_ANSWER, Request, Role, T
@@ -83,7 +83,7 @@ class Incoming:
     def __init__(self) -> None:
         self._parts: dict[str, Any] = {}
 
-    def take(self, state: wire.State) -> Snapshot | None:
+    def apply_state(self, state: wire.State) -> Snapshot | None:
         """The updated state; None while parts of the first one are missing."""
         for name, raw in state.parts.items():
             if name not in _NAMES:
@@ -141,7 +141,7 @@ class RemoteEngine:
     def __init__(self, path: Path, role: Role, who: str, pid: int = 0) -> None:
         self._numbers = itertools.count(1)
         self._asked: dict[int, _Asked] = {}
-        self._outbox: Lanes[_Asked] = Lanes()
+        self._outbox: PriorityQueue[_Asked] = PriorityQueue()
         self._failure: str | None = None
         self._lost, self._again = _LOST[role], _AGAIN[role]
         self._incoming = Incoming()
@@ -188,22 +188,22 @@ class RemoteEngine:
         poll.register(self._process, select.POLLIN)
         return not poll.poll(0)
 
-    def begin(self, request: Request[T]) -> Future[T]:
+    def begin_request(self, request: Request[T]) -> Future[T]:
         deadline = time.monotonic() + request.latest_begin
         asked = _Asked(next(self._numbers), request, deadline, Future[T]())
         self._asked[asked.number] = asked
         if self._failure is not None:  # only now: what fails later finds who waits
             fail(asked.answer, self._failure)
-        self._outbox.put(asked, first=request.urgent)
+        self._outbox.put_item(asked, first=request.urgent)
         return asked.answer
 
-    def ask(self, request: Request[T]) -> T:
+    def send_request(self, request: Request[T]) -> T:
         """Have a request carried out by the engine.
 
         Raises:
             UnsureError: no answer came, though the engine may have begun.
         """
-        return awaited(self.begin(request), request.timeout + ON_ITS_WAY)
+        return awaited(self.begin_request(request), request.timeout + ON_ITS_WAY)
 
     def close(self) -> None:
         with suppress(OSError):
@@ -241,7 +241,7 @@ class RemoteEngine:
                 case wire.Welcome() as welcome:
                     pass
                 case wire.State() as state:
-                    snapshot = self._incoming.take(state)
+                    snapshot = self._incoming.apply_state(state)
                 case wire.Rejected(reason):
                     raise MadrobError(reason)
                 case wire.Reply():
@@ -253,7 +253,7 @@ class RemoteEngine:
             while True:
                 match self._receive():
                     case wire.State() as state:
-                        self._snapshot = self._incoming.take(state) or self._snapshot
+                        self._snapshot = self._incoming.apply_state(state) or self._snapshot
                     case wire.Reply() as reply:
                         if (asked := self._asked.pop(reply.number, None)) is not None:
                             asked.take(reply)

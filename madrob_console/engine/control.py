@@ -83,7 +83,7 @@ class WhoAnswer(msgspec.Struct, frozen=True):
     remarks: tuple[str, ...] = ()
     unsaved: bool = False
 
-    def of(self, run: Run, *, busy: bool, unsaved: bool = False) -> WhoAnswer:
+    def with_run(self, run: Run, *, busy: bool, unsaved: bool = False) -> WhoAnswer:
         setup = run.setup
         words = "" if setup is None else f"run {setup.run_number} of subject {setup.subject}"
         return replace(self, phase=run.phase.value, run=words, busy=busy, unsaved=unsaved)
@@ -189,7 +189,7 @@ class Heard:
     line: bytes
 
 
-def ask(name: str, question: Inquiry, patience: float = PATIENCE) -> Heard | None:
+def ask_owner(name: str, question: Inquiry, patience: float = PATIENCE) -> Heard | None:
     """Ask the process that has a name of this user; waits `patience` s at most.
 
     Raises:

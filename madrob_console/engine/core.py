@@ -13,13 +13,13 @@ from pathlib import Path
 
 from madrob_console.archive.folders import next_run_number
 from madrob_console.common.clock import Clock
-from madrob_console.engine.current_run import Acting, RunAtHand
-from madrob_console.engine.disk import Keepers, T
+from madrob_console.engine.current_run import Acting, CurrentRun
+from madrob_console.engine.disk import DiskThreads, T
 from madrob_console.engine.durable_acts import EarlierRuns, Told
 from madrob_console.engine.engine_config import EngineConfig, EvidenceRoom
-from madrob_console.engine.evidence_client import NoWitness, Witness
+from madrob_console.engine.evidence_client import EvidenceClient, NoEvidence
 from madrob_console.engine.observation import Backlog, Interrupt, Observation
-from madrob_console.engine.replay import NO_ACTS, OWN_RUN, Equipment, Replay
+from madrob_console.engine.replay import NO_ACTS, OWN_RUN, EngineContext, Replay
 from madrob_console.engine.requests import NO_REPLAY, PlaybackCommand
 from madrob_console.engine.run_recorder import EventLog
 from madrob_console.engine.scorer import EarlierRun, InlineScorer, RenderedResult, Scorer
@@ -59,8 +59,8 @@ WATCH_PERIOD = 0.1
 class Engine:
     """One testbed, one run after the other; or the replay of one recorded run.
 
-    `keepers`, `scorer` and `witness` are closed with the engine. Without `keepers` and
-    `scorer` files and results are made at once, in the engine's thread; without `witness`
+    `keepers`, `scorer` and `evidence_client` are closed with the engine. Without `keepers` and
+    `scorer` files and results are made at once, in the engine's thread; without `evidence_client`
     no evidence is recorded.
 
     Attributes:
@@ -77,9 +77,9 @@ class Engine:
         config: EngineConfig,
         types: MessageTypes,
         replay: Replay | None = None,
-        keepers: Keepers | None = None,
+        keepers: DiskThreads | None = None,
         scorer: Scorer | None = None,
-        witness: Witness | None = None,
+        evidence_client: EvidenceClient | None = None,
     ) -> None:
         self.source = source
         # a recording says itself what was read of it
@@ -87,12 +87,12 @@ class Engine:
         self.on_result: Callable[[Path, bytes | memoryview], None] | None = None
         self.on_left_unsettled: Callable[[], None] | None = None
         self._replay = replay
-        self._keepers = keepers or Keepers.inline()
+        self._keepers = keepers or DiskThreads.inline()
         self._scorer = scorer or InlineScorer()
-        self._witness = witness or NoWitness()
+        self._evidence_client = evidence_client or NoEvidence()
         self._teams = NO_TEAMS
         self._plan = NO_PLAN
-        self._equipment = Equipment(
+        self._engine_context = EngineContext(
             source,
             clock,
             self.config,
@@ -100,7 +100,7 @@ class Engine:
             replay,
             self._keepers,
             self._scorer,
-            self._witness,
+            self._evidence_client,
             EvidenceRoom(self.config, self._keepers.reading),
         )
         self._begin()
@@ -111,29 +111,29 @@ class Engine:
         return cls(source, source.clock, replay.config(config), types, replay)
 
     def _begin(self) -> None:
-        config, equipment = self.config, self._equipment
+        config, engine_context = self.config, self._engine_context
         if self._replay is not None:
-            self._replay.begin()
+            self._replay.begin_replay()
         self._looked: float | None = None
         self._watched = 0.0
         self._observation = observation = Observation(
-            config.mappings, config.thresholds, config.limits, equipment.types
+            config.mappings, config.thresholds, config.limits, engine_context.types
         )
         self._sensors = observation.sensors
         self._backlog = backlog = Backlog(observation.receive)
-        self._pre_start = pre_start = PreStart(equipment, self._sensors)
+        self._pre_start = pre_start = PreStart(engine_context, self._sensors)
         self._earlier = EarlierRuns(config.results, self._keepers)
-        self._at_hand = at_hand = RunAtHand(equipment, observation, self._earlier, self._tell)
+        self._at_hand = at_hand = CurrentRun(engine_context, observation, self._earlier, self._tell)
         self._recorder = at_hand.recorder
         self._result = at_hand.result
-        self._acting = acting = Acting(equipment, at_hand, self.situation, self._advance)
-        self._view = StateView(equipment, observation, backlog, pre_start, at_hand, acting)
+        self._acting = acting = Acting(engine_context, at_hand, self.situation, self._advance)
+        self._view = StateView(engine_context, observation, backlog, pre_start, at_hand, acting)
 
     # ------------------------------------------------------------------ for the owner
 
     @property
     def log(self) -> EventLog:
-        return self._at_hand.chronicle.log
+        return self._at_hand.event_publisher.log
 
     @property
     def run(self) -> Run:
@@ -154,12 +154,12 @@ class Engine:
     @property
     def unwritten(self) -> tuple[int, float]:
         """How many lines of the journal are not on disk, and for how long, s. From any thread."""
-        return self._at_hand.chronicle.unwritten
+        return self._at_hand.event_publisher.unwritten
 
     @property
     def refused(self) -> str:
         """What of the current run is in memory alone and retried. From any thread."""
-        return self._result.problem or self._at_hand.chronicle.problem or ""
+        return self._result.problem or self._at_hand.event_publisher.problem or ""
 
     @property
     def waiting(self) -> tuple[str, ...]:
@@ -191,7 +191,7 @@ class Engine:
         return self._replay
 
     def now(self) -> float:
-        return self._equipment.now()
+        return self._engine_context.now()
 
     def open(self) -> None:
         self.source.open()
@@ -199,8 +199,8 @@ class Engine:
             self._repeat_decisions(self._replay)  # before the first message
             self.step(0.0)
             return
-        self._at_hand.chronicle.announce_state(self.run)
-        self._earlier.look()
+        self._at_hand.event_publisher.announce_state(self.run)
+        self._earlier.find_cut_off_runs()
 
     def step(self, timeout: float, interrupt: Interrupt | None = None) -> None:
         """Take the testbed's messages within `timeout` s of clock time, and decide.
@@ -216,7 +216,7 @@ class Engine:
         if self._result.hurries:
             timeout = min(timeout, HURRIED_STEP)
         if not self._backlog.full:
-            self._receive(self.source.take(0.0 if self._backlog else timeout))
+            self._receive(self.source.take_messages(0.0 if self._backlog else timeout))
         self._backlog.work_off(interrupt)
         self._looked = self._backlog.seen(self._looked)
         if self._replay is not None:
@@ -227,32 +227,32 @@ class Engine:
         """Disconnect; a current run is cut off, scored as interrupted and kept."""
         acts = self._acting.durable
         if acts.waiting is not None and not acts.withdraw("the engine ended"):
-            self._keepers.own.settle(CLOSING_TIME)  # it takes effect
+            self._keepers.own.wait_until_idle(CLOSING_TIME)  # it takes effect
         if self.busy and self.run.active:
             self._at_hand.interrupt("the console was closed during the run")
         if self._recorder.recording:
             self._finish()
         answers = self._settle()
-        self._witness.close()
+        self._evidence_client.close()
         if answers:
             self._at_hand.settle_evidence(self.now(), ending=True)
             self._settle()
         self._scorer.close()
         if answers:
             self._result.end(self.now(), busy=self.run.active)
-        self._at_hand.chronicle.close()
+        self._at_hand.event_publisher.close()
         self.source.close()
         self._keepers.close(CLOSING_TIME if answers else 0.0)
 
     def _settle(self) -> bool:
-        answers = self._keepers.own.settle(CLOSING_TIME)  # the bag is closed
-        if answers and self._scorer.settle(CLOSING_TIME):
-            answers = self._keepers.own.settle(CLOSING_TIME)  # the result is written
+        answers = self._keepers.own.wait_until_idle(CLOSING_TIME)  # the bag is closed
+        if answers and self._scorer.wait_until_idle(CLOSING_TIME):
+            answers = self._keepers.own.wait_until_idle(CLOSING_TIME)  # the result is written
         return answers
 
     def read(self, job: Callable[[], T], *, first: bool = True) -> Future[T]:
         """Have something read that the run does not need. From any thread; see `Reader`."""
-        return self._keepers.reading.ask(job, first=first)
+        return self._keepers.reading.submit_job(job, first=first)
 
     def next_run_number(
         self,
@@ -281,7 +281,7 @@ class Engine:
 
     @property
     def generation(self) -> int:
-        """See `RunAtHand`. From any thread."""
+        """See `CurrentRun`. From any thread."""
         return self._at_hand.generation
 
     def opening_refusal(self, instead_of: int | None = None) -> str | None:
@@ -308,7 +308,7 @@ class Engine:
 
     def warm(self) -> None:
         self._scorer.warm()
-        self._witness.warm()
+        self._evidence_client.warm()
 
     def read_run(self, folder: Path) -> Future[EarlierRun]:
         """Read an earlier run, to open it. From any thread."""
@@ -359,7 +359,7 @@ class Engine:
             steps=self._observation.steps,
             testbed=self.config.testbed,
             competition=self.config.competition,
-            new_id=lambda: new_run_id(self._equipment.clock.now_ns(), self.config.random),
+            new_id=lambda: new_run_id(self._engine_context.clock.now_ns(), self.config.random),
             time=self.now(),
             protest_times=self.config.protest_times,
         )
@@ -401,12 +401,12 @@ class Engine:
     def _receive(self, messages: Sequence[RawMessage]) -> None:
         recording = self._recorder.recording and not self._at_hand.over
         if recording:
-            self._recorder.put(messages)
-        self._backlog.add(messages, recorded=recording or self._replay is not None)
+            self._recorder.record_messages(messages)
+        self._backlog.add_messages(messages, recorded=recording or self._replay is not None)
 
     def _advance(self) -> None:
         now, at_hand = self.now(), self._at_hand
-        self._acting.durable.look()
+        self._acting.durable.withdraw_overdue()
         if not 0 <= now - self._watched < WATCH_PERIOD:
             self._watched = now
             self._watch(now)
@@ -417,15 +417,15 @@ class Engine:
             at_hand.over |= self._backlog.recorded > 0
             if not self._backlog.recorded:
                 self._finish()
-        self._result.look(now, busy=at_hand.run.active)
+        self._result.retry_writing(now, busy=at_hand.run.active)
 
     def _watch(self, now: float) -> None:
         # also while a bag is closed and then: evidence that was held is let go again
-        self._witness.hold(held=self._recorder.silent > DISK_WAITS)
+        self._evidence_client.hold_writing(held=self._recorder.silent > DISK_WAITS)
         if not self._recorder.recording:
             self._at_hand.settle_evidence(now)
             return
-        self._recorder.look()
+        self._recorder.record_late_topics()
         troubles: dict[tuple[str, Trouble], str] = dict(
             self._sensors.troubles(self.source.status(), self._sensors_now)
         )
@@ -436,11 +436,11 @@ class Engine:
         if (behind := self._backlog.problem) is not None:
             troubles["engine", Trouble.BEHIND] = behind
         self._at_hand.note_troubles(troubles, now)
-        if (status := self._witness.status) is not None:
+        if (status := self._evidence_client.status) is not None:
             self._at_hand.note_evidence(status, now)
 
     def _finish(self) -> None:
-        self._receive(self.source.take(0.0))  # what is still on its way
+        self._receive(self.source.take_messages(0.0))  # what is still on its way
         self._backlog.work_off()
         self._at_hand.finish()
 

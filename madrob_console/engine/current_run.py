@@ -15,10 +15,10 @@ from madrob_console.archive.run_record import RunRecord
 from madrob_console.engine.durable_acts import Answers, DurableActs, EarlierRuns, Told
 from madrob_console.engine.evidence_client import EvidenceNotes, FaultNotes, WitnessStatus
 from madrob_console.engine.journal_writer import OpenJournal
-from madrob_console.engine.observation import Course, Happening, Observation
-from madrob_console.engine.replay import DECIDED_ANEW, Equipment
+from madrob_console.engine.observation import Happening, Observation, RunTracker
+from madrob_console.engine.replay import DECIDED_ANEW, EngineContext
 from madrob_console.engine.result_writer import CurrentResult
-from madrob_console.engine.run_recorder import Chronicle, OpenRecording, RunRecorder
+from madrob_console.engine.run_recorder import EventPublisher, OpenRecording, RunRecorder
 from madrob_console.engine.scorer import EarlierRun, RenderedResult, ToScore
 from madrob_console.engine.sensors import Trouble
 from madrob_console.referee.acts import (
@@ -43,7 +43,7 @@ SETTLING_PERIOD = 1.0
 """How often evidence that is still being written is checked, s."""
 
 
-class RunAtHand:
+class CurrentRun:
     """The current run, one after the other: set up, going on or over, or an earlier one.
 
     Attributes:
@@ -58,7 +58,7 @@ class RunAtHand:
 
     def __init__(
         self,
-        equipment: Equipment,
+        engine_context: EngineContext,
         observation: Observation,
         earlier: EarlierRuns,
         tell: Callable[[Path, RenderedResult], None],
@@ -72,21 +72,21 @@ class RunAtHand:
         self.over = False
         self.left_unsettled = False
         self.kept = Run()
-        self.chronicle = Chronicle(equipment)
-        self.recorder = RunRecorder(equipment, self.chronicle)
+        self.event_publisher = EventPublisher(engine_context)
+        self.recorder = RunRecorder(engine_context, self.event_publisher)
         self.result = CurrentResult(
-            equipment.scorer,
-            equipment.keepers,
-            self.chronicle,
+            engine_context.scorer,
+            engine_context.keepers,
+            self.event_publisher,
             again=self.score,
             written=self._written,
             shown=self._shown,
             tell=tell,
         )
-        self._equipment = equipment
+        self._engine_context = engine_context
         self._observation = observation
         self._earlier = earlier
-        self._replay = replay = equipment.replay
+        self._replay = replay = engine_context.replay
         self._missing: tuple[str, ...] = ()
         self._settling = -math.inf
         self._drift: tuple[RunRecord, float] | None = None
@@ -135,11 +135,11 @@ class RunAtHand:
         if self.opened is None:
             self.kept = self.run.cleared
         self._leave()
-        self.chronicle.go_on(journal, opened.entries)
+        self.event_publisher.go_on(journal, opened.entries)
         self.opened, self.record = opened, opened.scored.record
         stood = replace(opened.scored.run, journal=None)
         self.folder, self.run = opened.folder, stood
-        self._equipment.scorer.look_back(opened)
+        self._engine_context.scorer.look_back(opened)
         self._observation.look_back(opened.scored.past)
         if self.run.active:
             outcome = Outcome.ABORTED if invalid else Outcome.INTERRUPTED
@@ -158,7 +158,7 @@ class RunAtHand:
         told = self.run.evidence
         self.left_unsettled |= told is not None and told.unwritten != 0
         self.result.leave(self.folder)
-        self.chronicle.begin()
+        self.event_publisher.begin_run()
         if self.result.missing:
             self._earlier.look_again()
         self.record = self.folder = self.opened = self.decided = None
@@ -172,7 +172,7 @@ class RunAtHand:
 
     def adopt(self, made: OpenRecording) -> None:
         self.record, self.folder = made.record, made.recording.folder
-        self.recorder.adopt(made, self._equipment.clock.now_ns())
+        self.recorder.adopt(made, self._engine_context.clock.now_ns())
 
     # ------------------------------------------------------------------ what becomes of it
 
@@ -185,11 +185,11 @@ class RunAtHand:
         if counts_anew:
             self._count_down(run)
         if before.active and run.phase is Phase.STOPPED:
-            self.decided = self._equipment.now()
+            self.decided = self._engine_context.now()
             self._observation.judge(run)
         told = (run.phase, run.setup, run.voided)
         if counts_anew or told != (before.phase, before.setup, before.voided):
-            self.chronicle.announce_state(run)
+            self.event_publisher.announce_state(run)
 
     def _count_down(self, run: Run) -> None:
         observation = self._observation
@@ -198,14 +198,17 @@ class RunAtHand:
             return
         assert self.record is not None
         before = observation.sensors.newest() if self._replay is None else None
-        follow, silence = self._equipment.scorer.follow, self._equipment.config.limits.lost
-        observation.course = Course(self.record, run, follow, silence, before)
+        follow, silence = (
+            self._engine_context.scorer.follow,
+            self._engine_context.config.limits.lost,
+        )
+        observation.course = RunTracker(self.record, run, follow, silence, before)
 
     def interrupt(
         self, reason: str, at: float | None = None, outcome: Outcome = Outcome.INTERRUPTED
     ) -> None:
         """Cut the run off `at` its end (s since the epoch), by no sensor, clock or referee."""
-        at = at or self._equipment.now()
+        at = at or self._engine_context.now()
         details = {"outcome": outcome, "time": at}
         stopped = Happening(Origin.SYSTEM, Change.RUN_STOPS, reason, details)
         self.go_on(stop(self.run, outcome, at, reason), [stopped])
@@ -216,7 +219,7 @@ class RunAtHand:
             fault = TestbedFault(float(happened.details["time"]), happened.reason)
             self.run = replace(self.run, faults=(*self.run.faults, fault))
         entry = Entry(
-            self._equipment.now(),
+            self._engine_context.now(),
             happened.origin,
             happened.change.value,
             reason=happened.reason,
@@ -241,7 +244,7 @@ class RunAtHand:
         return self.run.start
 
     def write(self, entry: Entry) -> None:
-        self.chronicle.write(entry, self.run.start)
+        self.event_publisher.write(entry, self.run.start)
 
     # ------------------------------------------------------------------ its end
 
@@ -252,7 +255,7 @@ class RunAtHand:
 
     def _recorded(self, missing: tuple[str, ...], unrecorded: int) -> None:
         self._missing = missing
-        self._equipment.clock.release()
+        self._engine_context.clock.release()
         if (account := self.recorder.evidence(self._start)) is not None:
             self._note_account(account)
         if unrecorded:
@@ -265,7 +268,7 @@ class RunAtHand:
     def _note_account(self, account: EvidenceAccount) -> None:
         """Note what was recorded of the evidence: its file gets complete by itself."""
         self.run = replace(self.run, evidence=account)
-        self.write(account_entry(account, self._equipment.now()))
+        self.write(account_entry(account, self._engine_context.now()))
 
     def settle_evidence(self, now: float, *, ending: bool = False) -> None:
         """Once its evidence is in the files, note how much is there; nothing waits for that.
@@ -291,18 +294,18 @@ class RunAtHand:
 
         look, keepers = (
             partial(settled_account, self.folder, told, self.run.start),
-            self._equipment.keepers,
+            self._engine_context.keepers,
         )
         if ending:
-            keepers.own.ask(look, heard)
+            keepers.own.submit_job(look, heard)
         else:
-            keepers.reading.ask(look, heard)
+            keepers.reading.submit_job(look, heard)
 
     def score(self, *, write: bool = True) -> None:
         """Ask for its result, and have it written unless `write` says no."""
         self._observation.judge(self.run)
         assert self.folder is not None
-        self.result.ask(ToScore(self.run, self.folder, self._missing, files=write))
+        self.result.request_result(ToScore(self.run, self.folder, self._missing, files=write))
 
     def _written(self, _folder: Path, scored: RenderedResult) -> None:
         details = scored.written_details
@@ -328,18 +331,18 @@ class Acting:
 
     def __init__(
         self,
-        equipment: Equipment,
-        at_hand: RunAtHand,
+        engine_context: EngineContext,
+        at_hand: CurrentRun,
         situation: Callable[[], Situation],
         advance: Callable[[], None],
     ) -> None:
-        self._equipment = equipment
+        self._engine_context = engine_context
         self._at_hand = at_hand
         self._situation = situation
         self._advance = advance
         self._answers = Answers()
         self.durable = DurableActs(
-            equipment, at_hand.chronicle, at_hand.recorder, situation, self._take_effect
+            engine_context, at_hand.event_publisher, at_hand.recorder, situation, self._take_effect
         )
 
     @property
@@ -382,7 +385,10 @@ class Acting:
             self._do(act, origin)
             answer(None)
         else:
-            name, at = name or f"{self._equipment.clock.now_ns():x}", self._equipment.now()
+            name, at = (
+                name or f"{self._engine_context.clock.now_ns():x}",
+                self._engine_context.now(),
+            )
             act, prepare = self._completed(act)
             durable.submit(act, lambda act: _line_of(act, run, at, origin, name), answer, prepare)
 
@@ -402,7 +408,7 @@ class Acting:
         return act, partial(_numbered, act, at_hand.folder.parent)
 
     def _do(self, act: Act, origin: Origin) -> None:
-        brings, at, situation = act.consequences, self._equipment.now(), self._situation()
+        brings, at, situation = act.consequences, self._engine_context.now(), self._situation()
         at_hand, act = self._at_hand, act.settled(situation)
         if Consequence.NEW_RUN in brings:
             at_hand.begin_next()
@@ -413,17 +419,17 @@ class Acting:
             at_hand.kept = run.cleared
         if Consequence.NEW_RUN in brings:
             assert run.setup is not None
-            self._equipment.source.configure(run.setup.condition)
-            at_hand.chronicle.announce_start_pose(run.setup.start_pose)
+            self._engine_context.source.configure(run.setup.condition)
+            at_hand.event_publisher.announce_start_pose(run.setup.start_pose)
         self._done(run)
 
     def _take_effect(self, act: Act, entry: Entry, made: OpenRecording | None) -> None:
         at_hand = self._at_hand
         if made is not None:
             at_hand.adopt(made)
-        at_hand.chronicle.say(entry, at_hand.run.start)
+        at_hand.event_publisher.say(entry, at_hand.run.start)
         if Consequence.COUNTDOWN in act.consequences:
-            details = {"time": self._equipment.now()}
+            details = {"time": self._engine_context.now()}
             begins = at_hand.note(Happening(Origin.CLOCK, Change.COUNTDOWN_BEGINS, details=details))
             self._done(after(at_hand.run, begins))
         else:

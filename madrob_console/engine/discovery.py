@@ -25,7 +25,7 @@ from typing import Self, TypeVar
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.engine import wire
-from madrob_console.engine.control import PATIENCE, Inquiry, WhoAnswer, ask, who_answer_in
+from madrob_console.engine.control import PATIENCE, Inquiry, WhoAnswer, ask_owner, who_answer_in
 from madrob_console.engine.engine_lock import (
     LOCK_FILE,
     HeldError,
@@ -164,7 +164,7 @@ class FoundEngine:
 
 def found_at(name: str, patience: float = PATIENCE) -> FoundEngine | None:
     """The engine that owns a name; one without an answer for `patience` s is silent."""
-    heard = ask(name, Inquiry("who"), patience)
+    heard = ask_owner(name, Inquiry("who"), patience)
     if heard is None:
         return None
     pid = heard.peer.pid

@@ -21,7 +21,7 @@ from madrob_console.common.errors import MadrobError
 T = TypeVar("T")
 
 
-class Lanes(Generic[T]):
+class PriorityQueue(Generic[T]):
     """A queue with two priorities, for any thread."""
 
     def __init__(self) -> None:
@@ -30,7 +30,7 @@ class Lanes(Generic[T]):
         self._changed = threading.Condition()
         self._closed = False
 
-    def put(self, item: T, *, first: bool) -> bool:
+    def put_item(self, item: T, *, first: bool) -> bool:
         with self._changed:
             if self._closed:
                 return False
@@ -93,7 +93,7 @@ ENDED = "the engine has ended"
 class Reader(Protocol):
     """Reads files, in no particular order."""
 
-    def ask(
+    def submit_job(
         self,
         job: Callable[[], T],
         done: Callable[[Future[T]], None] | None = None,
@@ -126,22 +126,22 @@ class _Job:
     first: bool
 
 
-class ThreadReader:
+class ReaderPool:
     """Reads in a few threads, one of which is the core's.
 
     The threads are daemons: a disk that hangs must not hold up the end of the process.
     """
 
     def __init__(self) -> None:
-        self._of_core: Lanes[_Job] = Lanes()
-        self._of_screens: Lanes[_Job] = Lanes()
+        self._of_core: PriorityQueue[_Job] = PriorityQueue()
+        self._of_screens: PriorityQueue[_Job] = PriorityQueue()
         self._answers: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._begun: dict[_Job, float] = {}
         for number, jobs in enumerate([self._of_core, *THREADS * [self._of_screens]]):
             work, name = partial(self._work, jobs), f"reader {number}"
             threading.Thread(target=work, name=name, daemon=True).start()
 
-    def ask(
+    def submit_job(
         self,
         job: Callable[[], T],
         done: Callable[[Future[T]], None] | None = None,
@@ -153,7 +153,7 @@ class ThreadReader:
         jobs = self._of_screens if done is None else self._of_core
         if jobs.count(first=first) >= MOST_WAITING:
             self._answer(asked, None, MadrobError(BUSY))
-        elif not jobs.put(asked, first=first):
+        elif not jobs.put_item(asked, first=first):
             self._answer(asked, None, MadrobError(ENDED))
         return answer
 
@@ -171,7 +171,7 @@ class ThreadReader:
         for job in (*self._of_core.close(), *self._of_screens.close()):
             self._answer(job, None, MadrobError(ENDED))
 
-    def _work(self, jobs: Lanes[_Job]) -> None:
+    def _work(self, jobs: PriorityQueue[_Job]) -> None:
         while (job := jobs.next()) is not None:
             if job.answer.done():
                 continue
@@ -211,10 +211,10 @@ FULL = "too much waits for the disk: try again when it answers"
 _Work = Callable[[], None]
 
 
-class Keeper(Protocol):
+class DiskJobs(Protocol):
     """Does jobs one after the other, in the order of the requests."""
 
-    def ask(
+    def submit_job(
         self, job: Callable[[], T], done: Callable[[Future[T]], None] | None = None
     ) -> Future[T]:
         """Have a job done; never waits for it, unless it is done at once. From any thread.
@@ -227,7 +227,7 @@ class Keeper(Protocol):
 
     def deliver(self) -> None: ...
 
-    def settle(self, limit: float) -> bool:
+    def wait_until_idle(self, limit: float) -> bool:
         """Wait `limit` s at most until no job is left, and deliver; returns whether none is."""
         ...
 
@@ -241,12 +241,12 @@ class Keeper(Protocol):
         ...
 
 
-class InlineKeeper:
-    """Does each job at once, for virtual time and replays; a `Keeper` and a `Reader`."""
+class InlineDisk:
+    """Does each job at once, for virtual time and replays; a `DiskJobs` and a `Reader`."""
 
     silent = 0.0
 
-    def ask(
+    def submit_job(
         self,
         job: Callable[[], T],
         done: Callable[[Future[T]], None] | None = None,
@@ -262,14 +262,14 @@ class InlineKeeper:
     def deliver(self) -> None:
         """Nothing is left to be told."""
 
-    def settle(self, limit: float) -> bool:
+    def wait_until_idle(self, limit: float) -> bool:
         return True
 
     def close(self, limit: float = 0.0) -> None:
         """Nothing is left to be done."""
 
 
-class ThreadKeeper:
+class DiskThread:
     """Does jobs in a thread of its own, which no failing job ends."""
 
     def __init__(
@@ -287,7 +287,7 @@ class ThreadKeeper:
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
-    def ask(
+    def submit_job(
         self, job: Callable[[], T], done: Callable[[Future[T]], None] | None = None
     ) -> Future[T]:
         answer: Future[T] = Future()
@@ -325,7 +325,7 @@ class ThreadKeeper:
             while True:
                 self._answers.get_nowait()()
 
-    def settle(self, limit: float) -> bool:
+    def wait_until_idle(self, limit: float) -> bool:
         end = self._monotonic() + limit
         while True:
             with self._jobs.all_tasks_done:
@@ -352,23 +352,23 @@ class ThreadKeeper:
 
 
 @dataclass(frozen=True, slots=True)
-class Keepers:
+class DiskThreads:
     """Threads for files: a slow reading delays no line of the journal.
 
     `own` does the files of the current run, `reading` what is only read.
     """
 
-    own: Keeper
+    own: DiskJobs
     reading: Reader
     monotonic: Callable[[], float] = time.monotonic
 
     @classmethod
     def inline(cls) -> Self:
-        return cls(InlineKeeper(), InlineKeeper())
+        return cls(InlineDisk(), InlineDisk())
 
     @classmethod
     def threads(cls) -> Self:
-        return cls(ThreadKeeper("keeper"), ThreadReader())
+        return cls(DiskThread("keeper"), ReaderPool())
 
     def deliver(self) -> None:
         self.own.deliver()

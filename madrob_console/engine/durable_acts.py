@@ -10,10 +10,10 @@ from pathlib import Path
 
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.run_journal import Unfinished, find_unfinished
-from madrob_console.engine.disk import Keepers, why_not
+from madrob_console.engine.disk import DiskThreads, why_not
 from madrob_console.engine.journal_writer import OpenJournal, Promise
-from madrob_console.engine.replay import Equipment
-from madrob_console.engine.run_recorder import Chronicle, OpenRecording, RunRecorder
+from madrob_console.engine.replay import EngineContext
+from madrob_console.engine.run_recorder import EventPublisher, OpenRecording, RunRecorder
 from madrob_console.engine.scorer import EarlierRun
 from madrob_console.referee.acts import Act, Consequence, Finalise, Situation
 from madrob_console.referee.journal import Entry, Origin
@@ -109,16 +109,16 @@ class DurableActs:
 
     def __init__(
         self,
-        equipment: Equipment,
-        chronicle: Chronicle,
+        engine_context: EngineContext,
+        event_publisher: EventPublisher,
         recorder: RunRecorder,
         situation: Callable[[], Situation],
         take_effect: TakeEffect,
     ) -> None:
-        self._equipment = equipment
-        self._clock = equipment.clock
-        self._keepers = equipment.keepers
-        self._chronicle = chronicle
+        self._engine_context = engine_context
+        self._clock = engine_context.clock
+        self._keepers = engine_context.keepers
+        self._event_publisher = event_publisher
         self._recorder = recorder
         self._situation = situation
         self._take_effect = take_effect
@@ -133,7 +133,7 @@ class DurableActs:
     def refusal(self, act: Act | type[Act], *, active: bool) -> str | None:
         """Why the disk allows no such act now, in words; `active`: a run goes on."""
         ends = act.urgent or act.name == Finalise.name or Consequence.NEW_RUN in act.consequences
-        if self._chronicle.full and not ends:
+        if self._event_publisher.full and not ends:
             return "the journal of this run is full: finalise it, then set up the next run"
         silent = self._keepers.own.silent
         if self.waiting is not None and not (act.at_once and active):
@@ -157,14 +157,14 @@ class DurableActs:
         promise, end = Promise(line(act)), self._keepers.monotonic() + DURABLE_WITHIN
         pending = self._pending = _Pending(act, promise, answer, end)
         if Consequence.RECORDING in act.consequences:
-            self._clock.hold()
+            self._clock.hold_steady()
             run, done = self._situation().run, partial(self._opened, pending)
             pending.job = self._recorder.start(run, promise, done)
         elif prepare is not None:
             pending.incomplete = True
-            self._keepers.own.ask(prepare, partial(self._prepared, pending, line))
+            self._keepers.own.submit_job(prepare, partial(self._prepared, pending, line))
         else:
-            self._chronicle.promise(promise, partial(self._kept, pending))
+            self._event_publisher.promise(promise, partial(self._kept, pending))
 
     def _prepared(
         self, pending: _Pending, line: Callable[[Act], Entry], complete: Future[Act]
@@ -178,9 +178,9 @@ class DurableActs:
         pending.incomplete = False
         pending.act = complete.result()
         pending.promise = Promise(line(pending.act))
-        self._chronicle.promise(pending.promise, partial(self._kept, pending))
+        self._event_publisher.promise(pending.promise, partial(self._kept, pending))
 
-    def look(self) -> None:
+    def withdraw_overdue(self) -> None:
         pending = self._pending
         if pending is None:
             return
@@ -193,18 +193,18 @@ class DurableActs:
         """Withdraw the waiting act; False if it is on disk already, and will take effect."""
         pending = self._pending
         assert pending is not None
-        withdrawal = pending.withdrawal(self._equipment.now(), why)
+        withdrawal = pending.withdrawal(self._engine_context.now(), why)
         if not pending.promise.withdraw(withdrawal):
             return False
         self._pending = None
         if pending.incomplete:
             pass  # there is no line of it yet
         elif pending.job is None:
-            self._chronicle.write(withdrawal, self._situation().run.start)
+            self._event_publisher.write(withdrawal, self._situation().run.start)
         else:
             pending.job.cancel()  # else its folder gets the line when the disk is back
             self._clock.release()
-            self._chronicle.log.add(withdrawal, None)
+            self._event_publisher.log.add_line(withdrawal, None)
         pending.tell(f"{why}: it is withdrawn")
         return True
 
@@ -225,8 +225,8 @@ class DurableActs:
             made = opened.result()
             assert made is not None
             if (refused := pending.act.refusal(self._situation())) is not None:
-                line = pending.withdrawal(self._equipment.now(), refused)
-                self._keepers.own.ask(partial(made.give_up, line))
+                line = pending.withdrawal(self._engine_context.now(), refused)
+                self._keepers.own.submit_job(partial(made.give_up, line))
         if refused is not None:
             self._clock.release()
         self._decided(pending, refused, made)
@@ -236,8 +236,8 @@ class DurableActs:
         if refused is None:
             situation = self._situation()
             if (refused := pending.act.refusal(situation)) is not None:
-                line = pending.withdrawal(self._equipment.now(), refused)
-                self._chronicle.write(line, situation.run.start)
+                line = pending.withdrawal(self._engine_context.now(), refused)
+                self._event_publisher.write(line, situation.run.start)
         self._decided(pending, refused, None)
 
     def _decided(self, pending: _Pending, refused: str | None, made: OpenRecording | None) -> None:
@@ -252,17 +252,17 @@ class DurableActs:
 class EarlierRuns:
     """Knows runs that were cut off, and opens the journals of earlier runs to go on with them."""
 
-    def __init__(self, results: Path, keepers: Keepers) -> None:
+    def __init__(self, results: Path, keepers: DiskThreads) -> None:
         self.unfinished: tuple[Unfinished, ...] = ()
         self._results = results
         self._keepers = keepers
 
-    def look(self) -> None:
-        self._keepers.reading.ask(partial(find_unfinished, self._results), self._found)
+    def find_cut_off_runs(self) -> None:
+        self._keepers.reading.submit_job(partial(find_unfinished, self._results), self._found)
 
     def look_again(self) -> None:
         """Search again once the current run, which is left, has closed its journal."""
-        self._keepers.own.ask(lambda: None, lambda _: self.look())
+        self._keepers.own.submit_job(lambda: None, lambda _: self.find_cut_off_runs())
 
     def _found(self, unfinished: Future[tuple[Unfinished, ...]]) -> None:
         if unfinished.exception() is None:  # else it blocks the start: a check says so
@@ -290,7 +290,7 @@ class EarlierRuns:
                 if self._keepers.monotonic() >= latest:
                     refused = f"the disk took more than {DURABLE_WITHIN:g} s: try again"
                 if refused is not None:
-                    self._keepers.own.ask(journal.result().close)
+                    self._keepers.own.submit_job(journal.result().close)
             if refused is None:
                 take_up(journal.result())
                 self.unfinished = tuple(
@@ -298,4 +298,4 @@ class EarlierRuns:
                 )
             done(refused)
 
-        self._keepers.own.ask(job, reopened)
+        self._keepers.own.submit_job(job, reopened)

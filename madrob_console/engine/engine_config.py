@@ -68,14 +68,14 @@ class EvidenceRoom:
         self._held: int | None = None
         self._rates: list[tuple[float, float]] = []
 
-    def look(self, now: float) -> None:
+    def measure_room(self, now: float) -> None:
         if self._config.evidence is None:
             return
         if self._asked is None or not 0 <= now - self._asked < _PERIOD:
             self._asked = now
             if self._answered:
                 self._answered = False
-                self._reading.ask(partial(evidence_held, self._config.results), self._heard)
+                self._reading.submit_job(partial(evidence_held, self._config.results), self._heard)
 
     def _heard(self, answer: Future[int]) -> None:
         self._answered = True

@@ -19,7 +19,7 @@ from madrob_console.archive.history import History, RunSummary, time_words
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Stamp, stamp_of
 from madrob_console.engine.core import Engine
-from madrob_console.engine.disk import Lanes
+from madrob_console.engine.disk import PriorityQueue
 from madrob_console.engine.reports import Reporting
 from madrob_console.engine.requests import (
     NO_ANSWER,
@@ -44,7 +44,7 @@ from madrob_console.engine.wire import awaited
 from madrob_console.referee.acts import act_named
 from madrob_console.referee.competition_plan import PlanProgress, plan_progress
 from madrob_console.referee.journal import Origin
-from madrob_console.referee.records import deadline_words, due_words
+from madrob_console.referee.records import format_deadline, format_due
 
 # A competition's lists are read again whenever their files change, beside the engine.
 
@@ -98,7 +98,7 @@ class ListWatch(Generic[L]):
     def close(self) -> None:
         self._closed.set()
 
-    def look(self) -> None:
+    def read_if_changed(self) -> None:
         """Read the file if it has changed; a file that still changes is read the next time."""
         stamp = self._stamp()
         still, self._seen = stamp == self._seen, stamp
@@ -125,7 +125,7 @@ class ListWatch(Generic[L]):
         self._take(self._seen)
         self._read.set()
         while self._source.file is not None and not self._closed.wait(self._period):
-            self.look()
+            self.read_if_changed()
 
 
 # Protests that wait for a decision, of all runs of the results folder: told until it is made.
@@ -154,7 +154,7 @@ class ProtestWatch:
         self._seen: object = None
         self._read_at = 0.0
 
-    def look(self, seen: object) -> None:
+    def read_if_changed(self, seen: object) -> None:
         """Read again after a change of `seen`, or after a while. Never waits."""
         now = self._monotonic()
         if self._reading is not None:
@@ -176,13 +176,13 @@ class ProtestWatch:
         """
         for run in self._protested:
             if run.protest_due is not None and run.protest_due < now and run.folder != at_hand:
-                late = deadline_words(run.protest_due, now, time_words)
+                late = format_deadline(run.protest_due, now, time_words)
                 yield f"{_which(run)}: {late}; h opens it, P decides it"
 
     def open(self, now: float) -> Iterator[str]:
         """All open protests, in words; `now` in s since the epoch."""
         protested = ((run, run.protest_due or now) for run in self._protested)
-        return (f"{_which(run)}: {due_words(due, now)}" for run, due in protested)
+        return (f"{_which(run)}: {format_due(due, now)}" for run, due in protested)
 
 
 def _which(run: RunSummary) -> str:
@@ -207,7 +207,7 @@ class Turn:
     deadline: float
     answer: Future[Any]
 
-    def begin(self) -> bool:
+    def start_turn(self) -> bool:
         """After this it cannot be cancelled; False where it must not happen any more."""
         if time.monotonic() > self.deadline:
             fail(self.answer, NO_ANSWER)
@@ -259,7 +259,7 @@ class LocalEngine:
         if reporting is not None:
             engine.on_result = reporting.report
             engine.on_left_unsettled = self.repair
-        self._turns: Lanes[Turn] = Lanes()
+        self._turns: PriorityQueue[Turn] = PriorityQueue()
         self._begun: set[Turn] = set()
         self._history = History(engine.config.results)
         self._protests = ProtestWatch(
@@ -302,7 +302,7 @@ class LocalEngine:
         return _ENDED if self._failure is None else f"the engine has failed: {self._failure}"
 
     def _take(self, turn: Turn) -> None:
-        if not turn.begin():
+        if not turn.start_turn():
             return
         self._begun.add(turn)
 
@@ -318,7 +318,7 @@ class LocalEngine:
             fail(turn.answer, error)
 
     def _put(self, turn: Turn, *, urgent: bool = False) -> Future[Any]:
-        if self._stop.is_set() or not self._turns.put(turn, first=urgent):
+        if self._stop.is_set() or not self._turns.put_item(turn, first=urgent):
             fail(turn.answer, self._gone)
         return turn.answer
 
@@ -353,12 +353,12 @@ class LocalEngine:
             run, folder = engine.run, engine.folder
             if not run.active:  # then a disk has other things to do
                 seen = (engine.generation, run.issue, run.phase, run.protests, engine.busy)
-                self._protests.look(seen)
+                self._protests.read_if_changed(seen)
             at_hand = "" if folder is None else str(folder.relative_to(self.results))
             others += self._protests.overdue(engine.now(), at_hand)
         self._snapshot = engine.snapshot(None if reporting is None else reporting.exported, others)
 
-    def begin(
+    def begin_request(
         self,
         request: Request[T],
         deadline: float | None = None,
@@ -380,8 +380,8 @@ class LocalEngine:
             answer.set_exception(error)
             return answer
 
-    def ask(self, request: Request[T]) -> T:
-        return awaited(self.begin(request), request.timeout)
+    def send_request(self, request: Request[T]) -> T:
+        return awaited(self.begin_request(request), request.timeout)
 
     def _carry_out(
         self, request: Request[Any], deadline: float, *, first: bool, origin: Origin

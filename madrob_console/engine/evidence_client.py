@@ -176,7 +176,7 @@ def _together(*words: str) -> str:
     return ", ".join(filter(None, words))
 
 
-class Witness(Protocol):
+class EvidenceClient(Protocol):
     """Records evidence beside the engine. Nothing here waits; calls are the core's."""
 
     @property
@@ -188,7 +188,7 @@ class Witness(Protocol):
         """Get ready: topics shall be found before the first start."""
         ...
 
-    def begin(self, place: EvidencePlace) -> None: ...
+    def begin_recording(self, place: EvidencePlace) -> None: ...
 
     def end(self) -> None: ...
 
@@ -196,22 +196,22 @@ class Witness(Protocol):
         """Wait until the account has all up to the `end`, `limit` s at most; not for the core."""
         ...
 
-    def hold(self, *, held: bool) -> None: ...
+    def hold_writing(self, *, held: bool) -> None: ...
 
     def close(self) -> None:
         """End it; the recording gets complete by itself."""
         ...
 
 
-class NoWitness:
-    """A `Witness` that records nothing."""
+class NoEvidence:
+    """An `EvidenceClient` that records nothing."""
 
     status = None
 
     def warm(self) -> None:
         """Nothing is needed."""
 
-    def begin(self, place: EvidencePlace) -> None:
+    def begin_recording(self, place: EvidencePlace) -> None:
         raise AssertionError(f"no evidence is wanted for {place.name}")
 
     def end(self) -> None:
@@ -220,7 +220,7 @@ class NoWitness:
     def await_account(self, limit: float) -> None:
         """Nothing is counted."""
 
-    def hold(self, *, held: bool) -> None:
+    def hold_writing(self, *, held: bool) -> None:
         """Nothing is written."""
 
     def close(self) -> None:

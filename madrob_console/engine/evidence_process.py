@@ -31,7 +31,7 @@ from madrob_console.engine.evidence_status import (
 )
 from madrob_console.engine.scoring_protocol import delay_after
 from madrob_console.engine.wire import frame
-from madrob_console.engine.worker import END_TIME, Child, OwnTime, threads_of
+from madrob_console.engine.worker import END_TIME, Child, HangDetector, threads_of
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.engine.evidence_worker")
 
@@ -53,7 +53,7 @@ _PERIOD = 0.25
 
 
 class EvidenceProcess:
-    """Has evidence recorded in a process of its own; a `Witness`.
+    """Has evidence recorded in a process of its own; an `EvidenceClient`.
 
     The process listens from `warm` on, so that all topics are found before a run, and writes into
     the bag of a run while ordered to. One that has ended, or hangs, is started again and goes on in
@@ -74,7 +74,7 @@ class EvidenceProcess:
         # Of the thread.
         self._thread: threading.Thread | None = None
         self._child: Child[EvidenceNews] | None = None
-        self._own_time: OwnTime | None = None
+        self._own_time: HangDetector | None = None
         self._recording: EvidenceRecording | None = None
         self._heard: EvidenceNews | None = None
         self._heard_at = 0.0
@@ -98,7 +98,7 @@ class EvidenceProcess:
             self._thread = threading.Thread(target=self._work, name="evidence", daemon=True)
             self._thread.start()
 
-    def begin(self, place: EvidencePlace) -> None:
+    def begin_recording(self, place: EvidencePlace) -> None:
         self.warm()
         self._counted.clear()
         self._written.clear()
@@ -112,13 +112,13 @@ class EvidenceProcess:
         if self._counted.wait(limit):
             self._written.wait(min(NEARLY_WRITTEN, end - time.monotonic()))
 
-    def hold(self, *, held: bool) -> None:
+    def hold_writing(self, *, held: bool) -> None:
         if held != self._held:
             self._held = held
             self._order(LeaveDisk(held))
 
     def close(self) -> None:
-        """See `Witness`; an unfinished process goes on alone for a while."""
+        """See `EvidenceClient`; an unfinished process goes on alone for a while."""
         self._closed = True
         self._ring()
         if self._thread is not None:
@@ -167,7 +167,7 @@ class EvidenceProcess:
             return f"no process can be started ({getattr(error, 'strerror', None) or error!r})"
         why = ""
         self._heard, self._heard_at = None, time.monotonic() + FIRST_WORD - PATIENCE
-        self._own_time = OwnTime(time.monotonic(), partial(threads_of, child.pid))
+        self._own_time = HangDetector(time.monotonic(), partial(threads_of, child.pid))
         try:
             self._send(child, self._observe)
             if self._recording is not None and self._recording.goes_on:
@@ -278,7 +278,7 @@ class EvidenceProcess:
     def _hear(self, heard: EvidenceNews) -> None:
         self._heard, self._heard_at = heard, time.monotonic()
         if self._own_time is not None:
-            self._own_time.begin(self._heard_at)
+            self._own_time.restart_count(self._heard_at)
         if self._recording is not None:
             self._recording.hear(heard, self._heard_at)
         self._trouble = ""

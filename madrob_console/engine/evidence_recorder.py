@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from madrob_console.referee.records import size_words
+from madrob_console.referee.records import format_size
 from recorder.bag import RawMessage, Topic, is_evidence
 from recorder.errors import RecorderError, remedy
 from recorder.mcap_writer import McapFile
@@ -55,7 +55,7 @@ class EvidenceQueue:
     def __len__(self) -> int:
         return sum(map(len, self._topics.values()))
 
-    def put(self, message: RawMessage, priority: int) -> list[RawMessage]:
+    def put_message(self, message: RawMessage, priority: int) -> list[RawMessage]:
         """Add a message; returns those that were dropped for it, maybe itself."""
         topic, size = message.topic, len(message.data) + _MEMORY_OVERHEAD
         gone: list[RawMessage] = []
@@ -72,7 +72,7 @@ class EvidenceQueue:
         self.size += size
         return gone
 
-    def take(self, most: int) -> list[RawMessage]:
+    def take_messages(self, most: int) -> list[RawMessage]:
         """Remove and return the oldest messages: about `most` bytes, at least one."""
         taken: list[RawMessage] = []
         size = 0
@@ -213,7 +213,7 @@ class EvidenceRecorder:
         self._thread = threading.Thread(target=self._work, name="evidence writer", daemon=True)
         self._thread.start()
 
-    def put(self, message: RawMessage, topic: Topic, priority: int) -> None:
+    def record_message(self, message: RawMessage, topic: Topic, priority: int) -> None:
         """Have a message recorded; never waits, and counts what finds no room."""
         with self._changed:
             if self._ending:
@@ -226,13 +226,13 @@ class EvidenceRecorder:
                 self._new_topics.append(topic)
                 self._first_ns[topic.name] = message.receive_ns
             self._add(message, 1)
-            for gone in self._queue.put(message, priority):
+            for gone in self._queue.put_message(message, priority):
                 self._add(gone, -1)
                 self._gave_way[gone.topic] += 1
             if self._queue.size >= BATCH_BYTES:
                 self._changed.notify_all()
 
-    def hold(self, *, held: bool) -> None:
+    def hold_writing(self, *, held: bool) -> None:
         """Write nothing while scoring waits for the disk."""
         with self._changed:
             self._held = held
@@ -322,8 +322,8 @@ class EvidenceRecorder:
                     break  # `madrob recover` says what is wrong with one that stays as it is
                 told = (
                     f"{name} is not complete and waits for its repair, which takes "
-                    f"{size_words(size)}: {size_words(free)} free, the score keeps "
-                    f"{size_words(self._least_free)} for itself; make room by `madrob tidy`"
+                    f"{format_size(size)}: {format_size(free)} free, the score keeps "
+                    f"{format_size(self._least_free)} for itself; make room by `madrob tidy`"
                 )
                 with self._changed:
                     self._unrepaired = told
@@ -350,7 +350,7 @@ class EvidenceRecorder:
                 while self._held:
                     self._busy_since = self._busy_since or self._monotonic()
                     self._changed.wait()
-                batch = self._queue.take(BATCH_BYTES)
+                batch = self._queue.take_messages(BATCH_BYTES)
                 topics, self._new_topics = self._new_topics, []
                 last = self._ending and not batch
                 self._busy_since = self._monotonic()
@@ -389,9 +389,9 @@ class EvidenceRecorder:
         free = self._free()
         if free - comes - _SPARE >= self._least_free:
             return ""
-        keeps = size_words(self._least_free)
+        keeps = format_size(self._least_free)
         return (
-            f"no more evidence is recorded: {size_words(free)} free, the score keeps {keeps} for "
+            f"no more evidence is recorded: {format_size(free)} free, the score keeps {keeps} for "
             "itself; make room by `madrob tidy`"
         )
 
@@ -411,7 +411,7 @@ class EvidenceRecorder:
     def _fail(self, problem: str, saved: Counter[str]) -> None:
         with self._changed:
             self._problem = problem
-            self._queue.take(2 * self._queue.size)
+            self._queue.take_messages(2 * self._queue.size)
             for topic, accepted in self._messages.items():
                 lost = accepted - saved[topic]
                 self._refused[topic] += lost

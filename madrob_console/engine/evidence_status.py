@@ -22,13 +22,13 @@ from madrob_console.referee.evidence_account import (
     RecordedTopic,
     unseen_words,
 )
-from madrob_console.referee.records import counted, listed, size_words
+from madrob_console.referee.records import counted, format_size, listed
 from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicFlow
 from recorder.bag import evidence_file_name
 
 # What crosses the line between an engine and the process that records evidence.
 #
-# Frames as those of screens (`engine/shown/wire.py`); with `RecordInto` comes the handle of a
+# Frames as those of screens (`engine/wire.py`); with `RecordInto` comes the handle of a
 # folder.
 
 
@@ -320,7 +320,7 @@ class EvidenceRecording:
         written = self._written
         if not self.goes_on or written is None or written.problem or written.silent <= QUIET:
             return ""
-        waits = f", {size_words(written.queued)} wait in memory" if written.queued else ""
+        waits = f", {format_size(written.queued)} wait in memory" if written.queued else ""
         return f"the disk has taken nothing for {written.silent:.0f} s{waits}"
 
     def problem(self, now: float) -> str:

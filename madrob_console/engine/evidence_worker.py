@@ -91,7 +91,7 @@ class OrderLine:
                     return order
             time.sleep(_PERIOD)
 
-    def tell(self, heard: EvidenceNews) -> None:
+    def send_news(self, heard: EvidenceNews) -> None:
         self._link.sendall(frame(heard))
 
 
@@ -135,7 +135,7 @@ class EvidenceDesk:
     def close(self) -> None:
         end = time.monotonic() + END_TIME
         for recorder in self._recorders.values():
-            recorder.hold(held=False)
+            recorder.hold_writing(held=False)
             recorder.end()
             recorder.leave()
         for recorder in self._recorders.values():
@@ -151,7 +151,7 @@ class EvidenceDesk:
             case LeaveDisk(held):
                 self._held = held
                 for recorder in self._recorders.values():
-                    recorder.hold(held=held)
+                    recorder.hold_writing(held=held)
             case ListenFor():
                 raise MadrobError("listens already")
 
@@ -170,20 +170,20 @@ class EvidenceDesk:
         self._problem = ""
         self._anchor = (order.steady_ns, order.monotonic_ns)
         self._take()  # what came before the recording is none of it
-        said_before = self._intakes.begin()
+        said_before = self._intakes.begin_recording()
         self._left_out.clear()
         self._too_large.clear()
         self._lost_before = {flow.topic: flow.lost for flow in self._intakes.flows()}
         recorder = EvidenceRecorder(
             folder, order.file_name, most_bytes=order.most_bytes, least_free=order.least_free
         )
-        recorder.hold(held=self._held)
+        recorder.hold_writing(held=self._held)
         self._recorders[order.number] = self._current = recorder
         for topic, limit, message in said_before:
             said = type(message)(
                 message.topic, message.type, message.data, message.publish_ns, self._now_ns()
             )
-            recorder.put(said, topic, limit.priority)
+            recorder.record_message(said, topic, limit.priority)
 
     def _end(self, number: int) -> None:
         if (recorder := self._recorders.get(number)) is not None:
@@ -193,14 +193,14 @@ class EvidenceDesk:
                 self._current = self._anchor = None
 
     def _take(self) -> None:
-        for taken in self._intakes.take(self._now_ns):
+        for taken in self._intakes.take_messages(self._now_ns):
             if self._current is None:
                 continue
             name = taken.topic.name
             self._left_out[name] += taken.left_out
             self._too_large[name] += taken.too_large
             for message in taken.messages:
-                self._current.put(message, taken.topic, taken.limit.priority)
+                self._current.record_message(message, taken.topic, taken.limit.priority)
 
     def _now_ns(self) -> int:
         """Steady time: that of the engine while there is a recording (protocol section 8)."""
@@ -233,7 +233,7 @@ class EvidenceDesk:
             lost=self._lost,
             problem=self._problem,
         )
-        self._line.tell(heard)
+        self._line.send_news(heard)
 
 
 def give_way() -> None:
@@ -281,7 +281,7 @@ def _wait_in_vain(line: OrderLine, why: str) -> None:
         for _ in line.orders():
             while line.handles:
                 os.close(line.handles.popleft())
-        line.tell(EvidenceNews(problem=terminal_safe(why)))
+        line.send_news(EvidenceNews(problem=terminal_safe(why)))
         time.sleep(TELL_PERIOD)
 
 

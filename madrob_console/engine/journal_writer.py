@@ -14,7 +14,7 @@ from pathlib import Path
 from madrob_console.archive.folders import RunName, reserve_run_folder
 from madrob_console.archive.run_record import RECORD_NAME, RunRecord
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.disk import Keeper, Reader, why_not
+from madrob_console.engine.disk import DiskJobs, Reader, why_not
 from madrob_console.engine.snapshot import RecorderView
 from madrob_console.referee.journal import (
     LARGEST_JOURNAL,
@@ -177,7 +177,7 @@ class JournalKeeper:
     Lines that come while the disk is busy are written together, by one sync.
     """
 
-    def __init__(self, keeper: Keeper, monotonic: Callable[[], float]) -> None:
+    def __init__(self, keeper: DiskJobs, monotonic: Callable[[], float]) -> None:
         self._keeper = keeper
         self._monotonic = monotonic
         self._file: OpenJournal | None = None
@@ -215,7 +215,7 @@ class JournalKeeper:
             return 0, 0.0
         return len(waiting), self._monotonic() - waiting[0].added
 
-    def begin(self) -> None:
+    def begin_journal(self) -> None:
         self.close()
         self._entries, self._waiting, self._problem = [], (), None
         self._mark, self._size = GrowingMark(), 0
@@ -233,10 +233,10 @@ class JournalKeeper:
 
     def close(self) -> None:
         if self._file is not None:
-            self._keeper.ask(self._file.close)
+            self._keeper.submit_job(self._file.close)
         self._file, self._busy = None, False
 
-    def add(self, entry: Entry) -> None:
+    def add_line(self, entry: Entry) -> None:
         self._stands(entry)
         self._waiting += (_Line(entry, self._monotonic()),)
         self._write()
@@ -257,7 +257,7 @@ class JournalKeeper:
     def _stands(self, entry: Entry) -> None:
         self._entries.append(entry)
         self._size += len(entry.to_json()) + 1
-        self._mark.add(entry)
+        self._mark.add_line(entry)
 
     def _write(self, *, again: bool = False) -> None:
         file, lines = self._file, self._waiting
@@ -277,7 +277,7 @@ class JournalKeeper:
             if file is self._file:
                 self._heard(lines, answer)
 
-        self._keeper.ask(job, done)
+        self._keeper.submit_job(job, done)
 
     def _heard(self, lines: Sequence[_Line], answer: Future[_Written]) -> None:
         self._busy = False
@@ -362,7 +362,7 @@ class Recording:
                 self._topics.add(topic.name)
                 self._writer.add_topic(topic)
 
-    def put(self, messages: Iterable[RawMessage]) -> None:
+    def record_messages(self, messages: Iterable[RawMessage]) -> None:
         self._writer.put_all(messages)
 
     def take_evidence_folder(self) -> int | None:
@@ -401,7 +401,7 @@ class Recording:
         now = self._monotonic()
         if self._answered and now - self._looked >= _LOOK_PERIOD:
             self._looked, self._answered = now, False
-            self._reading.ask(partial(_problem_of, self.folder), self._heard_of_folder)
+            self._reading.submit_job(partial(_problem_of, self.folder), self._heard_of_folder)
         return self._folder_problem
 
     def _heard_of_folder(self, answer: Future[str | None]) -> None:

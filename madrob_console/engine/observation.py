@@ -100,7 +100,7 @@ class Backlog:
             "are not shown; what is recorded and the result have them"
         )
 
-    def add(self, messages: Sequence[RawMessage], *, recorded: bool) -> None:
+    def add_messages(self, messages: Sequence[RawMessage], *, recorded: bool) -> None:
         now = self._monotonic()
         for message in messages:
             self._waiting.append((now, recorded, message))
@@ -162,7 +162,7 @@ class Happening:
     details: dict[str, Any] = field(default_factory=dict)
 
 
-class Course:
+class RunTracker:
     """Follows a run sample by sample and decides when it starts and stops. Writes nothing.
 
     Args:
@@ -318,7 +318,7 @@ class Observation:
         types: MessageTypes,
     ) -> None:
         self.sensors = Sensors(mappings, thresholds, limits)
-        self.course: Course | None = None
+        self.course: RunTracker | None = None
         self.procedure: Procedure | None = None
         self._past: PastRun | None = None
         self._decoder = Decoder(mappings, types)

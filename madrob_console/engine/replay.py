@@ -15,9 +15,9 @@ from madrob_console.archive.run_record import demand_record, moments_called
 from madrob_console.archive.scored import keep_stored_remarks, read_recorded_run, report_bag
 from madrob_console.common.clock import LONGEST, NS, TICK, Clock, nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.disk import Keepers
+from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.engine_config import EngineConfig, EvidenceRoom
-from madrob_console.engine.evidence_client import Witness
+from madrob_console.engine.evidence_client import EvidenceClient
 from madrob_console.engine.requests import (
     Faster,
     JumpTo,
@@ -91,9 +91,9 @@ class Replay:
         self._begin = seconds(self.source.begin_ns) - start
         self._stored = stored_result(path)
         self._lost = tuple(_lost_lines(entries, self.source.journal_lines))
-        self.begin()
+        self.begin_replay()
 
-    def begin(self) -> None:
+    def begin_replay(self) -> None:
         self._waiting = deque(zip(self._times, self.recorded.entries, strict=True))
 
     def instant(self, named: str) -> float:
@@ -216,7 +216,7 @@ def _lost_lines(entries: Sequence[Entry], recorded: Sequence[str]) -> Iterator[s
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Equipment:
+class EngineContext:
     """What an engine was given; all of its parts share it.
 
     Without a `replay` the testbed is live; the clock's time is steady.
@@ -227,9 +227,9 @@ class Equipment:
     config: EngineConfig
     types: MessageTypes
     replay: Replay | None
-    keepers: Keepers
+    keepers: DiskThreads
     scorer: Scorer
-    witness: Witness
+    evidence_client: EvidenceClient
     room: EvidenceRoom
 
     def now(self) -> float:

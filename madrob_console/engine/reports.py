@@ -81,7 +81,7 @@ class Background:
         self._thread = threading.Thread(target=self._work, name="background", daemon=True)
         self._thread.start()
 
-    def ask(
+    def submit_chore(
         self,
         name: str,
         arguments: Sequence[str],
@@ -301,7 +301,9 @@ class Reporting:
             self._unmade = unmade
 
         if self._reports:
-            self._background.ask(str(folder), [PAGE, str(folder / REPORT_FILE)], done, scored)
+            self._background.submit_chore(
+                str(folder), [PAGE, str(folder / REPORT_FILE)], done, scored
+            )
         self._all_of(results_folder_of(folder), RENEW, *self._publishing)
 
     def publish(self) -> None:
@@ -316,7 +318,7 @@ class Reporting:
                 unmade[site] = _Unmade(words, finished.again)
             self._unmade = unmade
 
-        self._background.ask(PUBLISH, self._publishing, done)
+        self._background.submit_chore(PUBLISH, self._publishing, done)
 
     def _wrote_pages(self, finished: Finished) -> bool:
         return finished.said == str(Path(self._publish[0]) / INDEX_PAGE)
@@ -343,7 +345,7 @@ class Reporting:
                 unmade = {called: _Unmade(why, finished.again), **unmade}
             self._unmade = unmade
 
-        self._background.ask(chore, [chore, str(results), *command], done)
+        self._background.submit_chore(chore, [chore, str(results), *command], done)
 
     def export(
         self, subject: int, competition: str | None = None, *, practice: bool = False
@@ -370,7 +372,7 @@ class Reporting:
             self.exported = replace(wanted, path=path, problem=why)
 
         self.exported = wanted
-        self._background.ask(name, ["export", *options, *self._options], done)
+        self._background.submit_chore(name, ["export", *options, *self._options], done)
 
     def frames(self, run: Path, at: float, done: Callable[[str, str], None]) -> None:
         """Write what the cameras saw `at` s from the start of a run into its folder.
@@ -384,7 +386,7 @@ class Reporting:
             done("" if finished.code else str(folder), _why(finished) if finished.code else "")
 
         arguments = [PICTURES, str(run.absolute()), f"--at={instant}", f"--output={folder}"]
-        self._background.ask(f"frames at {instant}", arguments, told)
+        self._background.submit_chore(f"frames at {instant}", arguments, told)
 
     @property
     def problem(self) -> str | None:

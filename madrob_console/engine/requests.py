@@ -66,7 +66,7 @@ class Curves:
     stretches: Mapping[Quantity, tuple[Curve, ...]] = field(default_factory=dict)
     events: tuple[tuple[float, str], ...] = ()
 
-    def of(self, quantity: Quantity) -> tuple[Curve, ...]:
+    def curves_of(self, quantity: Quantity) -> tuple[Curve, ...]:
         return self.stretches.get(quantity, ())
 
     @property
@@ -103,7 +103,7 @@ def _curve(time: Array, value: Array, start: float, rows: Rows) -> tuple[Curve, 
 
 # It says what it carries, the type of its answer, how long it may take and whether it needs the
 # right to act. Socket and thread pass it on unread; it is carried out in
-# `engine/process/local.py`. What moves a replay stands in `playback.py`.
+# `engine/engine_thread.py`. What moves a replay stands below.
 
 
 T = TypeVar("T")

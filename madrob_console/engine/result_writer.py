@@ -12,8 +12,8 @@ from pathlib import Path
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.result_files import write_result
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.disk import Keeper, Keepers, why_not
-from madrob_console.engine.run_recorder import Chronicle
+from madrob_console.engine.disk import DiskJobs, DiskThreads, why_not
+from madrob_console.engine.run_recorder import EventPublisher
 from madrob_console.engine.scorer import RenderedResult, Scorer, ToScore
 from madrob_console.referee.flags import NO_INDICATORS
 from madrob_console.referee.journal import Entry, Origin, up_to_date
@@ -69,7 +69,7 @@ class ResultKeeper:
 
     def __init__(
         self,
-        keeper: Keeper,
+        keeper: DiskJobs,
         written: Callable[[Path, RenderedResult], None],
         tell: Callable[[Path, RenderedResult], None],
         anew: Callable[[], bool],
@@ -119,7 +119,9 @@ class ResultKeeper:
 
         self._at_hand = folder
         self._trying += 1
-        self._keeper.ask(partial(write_result, folder, scored.files, scored.run.issue), heard)
+        self._keeper.submit_job(
+            partial(write_result, folder, scored.files, scored.run.issue), heard
+        )
 
     def leave(self, unwritten: Unwritten | None) -> None:
         self.problem = self._refused = self._at_hand = None
@@ -140,7 +142,7 @@ class ResultKeeper:
             self.write(*self._refused, lambda: None)
         for run in tuple(self._waiting.values()):
             self._trying += 1
-            self._keeper.ask(partial(run.write, now), partial(self._heard, run))
+            self._keeper.submit_job(partial(run.write, now), partial(self._heard, run))
 
     def _heard(self, run: Unwritten, answer: Future[None]) -> None:
         self._trying -= 1
@@ -172,8 +174,8 @@ class CurrentResult:
     def __init__(
         self,
         scorer: Scorer,
-        keepers: Keepers,
-        chronicle: Chronicle,
+        keepers: DiskThreads,
+        event_publisher: EventPublisher,
         *,
         again: Callable[[], None],
         written: Callable[[Path, RenderedResult], None],
@@ -183,7 +185,7 @@ class CurrentResult:
         self.scored: RenderedResult | None = None
         self._scorer = scorer
         self._monotonic = keepers.monotonic
-        self._chronicle = chronicle
+        self._event_publisher = event_publisher
         self._again = again
         self._shown = shown
         self._files = ResultKeeper(keepers.own, written, tell, self._anew)
@@ -250,7 +252,7 @@ class CurrentResult:
         """Check often: people wait for something that is made elsewhere."""
         self._hurries_until = self._monotonic() + HURRY
 
-    def ask(self, wanted: ToScore) -> None:
+    def request_result(self, wanted: ToScore) -> None:
         """Request the result of the current run; replaces an earlier request.
 
         With files the result goes to disk, and is shown once it is there or the disk has refused.
@@ -269,7 +271,7 @@ class CurrentResult:
             else:
                 self._have(number, scored)
 
-        run = replace(wanted.run, journal=self._chronicle.mark)
+        run = replace(wanted.run, journal=self._event_publisher.mark)
         self._scorer.score(replace(wanted, run=run), done)
 
     def _have(self, number: int, scored: RenderedResult) -> None:
@@ -290,16 +292,16 @@ class CurrentResult:
         self.scored = self._awaited = None
 
     def leave(self, folder: Path | None) -> None:
-        chronicle = self._chronicle
-        problem = self.problem or chronicle.problem
-        if problem is None and chronicle.unwritten[0]:
+        event_publisher = self._event_publisher
+        problem = self.problem or event_publisher.problem
+        if problem is None and event_publisher.unwritten[0]:
             problem = "its journal waits for the disk"
         unwritten = None
         if problem is not None and self.scored is not None and folder is not None:
-            unwritten = Unwritten(folder, self.scored, chronicle.entries, problem)
+            unwritten = Unwritten(folder, self.scored, event_publisher.entries, problem)
         self._files.leave(unwritten)
 
-    def look(self, now: float, *, busy: bool) -> None:
+    def retry_writing(self, now: float, *, busy: bool) -> None:
         if self._files.due(now):
             self._try_again(now, busy=busy)
 
@@ -308,5 +310,5 @@ class CurrentResult:
         self._try_again(now, busy=busy)
 
     def _try_again(self, now: float, *, busy: bool) -> None:
-        self._chronicle.catch_up()
+        self._event_publisher.catch_up()
         self._files.try_again(now, busy=busy)

@@ -11,15 +11,14 @@ from dataclasses import dataclass
 from functools import partial
 
 from msgspec.structs import replace
-from msgspec.structs import replace as changed
 
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
-from madrob_console.engine.evidence_client import EvidencePlace, Witness
+from madrob_console.engine.evidence_client import EvidenceClient, EvidencePlace
 from madrob_console.engine.journal_writer import JournalKeeper, OpenJournal, Promise, Recording
-from madrob_console.engine.replay import Equipment
+from madrob_console.engine.replay import EngineContext
 from madrob_console.engine.snapshot import LogLine, RecorderView, Weight
 from madrob_console.messages.codec import (
     REFEREE_EVENT_TOPIC,
@@ -60,7 +59,7 @@ class EventLog:
     def clear(self) -> None:
         self._lines.clear()
 
-    def add(self, entry: Entry, start: float | None) -> None:
+    def add_line(self, entry: Entry, start: float | None) -> None:
         """`start` of the run is in s since the epoch."""
         time = float(entry.details.get("time", entry.time))
         relative = None if start is None else time - start
@@ -91,16 +90,16 @@ def _done(act: Act) -> tuple[str, Weight]:
 # What is said and done: the journal on disk, the log for people, the topics for robot and bag.
 
 
-class Chronicle:
+class EventPublisher:
     """Keeps the journal, log, topic and bag of one run after the other."""
 
-    def __init__(self, equipment: Equipment) -> None:
+    def __init__(self, engine_context: EngineContext) -> None:
         self.log = EventLog()
-        self._source = equipment.source
-        self._clock = equipment.clock
-        self._types = types = equipment.types
+        self._source = engine_context.source
+        self._clock = engine_context.clock
+        self._types = types = engine_context.types
         self._type_names = {topic.name: topic.type for topic in referee_topics(types)}
-        self._lines = JournalKeeper(equipment.keepers.own, equipment.keepers.monotonic)
+        self._lines = JournalKeeper(engine_context.keepers.own, engine_context.keepers.monotonic)
         self._recording: Recording | None = None
         self._early: list[RawMessage] = []
 
@@ -126,8 +125,8 @@ class Chronicle:
         """How many lines are not on disk, and for how long, s. From any thread."""
         return self._lines.unwritten
 
-    def begin(self) -> None:
-        self._lines.begin()
+    def begin_run(self) -> None:
+        self._lines.begin_journal()
         self.log.clear()
         self._recording = None
         self._early = []
@@ -140,7 +139,7 @@ class Chronicle:
         self._early = []
 
     def go_on(self, journal: OpenJournal, entries: Sequence[Entry]) -> None:
-        self.begin()
+        self.begin_run()
         self._lines.adopt(journal, entries)
 
     def detach(self) -> None:
@@ -154,7 +153,7 @@ class Chronicle:
 
         `start` of the run is in s since the epoch.
         """
-        self._lines.add(entry)
+        self._lines.add_line(entry)
         self.say(entry, start)
 
     def promise(self, promise: Promise, done: Callable[[str | None], None]) -> None:
@@ -162,7 +161,7 @@ class Chronicle:
         self._lines.promise(promise, done)
 
     def say(self, entry: Entry, start: float | None) -> None:
-        self.log.add(entry, start)
+        self.log.add_line(entry, start)
         self._say(REFEREE_EVENT_TOPIC, encode_text(self._types, entry.to_json()))
 
     def catch_up(self) -> None:
@@ -205,7 +204,7 @@ class Chronicle:
         if self._recording is None:
             self._early.extend(messages)  # said before the bag is open: recorded when it is
             return
-        self._recording.put(messages)
+        self._recording.record_messages(messages)
 
 
 COUNTING = 0.5
@@ -235,14 +234,14 @@ class OpenRecording:
 class RunRecorder:
     """Opens and closes the recording of one run after the other, and knows what is missing."""
 
-    def __init__(self, equipment: Equipment, chronicle: Chronicle) -> None:
-        self._source = equipment.source
-        self._config = equipment.config
-        self._chronicle = chronicle
-        self._keepers = equipment.keepers
-        self._clock = equipment.clock
-        self._witness = equipment.witness
-        self._room = equipment.room
+    def __init__(self, engine_context: EngineContext, event_publisher: EventPublisher) -> None:
+        self._source = engine_context.source
+        self._config = engine_context.config
+        self._event_publisher = event_publisher
+        self._keepers = engine_context.keepers
+        self._clock = engine_context.clock
+        self._evidence_client = engine_context.evidence_client
+        self._room = engine_context.room
         self._recording: Recording | None = None
         self._closing: Recording | None = None
         self._closed_view = RecorderView("closed")
@@ -289,18 +288,18 @@ class RunRecorder:
             self._source.topics(),
             lossless=config.lossless,
             reading=self._keepers.reading,
-            evidence=self._witness.status is not None,
+            evidence=self._evidence_client.status is not None,
         )
-        entries = (*self._chronicle.entries, entry)
-        return self._keepers.own.ask(partial(_open, record, make, entries, promise), done)
+        entries = (*self._event_publisher.entries, entry)
+        return self._keepers.own.submit_job(partial(_open, record, make, entries, promise), done)
 
     def adopt(self, opened: OpenRecording, now_ns: int) -> None:
         """Record from now on, including what the testbed said of itself."""
-        self._chronicle.attach(opened.recording, opened.journal, opened.entries)
+        self._event_publisher.attach(opened.recording, opened.journal, opened.entries)
         self._recording = opened.recording
         for told in self._source.announcement.messages:
             self._recording.add_topics(self._source.topics())
-            self.put([changed(told, receive_ns=now_ns)])  # said before the bag was open
+            self.record_messages([replace(told, receive_ns=now_ns)])  # said before the bag was open
         self._lost_before = self._lost()
         folder = opened.recording.take_evidence_folder()
         self._has_evidence = folder is not None
@@ -313,14 +312,14 @@ class RunRecorder:
                 most_bytes=self._room.budget_left,
                 least_free=self._config.disk_needed,
             )
-            self._witness.begin(place)
+            self._evidence_client.begin_recording(place)
 
-    def put(self, messages: Iterable[RawMessage]) -> None:
+    def record_messages(self, messages: Iterable[RawMessage]) -> None:
         """Does nothing without an open bag."""
         if self._recording is not None:
-            self._recording.put(messages)
+            self._recording.record_messages(messages)
 
-    def look(self) -> None:
+    def record_late_topics(self) -> None:
         if self._recording is not None:
             self._recording.add_topics(self._source.topics())
 
@@ -332,15 +331,15 @@ class RunRecorder:
         recording = self._closing = self._recording
         assert recording is not None
         self._recording = None
-        self._witness.end()
-        self._chronicle.detach()
+        self._evidence_client.end()
+        self._event_publisher.detach()
         losses = tuple(self._losses())
 
         def closed(_answer: Future[BagSummary]) -> None:
             self._closing, self._closed_view = None, recording.view()
             done((*recording.remarks(), *losses), recording.unrecorded)
 
-        self._keepers.own.ask(partial(_close, recording, self._witness), closed)
+        self._keepers.own.submit_job(partial(_close, recording, self._evidence_client), closed)
 
     def _losses(self) -> Iterator[str]:
         for topic, count in self._lost().items():
@@ -358,7 +357,7 @@ class RunRecorder:
 
     def evidence(self, start: float) -> EvidenceAccount | None:
         """Account of the evidence; None = none is wanted. `start` is in s since the epoch."""
-        status = self._witness.status
+        status = self._evidence_client.status
         if status is None:
             return None
         if not self._has_evidence:
@@ -373,9 +372,9 @@ class RunRecorder:
         return self._recording.dropped() if self._recording else {}
 
 
-def _close(recording: Recording, witness: Witness) -> BagSummary:
+def _close(recording: Recording, evidence_client: EvidenceClient) -> BagSummary:
     summary = recording.close()
-    witness.await_account(COUNTING)
+    evidence_client.await_account(COUNTING)
     return summary
 
 

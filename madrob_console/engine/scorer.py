@@ -20,7 +20,7 @@ from madrob_console.archive.result_files import ResultFiles, result_files
 from madrob_console.archive.run_journal import Details, written_details
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.archive.scored import Scored, assess_recording, open_run
-from madrob_console.engine.disk import InlineKeeper
+from madrob_console.engine.disk import InlineDisk
 from madrob_console.engine.requests import curves_of
 from madrob_console.referee.flags import Flag, flags
 from madrob_console.referee.journal import Entry
@@ -209,7 +209,7 @@ class Scorer(Protocol):
 
     def deliver(self) -> None: ...
 
-    def settle(self, limit: float) -> bool:
+    def wait_until_idle(self, limit: float) -> bool:
         """Wait `limit` s at most; returns whether the result is there."""
         ...
 
@@ -236,7 +236,7 @@ class InlineScorer:
         return assessment
 
     def read(self, folder: Path) -> Future[EarlierRun]:
-        return InlineKeeper().ask(partial(self._read_now, folder))
+        return InlineDisk().submit_job(partial(self._read_now, folder))
 
     def _read_now(self, folder: Path) -> EarlierRun:
         earlier, data = read_earlier(folder, next(self._numbers))
@@ -253,7 +253,7 @@ class InlineScorer:
     def deliver(self) -> None:
         """Nothing is left to be told."""
 
-    def settle(self, limit: float) -> bool:
+    def wait_until_idle(self, limit: float) -> bool:
         return True
 
     def close(self) -> None:

@@ -175,7 +175,7 @@ class ScoringProcess:
             while True:
                 self._answers.get_nowait()()
 
-    def settle(self, limit: float) -> bool:
+    def wait_until_idle(self, limit: float) -> bool:
         end = time.monotonic() + limit
         self.deliver()
         while self._wanted is not None and (rest := end - time.monotonic()) > 0:
@@ -192,7 +192,7 @@ class ScoringProcess:
             self._thread.join(2 * END_TIME + 1.0)
 
     def _ask(self, asked: Asked) -> None:
-        self._questions.ask(asked)
+        self._questions.queue_question(asked)
         self._ring()
 
     def _ring(self) -> None:
@@ -288,7 +288,7 @@ class ScoringProcess:
                     raise MadrobError("its answer did not arrive: is there a file handle left?")
                 memory = process.memories.popleft()
                 try:
-                    if (asked := self._questions.of(number)) is not None:
+                    if (asked := self._questions.question_of(number)) is not None:
                         asked.take(answer, memory)
                         self._questions.forget(number)
                 finally:

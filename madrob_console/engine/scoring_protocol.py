@@ -24,7 +24,7 @@ from scoring.signals import Sample
 
 # What crosses the pipe between an engine and the process that scores for it.
 #
-# Frames as those of screens (`engine/shown/wire.py`). The bytes of a result's files do not cross:
+# Frames as those of screens (`engine/wire.py`). The bytes of a result's files do not cross:
 # they lie in a sealed piece of memory whose handle comes with the answer. Nobody copies them.
 
 
@@ -250,7 +250,7 @@ class Questions:
     def end_following(self) -> None:
         self._followed = None
 
-    def ask(self, asked: Asked) -> None:
+    def queue_question(self, asked: Asked) -> None:
         with self._lock:
             self._asked[asked.question.number] = asked
             self._outbox.append(asked.question)
@@ -289,7 +289,7 @@ class Questions:
                     messages.append(asked.question)
         return messages
 
-    def of(self, number: int) -> Asked | None:
+    def question_of(self, number: int) -> Asked | None:
         with self._lock:
             return self._asked.get(number)
 

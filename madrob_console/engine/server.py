@@ -27,7 +27,7 @@ from madrob_console.engine.control import ENDING, WhoAnswer
 from madrob_console.engine.engine_lock import peer_of
 from madrob_console.engine.engine_thread import LocalEngine
 from madrob_console.engine.requests import Command, Request, Role, TakeOver
-from madrob_console.engine.server_socket import SPARE, Acceptor, Listening, Troubles, most_screens
+from madrob_console.engine.server_socket import SPARE, Acceptor, Listening, LogOnce, most_screens
 from madrob_console.engine.snapshot import RightToAct
 from madrob_console.engine.wire import UnsureError, given_up
 
@@ -101,7 +101,7 @@ class EngineServer:
         self._screens: set[_Screen] = set()
         self._referee: _Screen | None = None
         self._outgoing = Outgoing()
-        self._troubles = Troubles(monotonic)
+        self._troubles = LogOnce(monotonic)
         self._most = most_screens()
         self._news = asyncio.Event()
         self._over = asyncio.Event()
@@ -143,7 +143,7 @@ class EngineServer:
         """What the engine says of itself to consoles of all versions; from any thread."""
         snapshot, listening = self._engine.snapshot(), self.listening
         lost = None if listening is None else listening.problem
-        known = known.of(snapshot.run, busy=self._engine.busy, unsaved=self._engine.unsaved)
+        known = known.with_run(snapshot.run, busy=self._engine.busy, unsaved=self._engine.unsaved)
         return replace(
             known,
             phase=ENDING if self._over.is_set() else known.phase,
@@ -288,7 +288,7 @@ class EngineServer:
         deadline = min(now + request.latest_begin, call.deadline)
         patience = deadline + request.effect_time - now
         try:
-            answer = self._engine.begin(request, deadline, first=first)
+            answer = self._engine.begin_request(request, deadline, first=first)
             value = await asyncio.wait_for(asyncio.wrap_future(answer), patience)
             reply = wire.Reply(call.number, wire.raw(value))
         except TimeoutError:
@@ -298,7 +298,7 @@ class EngineServer:
         except MadrobError as error:
             reply = wire.Reply(call.number, failed=str(error))
         except Exception as error:  # noqa: BLE001 - the screen waits for an answer
-            self._troubles.tell("a request failed", error)
+            self._troubles.log_trouble("a request failed", error)
             reply = wire.Reply(call.number, failed=f"the engine cannot do that now ({error})")
         if isinstance(request, Command):
             with suppress(MadrobError):  # it has failed: all screens are told at the next look

@@ -141,14 +141,14 @@ class FallenThreads:
         threading.__excepthook__(fallen)
 
 
-class Troubles:
+class LogOnce:
     """Logs each kind of trouble once in a while, in one line."""
 
     def __init__(self, monotonic: Callable[[], float] = time.monotonic) -> None:
         self._monotonic = monotonic
         self._said: dict[tuple[str, str], float] = {}
 
-    def tell(self, what: str, error: BaseException | None = None) -> None:
+    def log_trouble(self, what: str, error: BaseException | None = None) -> None:
         why = "" if error is None else f" ({str(error) or type(error).__name__})"
         kind = (what, type(error).__name__)
         now = self._monotonic()
@@ -161,14 +161,16 @@ class Troubles:
 
     def of_loop(self, _loop: asyncio.AbstractEventLoop, context: Mapping[str, Any]) -> None:
         """An exception handler for an event loop: no traceback for each connection."""
-        self.tell(str(context.get("message", "the engine's socket")), context.get("exception"))
+        self.log_trouble(
+            str(context.get("message", "the engine's socket")), context.get("exception")
+        )
 
     async def lasting(self, work: Callable[[], Awaitable[None]]) -> None:
         while True:
             try:
                 return await work()
             except Exception as error:  # noqa: BLE001 - whatever it is, screens wait for it
-                self.tell("screens had to wait", error)
+                self.log_trouble("screens had to wait", error)
                 await asyncio.sleep(_RETRY_PAUSE)
 
 
@@ -213,7 +215,7 @@ class Acceptor:
     """Accepts connections until it is closed; without room a connection waits."""
 
     def __init__(
-        self, listening: socket.socket, attend: Attend, most: int, troubles: Troubles
+        self, listening: socket.socket, attend: Attend, most: int, troubles: LogOnce
     ) -> None:
         listening.setblocking(False)
         self._listening = listening
@@ -231,7 +233,7 @@ class Acceptor:
                 try:
                     await self._accept_one()
                 except OSError as error:
-                    self._troubles.tell("new screens must wait", error)
+                    self._troubles.log_trouble("new screens must wait", error)
                     await asyncio.sleep(_PAUSE)
         finally:
             self._listening.close()
@@ -255,7 +257,7 @@ class Acceptor:
         try:
             await self._attend(reader, writer)
         except Exception as error:  # noqa: BLE001 - one screen's trouble is no other's
-            self._troubles.tell("a screen was let go", error)
+            self._troubles.log_trouble("a screen was let go", error)
         finally:
             writer.close()
             with suppress(OSError, TimeoutError):

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
     from madrob_console.engine.engine_thread import LocalEngine
-    from madrob_console.referee.records import size_words
+    from madrob_console.referee.records import format_size
 
 # The service manager is told by datagrams (sd_notify(3)). The watchdog hears of the core: a core
 # that hangs is ended and started again; a disk that hangs is no reason.
@@ -67,7 +67,7 @@ class ServiceManager:
         self.present = self._address.startswith(("/", "\0"))
         self.watchdog = _watchdog(environment) if self.present else None
 
-    def tell(self, *assignments: str) -> None:
+    def send_assignments(self, *assignments: str) -> None:
         """Send `NAME=value` assignments; never waits, and needs no receiver."""
         if not self.present:
             return
@@ -91,14 +91,14 @@ async def keep_told(
     fail: Callable[[], None],
 ) -> None:
     """Report that the engine is ready, then its state in the log; until it fails."""
-    manager.tell("READY=1")
+    manager.send_assignments("READY=1")
     period = _PERIOD if manager.watchdog is None else min(_PERIOD, manager.watchdog / 4)
     told = shown = ""
     while True:
         try:
             snapshot = engine.snapshot()
         except MadrobError as error:
-            manager.tell(f"STATUS={error}")
+            manager.send_assignments(f"STATUS={error}")
             await asyncio.sleep(_LAST_WORDS)
             fail()
             return
@@ -112,7 +112,7 @@ async def keep_told(
         if status != shown:
             shown = status
             news.append(f"STATUS={status}")
-        manager.tell(*news)
+        manager.send_assignments(*news)
         await asyncio.sleep(period)
 
 
@@ -251,7 +251,7 @@ def _disk(snapshot: Snapshot) -> Diagnosis:
         return Diagnosis("disk", _CHECKED[check.state], check.reason, values)
     if free is None:
         return Diagnosis("disk", Level.STALE, "free space unknown", values)
-    return Diagnosis("disk", Level.OK, f"{size_words(free)} free", values)
+    return Diagnosis("disk", Level.OK, f"{format_size(free)} free", values)
 
 
 _CHECKED = {
@@ -309,7 +309,7 @@ class Attendant:
         """Have an act done; the answer comes in time, whatever core and disk do."""
         act = _ACTS[service]
         request = Perform.of(act)
-        answer = self._engine.begin(request, origin=Origin.REMOTE)
+        answer = self._engine.begin_request(request, origin=Origin.REMOTE)
         ends = time.monotonic() + request.timeout
 
         def look() -> CallAnswer | None:
@@ -336,5 +336,5 @@ def _answered(act: Act, answer: Future[str | None]) -> CallAnswer:
     except MadrobError as error:
         refused = str(error)
     if refused is None:
-        return CallAnswer(success=True, message=f"Done: {act.done}")
+        return CallAnswer(success=True, message=f"Done: {act.done_text}")
     return CallAnswer(success=False, message=f"Refused: {act.name}: {refused}")

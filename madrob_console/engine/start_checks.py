@@ -9,7 +9,7 @@ from pathlib import Path
 
 from madrob_console.archive.folders import recording_problem
 from madrob_console.common.files import free_space
-from madrob_console.engine.replay import Equipment
+from madrob_console.engine.replay import EngineContext
 from madrob_console.engine.sensors import Sensors
 from madrob_console.referee.checks import NO_ROS, Check, EvidenceReading, Readings, preflight
 from madrob_console.referee.lists import NO_TEAMS, TeamList
@@ -22,12 +22,12 @@ _DISK_PERIOD = 2.0
 class PreStart:
     """Reads what the pre-start checks need."""
 
-    def __init__(self, equipment: Equipment, sensors: Sensors) -> None:
-        self._config = equipment.config
+    def __init__(self, engine_context: EngineContext, sensors: Sensors) -> None:
+        self._config = engine_context.config
         self._sensors = sensors
-        self._reading = equipment.keepers.reading
-        self._witness = equipment.witness
-        self._room = equipment.room
+        self._reading = engine_context.keepers.reading
+        self._evidence_client = engine_context.evidence_client
+        self._room = engine_context.room
         self._disk = _UNKNOWN
         self._disk_asked: float | None = None
         self._disk_answered = True
@@ -69,10 +69,10 @@ class PreStart:
         return preflight(readings, run)
 
     def _evidence(self, free: int | None, now: float) -> EvidenceReading | None:
-        plan, status = self._config.evidence, self._witness.status
+        plan, status = self._config.evidence, self._evidence_client.status
         if plan is None:
             return None
-        self._room.look(now)
+        self._room.measure_room(now)
         if status is None:
             return NO_ROS
         return EvidenceReading(
@@ -89,7 +89,7 @@ class PreStart:
 
     def evidence_lasts(self, now: float) -> float | None:
         """How long evidence can be recorded at its recent rate, s; None = unknown."""
-        status = self._witness.status
+        status = self._evidence_client.status
         if status is None:
             return None
         return self._room.lasts(self.free_disk(now), status.byte_rate, now)
@@ -112,7 +112,7 @@ class PreStart:
                 attempt=self._starts_next,
                 practice=self._practice,
             )
-            self._reading.ask(look, self._heard_of_disk)
+            self._reading.submit_job(look, self._heard_of_disk)
         return self._disk
 
     def _heard_of_disk(self, answer: Future[_Disk]) -> None:

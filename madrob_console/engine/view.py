@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from madrob_console.archive.history import time_words
 from madrob_console.archive.run_journal import Unfinished
-from madrob_console.engine.current_run import Acting, RunAtHand
+from madrob_console.engine.current_run import Acting, CurrentRun
 from madrob_console.engine.evidence_client import WitnessStatus
 from madrob_console.engine.observation import Backlog, Observation
-from madrob_console.engine.replay import NO_ACTS, Equipment
+from madrob_console.engine.replay import NO_ACTS, EngineContext
 from madrob_console.engine.snapshot import (
     DoorView,
     EvidenceView,
@@ -24,7 +24,7 @@ from madrob_console.engine.start_checks import PreStart
 from madrob_console.referee.acts import ACTS, Situation
 from madrob_console.referee.checks import Check, CheckState, Freshness
 from madrob_console.referee.competition_plan import Plan
-from madrob_console.referee.records import CheckName, deadline_words, open_protests
+from madrob_console.referee.records import CheckName, format_deadline, open_protests
 from madrob_console.referee.run import Phase, Run
 from madrob_console.testbeds.source import INFO_TOPIC, Announcement
 from scoring.procedure import Procedure, StepRecord
@@ -39,11 +39,11 @@ _NAMES = tuple(act.name for act in ACTS)
 class StateView:
     """Builds the snapshot for the screens."""
 
-    equipment: Equipment
+    engine_context: EngineContext
     observation: Observation
     backlog: Backlog
     pre_start: PreStart
-    at_hand: RunAtHand
+    at_hand: CurrentRun
     acting: Acting
 
     def snapshot(
@@ -61,7 +61,11 @@ class StateView:
         `seen` is the time up to which all messages were taken, s since the epoch; `others` is
         what is wrong around the engine, in words.
         """
-        at_hand, replay, source = self.at_hand, self.equipment.replay, self.equipment.source
+        at_hand, replay, source = (
+            self.at_hand,
+            self.engine_context.replay,
+            self.engine_context.source,
+        )
         run, observation = at_hand.run, self.observation
         sensors, procedure = observation.sensors, observation.procedure
         recorder = at_hand.recorder.view()
@@ -78,10 +82,10 @@ class StateView:
             f"{INFO_TOPIC}: {told}" if told else None,
             self.backlog.problem,
             *overdue_protests(run, now),
-            at_hand.chronicle.problem,
+            at_hand.event_publisher.problem,
             *at_hand.result.problems,
             None if replay else disk_problem(situation.checks),
-            *evidence_faults(self.equipment.witness.status, run.start),
+            *evidence_faults(self.engine_context.evidence_client.status, run.start),
             *(replay.problems if replay else ()),
         )
         return Snapshot(
@@ -111,7 +115,7 @@ class StateView:
             faults=(*faults(topics, recorder, door, run, problems), *filter(None, others)),
             provisional=dict(observation.provisional),
             provisional_doubts=dict(observation.provisional_doubts),
-            log=at_hand.chronicle.log.lines,
+            log=at_hand.event_publisher.log.lines,
             result=result,
             result_source=kind if result else None,
             rescoring=rescoring,
@@ -126,7 +130,7 @@ class StateView:
         )
 
     def _evidence(self, now: float) -> EvidenceView | None:
-        status = self.equipment.witness.status
+        status = self.engine_context.evidence_client.status
         if status is None:
             return None
         start = self.at_hand.run.start
@@ -144,7 +148,7 @@ class StateView:
 def overdue_protests(run: Run, now: float) -> Iterator[str]:
     for one in open_protests(run.protests):
         if one.due < now:
-            yield f"{one.title}: {deadline_words(one.due, now, time_words)}, decide it (P)"
+            yield f"{one.title}: {format_deadline(one.due, now, time_words)}, decide it (P)"
 
 
 def disk_problem(checks: Iterable[Check]) -> str | None:

@@ -41,14 +41,14 @@ class EngineClient(Protocol):
         """
         ...
 
-    def begin(self, request: Request[T]) -> Future[T]:
+    def begin_request(self, request: Request[T]) -> Future[T]:
         """Have a request carried out; never waits.
 
         A cancelled request never takes effect; one that has begun cannot be cancelled.
         """
         ...
 
-    def ask(self, request: Request[T]) -> T:
+    def send_request(self, request: Request[T]) -> T:
         """Have a request carried out; waits no longer than its timeout."""
         ...
 

@@ -17,7 +17,7 @@ from typing import Generic, Protocol, TypeVar
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.wire import LENGTH
 
-# What crosses are frames as those of screens (`engine/shown/wire.py`), and handles.
+# What crosses are frames as those of screens (`engine/wire.py`), and handles.
 
 
 LARGEST_FRAME = 256_000_000
@@ -189,7 +189,7 @@ class ThreadState:
     waited: float
 
 
-class OwnTime:
+class HangDetector:
     """Counts the time in which none of a process's threads waited for a disk or a processor.
 
     `now` is s of a monotonic clock in all calls; `threads` gives the threads by number.
@@ -201,11 +201,11 @@ class OwnTime:
         self._before: Mapping[int, ThreadState] = {}
         self._time = 0.0
 
-    def begin(self, now: float) -> None:
+    def restart_count(self, now: float) -> None:
         self._looked, self._time, self._before = now, 0.0, {}
 
     def since(self, now: float) -> float:
-        """Time counted since `begin`, s; reads the process's threads now and then."""
+        """Time counted since `restart_count`, s; reads the process's threads now and then."""
         passed = now - self._looked
         if passed < THREADS_LOOK_PERIOD:
             return self._time

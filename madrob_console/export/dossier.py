@@ -42,7 +42,7 @@ from madrob_console.export.zip_file import (
     add_run,
     size_of,
 )
-from madrob_console.referee.records import Protest, ProtestEnd, deadline_words
+from madrob_console.referee.records import Protest, ProtestEnd, format_deadline
 from madrob_console.referee.run import Run
 
 PROTESTS_FILE = "PROTESTS.txt"
@@ -124,14 +124,14 @@ def export_dossier(  # noqa: PLR0913  what is packed, and how
     before = stamp_of(str(run / RESULT_FILE))
     with folder_for(target), whole_file(target) as file, Archive(file) as archive:
         archive.problems += problems
-        archive.add(PROTESTS_FILE, _protests(run, archive.problems, now).encode(), at)
+        archive.add_file(PROTESTS_FILE, _protests(run, archive.problems, now).encode(), at)
         there = add_run(archive, run, run.name, bag, made)
         for name, data in made.items():
             if (called := f"{run.name}/{name}") not in there:
-                archive.add(called, data, at)
+                archive.add_file(called, data, at)
         if tables is not None:
             archive.add_folder(tables, TABLES_FOLDER)
-        archive.add(SCHEMA_FILE, schema_text(), at)
+        archive.add_file(SCHEMA_FILE, schema_text(), at)
         if stamp_of(str(run / RESULT_FILE)) != before:
             archive.problems.append(f"{run.name}: its result changed meanwhile: export again")
         left_out = [] if parts.recording else ["the recording was left out on demand"]
@@ -139,7 +139,7 @@ def export_dossier(  # noqa: PLR0913  what is packed, and how
             left_out.append("the evidence was left out on demand")
         if gone := evidence_removed(run):
             left_out.append(f"the evidence was {gone}")
-        archive.add(README_FILE, _readme(run, archive, left_out).encode(), at)
+        archive.add_file(README_FILE, _readme(run, archive, left_out).encode(), at)
         archive.finish(at)
         size = file.tell()
     said = tuple(archive.problems), tuple(archive.renamed)
@@ -203,7 +203,7 @@ def _protest_lines(one: Protest, run: Run, now: float) -> Iterator[str]:
         if words:
             yield f"  {name + ':':<15}{terminal_safe(words)}"
     if (answer := one.answer) is None:
-        yield f"  OPEN: the decision is {deadline_words(one.due, now, _time)}"
+        yield f"  OPEN: the decision is {format_deadline(one.due, now, _time)}"
         return
     decided = "withdrawn" if answer.end is ProtestEnd.WITHDRAWN else "decided"
     by = answer.referee or "the referee"

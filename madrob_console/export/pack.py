@@ -283,11 +283,11 @@ def export_team(  # noqa: PLR0913  what is packed, and how
             tell(len(packed), len(runs))
             added = _add_run(archive, run, bags, report)
             packed.append(PackedRun(names_in[run], terminal_safe(known[run].words), added))
-        archive.add(SCHEMA_FILE, schema_text(), now)
+        archive.add_file(SCHEMA_FILE, schema_text(), now)
         zeros = [known[run].zero for run in runs if known[run].zero is not None]
         layout = foxglove_layout(mappings, thresholds, zeros[-1] if zeros else None)
         text = msgspec.json.format(msgspec.json.encode(layout).decode(), indent=2)
-        archive.add(LAYOUT_FILE, f"{text}\n".encode(), now)
+        archive.add_file(LAYOUT_FILE, f"{text}\n".encode(), now)
         gone = ((run, evidence_removed(run)) for run in runs)
         removed = [f"{run.name}: its evidence was {words}" for run, words in gone if words]
         problems = [terminal_safe(words) for words in (*archive.problems, *removed)]
@@ -310,7 +310,7 @@ def export_team(  # noqa: PLR0913  what is packed, and how
             bags=parts.recording,
             evidence_left_out=any(bag.evidence_left_out for _, bag in bags.values()),
         )
-        archive.add(README_FILE, text.encode(), now)
+        archive.add_file(README_FILE, text.encode(), now)
         archive.finish(now)
         size = file.tell()
     damaged = (f"{run.name}: {known[run].words}" for run in runs if known[run].damaged)

@@ -93,7 +93,7 @@ class TableWriter:
         self._parquet: pq.ParquetWriter | None = None
         self._begun = False
 
-    def add(self, cells: Mapping[str, Cells]) -> None:
+    def write_rows(self, cells: Mapping[str, Cells]) -> None:
         import pandas as pd
 
         columns = self._table.columns
@@ -130,7 +130,7 @@ class TableWriter:
     def close(self) -> None:
         """Writes what belongs at the end; a table without rows still has its columns."""
         if not self._begun and self._kind is not TableFormat.NDJSON:
-            self.add({one.name: [] for one in self._table.columns})
+            self.write_rows({one.name: [] for one in self._table.columns})
         if self._parquet is not None:
             self._parquet.close()
 
@@ -140,7 +140,7 @@ def write_table(
 ) -> None:
     """Writes a table whole or not at all, over an earlier file; MadrobError if the disk refuses."""
     with whole_file(path) as file, closing(TableWriter(file, table, kind)) as writer:
-        writer.add(cells)
+        writer.write_rows(cells)
 
 
 def _json_values(cells: pd.Series[Any]) -> list[object]:
@@ -186,7 +186,7 @@ class RowWriter:
         self._table = table
         self._rows: list[Row] = []
 
-    def add(self, rows: Iterable[Row]) -> None:
+    def write_rows(self, rows: Iterable[Row]) -> None:
         self._rows += rows
         if len(self._rows) >= _ROWS_AT_ONCE:
             self._flush()
@@ -197,7 +197,7 @@ class RowWriter:
         self._writer.close()
 
     def _flush(self) -> None:
-        self._writer.add(cells_of(self._table, self._rows))
+        self._writer.write_rows(cells_of(self._table, self._rows))
         self._rows = []
 
 

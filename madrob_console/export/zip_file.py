@@ -122,13 +122,13 @@ class Archive:
                 added += [found.name] if self._add(found, instead.get(found.name)) else []
         return added
 
-    def add(self, name: str, data: bytes, modified: float) -> None:
+    def add_file(self, name: str, data: bytes, modified: float) -> None:
         self._zip.writestr(_info(name, modified), data, zipfile.ZIP_DEFLATED)
         self._count(name, hashlib.sha256(data).hexdigest())
 
     def finish(self, modified: float) -> None:
         """Adds the checksums; nothing can be added afterwards."""
-        self.add(SUMS_FILE, "".join(self._sums).encode(), modified)
+        self.add_file(SUMS_FILE, "".join(self._sums).encode(), modified)
         self._zip.close()
 
     def __enter__(self) -> Self:
@@ -147,7 +147,7 @@ class Archive:
         with os.fdopen(number, "rb") as file:
             if instead is None:
                 return self._copy(found.name, file)
-            self.add(found.name, instead, os.fstat(number).st_mtime)
+            self.add_file(found.name, instead, os.fstat(number).st_mtime)
             return True
 
     def _copy(self, name: str, file: BinaryIO) -> bool:
@@ -346,7 +346,9 @@ def add_run(
     archive.problems += [f"{called}/{problem}" for problem in bag.problems]
     if bag.metadata is not None:
         name, stamp = f"{called}/{METADATA_FILE}", stamp_of(str(run / METADATA_FILE))
-        archive.add(name, bag.metadata.encode(), 0.0 if stamp is None else stamp.modified / 1e9)
+        archive.add_file(
+            name, bag.metadata.encode(), 0.0 if stamp is None else stamp.modified / 1e9
+        )
         added.append(name)
     return added
 

@@ -18,7 +18,7 @@ from madrob_console.common.names import terminal_safe
 from madrob_console.pages.tally import ALIKE, Aggregate, Overall, Standing, overall, standings
 from madrob_console.referee.competition_plan import Attempts, PlannedAttempt, PlanProgress, Task
 from madrob_console.referee.flags import undecided, weighty
-from madrob_console.referee.records import deadline_words
+from madrob_console.referee.records import format_deadline
 from madrob_console.referee.records import listed as first_of
 from scoring.indicator_table import WITH_EXTREMES, IndicatorName
 from scoring.protocol import Condition, Outcome, Thresholds
@@ -146,7 +146,7 @@ class CompetitionStandings:
         if count := sum(bool(undecided(run.flags)) for run in self.flagged):
             remarks.append(f"UNDECIDED: {count} of the valid runs wait for the referee.")
         for run in self.open_protests:
-            due = deadline_words(run.protest_due or self.made, self.made, time_words)
+            due = format_deadline(run.protest_due or self.made, self.made, time_words)
             remarks.append(
                 f"PROTEST open against run {run.run_number} of subject {run.subject} in condition "
                 f"{run.condition}: NOT FINAL until it is decided, {due}."

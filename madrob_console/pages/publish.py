@@ -323,7 +323,7 @@ class RunTables:
             self._rows = self._read()
         file = BytesIO()
         with closing(TableWriter(file, table, TableFormat.CSV)) as writer:
-            writer.add(cells_of(table, self._rows[table.name]))
+            writer.write_rows(cells_of(table, self._rows[table.name]))
         return file.getvalue()
 
     def _runs(self) -> list[RunSummary]:

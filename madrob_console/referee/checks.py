@@ -14,9 +14,9 @@ from madrob_console.referee.records import (
     RunSetup,
     Waiver,
     counted,
-    duration_words,
+    format_duration,
+    format_size,
     listed,
-    size_words,
 )
 from madrob_console.referee.run import Phase, Run
 from scoring.rest import FEWEST_SAMPLES, HandleRest
@@ -268,7 +268,7 @@ def _disk(r: Readings) -> Check:
     return _verdict(
         CheckName.DISK,
         r.disk_free >= r.disk_needed,
-        f"{size_words(r.disk_free)} free, {size_words(r.disk_needed)} needed",
+        f"{format_size(r.disk_free)} free, {format_size(r.disk_needed)} needed",
     )
 
 
@@ -305,16 +305,16 @@ def _evidence_state(e: EvidenceReading, timeout: float) -> tuple[CheckState, str
     sends = f"{e.notes}; " if e.notes else ""
     sends += f"{counted(e.topics - len(e.silent), 'topic')}, "
     if e.lasts is None:
-        text = f"{sends}room for {size_words(e.left)}"
+        text = f"{sends}room for {format_size(e.left)}"
         if e.left or not e.least:
             return good, text
         return CheckState.FAILED, f"{text}: {_MAKE_ROOM}"
-    text = f"room for {duration_words(e.lasts)} at the rate of now"
+    text = f"room for {format_duration(e.lasts)} at the rate of now"
     if e.lasts < e.least:
-        needed = duration_words(e.least)
+        needed = format_duration(e.least)
         return CheckState.FAILED, f"{text}, {needed} needed: {_MAKE_ROOM}"
     if e.lasts < timeout:
-        run_takes = f"a run may take {duration_words(timeout)}"
+        run_takes = f"a run may take {format_duration(timeout)}"
         return CheckState.WARNING, f"{sends}{text}: {run_takes}"
     return good, f"{sends}{text}"
 

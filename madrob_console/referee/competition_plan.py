@@ -268,7 +268,7 @@ class _Reader(ListReader):
         super().__init__(path, name, remedy)
         self.lines: list[PlanLine] = []
 
-    def take(self, number: int, values: list[str]) -> Iterator[str]:
+    def take_entry(self, number: int, values: list[str]) -> Iterator[str]:
         """Takes a line; without a number it means one attempt."""
         if len(values) > 3:
             raise MadrobError(f"{len(values)} values, use subject, condition and attempts")

@@ -46,7 +46,7 @@ class ListReader(ABC):
         self._delimiter = ""
 
     @abstractmethod
-    def take(self, number: int, values: list[str]) -> Iterator[str]:
+    def take_entry(self, number: int, values: list[str]) -> Iterator[str]:
         """Takes an entry and yields what looks wrong with it; MadrobError rejects it."""
 
     def read(self) -> None:
@@ -69,7 +69,7 @@ class ListReader(ABC):
             self._delimiter = _delimiter(text)
             if _fields(text, self._delimiter)[0].casefold().startswith("subject"):
                 return
-        yield from self.take(number, _fields(text, self._delimiter))
+        yield from self.take_entry(number, _fields(text, self._delimiter))
 
     def _text(self) -> str:
         """The file's text; single bytes that are no UTF-8 become surrogates."""
@@ -246,7 +246,7 @@ class _Reader(ListReader):
         self._lines: dict[int, int] = {}
         self._subjects: dict[str, int] = {}
 
-    def take(self, number: int, values: list[str]) -> Iterator[str]:
+    def take_entry(self, number: int, values: list[str]) -> Iterator[str]:
         """Takes a team; the first of two for one subject counts."""
         subject, name = _entry(values)
         if subject in self.names:

@@ -175,7 +175,7 @@ _OPENS = {*(act.name for act in _OPENING), Change.REISSUED}
 def mark_of(entries: Iterable[Entry]) -> JournalMark:
     growing = GrowingMark()
     for entry in entries:
-        growing.add(entry)
+        growing.add_line(entry)
     return growing.mark
 
 
@@ -188,7 +188,7 @@ class GrowingMark:
         self._final = False
         self.mark = JournalMark(0, self._digest.hexdigest())
 
-    def add(self, entry: Entry) -> None:
+    def add_line(self, entry: Entry) -> None:
         if entry.what in _BESIDE:
             return
         self._digest.update(f"{entry.to_json()}\n".encode())

@@ -399,7 +399,7 @@ _UNITS = (("GB", 1e9), ("MB", 1e6), ("kB", 1e3))
 _WHOLE_MINUTES = 5  # from here on seconds say nothing
 
 
-def size_words(size: float) -> str:
+def format_size(size: float) -> str:
     """Bytes in a fitting unit: `1.5 GB`, `730 kB`, `12 B`."""
     for unit, factor in _UNITS:
         if size >= 0.9995 * factor:
@@ -408,7 +408,7 @@ def size_words(size: float) -> str:
     return f"{size:.0f} B"
 
 
-def span_words(span: float) -> str:
+def format_span(span: float) -> str:
     """A span, s, rounded down but never to nothing: `8 s`, `1 min 8 s`, `1 h 05 min`, `3 days`."""
     seconds = max(1, int(span))
     minutes, rest = divmod(seconds, 60)
@@ -422,7 +422,7 @@ def span_words(span: float) -> str:
     return f"{hours} h {minutes:02d} min" if hours < 48 else f"{hours // 24} days"
 
 
-def duration_words(duration: float) -> str:
+def format_duration(duration: float) -> str:
     if duration >= 100 * 3600:
         return f"{min(duration / 86400, 9999):.0f} days"
     if duration >= 2 * 3600:
@@ -524,7 +524,7 @@ class Protest:
         answer = self.answer
         if answer is None or answer.end is ProtestEnd.WITHDRAWN:
             return ""
-        return late_words(self.due, answer.time)
+        return format_late(self.due, answer.time)
 
     def about_words(self, start: float | None) -> str:
         """Subject and instant: `step 4, 12.500 s from the start`; `start` in s since the epoch."""
@@ -543,18 +543,18 @@ def open_protests(protests: Iterable[Protest]) -> tuple[Protest, ...]:
     return tuple(sorted((one for one in protests if one.open), key=lambda one: one.due))
 
 
-def due_words(due: float, now: float) -> str:
+def format_due(due: float, now: float) -> str:
     """The time left, from s since the epoch: `12 min left`, `due now`, `OVERDUE by 1 h 05 min`."""
     left = due - now
     if abs(left) < 1.0:
         return "due now"
-    return f"{span_words(left)} left" if left >= 0 else f"OVERDUE by {span_words(-left)}"
+    return f"{format_span(left)} left" if left >= 0 else f"OVERDUE by {format_span(-left)}"
 
 
-def deadline_words(due: float, now: float, date: Callable[[float], str]) -> str:
+def format_deadline(due: float, now: float, date: Callable[[float], str]) -> str:
     """The deadline by the clock: `due by 23 Nov 08:29`, `OVERDUE since 23 Nov 08:29`."""
     return f"{'OVERDUE since' if due < now else 'due by'} {date(due)}"
 
 
-def late_words(due: float, decided: float) -> str:
-    return f"LATE, {span_words(decided - due)} after it was due" if decided > due else ""
+def format_late(due: float, decided: float) -> str:
+    return f"LATE, {format_span(decided - due)} after it was due" if decided > due else ""

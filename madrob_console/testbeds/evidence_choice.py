@@ -149,7 +149,7 @@ class SilenceWatch:
     def listen(self, at_ns: int) -> None:
         self._listens = at_ns if self._listens is None else self._listens
 
-    def begin(self) -> None:
+    def begin_recording(self) -> None:
         self._pauses.clear()
 
     def came(self, at_ns: int) -> None:

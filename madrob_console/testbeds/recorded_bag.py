@@ -88,7 +88,7 @@ class RecordedBag:
         self._messages = iter(self._kept or _of_testbed(self._bag, self._own))
         self._next = next(self._messages, None)
 
-    def take(self, timeout: float) -> list[RawMessage]:
+    def take_messages(self, timeout: float) -> list[RawMessage]:
         self.clock.sleep(timeout)
         until_ns = self.clock.now_ns()
         messages = []

@@ -149,7 +149,7 @@ class DoorNode:
     def publish(self) -> None:
         if self._unheeded is not None and self._alone():
             self._heed(self._unheeded)  # who had the run is gone
-        for message in self._source.take(0):
+        for message in self._source.take_messages(0):
             self._publishers[message.topic].publish(message.data)
             self.published[message.topic] += 1
 

@@ -50,7 +50,7 @@ class Source(Protocol):
         """Connects; raises MadrobError with the remedy where the testbed cannot be reached."""
         ...
 
-    def take(self, timeout: float) -> list[RawMessage]:
+    def take_messages(self, timeout: float) -> list[RawMessage]:
         """Messages by receive time; waits up to `timeout` s of clock time; never raises."""
         ...
 

@@ -35,7 +35,7 @@ from madrob_console.engine.requests import (
 from madrob_console.referee.acts import Abort, Act, SetUp, Start, Void, Waive
 from madrob_console.referee.acts.act import Ask
 from madrob_console.referee.run import Phase
-from madrob_console.ui.awaited import Awaited
+from madrob_console.ui.awaited import PendingRequests
 from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.console_app import (
@@ -150,7 +150,9 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._beside = beside
         self.settled: Callable[[], None] = lambda: None
         self._console = ConsoleScreen(self._link, defaults, self._ahead, monotonic, wall)
-        self._awaited = Awaited(self._link, self._console, partial(self.run_worker, group="keys"))
+        self._awaited = PendingRequests(
+            self._link, self._console, partial(self.run_worker, group="keys")
+        )
 
     def get_default_screen(self) -> Screen[None]:
         return self._console
@@ -172,11 +174,11 @@ class MadrobApp(App[None], inherit_bindings=False):
             self.failure = error
             self.call_later(self.exit)
             return
-        self.call_later(self.begin)
+        self.call_later(self.show_engine)
 
-    async def begin(self) -> None:
+    async def show_engine(self) -> None:
         try:
-            await self._console.begin()
+            await self._console.begin_polling()
         except MountError:
             if self.return_code is None:  # else it is leaving: nothing can be mounted any more
                 raise
@@ -398,7 +400,7 @@ class MadrobApp(App[None], inherit_bindings=False):
             case OpenRun():
                 await self._open_run(intent)
             case TakeOver() | PlaybackCommand() | ExportTeam() | ExportDossier():
-                await self._awaited.done(intent, _said_when_done(intent))
+                await self._awaited.carry_out(intent, _said_when_done(intent))
             case GiveFrames():
                 await self._awaited.frames(intent)
             case Act():
@@ -407,16 +409,16 @@ class MadrobApp(App[None], inherit_bindings=False):
     async def _act(self, act: Act, name: str) -> None:
         durable, now = not act.at_once, self._link.snapshot()
         held = isinstance(act, Abort) and now is not None and now.right.holder
-        if held and not await self._awaited.done(TakeOver()):
+        if held and not await self._awaited.carry_out(TakeOver()):
             return
-        if not await self._awaited.done(Perform.of(act), done_text(act), durable=durable):
+        if not await self._awaited.carry_out(Perform.of(act), done_text(act), durable=durable):
             self._console.drafts.refused(name)
             if isinstance(act, Start):  # its number may be used now
                 self._console.panes.setup.propose_again(only_later=True)
             elif isinstance(act, Abort):
                 self.run_worker(self._void_instead(act.reason), group="keys")  # it is answered
             return
-        self._console.drafts.done(name)
+        self._console.drafts.forget_draft(name)
         if act.signature:
             self._console.panes.setup.remember_referee(act.signature)
         if name in ("next", "again"):
@@ -525,7 +527,7 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     async def _open_run(self, run: OpenRun) -> None:
         self._console.say(f"Reading {run.folder} ...")
-        if await self._awaited.done(run):
+        if await self._awaited.carry_out(run):
             self._console.show_pane("results")
             self._console.say(
                 "An earlier run: 1-6 f u n go on with it, h goes back, x the next run."

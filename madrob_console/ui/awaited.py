@@ -37,7 +37,7 @@ async def _at_most(duration: float, over: asyncio.Event) -> None:
         await asyncio.wait_for(over.wait(), duration)
 
 
-class Awaited:
+class PendingRequests:
     """Requests that keys have made; each is made once at a time."""
 
     def __init__(
@@ -71,7 +71,7 @@ class Awaited:
 
             self._beside(tell())
 
-    async def done(
+    async def carry_out(
         self,
         command: Perform | OpenRun | PlaybackCommand | TakeOver | ExportTeam | ExportDossier,
         words: str | None = None,

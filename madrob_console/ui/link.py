@@ -74,14 +74,14 @@ class EngineLink:
         silence = int(self._monotonic() - self._moved)
         return replace(latest, pulse=Pulse(server=silence)) if silence else latest
 
-    def ask(self, request: Request[T]) -> T:
+    def send_request(self, request: Request[T]) -> T:
         """Blocks for the request's timeout at most; MadrobError if it failed or none answers."""
         if self._client is None:
             raise MadrobError(NOT_YET)
-        return self._client.ask(request)
+        return self._client.send_request(request)
 
     async def answer(self, request: Request[T]) -> T:
-        """Like `ask`, without blocking the screens; cancelling gives the request up.
+        """Like `send_request`, without blocking the screens; cancelling gives the request up.
 
         Raises:
             UnsureError: no answer came, though it may have begun.
@@ -92,7 +92,7 @@ class EngineLink:
         name = str(getattr(request, "name", ""))
         self._asked[name] = math.inf
         try:
-            answer = self._client.begin(request)
+            answer = self._client.begin_request(request)
             if not answer.done():
                 patience = request.timeout + ON_ITS_WAY
                 try:
@@ -132,7 +132,7 @@ class EngineSearch:
         self._looked = -math.inf
         self._looking = False
 
-    def look(self) -> None:
+    def look_for_engine(self) -> None:
         """Searches, unless a search goes on or ended a moment ago; never waits."""
         if self._looking or self._monotonic() - self._looked < LOOKING_PERIOD:
             return

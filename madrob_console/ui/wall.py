@@ -95,7 +95,7 @@ class Wall(View):
     runs = WallRuns()
     page = 0
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         height = self.room.height
         head = _head(snapshot, width)
         room = max(0, height - len(head))
@@ -296,7 +296,7 @@ class WallScreen(Screen[None]):
     def compose(self) -> ComposeResult:
         yield self._wall
 
-    def begin(self) -> None:
+    def begin_polling(self) -> None:
         self.set_interval(BUSY_PERIOD, self.poll)
         self.poll()
 
@@ -305,7 +305,7 @@ class WallScreen(Screen[None]):
         if snapshot is None:
             return
         if snapshot.pulse.gone:
-            self._search.look()
+            self._search.look_for_engine()
         run = snapshot.run
         if run.active:
             self._wall.page, self._turned = 0, self._monotonic()
@@ -354,5 +354,5 @@ class WallApp(MadrobApp, inherit_bindings=False):
     def get_default_screen(self) -> Screen[None]:
         return self._wall
 
-    async def begin(self) -> None:
-        self._wall.begin()
+    async def show_engine(self) -> None:
+        self._wall.begin_polling()

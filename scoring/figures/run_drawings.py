@@ -128,7 +128,7 @@ def line(time: float, window: Interval, top: float, bottom: float) -> str:
     return f'<line x1="{left:g}%" x2="{left:g}%" y1="{top:g}" y2="{bottom:g}"/>'
 
 
-def words(time: float, window: Interval, baseline: float, text: str) -> str:
+def text_at(time: float, window: Interval, baseline: float, text: str) -> str:
     """Words at a time that stay within the drawing and hide lines, on a baseline in px."""
     left = across(time, window)
     anchor, aside = ("start", 2) if left <= 50 else ("end", -2)
@@ -354,7 +354,7 @@ def passage_svg(figure: PassageFigure) -> str:
         ),
         f'</g><g style="fill: {GREY}">',
         *(
-            words(time, window, _WORDS * row + 12, text)
+            text_at(time, window, _WORDS * row + 12, text)
             for (time, text), row in zip(figure.marks, rows, strict=True)
         ),
         f'</g><g style="fill: {GREY}; stroke: {GREY}">{axis(window, bottom)}</g>',

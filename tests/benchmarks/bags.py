@@ -74,10 +74,10 @@ def long_bag(run: Path, folder: Path, length: float, density: int = 1) -> Path:
     records = {RECORD_NAME: long.to_metadata()}
     with BagWriter(target, recorded.bag.topics(), records, block_when_full=True) as writer:
         for entry in entries[:-1]:
-            writer.put(_line(entry, types))
+            writer.put_message(_line(entry, types))
         for message in _repeated(_dense(cycle, density), stop - start, length):
-            writer.put(message)
-        writer.put(_line(entries[-1], types))
+            writer.put_message(message)
+        writer.put_message(_line(entries[-1], types))
     return target
 
 

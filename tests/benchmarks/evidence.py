@@ -262,7 +262,7 @@ def _evidence(stream: Stream) -> _Recorded:
     ):
         handle = os.open(bag.folder, os.O_DIRECTORY)
         now, monotonic = time.time_ns(), time.monotonic_ns()
-        process.begin(EvidencePlace(handle, bag.folder.name, now, monotonic, 10**10, 0))
+        process.begin_recording(EvidencePlace(handle, bag.folder.name, now, monotonic, 10**10, 0))
         first = until(lambda: _messages(process), PATIENCE)
         assert process.pid is not None
         before = cpu_time(process.pid)

@@ -104,7 +104,7 @@ def _run(streams: Sequence[Stream]) -> _Run:
         until(lambda: time.monotonic() > began + WATCHED, 2 * WATCHED)
         share = 100 * (cpu_time(engine.process.pid) - used) / (time.monotonic() - began)
         pressed = time.monotonic()
-        refused = engine.client.ask(Perform.of(Abort("enough")))
+        refused = engine.client.send_request(Perform.of(Abort("enough")))
         abort = time.monotonic() - pressed
         assert refused is None, refused
         document = engine.result()
@@ -133,7 +133,7 @@ def _begin(engine: EngineProcess) -> None:
     engine.wait_for(lambda s: {c.name for c in blocking(s.checks)} <= _MENDABLE)
     fresh = engine.snapshot().time
     engine.wait_for(lambda s: s.time > fresh + 1.1)
-    engine.wait_for(lambda _: engine.client.ask(Perform.of(ZeroHandle())) is None)
+    engine.wait_for(lambda _: engine.client.send_request(Perform.of(ZeroHandle())) is None)
     engine.act(ConfirmPose())
     for check in blocking(engine.snapshot().checks):
         engine.act(Waive(check.name, "a measurement"))

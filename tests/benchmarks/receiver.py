@@ -40,11 +40,11 @@ def ours(folder: Path, wanted: int, kind: str, names: Sequence[str]) -> tuple[in
     mappings = [TopicMapping(Signal.DOOR, name, kind, "stamp.sec") for name in names]
     with Taker(source(*mappings)) as taker:
         while sum(status.publishers for status in taker.source.status()) < len(names):
-            taker.source.take(0.05)
+            taker.source.take_messages(0.05)
         with BagWriter(folder / "bag", taker.source.topics(), {}) as writer:
 
             def take() -> int:
-                messages = taker.source.take(0.02)
+                messages = taker.source.take_messages(0.02)
                 writer.put_all(messages)
                 return len(messages)
 

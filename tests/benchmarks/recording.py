@@ -56,7 +56,7 @@ def _recorded(folder: Path, topic: Topic, messages: list[RawMessage]) -> float:
     began = time.process_time()
     with BagWriter(folder / "bag", [topic], {}, block_when_full=True) as writer:
         for message in messages:
-            writer.put(message)
+            writer.put_message(message)
     return 1e6 * (time.process_time() - began) / len(messages)
 
 

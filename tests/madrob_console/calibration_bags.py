@@ -68,7 +68,9 @@ def record(
                     continue
                 stamp = START_NS + round(time * 1e9)
                 data = encoder.encode(stamp, reading)
-                writer.put(RawMessage(mapping.topic, mapping.type, data, stamp, stamp + 100_000))
+                writer.put_message(
+                    RawMessage(mapping.topic, mapping.type, data, stamp, stamp + 100_000)
+                )
     return folder
 
 

@@ -198,7 +198,7 @@ class EngineProcess:
     def act(self, *acts: Act) -> None:
         """Acts that are possible."""
         for act in acts:
-            refused = self.client.ask(Perform.of(act))
+            refused = self.client.send_request(Perform.of(act))
             assert refused is None, refused
 
     def start(self, setup: RunSetup) -> None:
@@ -208,7 +208,7 @@ class EngineProcess:
         fresh = self.snapshot().time
         self.wait_for(lambda s: s.time > fresh + ZERO_NEEDS)
         # on a busy machine the force may be old for a moment: a referee presses again
-        self.wait_for(lambda _: self.client.ask(Perform.of(ZeroHandle())) is None)
+        self.wait_for(lambda _: self.client.send_request(Perform.of(ZeroHandle())) is None)
         self.act(ConfirmPose())
         self.wait_for(lambda s: not blocking(s.checks))
         self.act(Start())

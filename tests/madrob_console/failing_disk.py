@@ -158,14 +158,14 @@ class Recorded(Drive):
     def __init__(self, results: Path, scenario: Scenario) -> None:
         super().__init__(results, scenario)
         self.taken: list[RawMessage] = []
-        take = self.source.take
+        take = self.source.take_messages
 
         def kept(timeout: float) -> list[RawMessage]:
             messages = take(timeout)
             self.taken += messages
             return messages
 
-        self.source.take = kept  # type: ignore[method-assign]
+        self.source.take_messages = kept  # type: ignore[method-assign]
 
 
 def scenario_of(stop: Stop) -> Scenario:

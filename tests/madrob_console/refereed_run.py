@@ -268,7 +268,7 @@ class Referee:
         began, at = time.monotonic(), time.time()
         refused: str | None
         try:
-            refused = self._engine.client.ask(Perform.of(act))
+            refused = self._engine.client.send_request(Perform.of(act))
         except MadrobError as error:
             took = time.monotonic() - began
             if self._gone():
@@ -288,7 +288,9 @@ class Referee:
     def _ask_number(self) -> int:
         for _ in range(TRIES):
             try:
-                return self._engine.client.ask(NextRunNumber(_SUBJECT, _CONDITION, practice=True))
+                return self._engine.client.send_request(
+                    NextRunNumber(_SUBJECT, _CONDITION, practice=True)
+                )
             except MadrobError as error:
                 if self._gone():
                     raise EngineGoneError from error
@@ -364,7 +366,7 @@ def what_is_wrong(
     wrong += _not_as_answered(results, notes, ended)
     for name in sorted(run_folder_names(results)):
         wrong += _not_agreeing(results / name)
-    number = later.client.ask(NextRunNumber(_SUBJECT, _CONDITION, practice=True))
+    number = later.client.send_request(NextRunNumber(_SUBJECT, _CONDITION, practice=True))
     used = {asked.run_number for asked in notes.asked if isinstance(asked.act, Start)}
     known = (*_folders(results), *_given_out(results))  # a correction has one of another series
     given_out = {run.run for run in known if (run.subject, run.condition) == (_SUBJECT, _CONDITION)}
@@ -379,11 +381,11 @@ def _not_closed(engine: EngineProcess) -> Iterator[str]:
     until(lambda: cut_off <= {run.folder for run in engine.snapshot().unfinished})
     for run in engine.snapshot().unfinished:
         try:
-            refused = engine.client.ask(OpenRun(run.folder, invalid=run.started is None))
+            refused = engine.client.send_request(OpenRun(run.folder, invalid=run.started is None))
             if refused is None:
                 engine.wait_for(lambda s: s.result is not None and Finalise.name not in s.refusals)
                 final = signed(engine.snapshot(), TeamWord.ABSENT, "closed later")
-                refused = engine.client.ask(Perform.of(final))
+                refused = engine.client.send_request(Perform.of(final))
         except (MadrobError, AssertionError) as error:
             refused = str(error)
         if refused is not None:

@@ -114,7 +114,7 @@ class Taker:
         return any(s.topic == topic and s.publishers == publishers for s in self.source.status())
 
     def has(self, count: int) -> bool:
-        self.taken += self.source.take(0.01)
+        self.taken += self.source.take_messages(0.01)
         return len(self.taken) >= count
 
 

@@ -90,7 +90,7 @@ def add_evidence(folder: Path, messages: Sequence[RawMessage], number: int = 0) 
         bag = Path(aside) / "bag"
         with BagWriter(bag, [topic(*named) for named in types.items()], {}) as writer:
             for message in messages:
-                writer.put(message)
+                writer.put_message(message)
         (recording,) = bag.glob("*.mcap")
         return recording.rename(folder / evidence_file_name(folder.name, number))
 

@@ -48,7 +48,7 @@ def folder(tmp_path: Path) -> Path:
     folder = tmp_path / "run"
     with BagWriter(folder, door_topics(), {}) as writer:
         for message in SCORED:
-            writer.put(message)
+            writer.put_message(message)
     return folder
 
 
@@ -151,7 +151,7 @@ def test_whatever_evidence_holds_the_listing_is_what_is_read(
     folder = tmp_path_factory.mktemp("bags") / "run"
     with BagWriter(folder, door_topics(), {}) as writer:
         for message in SCORED[:6]:
-            writer.put(message)
+            writer.put_message(message)
     expected = list(SCORED[:6])
     for number, content in enumerate(files):
         sent = [
@@ -237,7 +237,7 @@ def test_evidence_that_ends_first_is_listed_by_the_recording_when_it_ends(tmp_pa
         assert not list_again(folder)
         assert (folder / "metadata.yaml").read_bytes() == before
         for message in SCORED:
-            writer.put(message)
+            writer.put_message(message)
     assert read_by_rosbags(folder) == by_topic(SCORED, CAMERA)
 
 
@@ -264,7 +264,7 @@ def test_a_kill_at_any_step_leaves_a_listing_that_every_reader_takes(tmp_path: P
         folder = tmp_path / str(steps) / "run"
         folder.parent.mkdir()
         with BagWriter(folder, door_topics(), {}) as writer:
-            writer.put(SCORED[0])
+            writer.put_message(SCORED[0])
         add_evidence(folder, CAMERA)
         try:
             with killed_after(steps):

@@ -61,7 +61,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> bytes:
         for number, message in enumerate(MESSAGES):
             if number % 20 == 10:
                 writer.add_record(f"note {number}", {"text": "x" * 50})  # ends a chunk
-            writer.put(message)
+            writer.put_message(message)
     return (folder / "bag_0.mcap").read_bytes()
 
 
@@ -251,7 +251,7 @@ def test_the_order_of_writing_is_kept_whatever_the_times(tmp_path: Path) -> None
     backwards = list(reversed(MESSAGES))
     with BagWriter(tmp_path / "bag", [talk()], {}) as writer:
         for message in backwards:
-            writer.put(message)
+            writer.put_message(message)
     assert list(read_bag(tmp_path / "bag").messages()) == backwards
 
 
@@ -262,7 +262,7 @@ def split_bag(folder: Path, parts: int) -> None:
     for number, name in enumerate(names):
         with BagWriter(folder / "part", [talk()], {}) as writer:
             for message in MESSAGES[number * 5 : number * 5 + 5]:
-                writer.put(message)
+                writer.put_message(message)
         (folder / "part" / "part_0.mcap").rename(folder / name)
         shutil.rmtree(folder / "part")
     paths = "".join(f"  - bag/{name}\n" for name in names)
@@ -364,7 +364,7 @@ def test_what_is_no_bag_is_refused_in_one_line_with_the_remedy(tmp_path: Path) -
 def test_evidence_is_read_apart_from_what_is_scored(tmp_path: Path) -> None:
     folder = tmp_path / "bag"
     with BagWriter(folder, door_topics(), {}) as writer:
-        scored = [message for message in door_messages(3) if writer.put(message)]
+        scored = [message for message in door_messages(3) if writer.put_message(message)]
     seen = strings(["knock", "knock"], "/camera/says")
     file = add_evidence(folder, seen)
 
@@ -557,7 +557,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bags") / "run"
     with BagWriter(folder, door_topics(), {"madrob_run": {"setup": "{}"}}) as writer:
         for message in door_messages(rounds=10):
-            writer.put(message)
+            writer.put_message(message)
     return folder
 
 
@@ -621,7 +621,7 @@ def test_metadata_yaml_has_every_key_of_version_9(information: dict[str, Any]) -
 def test_a_folder_whose_name_is_no_text_can_be_recorded_to(tmp_path: Path) -> None:
     folder = tmp_path / os.fsdecode(b"run \xff")
     with BagWriter(folder, door_topics(), {}) as writer:
-        assert all(writer.put(message) for message in door_messages(rounds=1))
+        assert all(writer.put_message(message) for message in door_messages(rounds=1))
     assert writer.close().error is None
     assert len(list(read_bag(folder).messages())) == 6
 

@@ -159,7 +159,7 @@ def test_what_was_lost_stays_told_in_the_same_words(bag: TornBag, folder: Path) 
 def test_a_whole_bag_stays_as_it_is(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag", [talk()], RECORDS) as writer:
         for message in MESSAGES:
-            writer.put(message)
+            writer.put_message(message)
     before = contents(tmp_path / "bag")
     for path in (tmp_path / "bag", tmp_path / "bag" / "bag_0.mcap"):
         recovered = recover(path)
@@ -302,7 +302,7 @@ def test_a_cut_chunk_that_cannot_be_compressed_is_kept_up_to_the_cut(
 ) -> None:
     with BagWriter(tmp_path / "bag", [TOPIC], RECORDS, flush_period=1e6) as writer:
         for number in range(50):
-            writer.put(blob(number, 10_000))
+            writer.put_message(blob(number, 10_000))
     recording = tmp_path / "bag" / "bag_0.mcap"
     with recording.open("rb") as file:
         summary = SeekingReader(file).get_summary()
@@ -432,9 +432,9 @@ def test_a_kill_at_any_moment_loses_nothing(
         monkeypatch.setattr(os, "link", no_links)
     with BagWriter(folder, [talk()], RECORDS, flush_period=1e6) as writer:
         for message in MESSAGES[:20]:
-            writer.put(message)
+            writer.put_message(message)
         writer.add_record("note", {"ends": "a chunk"})
-        writer.put(MESSAGES[20])
+        writer.put_message(MESSAGES[20])
     torn = (folder / "bag_0.mcap").read_bytes().partition(b"note")[0]
     for steps in range(100):
         shutil.rmtree(folder)
@@ -499,7 +499,7 @@ def test_a_folder_that_may_not_be_written_is_told_with_the_remedy(bag: TornBag) 
 def test_a_bag_that_is_being_recorded_is_refused(folder: Path) -> None:
     with BagWriter(folder, [talk()], RECORDS, flush_period=0) as writer:
         for message in MESSAGES:
-            writer.put(message)
+            writer.put_message(message)
         text = refusal(folder)
     assert text == "bag_0.mcap is being written; end its recording or repair, then try again"
     assert not recover(folder).changed

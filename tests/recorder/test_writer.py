@@ -65,7 +65,7 @@ def wait_for(writer: BagWriter, state: RecorderState) -> None:
 def test_recording_starts_only_when_the_bag_is_on_disk(tmp_path: Path) -> None:
     writer = BagWriter(tmp_path / "bag", [talk()], {"madrob_run": {"n": "1"}})
     assert writer.stats().state is RecorderState.CLOSED
-    assert not writer.put(strings(["too early"])[0])
+    assert not writer.put_message(strings(["too early"])[0])
     writer.open()
     made = sorted(path.name for path in (tmp_path / "bag").iterdir())
     assert made == ["bag_0.mcap", "metadata.yaml"]
@@ -81,7 +81,7 @@ def test_messages_reach_the_disk_while_recording(tmp_path: Path) -> None:
     messages = strings(["a", "b", "c"])
     with BagWriter(tmp_path / "bag", [talk()], {}, flush_period=0.02) as writer:
         for message in messages:
-            writer.put(message)
+            writer.put_message(message)
         until(lambda: writer.stats().written == len(messages))
         stats = writer.stats()
         assert list(read_bag(tmp_path / "bag").messages()) == messages
@@ -96,7 +96,7 @@ def test_the_summary_tells_what_the_bag_holds(tmp_path: Path) -> None:
     writer = BagWriter(tmp_path / "bag", [talk(), Topic("/other", talk().type, "")], {})
     writer.open()
     for message in messages:
-        writer.put(message)
+        writer.put_message(message)
     summary = writer.close()
     assert summary.folder == tmp_path / "bag"
     assert summary.counts == {"/talk": 3, "/other": 0}
@@ -112,7 +112,7 @@ def test_a_full_queue_drops_at_once_and_counts(tmp_path: Path, stuck: StuckDisk)
     messages = strings([f"{number:04}" for number in range(1000)])
     writer = BagWriter(tmp_path / "bag", [talk()], {}, queue_bytes=20_000, clock=stuck)
     writer.open()
-    taken = [message for message in messages if writer.put(message)]
+    taken = [message for message in messages if writer.put_message(message)]
     stats = writer.stats()
     assert 0 < len(taken) < len(messages)
     assert stats.received == {"/talk": 1000}
@@ -128,7 +128,7 @@ def test_with_back_pressure_nothing_is_dropped(tmp_path: Path) -> None:
     messages = strings([f"{number:04}" * 100 for number in range(2000)])
     writer = BagWriter(tmp_path / "bag", [talk()], {}, queue_bytes=10_000, block_when_full=True)
     writer.open()
-    assert all(writer.put(message) for message in messages)
+    assert all(writer.put_message(message) for message in messages)
     assert writer.close().dropped == {}
     assert list(read_bag(tmp_path / "bag").messages()) == messages
 
@@ -139,7 +139,7 @@ def test_messages_of_several_threads_keep_the_order_of_each(tmp_path: Path) -> N
         topic.name: strings([str(number) for number in range(500)], topic.name) for topic in topics
     }
     with BagWriter(tmp_path / "bag", topics, {}) as writer, ThreadPoolExecutor(4) as pool:
-        list(pool.map(lambda messages: [writer.put(m) for m in messages], sent.values()))
+        list(pool.map(lambda messages: [writer.put_message(m) for m in messages], sent.values()))
     read = list(read_bag(tmp_path / "bag").messages())
     assert len(read) == 2000
     for name, messages in sent.items():
@@ -150,7 +150,7 @@ def test_a_message_larger_than_the_queue_is_dropped_and_never_waited_for(tmp_pat
     with BagWriter(
         tmp_path / "bag", [talk()], {}, queue_bytes=1000, block_when_full=True
     ) as writer:
-        assert not writer.put(strings(["x" * 1000])[0])
+        assert not writer.put_message(strings(["x" * 1000])[0])
         assert writer.stats().drop_reasons == {DropReason.TOO_LARGE: 1}
 
 
@@ -159,7 +159,7 @@ def test_a_disk_that_does_not_answer_ends_neither_the_run_nor_the_close(
 ) -> None:
     writer = BagWriter(tmp_path / "bag", [talk()], {}, clock=stuck)
     writer.open()
-    assert writer.put(strings(["a"])[0])
+    assert writer.put_message(strings(["a"])[0])
     summary = writer.close(timeout=0.05)
     assert summary.error is not None
     assert "the disk did not answer within 0.05 s" in summary.error
@@ -173,7 +173,7 @@ def test_a_bag_deleted_while_recording_is_reported(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag", [talk()], {}, flush_period=0.02) as writer:
         shutil.rmtree(tmp_path / "bag")
         wait_for(writer, RecorderState.FAILED)
-        assert not writer.put(strings(["a"])[0])
+        assert not writer.put_message(strings(["a"])[0])
         error = writer.stats().error
         assert error is not None
         assert "the file was deleted" in error
@@ -183,9 +183,9 @@ def test_a_bag_deleted_while_recording_is_reported(tmp_path: Path) -> None:
 def test_a_folder_renamed_while_recording_stays_a_bag(tmp_path: Path) -> None:
     messages = strings(["a", "b"])
     with BagWriter(tmp_path / "bag", [talk()], {}) as writer:
-        writer.put(messages[0])
+        writer.put_message(messages[0])
         (tmp_path / "bag").rename(tmp_path / "moved")
-        writer.put(messages[1])
+        writer.put_message(messages[1])
     read = read_bag(tmp_path / "moved")
     assert list(read.messages()) == messages
     assert read.complete
@@ -202,9 +202,9 @@ def test_what_does_not_fit_the_bag_is_counted_with_its_reason(tmp_path: Path) ->
     with BagWriter(tmp_path / "bag", [talk()], {}) as writer:
         for message, reason in odd.items():
             before = writer.stats().drop_reasons.get(reason, 0)
-            assert not writer.put(message)
+            assert not writer.put_message(message)
             assert writer.stats().drop_reasons[reason] == before + 1
-        assert writer.put(good)
+        assert writer.put_message(good)
         assert writer.stats().dropped == {"/unknown": 1, "/talk": 3}
     assert list(read_bag(tmp_path / "bag").messages()) == [good]
 
@@ -213,7 +213,7 @@ def test_after_the_close_everything_is_refused_and_counted(tmp_path: Path) -> No
     writer = BagWriter(tmp_path / "bag", [talk()], {})
     writer.open()
     writer.close()
-    assert not writer.put(strings(["late"])[0])
+    assert not writer.put_message(strings(["late"])[0])
     assert not writer.add_topic(talk())
     assert not writer.add_record("note", {})
     assert writer.stats().drop_reasons == {DropReason.NOT_RECORDING: 1}
@@ -237,7 +237,7 @@ def test_a_late_topic_never_ends_the_recording(
 ) -> None:
     with BagWriter(tmp_path / "bag", [talk()], {}) as writer:
         assert writer.add_topic(late) is recorded
-        assert writer.put(strings(["a"])[0])
+        assert writer.put_message(strings(["a"])[0])
     assert read_bag(tmp_path / "bag").complete
 
 
@@ -277,7 +277,7 @@ def test_a_recording_without_a_thread_to_write_it_is_refused_and_can_be_tried_ag
         with pytest.raises(RecorderError, match="can't start new thread; end other programs"):
             writer.open()
     assert list(tmp_path.iterdir()) == []
-    assert writer.put(strings(["a"])[0]) is False
+    assert writer.put_message(strings(["a"])[0]) is False
     writer.open()
     assert writer.close().error is None
 
@@ -293,7 +293,7 @@ def test_a_recording_that_wants_memory_says_that_it_has_failed(
     with monkeypatch.context() as short:
         short.setattr(McapFile, "add_message", fail)
         short.setattr(writer, "_report", fail)  # nor is there any to say how far it came
-        writer.put(strings(["a"])[0])
+        writer.put_message(strings(["a"])[0])
         until(lambda: writer.stats().state is RecorderState.FAILED)
     assert "MemoryError" in (writer.close().error or "")
 
@@ -328,7 +328,7 @@ def test_topics_that_no_bag_can_hold_are_refused_before_anything_is_made(
 def test_stats_are_a_picture_of_one_instant(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag", [talk()], {}) as writer:
         before = writer.stats()
-        writer.put(strings(["a"])[0])
+        writer.put_message(strings(["a"])[0])
         assert before.received == {}
         with pytest.raises(FrozenInstanceError):
             before.written = 1  # type: ignore[misc]
@@ -527,7 +527,7 @@ def recorded() -> list[RawMessage]:
 def bag(tmp_path_factory: pytest.TempPathFactory, recorded: list[RawMessage]) -> Path:
     folder = tmp_path_factory.mktemp("bags") / "subject_001"
     with BagWriter(folder, door_topics(), {"madrob_run": SETUP}) as writer:
-        assert all(writer.put(message) for message in recorded)
+        assert all(writer.put_message(message) for message in recorded)
     return folder
 
 
@@ -629,7 +629,7 @@ def test_any_bytes_and_times_survive_in_their_order(
         folder = Path(parent) / "bag"
         writer = BagWriter(folder, TOPICS, {}, queue_bytes=queue_bytes, block_when_full=True)
         writer.open()
-        fits = [writer.put(message) for message in messages]
+        fits = [writer.put_message(message) for message in messages]
         summary = writer.close()
         kept = [message for message, fit in zip(messages, fits, strict=True) if fit]
         read = read_bag(folder)
@@ -648,9 +648,9 @@ def test_a_topic_that_appears_while_recording_is_recorded(tmp_path: Path) -> Non
     late = strings(["late"], name="/late")
     early = strings(["early"])
     with BagWriter(tmp_path / "bag", [talk()], {}) as writer:
-        writer.put(early[0])
+        writer.put_message(early[0])
         assert writer.add_topic(Topic("/late", talk().type, talk().definition))
-        assert writer.put(late[0])
+        assert writer.put_message(late[0])
     read = read_bag(tmp_path / "bag")
     assert list(read.messages()) == early + late
     assert [topic.name for topic in read.topics()] == ["/talk", "/late"]
@@ -662,7 +662,7 @@ def test_a_record_added_while_recording_is_kept_and_the_last_of_a_name_counts(
     tmp_path: Path,
 ) -> None:
     with BagWriter(tmp_path / "bag", [talk()], {"madrob_run": {"n": "1"}}) as writer:
-        writer.put(strings(["a"])[0])
+        writer.put_message(strings(["a"])[0])
         assert writer.add_record("madrob_run", {"n": "2"})
         assert writer.add_record("note", {"text": "a stray byte \udcff, as a terminal may send"})
     read = read_bag(tmp_path / "bag")

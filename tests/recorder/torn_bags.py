@@ -58,7 +58,7 @@ class TornBag:
                 if number == 1:
                     writer.add_topic(talk())
                 for message in part:
-                    assert writer.put(message)
+                    assert writer.put_message(message)
                 writer.add_record(f"note {number}", {"ends": "a chunk"})
         self.data = (folder / f"{folder.name}_0.mcap").read_bytes()
         self.messages = [message for part in parts for message in part]

@@ -30,7 +30,7 @@ def record_until_killed(folder: Path) -> None:
     writer.open()
     tell("recording")
     for number in count():
-        writer.put(blob(number, 60))
+        writer.put_message(blob(number, 60))
         time.sleep(0.001)
 
 
@@ -41,9 +41,9 @@ def record_on_a_small_disk(folder: Path, limit: int) -> None:
     writer.open()
     numbers = count()
     while writer.stats().state is RecorderState.RECORDING:
-        writer.put(blob(next(numbers), 10_000))
+        writer.put_message(blob(next(numbers), 10_000))
         time.sleep(0.002)
-    accepted_after = [writer.put(blob(next(numbers), 10)) for _ in range(3)]
+    accepted_after = [writer.put_message(blob(next(numbers), 10)) for _ in range(3)]
     summary = writer.close()
     stats = writer.stats()
     tell(

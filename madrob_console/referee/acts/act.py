@@ -273,7 +273,7 @@ class Act(ABC):
         return f"a text has at most {LONGEST_TEXT} characters: write the rest beside it"
 
     @classmethod
-    def ask(cls, view: RunView, pressed: str) -> Asked:
+    def ask_questions(cls, view: RunView, pressed: str) -> Asked:
         """The act, the dialog before it, or a refusal, after a key of those that ask for it."""
         return Ask(cls.title, cls.questions, cls) if cls.questions else cls()
 
@@ -301,7 +301,7 @@ class Act(ABC):
         return ""
 
     @property
-    def done(self) -> str:
+    def done_text(self) -> str:
         """Its effect, for the referee; the reason is appended."""
         return self.name
 

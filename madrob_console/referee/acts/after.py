@@ -86,7 +86,7 @@ class Finalise(Act):
         return None
 
     @classmethod
-    def ask(cls, view: RunView, pressed: str) -> Ask[Act]:
+    def ask_questions(cls, view: RunView, pressed: str) -> Ask[Act]:
         """Asks for the team's word, a note and a missing name; first lists open questions."""
         referee, waiting = view.run.referee, undecided(view.flags)
         listed = _checklist(view)
@@ -122,7 +122,7 @@ class Finalise(Act):
         return self.referee
 
     @property
-    def done(self) -> str:
+    def done_text(self) -> str:
         return f"the result is final, {self.team_word} by the team"
 
 
@@ -193,7 +193,7 @@ class AcceptDoubts(Act):
         return None
 
     @classmethod
-    def ask(cls, view: RunView, pressed: str) -> Ask[Asked] | str:
+    def ask_questions(cls, view: RunView, pressed: str) -> Ask[Asked] | str:
         waiting = waiting_doubts(view.indicators, view.run.accepted_doubts)
         if not waiting:
             return _NO_DOUBT
@@ -230,7 +230,7 @@ class AcceptDoubts(Act):
         )
 
     @property
-    def done(self) -> str:
+    def done_text(self) -> str:
         return f"doubt accepted: {doubted_words(self.doubts)}"
 
     @property

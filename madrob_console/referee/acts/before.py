@@ -76,7 +76,7 @@ class SetUp(Act):
         return self.setup.team_reason
 
     @property
-    def done(self) -> str:
+    def done_text(self) -> str:
         kind = "practice run" if self.setup.practice else "run"
         return f"{kind} {self.setup.run_number} of subject {self.setup.subject} is set up"
 
@@ -149,7 +149,7 @@ class Waive(Act):
         return _passes(self.check, situation)
 
     @classmethod
-    def ask(cls, view: RunView, pressed: str) -> Ask[Act] | str:
+    def ask_questions(cls, view: RunView, pressed: str) -> Ask[Act] | str:
         blocks = blocking(view.checks)
         failing = [check.name for check in blocks if check.waivable or len(blocks) == 1]
         if len(failing) < 2:
@@ -176,7 +176,7 @@ class Waive(Act):
         )
 
     @property
-    def done(self) -> str:
+    def done_text(self) -> str:
         return f"'{self.check}' waived"
 
     @property

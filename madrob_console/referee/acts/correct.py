@@ -71,7 +71,7 @@ class Correct(Act):
         )
 
     @classmethod
-    def ask(cls, view: RunView, pressed: str) -> Ask[Asked] | str:
+    def ask_questions(cls, view: RunView, pressed: str) -> Ask[Asked] | str:
         setup = view.run.setup
         if setup is None:
             return _NO_RUN
@@ -162,13 +162,13 @@ class Correct(Act):
         )
 
     @property
-    def done(self) -> str:
+    def done_text(self) -> str:
         number = f", run {self.run_number}" if self.run_number else ""
         return f"corrected to subject {self.subject}, condition {self.condition.number}{number}"
 
     @property
     def logged(self) -> str:
-        return self.done
+        return self.done_text
 
 
 def corrected_words(before: RunSetup, after: RunSetup) -> str:
@@ -260,7 +260,7 @@ class TakeBack(Act):
         return "the result is being written" if final and not situation.scored else None
 
     @classmethod
-    def ask(cls, view: RunView, pressed: str) -> Ask[Act] | str:
+    def ask_questions(cls, view: RunView, pressed: str) -> Ask[Act] | str:
         last = last_decision(view.run)
         if last is None:
             return _NOTHING
@@ -291,7 +291,7 @@ class TakeBack(Act):
         return last if last.time == self.made else None
 
     @property
-    def done(self) -> str:
+    def done_text(self) -> str:
         return f"{self.kind} taken back"
 
     @property

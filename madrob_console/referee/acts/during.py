@@ -147,7 +147,7 @@ class MarkIncident(Act):
     after_start: float | None = None
 
     @classmethod
-    def ask(cls, view: RunView, pressed: str) -> Ask[Asked]:
+    def ask_questions(cls, view: RunView, pressed: str) -> Ask[Asked]:
         """A text typed during the run gets the time at which its kind was chosen."""
         stopped, now = view.run.phase is Phase.STOPPED, view.elapsed
 
@@ -188,7 +188,7 @@ class MarkIncident(Act):
         )
 
     @property
-    def done(self) -> str:
+    def done_text(self) -> str:
         return f"{self.kind} marked{self._when}"
 
     @property
@@ -218,7 +218,7 @@ class RestartCountdown(Act):
     reason: str = "false start"
 
     @classmethod
-    def ask(cls, view: RunView, pressed: str) -> Act | Ask[Act]:
+    def ask_questions(cls, view: RunView, pressed: str) -> Act | Ask[Act]:
         if view.run.undecided_false_start is not None:
             return cls()
         return Ask(cls.title, cls.questions, cls)
@@ -256,7 +256,7 @@ class Rule(Act):
     reason: str
 
     @classmethod
-    def ask(cls, view: RunView, pressed: str) -> Ask[Act]:
+    def ask_questions(cls, view: RunView, pressed: str) -> Ask[Act]:
         step = Step(int(pressed))
         record = next((record for record in view.steps if record.step is step), None)
         found = None if record is None else record.sensors
@@ -282,7 +282,7 @@ class Rule(Act):
         return changed(replace(run, decided=decided, rulings=(*run.rulings, ruling)), at)
 
     @property
-    def done(self) -> str:
+    def done_text(self) -> str:
         return f"step {self.step} {RULED[self.confirmed]}"
 
     @property
@@ -349,7 +349,7 @@ class Void(Act):
         return replace(run, decided=run.decided_and(DecisionKind.VOID), voided=voided)
 
     @property
-    def done(self) -> str:
+    def done_text(self) -> str:
         return "the run is void and counts nowhere"
 
     @property

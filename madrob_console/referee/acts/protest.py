@@ -24,11 +24,11 @@ from madrob_console.referee.records import (
     ProtestAnswer,
     ProtestEnd,
     ProtestTimes,
-    late_words,
+    format_late,
+    format_span,
     open_protests,
     relative_text,
     seconds_of,
-    span_words,
 )
 from madrob_console.referee.run import Phase, Run
 from scoring.indicator_table import IndicatorName
@@ -58,7 +58,7 @@ class WithdrawProtest(Act):
         return closing_problem(self.number, situation)
 
     @classmethod
-    def ask(cls, view: RunView, pressed: str) -> Asked:
+    def ask_questions(cls, view: RunView, pressed: str) -> Asked:
         def withdrawal(protest: Protest) -> Ask[Act]:
             listed = (f"! {protest.team}: {protest.text}",)
             why = reasons("satisfied by the explanation", "filed by mistake")
@@ -74,7 +74,7 @@ class WithdrawProtest(Act):
         return closed(run, self.number, answer)
 
     @property
-    def done(self) -> str:
+    def done_text(self) -> str:
         return f"protest {self.number} is withdrawn"
 
     @property
@@ -159,7 +159,7 @@ class DecideProtest(Act):
         return closing_problem(self.number, situation)
 
     @classmethod
-    def ask(cls, view: RunView, pressed: str) -> Asked:
+    def ask_questions(cls, view: RunView, pressed: str) -> Asked:
         def decision(protest: Protest) -> Ask[Act]:
             how = replace(_HOW, listed=(f"! {protest.team}: {protest.text}",))
             questions: list[Question] = [how, _WHY]
@@ -177,7 +177,7 @@ class DecideProtest(Act):
     def settled(self, situation: Situation) -> Act:
         known = (one for one in situation.run.protests if one.number == self.number)
         due = next((one.due for one in known), math.inf)
-        return replace(self, late=late_words(due, situation.time))
+        return replace(self, late=format_late(due, situation.time))
 
     def apply(self, situation: Situation, at: float) -> Run:
         answer = ProtestAnswer(at, self.end, self.reason, self.referee)
@@ -189,7 +189,7 @@ class DecideProtest(Act):
         return self.referee
 
     @property
-    def done(self) -> str:
+    def done_text(self) -> str:
         return self.logged
 
     @property
@@ -250,7 +250,7 @@ class FileProtest(Act):
         return f"{late}: admit it with a reason" if late and not self.late.strip() else None
 
     @classmethod
-    def ask(cls, view: RunView, pressed: str) -> Asked:
+    def ask_questions(cls, view: RunView, pressed: str) -> Asked:
         waiting = open_protests(view.run.protests)
         if not waiting:
             return cls._ask_about(view)
@@ -260,7 +260,9 @@ class FileProtest(Act):
         def chosen(what: str) -> Asked:
             if what == _FILE:
                 return cls._ask_about(view)
-            return (DecideProtest if what == _DECIDE else WithdrawProtest).ask(view, pressed)
+            return (DecideProtest if what == _DECIDE else WithdrawProtest).ask_questions(
+                view, pressed
+            )
 
         options = (
             Option("d", "decide it", _DECIDE),
@@ -362,7 +364,7 @@ class FileProtest(Act):
         return self.text
 
     @property
-    def done(self) -> str:
+    def done_text(self) -> str:
         return f"protest of {self.team} about {self.about} waits for a decision"
 
     @property
@@ -374,7 +376,7 @@ def _lateness(run: Run, now: float, times: ProtestTimes) -> str:
     """Why a protest is too late; the deadline runs on while the result is open again."""
     if run.signed is None or (passed := now - run.signed) <= times.filing:
         return ""
-    ended, lasts = span_words(passed - times.filing), span_words(times.filing)
+    ended, lasts = format_span(passed - times.filing), format_span(times.filing)
     return f"the time for protests ended {ended} ago, {lasts} after the signature"
 
 

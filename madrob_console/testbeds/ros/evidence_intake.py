@@ -28,8 +28,8 @@ from madrob_console.testbeds.ros.connection import (
     load_message_class,
 )
 from madrob_console.testbeds.ros.intake import (
-    Handover,
     LossCounter,
+    QosSwitch,
     Received,
     arrival,
     can_take,
@@ -96,7 +96,7 @@ class EvidenceIntake:
         self._words = words
         self._direct = direct
         self._topic: Topic | None = None
-        self._handover: Handover | None = None
+        self._handover: QosSwitch | None = None
         self._rate_limit = RateLimit(limit.most_rate)
         self._losses = LossCounter()
         self._lost_before = 0
@@ -141,7 +141,7 @@ class EvidenceIntake:
             if not usable:
                 self._problem = f"its type has become {other}: not recorded before the next run"
         if self._handover is not None:
-            self._handover.settle()
+            self._handover.forget_delivered()
         if not usable or self.left_alone or not self._prepare(usable[0]):
             return
         qos = offered_by_all([info.qos_profile for info in usable])
@@ -172,7 +172,7 @@ class EvidenceIntake:
         if not definition.text:
             self._unknown = f"nobody knows what {self.type} is made of: its bytes are recorded"
         self._topic = topic
-        self._handover = Handover(
+        self._handover = QosSwitch(
             self._node,
             self.name,
             message_class,
@@ -182,7 +182,7 @@ class EvidenceIntake:
         )
         return True
 
-    def take(self, now: int, wall: int) -> TakenEvidence | None:
+    def take_messages(self, now: int, wall: int) -> TakenEvidence | None:
         """What has arrived; `now` is steady time, ns, and `wall` the same on the system clock."""
         self._now = now
         self._silence.listen(now)
@@ -190,7 +190,7 @@ class EvidenceIntake:
         if topic is None or handover is None or handover.qos is None:
             return None
         before = self._publishers
-        received = handover.take(self._most)
+        received = handover.take_messages(self._most)
         self._publishers = handover.publishers
         if self._publishers == 0 and before:
             self._lost_before += self._losses.lost or 0
@@ -211,10 +211,10 @@ class EvidenceIntake:
     def left_alone(self) -> bool:
         return self._too_large >= MOST_TOO_LARGE
 
-    def begin(self) -> None:
+    def begin_recording(self) -> None:
         """Begins a recording: a topic that was left alone gets another chance."""
         self._too_large = self._largest_seen = 0
-        self._silence.begin()
+        self._silence.begin_recording()
 
     @property
     def _most(self) -> int:
@@ -377,16 +377,16 @@ class EvidenceIntakes:
         else:
             self._connection.spin(duration)
 
-    def take(self, now_ns: Callable[[], int]) -> Iterator[TakenEvidence]:
+    def take_messages(self, now_ns: Callable[[], int]) -> Iterator[TakenEvidence]:
         for intake in self._intakes.values():
-            taken = _named(intake, partial(intake.take, now_ns(), time.time_ns()))
+            taken = _named(intake, partial(intake.take_messages, now_ns(), time.time_ns()))
             if taken is not None:
                 yield taken
 
-    def begin(self) -> list[tuple[Topic, TopicLimit, RawMessage]]:
+    def begin_recording(self) -> list[tuple[Topic, TopicLimit, RawMessage]]:
         """Begins a recording; returns the earlier messages that are kept for late joiners."""
         for intake in self._intakes.values():
-            intake.begin()
+            intake.begin_recording()
         return [
             (intake.topic, self._choice.limit(intake.name), message)
             for intake in self._intakes.values()

@@ -75,10 +75,10 @@ def offered_by_all(profiles: list[RosObject]) -> Qos:
 
 
 class Inbox:
-    """A raw subscription that is emptied by `take`.
+    """A raw subscription that is emptied by `take_messages`.
 
     A `direct` one takes from DDS (8-17 us a message) instead of by callbacks (91-231 us); its node
-    is in no executor, else in one that is spun before each `take`. An `absolute` name was found in
+    is in no executor, else in one that is spun before each take. An `absolute` name was found in
     the domain; no remapping applies.
     """
 
@@ -130,7 +130,7 @@ class Inbox:
                 self._reported = int(self._losses.take_event().total_count)
         return self._reported
 
-    def take(self, most: int | None = None) -> list[Received]:
+    def take_messages(self, most: int | None = None) -> list[Received]:
         """At most so many messages; DDS keeps the newest of the others."""
         if not self._direct:
             taken, self._arrived = self._arrived, []
@@ -203,7 +203,7 @@ _OVERLAP = 0.5
 _key: Callable[[Received], tuple[int, int | None]] = attrgetter("source_ns", "sequence")
 
 
-class Handover:
+class QosSwitch:
     """Subscribes to a topic with the quality of service that its publishers need. One thread.
 
     When publishers come or go and another quality is needed, a new subscription runs beside the old
@@ -256,14 +256,14 @@ class Handover:
             self._ends = time.monotonic() + _LONGEST_HANDOVER
             self._seen = set(self._recent)
 
-    def settle(self) -> None:
+    def forget_delivered(self) -> None:
         if self._former is None:
             self._seen = None
 
-    def take(self, most: int | None = None) -> list[Received]:
+    def take_messages(self, most: int | None = None) -> list[Received]:
         if self._inbox is None:
             return []
-        received = self._take_former() + self._inbox.take(most)
+        received = self._take_former() + self._inbox.take_messages(most)
         if self._seen is not None:
             received = [r for r in received if self._is_new(r)]
         self._recent.extend(map(_key, received))
@@ -289,7 +289,7 @@ class Handover:
     def _take_former(self) -> list[Received]:
         if self._former is None:
             return []
-        received = self._former.take()
+        received = self._former.take_messages()
         if time.monotonic() > self._ends:
             self._former.close()
             self._former = None
@@ -368,7 +368,7 @@ class Intake:
         self._publishers = 0
         self._publisher_ids: frozenset[bytes] = frozenset()
         self._unusable = self._prepare(types, prefixes)
-        self._handover = Handover(node, name, self._class, direct=direct)
+        self._handover = QosSwitch(node, name, self._class, direct=direct)
 
     @property
     def topic(self) -> Topic | None:
@@ -395,15 +395,15 @@ class Intake:
             self._losses.restart()
         if ids:
             self._publisher_ids = ids
-        self._handover.settle()
+        self._handover.forget_delivered()
         if usable and not self._unusable:
             self._listen(offered_by_all([i.qos_profile for i in usable]), len(usable))
 
-    def take(self) -> list[Received]:
+    def take_messages(self) -> list[Received]:
         if self._handover.qos is None:
             return []
         before = self._publishers
-        received = self._handover.take()
+        received = self._handover.take_messages()
         self._publishers = self._handover.publishers
         self._losses.see((r.sequence for r in received), max(before, self._publishers))
         return received

@@ -69,7 +69,7 @@ class Replies:
     def refuse(self, caller: RosObject) -> None:
         self._refusals.append(caller)
 
-    def take(self) -> tuple[RosObject, CallAnswer] | None:
+    def take_reply(self) -> tuple[RosObject, CallAnswer] | None:
         if self._answers:
             return self._answers.popleft()
         if self._refusals:
@@ -110,7 +110,7 @@ class _Served:
 
     def reply(self, until: float) -> None:
         """Sends replies until `until`, monotonic s; a caller that has gone gets none."""
-        while time.monotonic() < until and (owed := self._replies.take()) is not None:
+        while time.monotonic() < until and (owed := self._replies.take_reply()) is not None:
             caller, answer = owed
             reply = self._response(success=answer.success, message=answer.message)
             with suppress(RuntimeError):

@@ -61,7 +61,7 @@ class Mailbox:
         self._dropped: Counter[str] = Counter()
         self._arrived = threading.Condition()
 
-    def put(self, messages: Iterable[RawMessage]) -> None:
+    def put_messages(self, messages: Iterable[RawMessage]) -> None:
         with self._arrived:
             for message in messages:
                 size = len(message.data) + _OVERHEAD
@@ -73,7 +73,7 @@ class Mailbox:
             if self._messages:
                 self._arrived.notify()
 
-    def take(self, timeout: float) -> list[RawMessage]:
+    def take_messages(self, timeout: float) -> list[RawMessage]:
         """All messages; waits at most `timeout` s for the first."""
         with self._arrived:
             if not self._messages and timeout > 0:
@@ -212,8 +212,8 @@ class RosSource:
         )
         return self._door, self._referees, self._info
 
-    def take(self, timeout: float) -> list[RawMessage]:
-        return self._mailbox.take(timeout)
+    def take_messages(self, timeout: float) -> list[RawMessage]:
+        return self._mailbox.take_messages(timeout)
 
     def topics(self) -> Sequence[Topic]:
         found = [i.topic for i in self._intakes if i.topic is not None]
@@ -290,17 +290,17 @@ class RosSource:
                 for intake in self._intakes:
                     self._try(intake.discover)
                 self._try(door.poll)
-                self._try(referees.look)
-                self._try(info.look)
+                self._try(referees.look_at_graph)
+                self._try(info.take_info)
             self._try(info.hear_clock)
-            self._mailbox.put(self._try(self._take) or [])
+            self._mailbox.put_messages(self._try(self._take) or [])
             self._failure = self._failing
             if self._direct and not door.pending:
                 self._stop.wait(_PERIOD)
             else:
                 self._try(partial(connection.spin, _PERIOD))
-        self._mailbox.put(self._try(self._take) or [])
-        self._mailbox.put(self._late)
+        self._mailbox.put_messages(self._try(self._take) or [])
+        self._mailbox.put_messages(self._late)
 
     def _try(self, action: Callable[[], _T]) -> _T | None:
         try:
@@ -317,7 +317,9 @@ class RosSource:
         """
         begin = self._clock.now_ns()
         taken = [
-            (intake, received) for intake in self._intakes if (received := self._try(intake.take))
+            (intake, received)
+            for intake in self._intakes
+            if (received := self._try(intake.take_messages))
         ]
         now, wall = self._clock.now_ns(), time.time_ns()
         messages = [*self._late]

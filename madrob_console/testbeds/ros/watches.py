@@ -76,7 +76,7 @@ class RefereeWatch:
         self._name = node.get_name()
         self._own = int(speaks)
 
-    def look(self) -> None:
+    def look_at_graph(self) -> None:
         infos = self._node.get_publishers_info_by_topic(in_namespace(REFEREE_STATE_TOPIC))
         nodes = ((i.node_namespace, i.node_name) for i in infos)
         self.other = second_referee(nodes, self._own, self._name)
@@ -163,8 +163,8 @@ class InfoWatch:
         )
         return replace(self._said, simulated=simulated, simulated_time=self._simulated_time)
 
-    def look(self) -> None:
-        heard = self._inbox.take()
+    def take_info(self) -> None:
+        heard = self._inbox.take_messages()
         publishers = self._inbox.publishers
         if not publishers and not heard:
             self._said = SILENT
@@ -175,7 +175,7 @@ class InfoWatch:
 
     def hear_clock(self) -> None:
         """Takes messages of `/clock`; call it as often as messages are taken."""
-        heard, clock = self._clock_inbox.take(), self._clock
+        heard, clock = self._clock_inbox.take_messages(), self._clock
         if not self._clock_inbox.publishers:
             self._simulated_time = None
         elif heard and (told := header_stamp(heard[-1].data)) is not None:

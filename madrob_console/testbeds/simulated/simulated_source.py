@@ -286,7 +286,7 @@ class SimulatedSource:
             self._announcement = replace(self._announcement, messages=(frames,))
             self._switch_on()
 
-    def take(self, timeout: float) -> list[RawMessage]:
+    def take_messages(self, timeout: float) -> list[RawMessage]:
         self._clock.sleep(timeout)
         if not self._opened or self._closed:
             return []

@@ -48,7 +48,7 @@ class Drafts:
         self._kept |= {asked: text for asked, text in self._typed.items() if asked.name == name}
         self.left()
 
-    def done(self, name: str) -> None:
+    def forget_draft(self, name: str) -> None:
         self._kept = {asked: text for asked, text in self._kept.items() if asked.name != name}
         self.left()
 

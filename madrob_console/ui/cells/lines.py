@@ -226,9 +226,9 @@ class View(Lines):
         self.refresh()
 
     def lines(self, width: int) -> Sequence[Line]:
-        return () if self._snapshot is None else self.draw(self._snapshot, width)
+        return () if self._snapshot is None else self.draw_lines(self._snapshot, width)
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         raise NotImplementedError
 
 

@@ -159,7 +159,7 @@ class ConsoleScreen(Screen[None]):
 
     @property
     def panes(self) -> Panes:
-        """All panes; not before `begin`."""
+        """All panes; not before `begin_polling`."""
         assert self._panes is not None
         return self._panes
 
@@ -259,7 +259,7 @@ class ConsoleScreen(Screen[None]):
         await self.open("unfinished", ask, fresh)
         return True
 
-    async def begin(self) -> None:
+    async def begin_polling(self) -> None:
         from madrob_console.ui.panes.all_panes import Panes
 
         panes = Panes(self._link, self._defaults)
@@ -280,7 +280,7 @@ class ConsoleScreen(Screen[None]):
         if snapshot is None or self._panes is None:
             return
         if snapshot.pulse.gone and snapshot.right.only_watches:
-            self._search.look()  # for a referee somebody decides: see the key
+            self._search.look_for_engine()  # for a referee somebody decides: see the key
         busy = self._latest is not None and self._latest.run.active
         self.show(snapshot)
         if snapshot.run.active != busy and self._timer is not None:

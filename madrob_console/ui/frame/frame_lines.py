@@ -71,7 +71,7 @@ class TopLine(View):
         super().__init__(id="top-line")
         self._where = where
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         if snapshot.pulse.stale:
             return [_old(snapshot, width)]
         clock = f" {time_of_day(snapshot.time)}"
@@ -152,7 +152,7 @@ class FaultLine(View):
         self.whole_below = False
         self._where = where
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         told = notices(snapshot, width)
         if not snapshot.all_faults and told:
             return told
@@ -263,7 +263,7 @@ _LEAST_GAUGE = 10
 class PlaybackBar(View):
     """One row; none for anything but a replay."""
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         playback = snapshot.playback
         return () if playback is None else [playback_line(playback, width)]
 
@@ -412,7 +412,7 @@ class Part(IntEnum):
 class TinyClock(View):
     """Clock, abort, and as much else as there are rows for."""
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         return tiny_lines(snapshot, width, self.room.height)
 
 

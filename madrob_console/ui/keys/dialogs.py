@@ -181,7 +181,7 @@ def _offer(copy: Copy) -> str:
 def ask_abort(snapshot: Snapshot) -> Intent:
     """Asks why; a console without the right to act is asked one question, and takes it over."""
     if not snapshot.right.holder and not snapshot.right.free:
-        return Abort.ask(snapshot, "")
+        return Abort.ask_questions(snapshot, "")
     return Ask(
         "ABORT the run: it becomes invalid",
         (

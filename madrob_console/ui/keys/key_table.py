@@ -100,15 +100,15 @@ FUNCTION_KEYS = (
     Key("results", "f4", "F4", "Result", "the result of the run", pane="results"),
     Key(
         "start", "f5", "F5", "START", "open the recording and begin the countdown",
-        acts.Start.name, acts.Start.ask, commits=True,
+        acts.Start.name, acts.Start.ask_questions, commits=True,
     ),
     Key(
         "pose", "f6", "F6", "Pose", "confirm: the robot stands at its start pose",
-        acts.ConfirmPose.name, acts.ConfirmPose.ask, commits=True,
+        acts.ConfirmPose.name, acts.ConfirmPose.ask_questions, commits=True,
     ),
     Key(
         "zero", "f7", "F7", "Zero", "take the handle force of the last second as zero",
-        acts.ZeroHandle.name, acts.ZeroHandle.ask,
+        acts.ZeroHandle.name, acts.ZeroHandle.ask_questions,
     ),
     Key(
         "abort", "f8", "F8", "ABORT", "interrupt the run; asks why, y confirms; it is invalid",
@@ -116,7 +116,7 @@ FUNCTION_KEYS = (
     ),
     Key(
         "timeout", "f9", "F9", "Timeout", "the robot gave up; asks why, y confirms; it is valid",
-        acts.DeclareTimeout.name, acts.DeclareTimeout.ask, answered=True,
+        acts.DeclareTimeout.name, acts.DeclareTimeout.ask_questions, answered=True,
     ),
     Key(
         "leave", "f10,ctrl+q,ctrl+c", "F10", "Quit", "leave; asks while a run goes on",
@@ -134,45 +134,46 @@ _AFTER = frozenset({"results", "figures", "history", "plan", "standings", "help"
 LETTER_KEYS = (
     Key(
         "rule", "1,2,3,4,5,6", "1-6", " Step", "confirm or deny a step, with a reason",
-        acts.Rule.name, acts.Rule.ask, where=_LIVE | _RESULTS,
+        acts.Rule.name, acts.Rule.ask_questions, where=_LIVE | _RESULTS,
     ),
     Key(
         "incident", "i", "i", " Incident", "mark an incident; the second key says which",
-        acts.MarkIncident.name, acts.MarkIncident.ask, where=_LIVE | _RESULTS,
+        acts.MarkIncident.name, acts.MarkIncident.ask_questions, where=_LIVE | _RESULTS,
     ),
     Key(
         "note", "n", "n", " Note", "write a note beside the run",
-        acts.AddNote.name, acts.AddNote.ask, where=_SETUP | _LIVE | _RESULTS,
+        acts.AddNote.name, acts.AddNote.ask_questions, where=_SETUP | _LIVE | _RESULTS,
     ),
     Key(
         "waive", "w", "w", " Waive", "let a failing check pass for this run, with a reason",
-        acts.Waive.name, acts.Waive.ask, where=_SETUP,
+        acts.Waive.name, acts.Waive.ask_questions, where=_SETUP,
     ),
     Key(
         "accept", "a", "a", " Accept", "accept a false start, with a reason",
-        acts.AcceptFalseStart.name, acts.AcceptFalseStart.ask, where=_LIVE,
+        acts.AcceptFalseStart.name, acts.AcceptFalseStart.ask_questions, where=_LIVE,
     ),
     Key(
         "restart", "r", "r", " Restart", "begin the countdown again",
-        acts.RestartCountdown.name, acts.RestartCountdown.ask, where=_LIVE,
+        acts.RestartCountdown.name, acts.RestartCountdown.ask_questions, where=_LIVE,
     ),
     Key(
         "finalise", "f", "f", " Finalise", "close the result with the team's word",
-        acts.Finalise.name, acts.Finalise.ask, where=_RESULTS,
+        acts.Finalise.name, acts.Finalise.ask_questions, where=_RESULTS,
     ),
     Key(
         "reissue", "u", "u", " Re-issue",
         "re-issue a final result, to rule again; the old issue stays",
-        acts.Reissue.name, acts.Reissue.ask, where=_RESULTS,
+        acts.Reissue.name, acts.Reissue.ask_questions, where=_RESULTS,
     ),
     Key(
         "void", "v", "v", " Void", "a run that is over counts nowhere, with a reason",
-        acts.Void.name, acts.Void.ask, where=_RESULTS, left_to=_RUNS,
+        acts.Void.name, acts.Void.ask_questions, where=_RESULTS, left_to=_RUNS,
     ),
     Key(
         "correct", "c", "c", " Correct",
         "correct subject, sides or type after the stop; the run is scored again",
-        acts.Correct.name, acts.Correct.ask, where=_RESULTS, left_to=frozenset({"standings"}),
+        acts.Correct.name, acts.Correct.ask_questions,
+        where=_RESULTS, left_to=frozenset({"standings"}),
     ),
     Key(
         "next", "x", "x", " Next",
@@ -185,17 +186,17 @@ LETTER_KEYS = (
     ),
     Key(
         "doubts", "d", "d", " Doubt", "accept what is doubted of a result, with a reason",
-        acts.AcceptDoubts.name, acts.AcceptDoubts.ask, where=_RESULTS,
+        acts.AcceptDoubts.name, acts.AcceptDoubts.ask_questions, where=_RESULTS,
     ),
     Key(
         "take_back", "z", "z", " Take back",
         "take back the last ruling, mark, waiver, doubt, void, correction or protest's decision",
-        acts.TakeBack.name, acts.TakeBack.ask, where=_SETUP | _LIVE | _RESULTS,
+        acts.TakeBack.name, acts.TakeBack.ask_questions, where=_SETUP | _LIVE | _RESULTS,
     ),
     Key(
         "protest", "P", "P", " Protest",
         "file a protest against a result that is there; decide it, or the team withdraws it",
-        acts.FileProtest.name, acts.FileProtest.ask, where=_RESULTS,
+        acts.FileProtest.name, acts.FileProtest.ask_questions, where=_RESULTS,
     ),
     Key(
         "figures", "g", "g", " Figures", "the figures of the result: motion, jerk, force",

@@ -76,7 +76,7 @@ def size_text(size: float) -> str:
 
 def done_text(act: Act) -> str:
     reason = act.reason_given
-    return f"Done: {act.done}" + (f" ({shortened(reason, _LONGEST_REASON)})" if reason else "")
+    return f"Done: {act.done_text}" + (f" ({shortened(reason, _LONGEST_REASON)})" if reason else "")
 
 
 def export_text(export: ExportView) -> str:

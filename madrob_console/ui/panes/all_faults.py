@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from rich.cells import cell_len
 
 from madrob_console.referee.acts import Abort, Start
-from madrob_console.referee.records import counted, duration_words
+from madrob_console.referee.records import counted, format_duration
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph, width_of
 from madrob_console.ui.look.words import shortened, wrapped
@@ -28,7 +28,7 @@ BELOW, ON_LIVE = " below", ": F3"
 class AllFaults(View):
     """Every fault, with all its words, if the screen's fault line has no room for them."""
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         if not short_form(snapshot, self.screen.size.width, BELOW).cut:
             return ()
         rows = [line(Span("all faults", Tone.STRONG), Span("  arrows and PgDn scroll", Tone.DIM))]
@@ -89,7 +89,7 @@ def _cut(row: str, width: int) -> str:
 class Banner(View):
     """A false start, a question, or what comes next."""
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         text, tone = banner(snapshot)
         return paragraph(text, width, tone)
 
@@ -158,7 +158,7 @@ _ENDINGS = ("/image_raw/compressed", "/image/compressed", "/compressed", "/image
 class EvidenceLine(View):
     """What is wrong first, then how long there is room, then what comes, as far as it fits."""
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         evidence = snapshot.evidence
         if evidence is None:
             return ()
@@ -191,7 +191,7 @@ def _of_all(evidence: EvidenceView) -> Iterator[Span]:
 def _room(evidence: EvidenceView) -> Line:
     if evidence.room is None:
         return ()
-    return (Span(f"{_GAP}room for {duration_words(evidence.room)}"),)
+    return (Span(f"{_GAP}room for {format_duration(evidence.room)}"),)
 
 
 def _sums(evidence: EvidenceView) -> Iterator[Line]:

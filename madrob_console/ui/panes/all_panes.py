@@ -41,7 +41,7 @@ class Panes:
         self.setup = SetupPane(link, defaults, plan)
         self.live = LivePane()
         self.results = ResultsPane(history.refresh)
-        self.figures = FiguresPane(lambda: link.ask(GiveCurves()))
+        self.figures = FiguresPane(lambda: link.send_request(GiveCurves()))
         self.history = HistoryPane(history.refresh, defaults.competition)
         self.plan = PlanPane(plan)
         self.standings = StandingsPane(history.refresh, defaults.best_runs, defaults.competition)

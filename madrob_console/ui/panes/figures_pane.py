@@ -85,7 +85,7 @@ class Sheet:
     def _plot(self, quantity: Quantity) -> Plot:
         spec = quantity.spec
         return Plot(
-            self.curves.of(quantity),
+            self.curves.curves_of(quantity),
             spec.least,
             absolute=spec.clip is not None,
             clip=spec.clip or LARGEST,

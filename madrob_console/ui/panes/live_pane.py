@@ -40,7 +40,7 @@ _DEGREES = (-90, -45, 0, 45, 90)
 class DoorGauge(View):
     """Angle, open or closed, latch; a scale with the closed zone and the opening side."""
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         room = width - 9
         setup = snapshot.run.setup
         opening = None if setup is None else setup.condition.opening_side
@@ -104,7 +104,7 @@ _LIMITS = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 class HandleGauge(View):
     """Force, zero and maximum; a scale around the zero with the touch threshold."""
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         handle = snapshot.handle
         room = width - 1
         limit = _limit(handle)
@@ -170,7 +170,7 @@ _LOUD = {Weight.NOTICE: Tone.NOTICE, Weight.ALARM: Tone.ALARM}
 class LogView(View):
     """As many lines as there is room for, the newest at the bottom."""
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         rows = self.size.height
         return [log_line(entry) for entry in snapshot.log[-rows:]] if rows else ()
 
@@ -200,7 +200,7 @@ LEGEND = (
 class Passage(View):
     """CCW side above, CW side below; the hinge on the left."""
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         """Seven rows of at least 27 cells."""
         return [
             line(Span("passage sensors", Tone.STRONG)),
@@ -250,7 +250,7 @@ _SETTLED = "time_to_handle"
 class Provisional(View):
     """The time indicators as they become known; what the run can still change is marked."""
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         spans = [Span("so far ", Tone.STRONG)]
         for name, words in _NAMES.items():
             value = snapshot.provisional.get(name)

@@ -17,7 +17,7 @@ from madrob_console.common.names import SourceKind
 from madrob_console.pages.tally import aggregate_of
 from madrob_console.referee.acts.after import DECIDED_BY
 from madrob_console.referee.flags import FlagKind, FlagWeight, common_reason, undecided, worst
-from madrob_console.referee.records import due_words, open_protests
+from madrob_console.referee.records import format_due, open_protests
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph, plain, width_of
 from madrob_console.ui.look.words import OUTCOMES, date_of, fitted
@@ -51,7 +51,7 @@ _WIDTHS = (8, 6, 8, 5, 7, 7, 5, 6, 5)
 class QualityTable(View):
     """Rates, gaps, jitter, skew, dropped and shifted stamps."""
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         if snapshot.result is None:
             return ()
         quality = snapshot.result.quality
@@ -106,7 +106,7 @@ _UNSAVED = "NOT ON DISK YET: only the engine has it, and goes on trying"
 class ResultHead(View):
     """Outcome, validity, open questions, run, state; three rows, more for flags and long words."""
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         result = snapshot.result
         if result is None:
             return [line(_no_result(snapshot))]
@@ -158,7 +158,7 @@ def _deadlines(snapshot: Snapshot, width: int) -> list[Line]:
         return []
     lines: list[Line] = []
     for one in open_protests(snapshot.run.protests):
-        left = due_words(one.due, snapshot.time)
+        left = format_due(one.due, snapshot.time)
         by = time.strftime("%H:%M", time.localtime(one.due))
         text = f"protest {one.number} of {one.team}, decision due {by}, {left}"
         lines += paragraph(text, width, Tone.BAD if one.due < snapshot.time else Tone.WARN)
@@ -229,7 +229,7 @@ class IndicatorTable(View):
 
     earlier: Sequence[RunSummary] = ()
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         if snapshot.result is None:
             return ()
         found = snapshot.result.indicators

@@ -59,7 +59,7 @@ class RunClock(View):
     def get_content_width(self, container: Size, viewport: Size) -> int:
         return width_of_large(_LARGEST_TIME, clock_size(viewport)) + 1
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         text, tone = clock_span(snapshot)
         size = clock_size(self.app.size)
         rows = large_text(text[:-2], size, ascii_only=self.ascii_only)
@@ -71,7 +71,7 @@ class RunClock(View):
 class RunTenths(View):
     """The point and the tenths beside `RunClock`, at the foot of its digits."""
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         text, tone = clock_span(snapshot)
         size = clock_size(self.app.size)
         rows = large_text(text[-2:], 1, ascii_only=self.ascii_only) or ["", text[-2:], ""]
@@ -103,7 +103,7 @@ _LARGE_TEAM = 3
 class RunStatus(View):
     """Phase or outcome with the time left, who, and in which condition; large if the clock is."""
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         run, size = snapshot.run, clock_size(self.app.size)
         phase = phase_span(run)
         stands = line(phase, *_on_its_way(snapshot), *_time_left(snapshot))
@@ -198,7 +198,7 @@ class StepTable(View):
         super().__init__()
         self._of_result = of_result
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         result = snapshot.result
         if not self._of_result:
             return step_lines(snapshot.steps, snapshot.run.start, width, settled=result is not None)
@@ -311,7 +311,7 @@ class RunMarks(View):
         super().__init__()
         self.pictures = 0
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         if snapshot.result is None:
             return ()
         doubts = (

@@ -68,7 +68,7 @@ class RunsPane(Vertical, Generic[Content, _Row]):
         """What the pane needs of the runs; done in a thread."""
 
     @abstractmethod
-    def take(self, content: Content) -> None:
+    def show_content(self, content: Content) -> None:
         """Show what was prepared."""
 
     @abstractmethod
@@ -118,7 +118,7 @@ class RunsPane(Vertical, Generic[Content, _Row]):
     def _read(self, number: int) -> None:
         """In the thread: it must not wait for the screens."""
         try:
-            show = partial(self.take, self.prepare(self._load()))
+            show = partial(self.show_content, self.prepare(self._load()))
         except (MadrobError, OSError, MemoryError) as error:
             show = partial(self.head.say, str(error) or "no memory", Tone.BAD)
         self.call_later(self._show_read, number, show)
@@ -411,7 +411,7 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
     def prepare(self, runs: Sequence[RunSummary]) -> Sequence[RunSummary]:
         return tuple(reversed(runs))
 
-    def take(self, content: Sequence[RunSummary]) -> None:
+    def show_content(self, content: Sequence[RunSummary]) -> None:
         self._runs = content
         self._show_rows(from_top=False)
 

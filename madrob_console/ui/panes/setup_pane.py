@@ -84,7 +84,7 @@ class CheckList(View, can_focus=True):
 
     _cursor = 0
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         if snapshot.playback is not None:
             return [line(Span("Checks  ", Tone.STRONG), "made on the day; F4 shows the waivers")]
         if snapshot.pulse.stale:
@@ -243,7 +243,7 @@ class SetupPane(Vertical):
         self.disabled = snapshot.run.active or snapshot.right.only_watches
         if before is None or snapshot.teams != before.teams:
             self._form.use_list(snapshot.teams)
-            self._picker.take(snapshot.teams)
+            self._picker.show_teams(snapshot.teams)
         late = snapshot.simulated is not None and not self._form.practice.value
         if before is None:
             self._load(snapshot)

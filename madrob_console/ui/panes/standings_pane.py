@@ -117,7 +117,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
         }
         return Tables(made, any(run.official for run in runs), damaged, apart, every - len(runs))
 
-    def take(self, content: Tables) -> None:
+    def show_content(self, content: Tables) -> None:
         self._tables = content
         self._show_rows()
 

@@ -109,7 +109,7 @@ class TeamPicker(Vertical):
         """Takes what was typed before the search had the focus."""
         self._field.insert_text_at_cursor(text)
 
-    def take(self, teams: TeamList) -> None:
+    def show_teams(self, teams: TeamList) -> None:
         if teams != self._teams:
             self._teams = teams
             self._show_rows()

@@ -615,13 +615,13 @@ def test_no_time_counts_and_words_are_compared_to_the_last_digit(run: Path) -> N
     change(run, lambda d: last_digit(d["events"][2], "since_start"))
     change(run, lambda d: d["indicators"]["capability_level"].update(value=6 + 1e-12))
     checked = check_run(RunPath(run))
-    assert {difference.what for difference in checked.of(Grade.DIFFERS)} == {
+    assert {difference.what for difference in checked.differences_of(Grade.DIFFERS)} == {
         "start",
         "events[1].time",
         "events[2].since_start",
         "indicators.capability_level.value",
     }
-    assert checked.of(Grade.CLOSE) == ()
+    assert checked.differences_of(Grade.CLOSE) == ()
 
 
 def test_1e_9_is_the_border(run: Path) -> None:

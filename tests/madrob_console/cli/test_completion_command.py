@@ -153,7 +153,7 @@ def test_nothing_is_painted_before_the_command_line_is_known_to_be_good(
     foreign = tmp_path / "foreign"
     if "FOREIGN" in arguments:
         with BagWriter(foreign, door_topics(), {}) as writer:
-            writer.put(door_messages(rounds=1)[0])
+            writer.put_message(door_messages(rounds=1)[0])
     line = arguments.replace("FOREIGN", str(foreign)).replace("EMPTY", str(tmp_path)).split()
     where = {"XDG_CONFIG_HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path)}
     with Terminal([*PROGRAM, *line], columns=200, env=where) as terminal:

@@ -194,7 +194,7 @@ def test_a_bag_without_a_run_is_repaired_and_nothing_is_promised(
     bag = tmp_path / "bag"
     with BagWriter(bag, [talk()], {}) as writer:
         for message in strings(["a", "b", "c"]):
-            writer.put(message)
+            writer.put_message(message)
     tear(bag, 0.9)
     assert recover(bag) == 0
     line = one_line(capsys.readouterr().out)

@@ -12,7 +12,7 @@ from madrob_console.archive.scored import Scored
 from madrob_console.common.clock import VirtualClock
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.core import Engine
-from madrob_console.engine.disk import Keepers
+from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.engine_config import EngineConfig
 from madrob_console.engine.scorer import Scorer
 from madrob_console.engine.snapshot import Snapshot
@@ -52,7 +52,7 @@ class Drive:
         seed: int = 0,
         *,
         latch: bool = False,
-        keepers: Keepers | None = None,
+        keepers: DiskThreads | None = None,
         scorer: Scorer | None = None,
         testbed: str = "Hall A",
         disk_needed: int = 0,

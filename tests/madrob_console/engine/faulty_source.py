@@ -81,8 +81,8 @@ class FaultySource:
         self._spoils.pop(topic, None)
         self._publishers.pop(topic, None)
 
-    def take(self, timeout: float) -> list[RawMessage]:
-        for message in self._source.take(timeout):
+    def take_messages(self, timeout: float) -> list[RawMessage]:
+        for message in self._source.take_messages(timeout):
             spoil = self._spoils.get(message.topic)
             self._coming += [message] if spoil is None else spoil(message)
         self._coming.sort(key=lambda message: message.receive_ns)

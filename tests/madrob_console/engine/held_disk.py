@@ -7,13 +7,13 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
 
-from madrob_console.engine.disk import InlineKeeper, Keepers
+from madrob_console.engine.disk import DiskThreads, InlineDisk
 
 T = TypeVar("T")
 
 
 class HeldDisk:
-    """A `Keeper` whose jobs wait while it is held; what came of them is told at a step.
+    """A `DiskJobs` whose jobs wait while it is held; what came of them is told at a step.
 
     Attributes:
         held: whether it is silent.
@@ -27,11 +27,11 @@ class HeldDisk:
         self._answers: deque[Callable[[], None]] = deque()
         self._busy = False
 
-    def keepers(self) -> Keepers:
+    def keepers(self) -> DiskThreads:
         """Its own keeper is this one."""
-        return Keepers(self, InlineKeeper(), monotonic=lambda: self.now)
+        return DiskThreads(self, InlineDisk(), monotonic=lambda: self.now)
 
-    def ask(
+    def submit_job(
         self, job: Callable[[], T], done: Callable[[Future[T]], None] | None = None
     ) -> Future[T]:
         answer: Future[T] = Future()
@@ -69,7 +69,7 @@ class HeldDisk:
         while self._answers:
             self._answers.popleft()()
 
-    def settle(self, limit: float) -> bool:
+    def wait_until_idle(self, limit: float) -> bool:
         self._go_on()
         while self._answers:
             self.deliver()
@@ -81,4 +81,4 @@ class HeldDisk:
         return self.now - self._jobs[0][0] if self._jobs else 0.0
 
     def close(self, limit: float) -> None:
-        self.settle(limit)
+        self.wait_until_idle(limit)

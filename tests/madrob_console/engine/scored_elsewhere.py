@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from madrob_console.archive import score
-from madrob_console.engine.disk import Keepers
+from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.scoring_process import ScoringProcess
 from madrob_console.referee.acts import Act
 from madrob_console.testbeds.simulated import Scenario
@@ -25,7 +25,7 @@ class Referee(Drive):
         results: Path,
         scorer: ScoringProcess,
         scenario: Scenario = Scenario.NOMINAL,
-        keepers: Keepers | None = None,
+        keepers: DiskThreads | None = None,
     ) -> None:
         super().__init__(results, scenario, scorer=scorer, keepers=keepers)
         self.scorer = scorer

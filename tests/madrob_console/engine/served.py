@@ -11,7 +11,7 @@ from pathlib import Path
 from madrob_console.common.clock import SystemClock
 from madrob_console.engine.client import RemoteEngine
 from madrob_console.engine.core import Engine
-from madrob_console.engine.disk import Keepers
+from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.engine_config import EngineConfig
 from madrob_console.engine.engine_thread import LocalEngine
 from madrob_console.engine.reports import Reporting
@@ -41,7 +41,7 @@ def simulated(
     clock, types = SystemClock(speed), MessageTypes()
     source = SimulatedSource(SimulatedTestbed(scenario), clock, types)
     config = EngineConfig(results, DEFAULT_MAPPINGS, disk_needed=0)
-    return Engine(source, clock, config, types, keepers=Keepers.threads(), scorer=scorer)
+    return Engine(source, clock, config, types, keepers=DiskThreads.threads(), scorer=scorer)
 
 
 class Served:
@@ -84,7 +84,7 @@ class Served:
 
 def act(client: EngineClient, act: Act) -> str | None:
     """Hand in an act of the referee."""
-    return client.ask(Perform.of(act))
+    return client.send_request(Perform.of(act))
 
 
 def start(client: EngineClient) -> None:

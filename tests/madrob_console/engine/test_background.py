@@ -23,7 +23,7 @@ from madrob_console.cli import aside
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import whole_file
 from madrob_console.engine import reports
-from madrob_console.engine.disk import InlineKeeper, Keeper, ThreadKeeper, why_not
+from madrob_console.engine.disk import DiskJobs, DiskThread, InlineDisk, why_not
 from madrob_console.engine.reports import Background, Finished, Reporting
 from madrob_console.engine.snapshot import ExportView
 from tests.madrob_console.engine.drive import Drive, make_setup
@@ -69,7 +69,9 @@ class Hall:
         self.background = Background(command, lambda: self.busy, SHORT_PAUSE)
 
     def ask(self, name: str, *arguments: str) -> None:
-        self.background.ask(name, arguments, lambda finished: self.done.append((name, finished)))
+        self.background.submit_chore(
+            name, arguments, lambda finished: self.done.append((name, finished))
+        )
 
     def close(self) -> None:
         self.background.close(PATIENCE)
@@ -379,8 +381,8 @@ def clock() -> HandClock:
 
 
 @pytest.fixture
-def keeper(clock: HandClock) -> Iterator[ThreadKeeper]:
-    keeper = ThreadKeeper("a keeper", most_jobs=3, monotonic=clock)
+def keeper(clock: HandClock) -> Iterator[DiskThread]:
+    keeper = DiskThread("a keeper", most_jobs=3, monotonic=clock)
     yield keeper
     keeper.close(PATIENCE)
 
@@ -394,7 +396,7 @@ def breaks() -> None:
 
 
 def test_jobs_are_done_in_turn_and_told_of_in_the_thread_that_asks_for_it(
-    keeper: ThreadKeeper,
+    keeper: DiskThread,
 ) -> None:
     done: list[tuple[int, str, str]] = []
 
@@ -402,34 +404,34 @@ def test_jobs_are_done_in_turn_and_told_of_in_the_thread_that_asks_for_it(
         done.append((*answer.result(), threading.current_thread().name))
 
     for number in range(3):
-        keeper.ask(lambda number=number: (number, threading.current_thread().name), told)  # type: ignore[misc]
-    until(lambda: keeper.settle(0.0))
+        keeper.submit_job(lambda number=number: (number, threading.current_thread().name), told)  # type: ignore[misc]
+    until(lambda: keeper.wait_until_idle(0.0))
     here = threading.current_thread().name
     assert done == [(number, "a keeper", here) for number in range(3)]
 
 
-def test_nothing_is_told_before_it_is_asked_for(keeper: ThreadKeeper) -> None:
+def test_nothing_is_told_before_it_is_asked_for(keeper: DiskThread) -> None:
     done: list[int] = []
-    answer = keeper.ask(lambda: 1, lambda answer: done.append(answer.result()))
+    answer = keeper.submit_job(lambda: 1, lambda answer: done.append(answer.result()))
     assert answer.result(PATIENCE) == 1
     assert done == []
-    until(lambda: keeper.settle(0.0))
+    until(lambda: keeper.wait_until_idle(0.0))
     assert done == [1]
 
 
-def test_a_job_that_fails_is_an_answer_and_ends_no_keeper(keeper: ThreadKeeper) -> None:
+def test_a_job_that_fails_is_an_answer_and_ends_no_keeper(keeper: DiskThread) -> None:
     words: list[str | None] = []
-    keeper.ask(refuses, lambda answer: words.append(why_not(answer)))
-    keeper.ask(breaks, lambda answer: words.append(why_not(answer)))
-    keeper.ask(lambda: 1, lambda answer: words.append(why_not(answer)))
-    until(lambda: keeper.settle(0.0))
+    keeper.submit_job(refuses, lambda answer: words.append(why_not(answer)))
+    keeper.submit_job(breaks, lambda answer: words.append(why_not(answer)))
+    keeper.submit_job(lambda: 1, lambda answer: words.append(why_not(answer)))
+    until(lambda: keeper.wait_until_idle(0.0))
     assert words == ["the disk refuses", "ValueError: a bug", None]
 
 
-def test_one_that_hangs_is_silent_until_it_answers(keeper: ThreadKeeper, clock: HandClock) -> None:
+def test_one_that_hangs_is_silent_until_it_answers(keeper: DiskThread, clock: HandClock) -> None:
     hang = Hang()
     assert keeper.silent == 0.0
-    keeper.ask(hang)
+    keeper.submit_job(hang)
     assert hang.begun.wait(PATIENCE)
     clock.now += 7.0
     assert keeper.silent == 7.0
@@ -437,65 +439,67 @@ def test_one_that_hangs_is_silent_until_it_answers(keeper: ThreadKeeper, clock: 
     until(lambda: keeper.silent == 0.0)
 
 
-def test_what_finds_no_room_is_refused_in_words(keeper: ThreadKeeper) -> None:
+def test_what_finds_no_room_is_refused_in_words(keeper: DiskThread) -> None:
     hang, words = Hang(), list[str | None]()
-    keeper.ask(hang)
+    keeper.submit_job(hang)
     assert hang.begun.wait(PATIENCE)
     for _ in range(3):
-        keeper.ask(lambda: None)
-    keeper.ask(lambda: None, lambda answer: words.append(why_not(answer)))
+        keeper.submit_job(lambda: None)
+    keeper.submit_job(lambda: None, lambda answer: words.append(why_not(answer)))
     keeper.deliver()
     assert words == ["too much waits for the disk: try again when it answers"]
     hang.over.set()
 
 
-def test_what_is_cancelled_before_its_turn_never_happens(keeper: ThreadKeeper) -> None:
+def test_what_is_cancelled_before_its_turn_never_happens(keeper: DiskThread) -> None:
     hang, done = Hang(), list[str]()
-    keeper.ask(hang)
+    keeper.submit_job(hang)
     assert hang.begun.wait(PATIENCE)
-    given_up = keeper.ask(lambda: done.append("job"), lambda _: done.append("told"))
+    given_up = keeper.submit_job(lambda: done.append("job"), lambda _: done.append("told"))
     assert given_up.cancel()
     hang.over.set()
-    until(lambda: keeper.settle(0.0))
+    until(lambda: keeper.wait_until_idle(0.0))
     assert done == []
 
 
-def test_settling_waits_for_what_answers_ask_for_too(keeper: ThreadKeeper) -> None:
+def test_settling_waits_for_what_answers_ask_for_too(keeper: DiskThread) -> None:
     done: list[str] = []
 
     def again(_answer: Future[None]) -> None:
-        keeper.ask(lambda: "second", lambda answer: done.append(answer.result()))
+        keeper.submit_job(lambda: "second", lambda answer: done.append(answer.result()))
 
-    keeper.ask(lambda: None, again)
-    until(lambda: keeper.settle(0.0))
+    keeper.submit_job(lambda: None, again)
+    until(lambda: keeper.wait_until_idle(0.0))
     assert done == ["second"]
 
 
-def test_closing_leaves_a_job_that_hangs_to_itself(keeper: ThreadKeeper) -> None:
+def test_closing_leaves_a_job_that_hangs_to_itself(keeper: DiskThread) -> None:
     hang, words = Hang(), list[str | None]()
-    keeper.ask(hang, lambda answer: words.append(why_not(answer)))
+    keeper.submit_job(hang, lambda answer: words.append(why_not(answer)))
     assert hang.begun.wait(PATIENCE)
-    assert not keeper.settle(0.0)
+    assert not keeper.wait_until_idle(0.0)
     keeper.close(0.0)
     assert words == []
     with pytest.raises(MadrobError, match="the engine has ended"):
-        keeper.ask(lambda: None).result(0.0)
+        keeper.submit_job(lambda: None).result(0.0)
     hang.over.set()
 
 
 def test_closing_does_what_was_asked_for_before(clock: HandClock) -> None:
-    keeper, done = ThreadKeeper("another keeper", monotonic=clock), list[int]()
+    keeper, done = DiskThread("another keeper", monotonic=clock), list[int]()
     for number in range(5):
-        keeper.ask(lambda number=number: number, lambda answer: done.append(answer.result()))  # type: ignore[misc]
+        keeper.submit_job(lambda number=number: number, lambda answer: done.append(answer.result()))  # type: ignore[misc]
     keeper.close(PATIENCE)
     assert done == list(range(5))
 
 
 def test_inline_it_is_done_and_told_before_asking_returns() -> None:
-    keeper: Keeper = InlineKeeper()
+    keeper: DiskJobs = InlineDisk()
     done: list[str | None] = []
-    assert keeper.ask(lambda: 7, lambda answer: done.append(str(answer.result()))).result() == 7
-    keeper.ask(refuses, lambda answer: done.append(why_not(answer)))
+    assert (
+        keeper.submit_job(lambda: 7, lambda answer: done.append(str(answer.result()))).result() == 7
+    )
+    keeper.submit_job(refuses, lambda answer: done.append(why_not(answer)))
     assert done == ["7", "the disk refuses"]
-    assert keeper.settle(0.0)
+    assert keeper.wait_until_idle(0.0)
     assert keeper.silent == 0.0

@@ -54,7 +54,7 @@ def never() -> bool:
 def test_between_two_messages_its_owner_may_have_a_turn() -> None:
     clock = HandClock()
     backlog = Backlog(clock.observe, clock)
-    backlog.add(messages(3), recorded=True)
+    backlog.add_messages(messages(3), recorded=True)
     backlog.work_off(lambda: True)
     assert clock.seen == [(0, True, True)]
     assert len(backlog) == backlog.recorded == 2
@@ -66,7 +66,7 @@ def test_between_two_messages_its_owner_may_have_a_turn() -> None:
 def test_its_owner_has_a_turn_anyway_when_messages_take_long() -> None:
     clock = HandClock(cost=0.015)
     backlog = Backlog(clock.observe, clock)
-    backlog.add(messages(9), recorded=False)
+    backlog.add_messages(messages(9), recorded=False)
     backlog.work_off(never)
     assert len(clock.seen) == 2
 
@@ -74,7 +74,7 @@ def test_its_owner_has_a_turn_anyway_when_messages_take_long() -> None:
 def test_what_is_late_is_judged_but_not_shown_and_that_is_said_for_a_while() -> None:
     clock = HandClock(cost=0.1)
     backlog = Backlog(clock.observe, clock)
-    backlog.add(messages(10), recorded=True)
+    backlog.add_messages(messages(10), recorded=True)
     while len(backlog):
         backlog.work_off(never)
     shown = [shown for _, _, shown in clock.seen]
@@ -90,7 +90,7 @@ def test_who_is_behind_says_how_far_and_up_to_when_all_was_seen() -> None:
     clock = HandClock()
     backlog = Backlog(clock.observe, clock)
     assert (backlog.behind, backlog.seen(50.0), backlog.problem) == (0.0, 50.0, None)
-    backlog.add(messages(2, first=20 * NS), recorded=False)
+    backlog.add_messages(messages(2, first=20 * NS), recorded=False)
     clock.now += LATEST + 0.3
     assert backlog.seen(50.0) == 20.0
     assert backlog.behind == pytest.approx(0.8)
@@ -100,7 +100,7 @@ def test_who_is_behind_says_how_far_and_up_to_when_all_was_seen() -> None:
 def test_to_the_end_nothing_is_late() -> None:
     clock = HandClock(cost=1.0)
     backlog = Backlog(clock.observe, clock)
-    backlog.add(messages(5), recorded=True)
+    backlog.add_messages(messages(5), recorded=True)
     backlog.work_off()
     assert [shown for _, _, shown in clock.seen] == [True] * 5
 
@@ -108,7 +108,7 @@ def test_to_the_end_nothing_is_late() -> None:
 def test_what_waits_is_bounded_in_bytes() -> None:
     clock = HandClock()
     backlog = Backlog(clock.observe, clock)
-    backlog.add(messages(8, size=CAPACITY // 8), recorded=False)
+    backlog.add_messages(messages(8, size=CAPACITY // 8), recorded=False)
     assert backlog.full
     backlog.work_off(lambda: True)
     assert not backlog.full
@@ -193,7 +193,7 @@ class Topic:
         self.topic = describe_topic(types, mapping.topic, mapping.type)
         self.arrived: list[Received] = []
 
-    def take(self) -> Sequence[Received]:
+    def take_messages(self) -> Sequence[Received]:
         taken, self.arrived = self.arrived, []
         return taken
 
@@ -208,7 +208,7 @@ class Wire(ros_source.RosSource):
         super().__init__(MAPPINGS, types, clock, domain=0)
         self._machine = machine
         self._steady = SystemClock()
-        self._steady.hold()
+        self._steady.hold_steady()
         self._testbed = SimulatedSource(None, self._steady, types, MAPPINGS)
         self._wired = {m.topic: Topic(m, types) for m in MAPPINGS if not m.signal.optional}
         self._intakes = tuple(self._wired.values())  # type: ignore[arg-type]
@@ -220,7 +220,7 @@ class Wire(ros_source.RosSource):
     def publish(self, message: RawMessage) -> None:
         self._testbed.publish(message)
 
-    def take(self, timeout: float) -> list[RawMessage]:
+    def take_messages(self, timeout: float) -> list[RawMessage]:
         """As the thread does it; the clock may be stepped before what came is taken."""
         before, jump, after = self.step()
         self.receive(max(timeout, before))
@@ -230,7 +230,7 @@ class Wire(ros_source.RosSource):
 
     def receive(self, duration: float) -> None:
         """Messages arrive and wait to be taken."""
-        messages = self._testbed.take(duration)
+        messages = self._testbed.take_messages(duration)
         ahead = self._machine.time_ns() - self._steady.now_ns()
         for m in messages:
             received = Received(m.data, m.publish_ns, m.receive_ns + ahead, None)

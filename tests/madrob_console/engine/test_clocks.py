@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from madrob_console.common.clock import NS, SimulationClock, SystemClock
 from madrob_console.engine.core import Engine
 from madrob_console.engine.engine_config import EngineConfig
-from madrob_console.engine.worker import OwnTime, ThreadState
+from madrob_console.engine.worker import HangDetector, ThreadState
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, Start, Waive
@@ -49,7 +49,7 @@ class World(SystemClock):
     def __init__(self, pace: float = 1.0) -> None:
         super().__init__()
         self.pace = pace
-        self.hold()
+        self.hold_steady()
         self.begin_anew()
 
     def begin_anew(self) -> None:
@@ -103,7 +103,7 @@ def test_a_simulation_that_stands_lets_time_go_on_and_is_followed_again_when_it_
 ) -> None:
     clock, world = SimulationClock(), World()
     follow(clock, world, 3.0)
-    clock.hold()
+    clock.hold_steady()
     world.pace = 0.0
     off = follow(clock, world, 30.0)
     assert clock.silent
@@ -136,7 +136,7 @@ def test_whatever_a_simulation_says_a_held_clock_never_goes_back(
         patched.setattr("madrob_console.common.clock.time", machine)
         clock = SimulationClock()
         clock.hear(BEGIN, 0)
-        clock.hold()
+        clock.hold_steady()
         read = [clock.now_ns()]
         for told, age, pause in said:
             clock.hear(told, age)
@@ -153,8 +153,8 @@ class InWorld(SimulatedSource):
         super().__init__(SimulatedTestbed(Scenario.NOMINAL, 0), world, types)
         self._engine_clock = clock
 
-    def take(self, timeout: float) -> list[RawMessage]:
-        messages = super().take(timeout)
+    def take_messages(self, timeout: float) -> list[RawMessage]:
+        messages = super().take_messages(timeout)
         self._engine_clock.hear(self._clock.now_ns(), 0)
         return messages
 
@@ -226,7 +226,7 @@ class Told:
     def __init__(self) -> None:
         self.threads = {1: ThreadState("S", 0.0), 2: ThreadState("S", 0.0)}
         self.now = 0.0
-        self.time = OwnTime(self.now, lambda: dict(self.threads))
+        self.time = HangDetector(self.now, lambda: dict(self.threads))
 
     def own_time(self, seconds: int, *, state: str = "S", waits: float = 0.0) -> float:
         """How much more it had in so long; of each second one thread waits a part."""
@@ -259,7 +259,7 @@ def test_a_process_to_which_others_leave_little_of_the_processor_has_little() ->
 def test_it_counts_anew_when_the_process_says_something() -> None:
     told = Told()
     told.own_time(20)
-    told.time.begin(told.now)
+    told.time.restart_count(told.now)
     assert told.time.since(told.now) == 0.0
 
 

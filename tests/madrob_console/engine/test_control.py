@@ -31,7 +31,7 @@ from madrob_console.engine.control import (
     Inquiry,
     StopAnswer,
     WhoAnswer,
-    ask,
+    ask_owner,
     stop_answer_in,
     who_answer_in,
 )
@@ -185,7 +185,7 @@ def test_who_may_stop_it_ends_it_as_a_signal_would(owned: Owned) -> None:
     before = signal.signal(signal.SIGTERM, lambda number, _: got.append(number))
     try:
         with answering(owned):
-            heard = ask(owned.testbed, Inquiry("stop"))
+            heard = ask_owner(owned.testbed, Inquiry("stop"))
             assert heard is not None
             assert stop_answer_in(heard.line).ends
             until(lambda: got)
@@ -475,9 +475,9 @@ def test_a_run_goes_on_while_the_screen_only_looks(client: EngineClient) -> None
     assert shown.recorder.dropped == 0
     assert shown.folder is not None
     assert (Path(shown.folder) / "result.json").is_file()
-    assert client.ask(NextRunNumber(3, 1, practice=True)) == 2
-    assert client.ask(NextRunNumber(3, 1)) == 1
-    curves = client.ask(GiveCurves())
+    assert client.send_request(NextRunNumber(3, 1, practice=True)) == 2
+    assert client.send_request(NextRunNumber(3, 1)) == 1
+    curves = client.send_request(GiveCurves())
     assert curves is not None
     assert not curves.empty
     assert len(curves.events) > 5
@@ -487,14 +487,14 @@ def test_a_run_goes_on_while_the_screen_only_looks(client: EngineClient) -> None
 def test_the_plan_and_what_is_done_of_it_come_from_the_engine(
     client: EngineClient, engine: Engine, tmp_path: Path
 ) -> None:
-    assert client.ask(GivePlan()) == PlanProgress()
+    assert client.send_request(GivePlan()) == PlanProgress()
     task = Task(3, 1)
     engine.hear_of_plan(Plan((PlanLine(task, 2),), ("plan.csv line 2: no",), "plan.csv"))
     until(lambda: client.snapshot().plan.lines)
     assert client.snapshot().plan.problems == ("plan.csv line 2: no",)
     for run_number, competition in ((1, ""), (2, "Spring Cup")):
         write(tmp_path / "runs", summary(3, 1, run_number, competition=competition))
-    found = client.ask(GivePlan())
+    found = client.send_request(GivePlan())
     assert found.tasks == (Attempts(task, 2, 1, 1, 6),)
     assert found.next == PlannedAttempt(task, 2, 2)
     assert found.problems == ("plan.csv line 2: no",)
@@ -511,8 +511,8 @@ def test_what_was_done_shows_in_the_next_snapshot(client: EngineClient) -> None:
 @pytest.mark.machine
 def test_a_refusal_comes_back_in_words(client: EngineClient) -> None:
     assert act(client, Start()) == "no run is set up yet"
-    assert client.ask(JumpTo(1.0)) == NO_REPLAY
-    assert client.ask(ExportTeam(3)) == "nobody packs runs here: use `madrob export`"
+    assert client.send_request(JumpTo(1.0)) == NO_REPLAY
+    assert client.send_request(ExportTeam(3)) == "nobody packs runs here: use `madrob export`"
 
 
 @pytest.mark.machine
@@ -527,7 +527,7 @@ def test_a_refusal_comes_back_in_words(client: EngineClient) -> None:
 )
 def test_what_fails_is_raised_in_words(client: EngineClient, request_: Request[Any]) -> None:
     with pytest.raises(MadrobError, match=r"no run folder|'abort'|'set up'|no act"):
-        client.ask(request_)
+        client.send_request(request_)
     assert client.snapshot().run.phase is Phase.IDLE
     assert act(client, SetUp(make_setup())) is None  # the next one is answered
 
@@ -548,7 +548,7 @@ def test_a_run_that_is_set_up_while_a_slow_disk_reads_another_one_stays(
 
     monkeypatch.setattr(engine, "read_run", slow)
     with closing(LocalEngine(engine)) as client:
-        answer = client.begin(OpenRun(source.name, invalid=True))
+        answer = client.begin_request(OpenRun(source.name, invalid=True))
         assert begun.wait(60.0)
         assert act(client, SetUp(make_setup(run_number=4))) is None
         go_on.set()
@@ -564,9 +564,9 @@ def test_every_request_is_carried_out(client: EngineClient) -> None:
     for example in EXAMPLES:
         if type(example) in (OpenRun, GiveFrames):
             with pytest.raises(MadrobError, match=r"No such file|this is no replay"):
-                client.ask(example)
+                client.send_request(example)
         else:
-            client.ask(example)
+            client.send_request(example)
 
 
 @pytest.mark.machine
@@ -583,20 +583,20 @@ def test_what_a_screen_was_told_failed_does_not_happen_later(
     client: EngineClient, engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     held, go_on = threading.Event(), threading.Event()
-    take = engine.source.take
+    take = engine.source.take_messages
 
     def stalls(timeout: float) -> list[RawMessage]:
         held.set()
         assert go_on.wait(30.0)
         return list(take(timeout))
 
-    monkeypatch.setattr(engine.source, "take", stalls)
+    monkeypatch.setattr(engine.source, "take_messages", stalls)
     monkeypatch.setattr(Perform, "timeout", Perform.effect_time + 0.3)
     assert held.wait(30.0)
     with pytest.raises(MadrobError, match=NO_ANSWER):
         act(client, SetUp(make_setup()))
     go_on.set()
-    assert client.ask(Skip(1.0)) == NO_REPLAY  # whatever came before it has had its turn
+    assert client.send_request(Skip(1.0)) == NO_REPLAY  # whatever came before it has had its turn
     assert client.snapshot().run.phase is Phase.IDLE
 
 
@@ -632,7 +632,7 @@ def test_one_that_waits_does_not_hold_up_the_others(
 
     monkeypatch.setattr("madrob_console.engine.scorer.open_run", reads)
     with ThreadPoolExecutor() as pool:
-        opening = pool.submit(client.ask, EXAMPLES[2])
+        opening = pool.submit(client.send_request, EXAMPLES[2])
         assert reading.wait(30.0)
         assert act(client, SetUp(make_setup())) is None
         go_on.set()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from madrob_console.archive.scored import Scored
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.disk import Lanes
+from madrob_console.engine.disk import PriorityQueue
 from madrob_console.engine.engine_thread import Turn
 from madrob_console.engine.requests import (
     MOST_CURVE_POINTS,
@@ -89,11 +89,11 @@ def test_the_extremes_of_a_runs_curves_are_its_indicators(
     curves = curves_of(scored.result, scored.rows)
     result = scored.result
     unsafety = result.indicators[IndicatorName.UNSAFETY_OF_DOOR_OPERATION].value
-    assert max(map(abs, values(curves.of(Quantity.ACCELERATION)))) == unsafety
+    assert max(map(abs, values(curves.curves_of(Quantity.ACCELERATION)))) == unsafety
     roughness = result.indicators[IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION].value
-    assert max(map(abs, values(curves.of(Quantity.FORCE)))) == roughness
+    assert max(map(abs, values(curves.curves_of(Quantity.FORCE)))) == roughness
     smoothness = result.indicators[IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION].value
-    assert 10 / np.mean(np.abs(values(curves.of(Quantity.JERK)))) == pytest.approx(
+    assert 10 / np.mean(np.abs(values(curves.curves_of(Quantity.JERK)))) == pytest.approx(
         smoothness, rel=1e-12
     )
 
@@ -140,7 +140,7 @@ def test_gaps_and_undefined_values_end_a_stretch() -> None:
     time = np.array([0.0, 0.02, 0.04, 1.0, 1.02, 1.04, 1.06])
     value = np.array([1.0, 2.0, 3.0, 4.0, np.nan, 6.0, np.inf])
     curves = curves_of(a_result(), some_rows(time, value))
-    assert [stretch.value for stretch in curves.of(Quantity.FORCE)] == [
+    assert [stretch.value for stretch in curves.curves_of(Quantity.FORCE)] == [
         (1.0, 2.0, 3.0),
         (4.0,),
         (6.0,),
@@ -171,7 +171,7 @@ def test_a_long_run_is_thinned_and_keeps_its_extremes(
     value = np.sin(time)
     for place, height in spikes:
         value[round(place * (count - 1))] = height
-    force = curves_of(a_result(), some_rows(time, value)).of(Quantity.FORCE)
+    force = curves_of(a_result(), some_rows(time, value)).curves_of(Quantity.FORCE)
     kept = values(force)
     assert len(kept) <= MOST_CURVE_POINTS
     assert max(kept) == value.max()
@@ -211,29 +211,29 @@ def test_slow_samples_that_are_no_gap_on_this_testbed_make_one_curve() -> None:
         samples += [door(time, 0.5 - 0.5 * np.cos(time)), handle(time, np.sin(time))]
     of = assessment(samples, thresholds=Thresholds(largest_gap=0.3))
     curves = curves_of(*of.result(Ending(Outcome.TIMEOUT, "as told", runs.START + 20)))
-    (position,), (force,) = curves.of(Quantity.POSITION), curves.of(Quantity.FORCE)
+    (position,), (force,) = curves.curves_of(Quantity.POSITION), curves.curves_of(Quantity.FORCE)
     assert len(position.time) == len(force.time) == 8 * 20
 
 
 def test_what_goes_first_goes_past_all_that_wait() -> None:
-    lanes: Lanes[str] = Lanes()
+    lanes: PriorityQueue[str] = PriorityQueue()
     for word in ("note", "mark"):
-        lanes.put(word, first=False)
+        lanes.put_item(word, first=False)
     taken = []
     for item in lanes.waiting():
         taken.append(item)
         if item == "note":
-            lanes.put("abort", first=True)
-            lanes.put("late note", first=False)
+            lanes.put_item("abort", first=True)
+            lanes.put_item("late note", first=False)
     assert taken == ["note", "abort", "mark"]
     assert lanes.next() == "late note"
 
 
 def test_a_closed_lane_takes_nothing_and_holds_nobody_up() -> None:
-    lanes: Lanes[str] = Lanes()
-    lanes.put("note", first=False)
+    lanes: PriorityQueue[str] = PriorityQueue()
+    lanes.put_item("note", first=False)
     assert lanes.close() == ["note"]
-    assert not lanes.put("abort", first=True)
+    assert not lanes.put_item("abort", first=True)
     assert lanes.next() is None
     assert list(lanes.waiting()) == []
 
@@ -242,18 +242,18 @@ def test_what_was_given_up_before_its_turn_never_begins() -> None:
     turn = Turn(lambda done: done(None), time.monotonic() + 60.0, Future())
     with pytest.raises(MadrobError, match=NO_ANSWER):
         awaited(turn.answer, 0.0)
-    assert not turn.begin()
+    assert not turn.start_turn()
 
 
 def test_what_comes_too_late_never_begins() -> None:
     turn = Turn(lambda done: done(None), time.monotonic() - 0.001, Future())
-    assert not turn.begin()
+    assert not turn.start_turn()
     with pytest.raises(MadrobError, match=NO_ANSWER):
         turn.answer.result()
 
 
 def test_nobody_is_told_that_nothing_was_done_of_what_has_begun() -> None:
     turn = Turn(lambda done: done(None), time.monotonic() + 60.0, Future())
-    assert turn.begin()
+    assert turn.start_turn()
     with pytest.raises(UnsureError, match=UNSURE):
         awaited(turn.answer, 0.0)

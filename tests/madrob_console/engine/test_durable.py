@@ -302,7 +302,7 @@ def test_a_start_is_judged_again_when_it_would_take_effect(
         return []
 
     def falls_silent() -> None:
-        monkeypatch.setattr(hall.drive.source, "take", nothing)
+        monkeypatch.setattr(hall.drive.source, "take_messages", nothing)
         hall.pass_time(1.5)
 
     in_the_middle(hall, monkeypatch, falls_silent)

@@ -54,7 +54,7 @@ class ToldWitness:
 
     def warm(self) -> None: ...
 
-    def begin(self, place: EvidencePlace) -> None:
+    def begin_recording(self, place: EvidencePlace) -> None:
         os.close(place.folder_fd)
         self.places.append(place)
         self.status = replace(self.status, recording=True, account=EvidenceAccount((RECORDED,)))
@@ -67,7 +67,7 @@ class ToldWitness:
         assert not self.status.recording
         self.status = replace(self.status, account=self.counted or self.status.account)
 
-    def hold(self, *, held: bool) -> None:
+    def hold_writing(self, *, held: bool) -> None:
         self.held.append(held)
 
     def close(self) -> None: ...
@@ -82,11 +82,13 @@ class Watched(Drive):
 
     def __init__(self, results: Path, *, budget: int = 10**12, least_room: float = HOUR) -> None:
         super().__init__(results)
-        self.witness = ToldWitness()
+        self.evidence_client = ToldWitness()
         plan = EvidencePlan(budget, least_room)
         config = replace(self.engine.config, evidence=plan)
-        types = self.engine._equipment.types
-        self.engine = Engine(self.source, self.clock, config, types, witness=self.witness)
+        types = self.engine._engine_context.types
+        self.engine = Engine(
+            self.source, self.clock, config, types, evidence_client=self.evidence_client
+        )
         self.engine.open()
 
 
@@ -99,13 +101,13 @@ def test_evidence_begins_and_ends_with_the_recording_and_stands_in_the_result(
     drive: Watched,
 ) -> None:
     drive.start(make_setup())
-    (place,) = drive.witness.places
+    (place,) = drive.evidence_client.places
     assert place.name == drive.folder.name
     assert place.steady_ns >= drive.engine.run.countdown_began * 1e9 - 1e8  # type: ignore[operator]
     assert drive.engine.snapshot().evidence is not None
     assert drive.engine.snapshot().evidence.recording  # type: ignore[union-attr]
     drive.finish()
-    assert not drive.witness.status.recording
+    assert not drive.evidence_client.status.recording
     stored = json.loads((drive.folder / "result.json").read_text())
     assert stored["evidence"] == {
         "topics": [
@@ -131,7 +133,7 @@ def test_evidence_begins_and_ends_with_the_recording_and_stands_in_the_result(
 
 def test_the_result_has_all_that_came_up_to_the_end(drive: Watched) -> None:
     drive.start(make_setup())
-    drive.witness.counted = EvidenceAccount((replace(RECORDED, messages=613),))
+    drive.evidence_client.counted = EvidenceAccount((replace(RECORDED, messages=613),))
     drive.finish()
     stored = json.loads((drive.folder / "result.json").read_text())
     assert stored["evidence"]["topics"][0]["messages"] == 613
@@ -143,7 +145,7 @@ STILL_WRITTEN = EvidenceAccount((replace(RECORDED, messages=5),), unwritten=3)
 def ended_while_it_was_written(drive: Watched, run_number: int = 1) -> dict[str, Any]:
     """A run whose evidence was not all in its file when its result was made; the result."""
     drive.start(make_setup(run_number=run_number))
-    drive.witness.counted = STILL_WRITTEN
+    drive.evidence_client.counted = STILL_WRITTEN
     drive.finish()
     return told_in(drive.folder)
 
@@ -206,7 +208,7 @@ def test_a_run_that_was_left_meanwhile_is_looked_after_with_the_result_of_the_ne
     drive.engine.on_left_unsettled = lambda: asked.append(drive.engine.run.setup.run_number)  # type: ignore[union-attr]
     ended_while_it_was_written(drive)
     left = drive.folder
-    drive.witness.counted = None
+    drive.evidence_client.counted = None
     drive.whole_run(make_setup(run_number=2))
     assert asked == [2]
     write_rest(left)
@@ -226,7 +228,7 @@ def test_an_engine_that_ends_looks_once_more(drive: Watched) -> None:
 def test_what_is_lost_is_told_once_when_it_begins_and_doubts_nothing(drive: Watched) -> None:
     drive.start(make_setup())
     for number in (3, 40, 500):
-        drive.witness.lose(number)
+        drive.evidence_client.lose(number)
         drive.wait(1.0)
     drive.finish()
     told = f"evidence: {LEFT}: messages are lost (behind)"
@@ -247,10 +249,12 @@ def test_when_nothing_was_recorded_is_a_fault_until_it_is_and_stands_in_journal_
     assert start is not None
     killed = "it was ended by SIGKILL"
     begun = EvidenceGap(start + 5.62, None, killed)
-    drive.witness.lose(4)
-    drive.witness.status = replace(drive.witness.status, gaps=(begun,), topics=(), problem=killed)
+    drive.evidence_client.lose(4)
+    drive.evidence_client.status = replace(
+        drive.evidence_client.status, gaps=(begun,), topics=(), problem=killed
+    )
     drive.wait(1.0)
-    drive.witness.status = replace(drive.witness.status, problem=None)
+    drive.evidence_client.status = replace(drive.evidence_client.status, problem=None)
     drive.wait(5.0)
     fault = f"evidence: nothing is recorded since +5.6 s, it is starting again: {killed}"
     assert fault in drive.engine.snapshot().faults
@@ -258,7 +262,9 @@ def test_when_nothing_was_recorded_is_a_fault_until_it_is_and_stands_in_journal_
     assert evidence is not None
     assert evidence.problem == fault.removeprefix("evidence: ")
     over = replace(begun, end=start + 8.31)
-    drive.witness.status = replace(drive.witness.status, gaps=(over,), topics=(COMES,))
+    drive.evidence_client.status = replace(
+        drive.evidence_client.status, gaps=(over,), topics=(COMES,)
+    )
     drive.wait(1.0)
     assert fault not in drive.engine.snapshot().faults
     drive.finish()
@@ -282,7 +288,9 @@ def test_of_topics_that_lack_the_same_one_line_tells(drive: Watched) -> None:
         replace(RECORDED, topic=f"/c{number}", lost={EvidenceLoss.ON_THE_WAY: 1})
         for number in range(5)
     )
-    drive.witness.status = replace(drive.witness.status, account=EvidenceAccount(lost))
+    drive.evidence_client.status = replace(
+        drive.evidence_client.status, account=EvidenceAccount(lost)
+    )
     drive.wait(3.0)
     told = [one.text for one in drive.engine.log.lines if one.text.startswith("evidence: ")]
     assert told == ["evidence: /c0, /c1 and 3 more: messages are lost (on the way)"]
@@ -318,7 +326,9 @@ def test_a_run_that_is_read_back_has_its_evidence(drive: Watched) -> None:
 def test_what_goes_wrong_after_the_result_is_said_and_the_result_stands(drive: Watched) -> None:
     drive.whole_run(make_setup())
     before = (drive.folder / "result.json").read_bytes()
-    drive.witness.status = replace(drive.witness.status, problem="not complete on disk")
+    drive.evidence_client.status = replace(
+        drive.evidence_client.status, problem="not complete on disk"
+    )
     drive.wait(1.0)
     assert "evidence: not complete on disk" in drive.engine.snapshot().faults
     assert (drive.folder / "result.json").read_bytes() == before
@@ -330,9 +340,9 @@ def test_evidence_that_left_the_disk_to_the_score_is_written_when_the_bag_is_clo
     drive.start(make_setup())
     monkeypatch.setattr(Recording, "silent", property(lambda _self: 2 * DISK_WAITS))
     drive.finish()
-    assert True in drive.witness.held
+    assert True in drive.evidence_client.held
     drive.wait(1.0)
-    assert not drive.witness.held[-1]
+    assert not drive.evidence_client.held[-1]
 
 
 def test_a_run_without_evidence_has_not_what_was_recorded_in_the_one_before(
@@ -342,7 +352,7 @@ def test_a_run_without_evidence_has_not_what_was_recorded_in_the_one_before(
     # as where no handle of a file is left
     monkeypatch.setattr("madrob_console.engine.journal_writer._handle_of", lambda _folder: None)
     drive.whole_run(make_setup(run_number=2))
-    assert len(drive.witness.places) == 1
+    assert len(drive.evidence_client.places) == 1
     stored = json.loads((drive.folder / "result.json").read_text())
     assert stored["setup"]["run_number"] == 2
     assert stored["evidence"]["topics"] == []
@@ -368,7 +378,7 @@ def test_too_little_room_blocks_a_start_and_can_be_waived(tmp_path: Path) -> Non
     assert "evidence" in str(drive.engine.perform(Start()))
     drive.act(Waive(CheckName.EVIDENCE, "the last run of the day"), Start())
     drive.finish()
-    assert drive.witness.places[0].most_bytes == 6_000_000 * 600
+    assert drive.evidence_client.places[0].most_bytes == 6_000_000 * 600
 
 
 def test_room_for_less_than_a_run_is_a_warning_and_told_in_seconds(tmp_path: Path) -> None:
@@ -384,7 +394,7 @@ def test_room_for_less_than_a_run_is_a_warning_and_told_in_seconds(tmp_path: Pat
 def test_the_room_does_not_jump_while_rates_begin_and_end(drive: Watched) -> None:
     def room_at(byte_rate: float, after: float) -> float | None:
         topic = replace(COMES, byte_rate=byte_rate)
-        drive.witness.status = replace(drive.witness.status, topics=(topic,))
+        drive.evidence_client.status = replace(drive.evidence_client.status, topics=(topic,))
         drive.wait(after)
         evidence = drive.engine.snapshot().evidence
         assert evidence is not None
@@ -446,15 +456,15 @@ FOUR = (COMES, *(EvidenceTopicView(topic, "a/msg/B", 0.0, 0.0) for topic in ("/a
 )
 def test_missing_evidence_is_never_ok(drive: Watched, status: WitnessStatus, said: str) -> None:
     drive.prepare(make_setup())
-    drive.witness.status = status
+    drive.evidence_client.status = status
     assert drive.check(CheckName.EVIDENCE).startswith(said)
 
 
 def test_what_does_not_come_is_a_fault_and_stands_in_no_start_s_way(drive: Watched) -> None:
     quiet = replace(COMES, topic="/camera/quiet", rate=0.0, byte_rate=0.0)
     dead = replace(quiet, topic="/camera/dead")
-    drive.witness.status = replace(
-        drive.witness.status,
+    drive.evidence_client.status = replace(
+        drive.evidence_client.status,
         topics=(COMES, dead, quiet),
         silent=(dead.topic, quiet.topic),
         unseen=("/camera/front",),
@@ -462,7 +472,9 @@ def test_what_does_not_come_is_a_fault_and_stands_in_no_start_s_way(drive: Watch
     drive.start(make_setup())
     assert drive.engine.run.start is not None
     since = EvidenceGap(drive.engine.run.start + 3.9, None, "nothing came")
-    drive.witness.status = replace(drive.witness.status, pauses_now={dead.topic: since})
+    drive.evidence_client.status = replace(
+        drive.evidence_client.status, pauses_now={dead.topic: since}
+    )
     assert drive.engine.run.active
     assert [fault for fault in drive.engine.snapshot().faults if "evidence" in fault] == [
         "evidence: nobody publishes /camera/front",
@@ -475,7 +487,7 @@ def test_without_any_camera_a_run_starts_and_only_too_little_room_is_in_its_way(
     tmp_path: Path, budget: int
 ) -> None:
     drive = Watched(tmp_path / "runs", budget=budget)
-    drive.witness.status = WitnessStatus(ready=True, unseen=("/camera/**",))
+    drive.evidence_client.status = WitnessStatus(ready=True, unseen=("/camera/**",))
     drive.prepare(make_setup())
     said = drive.check(CheckName.EVIDENCE)
     if not budget:
@@ -494,7 +506,7 @@ def test_a_simulated_testbed_says_that_it_has_none_and_without_a_wish_there_is_n
     plain.prepare(make_setup())
     assert CheckName.EVIDENCE not in {check.name for check in plain.engine.snapshot().checks}
     wished = replace(plain.engine.config, evidence=EvidencePlan(10**9, HOUR))
-    engine = Engine(plain.source, plain.clock, wished, plain.engine._equipment.types)
+    engine = Engine(plain.source, plain.clock, wished, plain.engine._engine_context.types)
     plain.engine = engine
     assert plain.check(CheckName.EVIDENCE).startswith("ok: none: a testbed simulated in this")
     assert engine.snapshot().evidence is None
@@ -563,11 +575,11 @@ def test_a_camera_s_times_stand_in_journal_and_result_from_the_start_on(tmp_path
     assert start is not None
     drive.wait(2.0)
     gone = EvidenceGap(start + 1.9, None, "nothing came")
-    drive.witness.status = replace(drive.witness.status, pauses={LEFT: (gone,)})
+    drive.evidence_client.status = replace(drive.evidence_client.status, pauses={LEFT: (gone,)})
     drive.wait(1.0)
     back = replace(gone, end=start + 6.5)
-    drive.witness.status = replace(
-        drive.witness.status, pauses={LEFT: (back,)}, appeared={"/camera/late": start + 4.2}
+    drive.evidence_client.status = replace(
+        drive.evidence_client.status, pauses={LEFT: (back,)}, appeared={"/camera/late": start + 4.2}
     )
     drive.wait(1.0)
     drive.finish()

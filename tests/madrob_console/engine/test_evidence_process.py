@@ -84,7 +84,7 @@ class Hall:
             place = EvidencePlace(
                 handle, self.folder.name, self.steady_ns, monotonic, most_bytes, least_free=0
             )
-            self.evidence.begin(place)
+            self.evidence.begin_recording(place)
             yield
             self.evidence.end()
             ended()

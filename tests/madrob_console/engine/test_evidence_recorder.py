@@ -55,7 +55,7 @@ def recording(
             capacity=CAPACITY,
         )
         yield recorder
-        recorder.hold(held=False)
+        recorder.hold_writing(held=False)
         recorder.end()
         recorder.wait(30.0)
 
@@ -70,15 +70,15 @@ def test_nothing_is_written_while_the_score_needs_the_disk_and_all_of_it_then(
 ) -> None:
     with recording(tmp_path / "run") as recorder:
         until(lambda: recorder.written.size)
-        recorder.hold(held=True)
+        recorder.hold_writing(held=True)
         for number in range(20):
-            recorder.put(message(LEFT, number), LEFT, 0)
+            recorder.record_message(message(LEFT, number), LEFT, 0)
         assert recorder.written.queued > 2 * BATCH_BYTES  # all of it
         held = recorder.written.size
-        recorder.put(message(RIGHT, 20), RIGHT, 0)
+        recorder.record_message(message(RIGHT, 20), RIGHT, 0)
         assert recorder.written.size == held
         until(lambda: recorder.written.silent > 0)  # who looks sees that nothing is taken
-        recorder.hold(held=False)
+        recorder.hold_writing(held=False)
         until(lambda: recorder.written.size > held)
     assert finished(recorder).messages == {LEFT.name: 20, RIGHT.name: 1}
     bag = read_bag(tmp_path / "run", evidence=True)
@@ -89,10 +89,10 @@ def test_a_disk_that_takes_too_little_costs_the_lower_priority_and_is_counted(
     tmp_path: Path,
 ) -> None:
     with recording(tmp_path / "run") as recorder:
-        recorder.hold(held=True)
+        recorder.hold_writing(held=True)
         for number in range(100):
-            recorder.put(message(LEFT, 2 * number), LEFT, 1)
-            recorder.put(message(RIGHT, 2 * number + 1), RIGHT, 0)
+            recorder.record_message(message(LEFT, 2 * number), LEFT, 1)
+            recorder.record_message(message(RIGHT, 2 * number + 1), RIGHT, 0)
     written = finished(recorder)
     for topic in (LEFT, RIGHT):
         kept, lost = written.messages[topic.name], written.gave_way.get(topic.name, 0)
@@ -106,9 +106,9 @@ def test_the_budget_ends_the_evidence_and_what_is_in_the_file_is_whole(tmp_path:
     with recording(tmp_path / "run", most_bytes=1_500_000) as recorder:
         number = 0
         while not recorder.written.problem:
-            recorder.put(message(LEFT, number), LEFT, 0)
+            recorder.record_message(message(LEFT, number), LEFT, 0)
             number += 1
-        recorder.put(message(LEFT, number), LEFT, 0)
+        recorder.record_message(message(LEFT, number), LEFT, 0)
     written = finished(recorder)
     assert "the budget is used up" in written.problem
     counted = written.messages[LEFT.name] + written.refused[LEFT.name]
@@ -120,7 +120,7 @@ def test_the_budget_ends_the_evidence_and_what_is_in_the_file_is_whole(tmp_path:
 def test_the_room_that_the_score_needs_is_left_alone(tmp_path: Path) -> None:
     with recording(tmp_path / "run", least_free=10**18) as recorder:
         until(lambda: recorder.written.problem)
-        recorder.put(message(LEFT, 0), LEFT, 0)
+        recorder.record_message(message(LEFT, 0), LEFT, 0)
     written = finished(recorder)
     assert "the score keeps" in written.problem
     assert written.refused == {LEFT.name: 1}
@@ -142,7 +142,7 @@ def test_evidence_that_fills_the_disk_stops_before_the_room_of_the_score(
         number = 0
         while not recorder.written.problem:
             if recorder.written.queued < BATCH_BYTES:
-                recorder.put(message(LEFT, number, size), LEFT, 0)
+                recorder.record_message(message(LEFT, number, size), LEFT, 0)
                 number += 1
     assert recorder.written.problem.startswith("no more evidence is recorded: ")
     assert " MB free, the score keeps 5.0 MB for itself" in recorder.written.problem
@@ -157,7 +157,7 @@ def test_the_largest_message_that_settings_allow_is_recorded(tmp_path: Path) -> 
     largest = settings_with_largest(tmp_path, 90).recording.choice.largest
     huge = RawMessage(LEFT.name, LEFT.type, bytes(largest), 1, 1)
     queue = EvidenceQueue(QUEUE_BYTES)
-    assert queue.put(huge, 0) == []
+    assert queue.put_message(huge, 0) == []
 
 
 def settings_with_largest(tmp_path: Path, megabytes: int) -> Settings:
@@ -171,9 +171,9 @@ def test_what_is_still_on_its_way_after_the_end_is_told_until_it_is_in_the_file(
 ) -> None:
     with recording(tmp_path / "run") as recorder:
         until(lambda: recorder.written.size)
-        recorder.hold(held=True)
+        recorder.hold_writing(held=True)
         for number in range(20):
-            recorder.put(message(LEFT, number), LEFT, 0)
+            recorder.record_message(message(LEFT, number), LEFT, 0)
         recorder.end()
         assert recorder.written.ended
         assert recorder.written.unwritten == 20
@@ -184,9 +184,9 @@ def test_what_the_disk_refuses_after_the_end_was_never_told_as_written(tmp_path:
     folder = tmp_path / "run"
     with recording(folder, most_bytes=1_500_000) as recorder:
         until(lambda: recorder.written.size)
-        recorder.hold(held=True)
+        recorder.hold_writing(held=True)
         for number in range(25):
-            recorder.put(message(LEFT, number), LEFT, 0)
+            recorder.record_message(message(LEFT, number), LEFT, 0)
         recorder.end()
         before = recorder.written
         told = EvidenceAccount(
@@ -207,7 +207,7 @@ def left_by_another(folder: Path, of_it: int = 1_000_000) -> Path:
     """What a process that was killed left in a run's folder."""
     with BagWriter(folder.parent / "of another process", [LEFT], {}) as writer:
         for number in range(20):
-            assert writer.put(message(LEFT, number))
+            assert writer.put_message(message(LEFT, number))
     (whole,) = writer.folder.glob("*.mcap")
     torn = folder / evidence_file_name("run", 0)
     torn.write_bytes(whole.read_bytes()[:of_it])
@@ -276,7 +276,7 @@ def test_what_a_process_that_was_killed_left_is_whole_and_listed_after_the_run(
     folder = tmp_path / "run"
     with recording(folder, name=evidence_file_name("run", 1)) as recorder:
         left_by_another(folder)
-        recorder.put(message(RIGHT, 20), RIGHT, 0)
+        recorder.record_message(message(RIGHT, 20), RIGHT, 0)
     assert finished(recorder).problem == ""
     bag = read_bag(folder, evidence=True)
     kept = [m.publish_ns for m in bag.messages() if m.topic == LEFT.name]
@@ -297,10 +297,10 @@ def numbered(topic: str, number: int, size: int = SMALL) -> RawMessage:
 def test_messages_come_out_in_the_order_in_which_they_came() -> None:
     queue = EvidenceQueue(LARGE)
     for number in range(10):
-        assert queue.put(numbered(f"/{number % 3}", number), 0) == []
-    assert [m.publish_ns for m in queue.take(3 * SMALL)] == [0, 1, 2]
-    assert [m.publish_ns for m in queue.take(LARGE)] == list(range(3, 10))
-    assert queue.take(LARGE) == []
+        assert queue.put_message(numbered(f"/{number % 3}", number), 0) == []
+    assert [m.publish_ns for m in queue.take_messages(3 * SMALL)] == [0, 1, 2]
+    assert [m.publish_ns for m in queue.take_messages(LARGE)] == list(range(3, 10))
+    assert queue.take_messages(LARGE) == []
     assert queue.size == len(queue) == 0
 
 
@@ -309,10 +309,10 @@ def test_the_topic_that_takes_most_room_gives_way_and_no_other_pays_for_it() -> 
     lost: Counter[str] = Counter()
     for number in range(100):
         for topic, size in (("/huge", LARGE), ("/left", SMALL), ("/right", SMALL)):
-            lost.update(m.topic for m in queue.put(numbered(topic, number, size), 0))
+            lost.update(m.topic for m in queue.put_message(numbered(topic, number, size), 0))
     assert set(lost) == {"/huge"}
     assert lost["/huge"] > 95
-    taken = queue.take(100 * LARGE)
+    taken = queue.take_messages(100 * LARGE)
     assert Counter(m.topic for m in taken)["/left"] == 100
     assert [m.publish_ns for m in taken if m.topic == "/huge"][-1] == 99  # the oldest went
 
@@ -320,19 +320,19 @@ def test_the_topic_that_takes_most_room_gives_way_and_no_other_pays_for_it() -> 
 def test_where_not_all_finds_room_the_higher_priority_stays() -> None:
     queue = EvidenceQueue(LARGE)
     for number in range(200):
-        queue.put(numbered("/important", number), 5)
-        queue.put(numbered("/spare", number), -1)
-    topics = Counter(m.topic for m in queue.take(10 * LARGE))
+        queue.put_message(numbered("/important", number), 5)
+        queue.put_message(numbered("/spare", number), -1)
+    topics = Counter(m.topic for m in queue.take_messages(10 * LARGE))
     assert topics["/spare"] == 0
     assert topics["/important"] > 90
-    assert queue.put(numbered("/important", 1, LARGE // 2), 5) == []
-    assert [m.topic for m in queue.put(numbered("/spare", 2, LARGE), -1)] == ["/spare"]
+    assert queue.put_message(numbered("/important", 1, LARGE // 2), 5) == []
+    assert [m.topic for m in queue.put_message(numbered("/spare", 2, LARGE), -1)] == ["/spare"]
 
 
 def test_what_is_larger_than_the_queue_is_refused_and_costs_no_other_topic_anything() -> None:
     queue = EvidenceQueue(LARGE)
-    queue.put(numbered("/small", 1), 0)
-    assert [m.topic for m in queue.put(numbered("/huge", 2, 2 * LARGE), 0)] == ["/huge"]
+    queue.put_message(numbered("/small", 1), 0)
+    assert [m.topic for m in queue.put_message(numbered("/huge", 2, 2 * LARGE), 0)] == ["/huge"]
     assert len(queue) == 1
 
 
@@ -347,9 +347,9 @@ def test_every_message_is_taken_gives_way_or_waits_and_memory_is_bounded(
     queue = EvidenceQueue(LARGE)
     came = left = 0
     for number, (topic, size, priority, takes) in enumerate(steps):
-        left += len(queue.put(numbered(f"/{topic}", number, size), priority))
+        left += len(queue.put_message(numbered(f"/{topic}", number, size), priority))
         came += 1
         assert queue.size <= LARGE
         if takes:
-            left += len(queue.take(size))
+            left += len(queue.take_messages(size))
     assert came == left + len(queue)

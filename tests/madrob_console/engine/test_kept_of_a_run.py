@@ -226,7 +226,7 @@ class Silenced(Drive):
     """A testbed of which some topics can be made to say something else, or nothing."""
 
     def change(self, topic: str, data: bytes | None) -> None:
-        take = self.source.take
+        take = self.source.take_messages
 
         def changed(timeout: float) -> list[RawMessage]:
             messages = take(timeout)
@@ -234,7 +234,7 @@ class Silenced(Drive):
                 return [m for m in messages if m.topic != topic]
             return [replace(m, data=data) if m.topic == topic else m for m in messages]
 
-        self.source.take = changed  # type: ignore[method-assign]
+        self.source.take_messages = changed  # type: ignore[method-assign]
 
 
 def test_a_dead_topic_is_named_and_its_values_vanish(tmp_path: Path) -> None:
@@ -360,14 +360,14 @@ def test_the_core_touches_no_file_and_imports_nothing(tmp_path: Path) -> None:
         last = last_decision(local.snapshot().run)
         assert last is not None
         done(TakeBack(last.kind, last.time, "my mistake"), SIGNED)
-        number = local.ask(NextRunNumber(3, 1, practice=True))
+        number = local.send_request(NextRunNumber(3, 1, practice=True))
         done(SetUp(make_setup(run_number=number, countdown=5.0)))
         until(lambda: local.snapshot().run.phase is Phase.READY)
         done(ZeroHandle(), ConfirmPose(), Start(), RestartCountdown("robot not ready"))
         until(lambda: local.snapshot().run.phase is Phase.RUNNING)
         done(Abort("enough"))
         until(lambda: local.snapshot().result is not None)
-        assert local.ask(OpenRun(first)) is None
+        assert local.send_request(OpenRun(first)) is None
         until(lambda: local.snapshot().opened)
         done(Reissue("once more"), AddNote("afterwards"), SIGNED)
         until(lambda: local.snapshot().run.issue == 4 and local.snapshot().result is not None)

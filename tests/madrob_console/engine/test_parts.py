@@ -37,20 +37,20 @@ def snapshot(tmp_path: Path) -> Snapshot:
 def test_a_screen_shows_what_the_engine_has(snapshot: Snapshot) -> None:
     sent, screen = Outgoing(), Incoming()
     sent.show(snapshot, 0.0)
-    assert screen.take(wire.State({OWN: wire.raw(RIGHT)})) is None
-    assert screen.take(state_of(sent.since(0))) == replace(snapshot, right=RIGHT)
+    assert screen.apply_state(wire.State({OWN: wire.raw(RIGHT)})) is None
+    assert screen.apply_state(state_of(sent.since(0))) == replace(snapshot, right=RIGHT)
 
 
 def test_only_what_has_changed_crosses(snapshot: Snapshot) -> None:
     sent, screen = Outgoing(), Incoming()
     sent.show(snapshot, 0.0)
-    screen.take(wire.State({OWN: wire.raw(RightToAct())}))
-    screen.take(state_of(sent.since(0)))
+    screen.apply_state(wire.State({OWN: wire.raw(RightToAct())}))
+    screen.apply_state(state_of(sent.since(0)))
     later = replace(snapshot, time=snapshot.time + 0.1, faults=("the door is on fire",))
     sent.show(later, 0.1)
     news = state_of(sent.since(1))
     assert set(news.parts) == {"time", "faults"}
-    assert screen.take(news) == later
+    assert screen.apply_state(news) == later
 
 
 def test_a_screen_that_was_held_up_gets_the_latest_of_each_part(snapshot: Snapshot) -> None:
@@ -111,7 +111,7 @@ def test_a_paused_replay_whose_time_stands_still_gives_signs_of_life(snapshot: S
 def test_every_part_is_of_the_state_and_has_its_type(snapshot: Snapshot) -> None:
     for name in ("time", "run", "log", "result"):
         with pytest.raises(MadrobError, match="not a message of an engine"):
-            Incoming().take(wire.State({name: wire.raw("no")}))
+            Incoming().apply_state(wire.State({name: wire.raw("no")}))
     with pytest.raises(MadrobError, match="not a message of an engine"):
-        Incoming().take(wire.State({"rm -rf": wire.raw(1)}))
+        Incoming().apply_state(wire.State({"rm -rf": wire.raw(1)}))
     assert OWN in {field.name for field in fields(snapshot)}

@@ -398,9 +398,9 @@ class Archive:
 
 def known(*runs: RunSummary) -> Archive:
     archive = Archive(*runs)
-    archive.watch.look("a result")
+    archive.watch.read_if_changed("a result")
     archive.answer()
-    archive.watch.look("a result")
+    archive.watch.read_if_changed("a result")
     return archive
 
 
@@ -423,23 +423,23 @@ def test_the_run_at_hand_tells_its_own() -> None:
 
 def test_it_reads_again_when_a_result_has_come_and_after_a_while_and_waits_for_nothing() -> None:
     archive = known(PROTESTED)
-    archive.watch.look("a result")
+    archive.watch.read_if_changed("a result")
     assert len(archive.asked) == 1
-    archive.watch.look("another")
-    archive.watch.look("a third")  # the reading before goes on
+    archive.watch.read_if_changed("another")
+    archive.watch.read_if_changed("a third")  # the reading before goes on
     assert len(archive.asked) == 2
     archive.runs = ()
     archive.answer()
-    archive.watch.look("another")
+    archive.watch.read_if_changed("another")
     assert list(archive.watch.open(DUE)) == []
     archive.now += LOOKING_PERIOD
-    archive.watch.look("another")
+    archive.watch.read_if_changed("another")
     assert len(archive.asked) == 3
 
 
 def test_what_cannot_be_read_leaves_what_is_known() -> None:
     archive = known(PROTESTED)
-    archive.watch.look("another")
+    archive.watch.read_if_changed("another")
     archive.asked[-1].set_exception(MadrobError("the disk is away"))
-    archive.watch.look("another")
+    archive.watch.read_if_changed("another")
     assert len(list(archive.watch.open(DUE))) == 1

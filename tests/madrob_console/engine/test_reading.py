@@ -17,7 +17,7 @@ import pytest
 from madrob_console.archive.history import History
 from madrob_console.cli.session import UnattendedRun
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.disk import BUSY, MOST_WAITING, THREADS, ThreadReader
+from madrob_console.engine.disk import BUSY, MOST_WAITING, THREADS, ReaderPool
 from madrob_console.engine.engine_thread import ListWatch
 from madrob_console.pages.tally import overall
 from madrob_console.referee.acts import SetUp, Start, Waive
@@ -37,8 +37,8 @@ def breaks() -> None:
 
 @pytest.mark.machine
 def test_what_the_core_asked_is_told_in_its_thread_and_not_before_it_asks_for_it() -> None:
-    reader, told = ThreadReader(), list[str]()
-    answer = reader.ask(lambda: 7, lambda _: told.append(threading.current_thread().name))
+    reader, told = ReaderPool(), list[str]()
+    answer = reader.submit_job(lambda: 7, lambda _: told.append(threading.current_thread().name))
     assert answer.result(PATIENCE) == 7
     assert told == []
 
@@ -53,27 +53,27 @@ def test_what_the_core_asked_is_told_in_its_thread_and_not_before_it_asks_for_it
 
 @pytest.mark.machine
 def test_a_bug_is_an_answer_in_words_and_ends_no_thread() -> None:
-    reader = ThreadReader()
+    reader = ReaderPool()
     for _ in range(THREADS + 1):
         with pytest.raises(MadrobError, match="it cannot be read: ValueError"):
-            reader.ask(breaks).result(PATIENCE)
-    assert reader.ask(lambda: 7).result(PATIENCE) == 7
+            reader.submit_job(breaks).result(PATIENCE)
+    assert reader.submit_job(lambda: 7).result(PATIENCE) == 7
     reader.close()
 
 
 @pytest.mark.machine
 def test_the_disk_is_silent_while_it_owes_the_core_an_answer() -> None:
     """A screen that waits long, as for the bag of a run, says nothing of the disk."""
-    reader, go_on, begun = ThreadReader(), threading.Event(), list[int]()
+    reader, go_on, begun = ReaderPool(), threading.Event(), list[int]()
 
     def hangs() -> bool:
         begun.append(1)
         return go_on.wait(PATIENCE)
 
-    screen = reader.ask(hangs)
+    screen = reader.submit_job(hangs)
     until(lambda: len(begun) == 1)
     assert reader.silent == 0.0
-    core = reader.ask(hangs, lambda _: None)
+    core = reader.submit_job(hangs, lambda _: None)
     until(lambda: len(begun) == 2)
     until(lambda: reader.silent > 0.0)
     go_on.set()
@@ -85,7 +85,7 @@ def test_the_disk_is_silent_while_it_owes_the_core_an_answer() -> None:
 
 @pytest.mark.machine
 def test_a_disk_that_hangs_holds_up_so_many_readings_and_refuses_more() -> None:
-    reader, go_on, order = ThreadReader(), threading.Event(), list[int]()
+    reader, go_on, order = ReaderPool(), threading.Event(), list[int]()
 
     def asked(number: int, *, first: bool = False) -> Future[int]:
         def read() -> int:
@@ -93,11 +93,11 @@ def test_a_disk_that_hangs_holds_up_so_many_readings_and_refuses_more() -> None:
             order.append(number)
             return number
 
-        return reader.ask(read, first=first)
+        return reader.submit_job(read, first=first)
 
     hanging = [asked(number) for number in range(THREADS)]
     until(lambda: reader._of_screens.count(first=False) == 0)
-    core = reader.ask(lambda: 7, lambda _: None)
+    core = reader.submit_job(lambda: 7, lambda _: None)
     assert core.result(PATIENCE) == 7  # it waits for nothing that screens ask
     waiting = [asked(100 + number) for number in range(MOST_WAITING)]
     with pytest.raises(MadrobError, match=BUSY):
@@ -149,8 +149,8 @@ def test_a_list_that_changes_is_told_on_and_the_first_one_is_not(tmp_path: Path)
     try:
         assert (len(told), changes) == (1, [])
         file.write_text("3,Runners\n")
-        watch.look()
-        watch.look()
+        watch.read_if_changed()
+        watch.read_if_changed()
         assert (len(told), changes) == (2, [2])  # the engine knows it first
     finally:
         watch.close()
@@ -161,15 +161,15 @@ def test_a_file_that_is_being_written_is_read_when_it_rests(tmp_path: Path) -> N
     file.write_text("3,Walkers\n")
     with watching(file, told) as watch:
         file.write_text("3,Wal")
-        watch.look()  # it has changed: it may change again
+        watch.read_if_changed()  # it has changed: it may change again
         file.write_text("3,Walkers\n4,Runn")
-        watch.look()
+        watch.read_if_changed()
         file.write_text("3,Walkers\n4,Runners\n")
-        watch.look()
+        watch.read_if_changed()
         assert len(told) == 1
-        watch.look()
+        watch.read_if_changed()
         assert told[1:] == [TeamList({3: "Walkers", 4: "Runners", 9: "Own"}, (), str(file))]
-        watch.look()
+        watch.read_if_changed()
         assert len(told) == 2
 
 
@@ -179,13 +179,13 @@ def test_a_file_that_goes_and_comes_back_is_told_and_the_list_stays(tmp_path: Pa
     with watching(file, told) as watch:
         file.unlink()
         for _ in range(5):
-            watch.look()
+            watch.read_if_changed()
         assert len(told) == 2
         assert told[1].names == told[0].names
         assert "the list stays as it was" in told[1].problems[0]
         file.write_text("3,Walkers\n4,Late\n")
-        watch.look()
-        watch.look()
+        watch.read_if_changed()
+        watch.read_if_changed()
         assert told[2].names == {3: "Walkers", 4: "Late", 9: "Own"}
         assert told[2].problems == ()
 
@@ -199,8 +199,8 @@ def test_a_link_to_the_list_is_followed_to_another_list(tmp_path: Path) -> None:
     with watching(file, told) as watch:
         (tmp_path / "new").symlink_to(day2)
         os.replace(tmp_path / "new", file)  # noqa: PTH105  as `ln -sf` does
-        watch.look()
-        watch.look()
+        watch.read_if_changed()
+        watch.read_if_changed()
         assert told[-1].names == {4: "Runners of day 2", 9: "Own"}
 
 

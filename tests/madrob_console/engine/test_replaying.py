@@ -433,7 +433,7 @@ def bags_of_no_run(folder: Path) -> Iterator[tuple[Path, str]]:
     ):
         with BagWriter(folder / name, [door], records) as writer:
             for one in messages:
-                writer.put(one)
+                writer.put_message(one)
         yield folder / name, words
     (folder / "notes.mcap").write_text("no bag")
     yield folder / "notes.mcap", "is no bag"

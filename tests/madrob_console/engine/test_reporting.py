@@ -25,7 +25,7 @@ from madrob_console.engine import server_socket
 from madrob_console.engine.engine_thread import LocalEngine
 from madrob_console.engine.reports import Reporting
 from madrob_console.engine.requests import ExportTeam, OpenRun, Role
-from madrob_console.engine.server_socket import AGAIN, FallenThreads, Troubles
+from madrob_console.engine.server_socket import AGAIN, FallenThreads, LogOnce
 from madrob_console.engine.service import diagnoses
 from madrob_console.engine.snapshot import Pulse, Snapshot
 from madrob_console.pages.page import report_html
@@ -261,10 +261,10 @@ def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_
         closing(served.attach()) as console,
         closing(served.attach(Role.WATCH)) as watcher,
     ):
-        assert watcher.ask(ExportTeam(3)) == "this screen only watches"
+        assert watcher.send_request(ExportTeam(3)) == "this screen only watches"
         assert KEYS["export"].refusal(watcher.snapshot()) is not None
         assert console.snapshot().export is None
-        assert console.ask(ExportTeam(3, competition="Autumn Cup")) is None
+        assert console.send_request(ExportTeam(3, competition="Autumn Cup")) is None
         assert (shown := console.snapshot().export) is not None
         assert shown.subject == 3
         until(lambda: (view := watcher.snapshot().export) is not None and view.path)
@@ -325,7 +325,7 @@ def test_after_a_correction_the_reports_of_both_teams_and_the_site_are_true(tmp_
     with EngineProcess(results, "no-touch", settings=settings) as engine:
         until((site / "index.html").exists)
         assert told() == [["run 2", "run 2"], [], ["run 2", "run 2"], []]
-        assert engine.client.ask(OpenRun(wrong.name)) is None
+        assert engine.client.send_request(OpenRun(wrong.name)) is None
         engine.act(Correct(4, make_setup().condition, "typed wrongly"))
         until(lambda: told() == [[], ["run 2", "run 2"], [], ["run 2", "run 2"]])
         engine.act(Void("the wrong door"))
@@ -484,26 +484,26 @@ def test_each_kind_of_trouble_is_a_line_and_is_said_again_only_after_a_while(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     time = Passing()
-    found = Troubles(time)
+    found = LogOnce(time)
     for _ in range(1000):
-        found.tell("new screens must wait", NO_HANDLES)
-        found.tell("new screens must wait", OSError(23, "Too many open files in system"))
-        found.tell("a screen was let go", MemoryError())
+        found.log_trouble("new screens must wait", NO_HANDLES)
+        found.log_trouble("new screens must wait", OSError(23, "Too many open files in system"))
+        found.log_trouble("a screen was let go", MemoryError())
     assert capsys.readouterr().err.splitlines() == [
         "madrob: new screens must wait ([Errno 24] Too many open files)",
         "madrob: a screen was let go (MemoryError)",
     ]
     time.now += AGAIN
-    found.tell("new screens must wait", NO_HANDLES)
+    found.log_trouble("new screens must wait", NO_HANDLES)
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
 def test_what_others_say_neither_fills_the_log_nor_reaches_a_terminal_raw(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    found = Troubles(Passing())
+    found = LogOnce(Passing())
     for number in range(1000):
-        found.tell(f"\x1b[2Jscreen {number}\n", ValueError("\x1b]0;owned\x07"))
+        found.log_trouble(f"\x1b[2Jscreen {number}\n", ValueError("\x1b]0;owned\x07"))
     lines = capsys.readouterr().err
     assert len(lines.splitlines()) <= 50
     assert "\x1b" not in lines
@@ -515,7 +515,7 @@ def test_a_loop_says_its_troubles_in_a_line(capsys: pytest.CaptureFixture[str]) 
         raise ValueError("lost")
 
     async def forget_a_task() -> None:
-        asyncio.get_running_loop().set_exception_handler(Troubles().of_loop)
+        asyncio.get_running_loop().set_exception_handler(LogOnce().of_loop)
         task = asyncio.create_task(fail())
         await asyncio.wait([task])
         del task
@@ -537,7 +537,7 @@ def test_what_must_go_on_is_begun_again_whatever_ends_it(
         if begun < 5:
             raise MemoryError
 
-    asyncio.run(Troubles().lasting(work))
+    asyncio.run(LogOnce().lasting(work))
     assert begun == 5
     assert len(capsys.readouterr().err.splitlines()) == 1
 

@@ -25,7 +25,7 @@ from madrob_console.archive.run_record import RunRecord
 from madrob_console.archive.scored import Scored
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine import scoring_process, scoring_protocol
-from madrob_console.engine.disk import Keepers
+from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.scorer import InlineScorer, RenderedResult, ToScore
 from madrob_console.engine.scoring_process import COMMAND, ScoringProcess
 from madrob_console.engine.worker import Child
@@ -150,7 +150,7 @@ def test_what_could_not_be_decoded_is_told_by_both(tmp_path: Path) -> None:
         drive = Referee(tmp_path, twins, Scenario.NO_TOUCH)
         door = next(m.topic for m in DEFAULT_MAPPINGS if m.signal is Signal.DOOR)
         drive.start(make_setup(timeout=3.0))
-        take = drive.source.take
+        take = drive.source.take_messages
 
         def spoilt(timeout: float) -> list[object]:
             return [
@@ -160,7 +160,7 @@ def test_what_could_not_be_decoded_is_told_by_both(tmp_path: Path) -> None:
                 for m in take(timeout)
             ]
 
-        drive.source.take = spoilt  # type: ignore[method-assign, assignment]
+        drive.source.take_messages = spoilt  # type: ignore[method-assign, assignment]
         drive.finish()
         (pair,) = twins.pairs
         assert pair[0].result == pair[1].result
@@ -217,7 +217,7 @@ def test_a_result_that_is_out_of_date_is_not_shown_for_long(
     shown = drive.engine.snapshot()
     assert shown.result is None
     assert shown.steps[Step.TOUCH - 1].denied
-    head = [span.text for line in ResultHead().draw(shown, 80) for span in line]
+    head = [span.text for line in ResultHead().draw_lines(shown, 80) for span in line]
     assert head == ["The result is being scored again: the one that was here is out of date."]
     assert "finalise" in shown.refusals
     os.kill(pid_of(scorer), signal.SIGCONT)
@@ -235,7 +235,7 @@ def test_a_run_of_three_hours_makes_nobody_wait_for_its_scoring(
 ) -> None:
     """Two sensors at 100 Hz: their samples are fed, for the recording is not what is measured."""
     hours, rate = 3.0, 100.0
-    drive = Referee(tmp_path, scorer, Scenario.NO_CLOSE, Keepers.threads())
+    drive = Referee(tmp_path, scorer, Scenario.NO_CLOSE, DiskThreads.threads())
     drive.prepare(make_setup(timeout=86_400.0))
 
     def ready() -> bool:
@@ -254,7 +254,7 @@ def test_a_run_of_three_hours_makes_nobody_wait_for_its_scoring(
         course.feed(HandleSample(at, at, 5.0 * math.cos(number / 90)))
         if number % 10_000 == 0:
             until(lambda: len(scorer._questions) < 10_000)
-    drive.source.take = lambda timeout: []  # type: ignore[method-assign]
+    drive.source.take_messages = lambda timeout: []  # type: ignore[method-assign]
     drive.clock.sleep(hours * 3600 + 60.0)
     drive.act(DeclareTimeout("enough"))
     deaf: list[float] = []

@@ -76,8 +76,8 @@ def test_a_run_is_started_watched_and_scored_over_the_socket(served: Served) -> 
         local, remote = served.local.snapshot(), client.snapshot()
         assert remote.result == local.result
         assert remote.run.outcome is Outcome.COMPLETED
-        assert client.ask(GiveCurves()) == served.local.ask(GiveCurves())
-        assert client.ask(NextRunNumber(3, 1, practice=True)) == 2
+        assert client.send_request(GiveCurves()) == served.local.send_request(GiveCurves())
+        assert client.send_request(NextRunNumber(3, 1, practice=True)) == 2
         assert client.results == served.local.results
 
 
@@ -99,7 +99,7 @@ def test_a_second_console_may_act_only_after_a_take_over_that_the_first_one_sees
         assert act(bo, AddNote("mine")) == "ada@hall has the right to act"
         refused = "ada@hall has the right to act: Esc, t takes it over"
         assert bo.snapshot().refusal("note") == refused
-        assert bo.ask(TakeOver()) is None
+        assert bo.send_request(TakeOver()) is None
         assert act(bo, AddNote("mine")) is None
         until(lambda: ada.snapshot().notice == "bo@tent has the right to act: Esc, t takes it over")
         assert act(ada, AddNote("no")) == "bo@tent has the right to act"
@@ -121,7 +121,7 @@ def test_spectators_see_everything_and_can_do_nothing(served: Served) -> None:
         for watcher in watchers:
             until(lambda w=watcher: w.snapshot().run.phase is Phase.RUNNING)  # type: ignore[misc]
             assert act(watcher, Abort("me")) == "this screen only watches"
-            assert watcher.ask(TakeOver()) == "this screen only watches"
+            assert watcher.send_request(TakeOver()) == "this screen only watches"
             for name in (*(act.name for act in ACTS), TakeOver.name, ExportTeam.name):
                 assert "only watches" in str(watcher.snapshot().refusal(name))
             watcher.close()
@@ -151,12 +151,12 @@ def test_a_replay_is_moved_over_the_socket_by_the_console_that_may_act(replayed:
         closing(replayed.attach(who="bo@tent")) as bo,
         closing(replayed.attach(Role.WATCH)) as watcher,
     ):
-        assert ada.ask(PlayOrPause()) is None
-        assert ada.ask(JumpTo(1.5)) is None
+        assert ada.send_request(PlayOrPause()) is None
+        assert ada.send_request(JumpTo(1.5)) is None
         until(lambda: watcher.snapshot().elapsed == pytest.approx(1.5, abs=0.011))
-        assert "only watches" in str(watcher.ask(PlayOrPause()))
+        assert "only watches" in str(watcher.send_request(PlayOrPause()))
         assert "only watches" in str(watcher.snapshot().refusal(PlaybackCommand.name))
-        assert "ada@hall" in str(bo.ask(SetSpeed(2.0)))
+        assert "ada@hall" in str(bo.send_request(SetSpeed(2.0)))
         assert "nothing can be done" in str(act(ada, Abort()))
         assert ada.snapshot().refusal(PlaybackCommand.name) is None
 
@@ -179,7 +179,7 @@ def test_a_core_that_stands_still_is_told_and_so_is_that_it_goes_on(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     source, go_on = served.local._engine.source, threading.Event()
-    take = source.take
+    take = source.take_messages
 
     def stalls(timeout: float) -> Sequence[RawMessage]:
         assert go_on.wait(30.0)
@@ -187,7 +187,7 @@ def test_a_core_that_stands_still_is_told_and_so_is_that_it_goes_on(
 
     with closing(served.attach()) as client:
         assert not client.snapshot().pulse.stale
-        monkeypatch.setattr(source, "take", stalls)
+        monkeypatch.setattr(source, "take_messages", stalls)
         until(lambda: client.snapshot().pulse.core >= 2)
         last = client.snapshot()
         assert last.pulse.words is not None
@@ -322,7 +322,7 @@ def test_an_engine_that_ends_is_told_by_its_screens(served: Served) -> None:
     client.close()
 
 
-BEGIN = RemoteEngine.begin.__code__
+BEGIN = RemoteEngine.begin_request.__code__
 
 
 @pytest.mark.parametrize("lines", range(7))
@@ -355,7 +355,7 @@ def test_a_connection_that_ends_at_any_line_of_a_request_is_told_at_once(
         sys.settrace(ends)
         try:
             with pytest.raises(MadrobError, match="the engine has failed: no disk"):
-                client.ask(NextRunNumber(3, 1))
+                client.send_request(NextRunNumber(3, 1))
         finally:
             sys.settrace(None)
         took = time.monotonic() - began
@@ -373,8 +373,10 @@ def test_a_screen_that_stands_still_for_whatever_reason_says_so(
         raise MemoryError
 
     with closing(served.attach(Role.WATCH)) as client:
-        monkeypatch.setattr(*{"take": (Incoming, "take"), "call": (wire, "Call")}[work], fail)
-        client.begin(NextRunNumber(3, 1))
+        monkeypatch.setattr(
+            *{"take": (Incoming, "apply_state"), "call": (wire, "Call")}[work], fail
+        )
+        client.begin_request(NextRunNumber(3, 1))
 
         def told() -> bool:
             try:
@@ -398,7 +400,7 @@ def test_what_lay_in_the_socket_for_too_long_is_not_carried_out(served: Served) 
         while screen.recv(65536):
             pass
     with closing(served.attach()) as client:
-        assert client.ask(NextRunNumber(3, 1)) == 1
+        assert client.send_request(NextRunNumber(3, 1)) == 1
         assert client.snapshot().run.phase is Phase.IDLE
 
 
@@ -428,7 +430,7 @@ def test_no_number_of_requests_of_a_screen_holds_up_its_abort(
     monkeypatch.setattr("madrob_console.engine.core.next_run_number", hangs)
     with closing(served.attach()) as client:
         start(client)
-        asked = [client.begin(NextRunNumber(3, 1)) for _ in range(MOST_UNDER_WAY + 5)]
+        asked = [client.begin_request(NextRunNumber(3, 1)) for _ in range(MOST_UNDER_WAY + 5)]
         until(lambda: sum(answer.done() for answer in asked) == 5)
         refused = [answer.exception() for answer in asked if answer.done()]
         assert {str(error) for error in refused} == {TOO_MANY}
@@ -455,5 +457,5 @@ def test_a_screen_that_asks_and_never_reads_is_bounded_in_memory(served: Served)
         screen = next(iter(served.server._screens))
         assert screen.backlog < 1_000_000
         with closing(served.attach()) as client:
-            assert client.ask(TakeOver()) is None
+            assert client.send_request(TakeOver()) is None
             assert act(client, SetUp(make_setup())) is None

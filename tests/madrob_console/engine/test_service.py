@@ -69,14 +69,16 @@ class Told:
 def test_nobody_is_told_where_there_is_no_service_manager() -> None:
     for environment in ({}, {"NOTIFY_SOCKET": "nowhere"}, {"NOTIFY_SOCKET": "/nowhere/at/all"}):
         manager = ServiceManager({**environment, "WATCHDOG_USEC": "1000000"})
-        manager.tell("READY=1")
+        manager.send_assignments("READY=1")
         assert manager.present is environment.get("NOTIFY_SOCKET", "").startswith("/")
 
 
 def test_a_name_without_a_path_is_told_too() -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
         listening.bind(f"\0madrob-test-{os.getpid()}")
-        ServiceManager({"NOTIFY_SOCKET": f"@madrob-test-{os.getpid()}"}).tell("A=1", "B=2")
+        ServiceManager({"NOTIFY_SOCKET": f"@madrob-test-{os.getpid()}"}).send_assignments(
+            "A=1", "B=2"
+        )
         assert listening.recv(100) == b"A=1\nB=2"
 
 

@@ -250,7 +250,7 @@ def bag_of(folder: Path, *numbers: int) -> int:
     aside.parent.mkdir()
     with BagWriter(aside, [talk()], {}) as writer:
         for message in FRAMES:
-            writer.put(message)
+            writer.put_message(message)
     for path in aside.iterdir():
         path.rename(folder / path.name)
     for number in numbers:

@@ -65,10 +65,10 @@ from madrob_console.referee.records import (
     Voiding,
     counted,
     derived_run_id,
+    format_size,
+    format_span,
     listed,
     new_run_id,
-    size_words,
-    span_words,
 )
 from madrob_console.referee.run import Phase, Run, begin_countdown, begin_run, stop
 from madrob_console.ui.look.words import done_text
@@ -260,7 +260,7 @@ def test_an_act_is_told_to_who_did_it_and_in_the_log(act: Act) -> None:
     log = EventLog()
     entry = Entry(1.0, Origin.REFEREE, act.name, "", act.reason_given, act_details(act))
     for line in (entry, Entry.from_json(entry.to_json())):
-        log.add(line, None)
+        log.add_line(line, None)
     loud = isinstance(act, MarkIncident | Void | Correct | FileProtest | DecideProtest)
     weight = Weight.NOTICE if loud else Weight.PLAIN
     assert [(line.text, line.weight) for line in log.lines] == [(logged, weight)] * 2
@@ -275,7 +275,7 @@ def test_an_act_is_told_to_who_did_it_and_in_the_log(act: Act) -> None:
 )
 def test_a_ruling_says_which_way(confirmed: bool | None, told: str, logged: str) -> None:
     ruling = Rule(Step.LOCK, confirmed, "seen")
-    assert (ruling.done, ruling.logged) == (told, logged)
+    assert (ruling.done_text, ruling.logged) == (told, logged)
 
 
 def test_what_the_sensors_say_is_worked_out_only_for_who_needs_it() -> None:
@@ -448,12 +448,12 @@ def test_only_what_the_referee_has_ended_as_invalid_is_left_without_a_question(
     ],
 )
 def test_a_size_is_told_in_the_unit_that_says_something(size: int, words: str) -> None:
-    assert size_words(size) == words
+    assert format_size(size) == words
 
 
 @given(st.integers(1, 10**15))
 def test_no_size_is_told_as_nothing(size: int) -> None:
-    number, _ = size_words(size).split()
+    number, _ = format_size(size).split()
     assert float(number) > 0.9
 
 
@@ -473,7 +473,7 @@ def test_no_size_is_told_as_nothing(size: int) -> None:
     ],
 )
 def test_a_span_is_told_in_units_that_say_something(span: float, words: str) -> None:
-    assert span_words(span) == words
+    assert format_span(span) == words
 
 
 def test_of_many_names_the_first_are_told() -> None:

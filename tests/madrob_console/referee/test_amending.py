@@ -348,7 +348,7 @@ class View:
     ],
 )
 def test_the_dialog_asks_what_was_wrong_and_then_for_the_reason(key: str, act: Act) -> None:
-    ask = Correct.ask(View(STOPPED), "c")
+    ask = Correct.ask_questions(View(STOPPED), "c")
     assert isinstance(ask, Ask)
     then = ask.make(key)
     assert isinstance(then, Ask)
@@ -356,7 +356,7 @@ def test_the_dialog_asks_what_was_wrong_and_then_for_the_reason(key: str, act: A
 
 
 def test_another_subject_is_asked_for_first_and_then_its_team_and_the_reason() -> None:
-    ask = Correct.ask(View(STOPPED), "c")
+    ask = Correct.ask_questions(View(STOPPED), "c")
     assert isinstance(ask, Ask)
     then = ask.make("subject")
     assert isinstance(then, Ask)
@@ -370,7 +370,7 @@ def test_another_subject_is_asked_for_first_and_then_its_team_and_the_reason() -
 def test_the_name_of_another_subject_is_the_one_in_the_list() -> None:
     view = View(STOPPED)
     view.teams = teams = TeamList({3: "Delft", 12: "Graz"})
-    ask = Correct.ask(view, "c")
+    ask = Correct.ask_questions(view, "c")
     assert isinstance(ask, Ask)
     then = ask.make("subject")
     assert isinstance(then, Ask)
@@ -388,8 +388,8 @@ def test_the_name_of_another_subject_is_the_one_in_the_list() -> None:
 
 
 def test_the_dialog_says_what_it_takes_back() -> None:
-    ask = TakeBack.ask(View(Void("unsafe").apply(situation(STOPPED), 130.0)), "z")
+    ask = TakeBack.ask_questions(View(Void("unsafe").apply(situation(STOPPED), 130.0)), "z")
     assert isinstance(ask, Ask)
     assert ask.title == "Take back the last decision: void (unsafe)"
     assert ask.make("slip") == TakeBack(DecisionKind.VOID, 130.0, "slip")
-    assert TakeBack.ask(View(STOPPED), "z") == "there is nothing to take back"
+    assert TakeBack.ask_questions(View(STOPPED), "z") == "there is nothing to take back"

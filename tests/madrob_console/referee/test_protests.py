@@ -32,7 +32,7 @@ from madrob_console.referee.records import (
     ProtestTimes,
     TeamWord,
     Voiding,
-    due_words,
+    format_due,
     open_protests,
 )
 from madrob_console.referee.run import Phase, Run
@@ -177,7 +177,7 @@ def test_a_decision_after_its_deadline_is_called_late_and_a_withdrawal_is_not() 
 
 
 def listed_before_it_is_final(run: Run) -> str:
-    asked = Finalise.ask(View(run), "f")
+    asked = Finalise.ask_questions(View(run), "f")
     assert isinstance(asked, Ask)
     assert isinstance(asked.questions[0], Pick)
     return "\n".join(asked.questions[0].listed)
@@ -195,7 +195,7 @@ def test_an_upheld_protest_that_changed_nothing_is_named_before_the_signature() 
 
 def test_a_time_outside_the_recording_is_refused_where_it_is_typed() -> None:
     run = replace(STOPPED, countdown_began=95.0, start=100.0, stop=130.0)
-    asked = FileProtest.ask(View(run), "P")
+    asked = FileProtest.ask_questions(View(run), "P")
     assert isinstance(asked, Ask)
     when = asked.make("time")
     assert isinstance(when, Ask)
@@ -259,7 +259,7 @@ def answered(asked: object, *answers: str) -> Any:  # noqa: ANN401  whatever was
 def test_the_dialog_asks_what_about_then_who_and_what_they_say() -> None:
     assert STOPPED.start is not None
     steps = (StepRecord(Step.CROSS, Step.CROSS.text, final=STOPPED.start + 7.0),)
-    ask = FileProtest.ask(View(STOPPED, steps=steps, time=200.0), "P")
+    ask = FileProtest.ask_questions(View(STOPPED, steps=steps, time=200.0), "P")
     about = "step 4: cross the threshold"
     act = answered(answered(ask, about), "Graz", "through earlier")
     assert act == FileProtest("through earlier", "Graz", about, 7.0)
@@ -272,21 +272,21 @@ def test_the_dialog_asks_what_about_then_who_and_what_they_say() -> None:
 
 def test_the_same_key_decides_and_withdraws_while_a_protest_is_open() -> None:
     view = View(done(STOPPED, SLOW), time=250.0)
-    ask = FileProtest.ask(view, "P")
+    ask = FileProtest.ask_questions(view, "P")
     assert isinstance(ask, Ask)
     assert isinstance(ask.questions[0], Pick)
     assert "the robot was through earlier" in ask.questions[0].listed[0]
     decision = DecideProtest(1, ProtestEnd.REJECTED, "no", view.run.referee)
     assert answered(answered(ask, "decide"), "rejected", "no") == decision
     assert answered(answered(ask, "withdraw"), "satisfied") == WithdrawProtest(1, "satisfied")
-    which = DecideProtest.ask(View(done(view.run, SLOW)), "P")
+    which = DecideProtest.ask_questions(View(done(view.run, SLOW)), "P")
     assert answered(answered(which, "2"), "upheld", "yes").number == 2
 
 
 def test_who_decides_is_asked_where_no_referee_is_known() -> None:
     assert STOPPED.setup is not None
     nameless = replace(STOPPED, setup=replace(STOPPED.setup, referee=""))
-    ask = DecideProtest.ask(View(done(nameless, SLOW)), "P")
+    ask = DecideProtest.ask_questions(View(done(nameless, SLOW)), "P")
     assert isinstance(ask, Ask)
     assert isinstance(ask.questions[-1], Write)
     assert answered(ask, "upheld", "seen", "Ada").referee == "Ada"
@@ -304,7 +304,7 @@ def test_who_decides_is_asked_where_no_referee_is_known() -> None:
     ],
 )
 def test_a_deadline_is_told_in_minutes_hours_or_days(left: float, words: str) -> None:
-    assert due_words(1000.0 + left, 1000.0) == words
+    assert format_due(1000.0 + left, 1000.0) == words
 
 
 TOUCH = "the touch rests on 1 sample"
@@ -395,7 +395,7 @@ def test_a_doubt_is_not_signed_in_silence() -> None:
     assert replace(silent, undecided=(words,)).refusal(situation()) is None
     assert silent.refusal(situation(accepted(STOPPED, TIME, PASSAGE))) is None
     view = View(STOPPED, flags=found(STOPPED))
-    ask = Finalise.ask(view, "f")
+    ask = Finalise.ask_questions(view, "f")
     first = ask.questions[0]
     assert isinstance(first, Pick)
     assert f"! {words}: d accepts it with a reason" in first.listed
@@ -429,7 +429,7 @@ def test_the_answer_is_taken_back_and_the_doubt_waits_again() -> None:
 
 
 def test_the_dialog_asks_on_which_indicator_and_then_shows_each_doubt_once() -> None:
-    ask = AcceptDoubts.ask(View(STOPPED, indicators=RESULT), "d")
+    ask = AcceptDoubts.ask_questions(View(STOPPED, indicators=RESULT), "d")
     assert isinstance(ask, Ask)
     (which,) = ask.questions
     assert isinstance(which, Pick)
@@ -451,13 +451,13 @@ def test_the_dialog_asks_on_which_indicator_and_then_shows_each_doubt_once() -> 
 
 def test_one_doubted_indicator_is_not_asked_for() -> None:
     view = View(STOPPED, indicators=doubted(smoothness_of_door_actuation=(JITTER,)))
-    ask = AcceptDoubts.ask(view, "d")
+    ask = AcceptDoubts.ask_questions(view, "d")
     assert isinstance(ask, Ask)
     (why,) = ask.questions
     assert isinstance(why, Pick)
     assert why.listed == (f"? {JITTER}",)
     assert ask.make("?") == AcceptDoubts({SMOOTHNESS: (JITTER,)}, "?")
-    assert AcceptDoubts.ask(View(STOPPED), "d") == "no doubt waits for the referee"
+    assert AcceptDoubts.ask_questions(View(STOPPED), "d") == "no doubt waits for the referee"
 
 
 def test_the_journal_tells_what_was_accepted() -> None:

@@ -138,7 +138,7 @@ def write_bag(run: ReferenceRun, target: Path) -> None:
         metadata = {RECORD_NAME: record_of(run).to_metadata()}
         with BagWriter(bag, topics, metadata, block_when_full=True, flush_period=60.0) as writer:
             for message in messages(run):
-                writer.put(message)
+                writer.put_message(message)
         (recorded,) = bag.glob("*.mcap")
         _without_index(recorded, target)
 

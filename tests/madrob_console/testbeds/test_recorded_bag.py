@@ -43,7 +43,7 @@ def recorded() -> list[RawMessage]:
     for message in messages:
         source.publish(message)
     for number in range(100):
-        messages += source.take(0.05)
+        messages += source.take_messages(0.05)
         if number % 25 == 0:
             messages.append(said.event(json.dumps({"line": number}), clock.now_ns()))
     return messages
@@ -60,7 +60,7 @@ def write(
     folder: Path, messages: list[RawMessage], topics: list[Topic], types: MessageTypes
 ) -> Path:
     with BagWriter(folder, [*topics, *referee_topics(types)], RECORDS) as writer:
-        assert all(writer.put(message) for message in messages)
+        assert all(writer.put_message(message) for message in messages)
     return folder
 
 
@@ -82,7 +82,7 @@ def replay(path: Path, speed: float = 0) -> RecordedBag:
 def all_of(source: RecordedBag) -> list[RawMessage]:
     messages = []
     while not source.clock.ended:
-        messages += source.take(0.02)
+        messages += source.take_messages(0.02)
     return messages
 
 
@@ -103,20 +103,20 @@ def test_what_the_testbed_sent_comes_again_unchanged(
     source, messages = replay(bag, speed), []
     while not source.clock.ended:
         before = source.clock.now_ns()
-        taken = source.take(0.02)
+        taken = source.take_messages(0.02)
         now = source.clock.now_ns()
         assert now - before <= nanoseconds(0.02)
         assert all(m.receive_ns <= now for m in taken)
         assert now == before == source.begin_ns or all(m.receive_ns > before for m in taken)
         messages += taken
     assert messages == of_the_testbed(recorded)
-    assert source.take(0.02) == []
+    assert source.take_messages(0.02) == []
 
 
 def test_it_begins_anew_as_often_as_it_is_opened(bag: Path, recorded: list[RawMessage]) -> None:
     source = replay(bag)
     for _ in range(50):
-        source.take(0.02)
+        source.take_messages(0.02)
     source.clock.go_to(0)
     source.open()
     assert all_of(source) == of_the_testbed(recorded)

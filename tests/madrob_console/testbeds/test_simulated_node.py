@@ -49,7 +49,7 @@ class Console:
         ends = time.monotonic() + seconds
         while not condition():
             assert time.monotonic() < ends, f"it never happened; the node said {self.lines}"
-            for message in self.source.take(0.02):
+            for message in self.source.take_messages(0.02):
                 sample = self._decoder.decode(message)
                 assert sample is not None
                 self.samples.append(sample)

@@ -82,7 +82,7 @@ def test_it_says_that_it_is_simulated() -> None:
 def test_every_topic_comes_at_its_rate_in_the_order_of_reception() -> None:
     clock = VirtualClock(START_NS)
     source = simulated(clock=clock, sensors=SensorSettings(latch=True))
-    taken = [source.take(0.05) for _ in range(200)]
+    taken = [source.take_messages(0.05) for _ in range(200)]
     assert clock.now_ns() == START_NS + 10 * NS
     messages = [message for batch in taken for message in batch]
     received = [message.receive_ns for message in messages]
@@ -104,7 +104,7 @@ def test_its_bytes_decode_to_the_samples_of_a_testbed_at_rest() -> None:
     source = simulated(sensors=SensorSettings(latch=True))
     decoder = Decoder(DEFAULT_MAPPINGS, TYPES)
     kinds = set()
-    for message in source.take(1.0):
+    for message in source.take_messages(1.0):
         sample = decoder.decode(message)
         assert sample is not None
         kinds.add(sample.signal)
@@ -128,13 +128,13 @@ def test_the_same_seed_gives_the_same_bytes_however_they_are_taken() -> None:
     def record(periods: list[float]) -> list[RawMessage]:
         source = simulated(Scenario.RANDOM, seed=11)
         source.publish(state("countdown", seconds(START_NS) + 1.0))
-        return [message for period in periods for message in source.take(period)]
+        return [message for period in periods for message in source.take_messages(period)]
 
     once = record([16.0])
     assert record([0.05] * 320) == once
     assert record([0.5, 7.25, 0.25, 8.0]) == once
     other = simulated(Scenario.RANDOM, seed=12)
-    assert other.take(0.1)[0].data != once[0].data
+    assert other.take_messages(0.1)[0].data != once[0].data
 
 
 DOOR_TOPIC = "/madrob/door/angle"
@@ -148,7 +148,7 @@ def by_topic(network: Network | None) -> dict[str, list[RawMessage]]:
     found = defaultdict(list)
     before = START_NS
     while clock.now_ns() < START_NS + nanoseconds(12.0):
-        batch = source.take(0.013)
+        batch = source.take_messages(0.013)
         received = [message.receive_ns for message in batch]
         assert received == sorted(received)
         assert all(before < ns <= clock.now_ns() for ns in received)
@@ -198,7 +198,7 @@ def test_what_is_under_way_says_what_was_read_and_not_what_is_there_when_it_arri
     decoder = Decoder(DEFAULT_MAPPINGS, TYPES)
 
     def angles(duration: float) -> list[float]:
-        samples = [decoder.decode(message) for message in source.take(duration)]
+        samples = [decoder.decode(message) for message in source.take_messages(duration)]
         return [s.angle for s in samples if isinstance(s, DoorSample)]
 
     source.publish(state("countdown", seconds(START_NS)))
@@ -211,7 +211,9 @@ def test_what_is_under_way_says_what_was_read_and_not_what_is_there_when_it_arri
 
 
 def test_without_a_network_a_seed_gives_what_it_gave_before_there_was_one() -> None:
-    message = [m for m in simulated(seed=7).take(20.0) if m.topic == "/madrob/handle/force"][-1]
+    message = [
+        m for m in simulated(seed=7).take_messages(20.0) if m.topic == "/madrob/handle/force"
+    ][-1]
     sample = Decoder(DEFAULT_MAPPINGS, TYPES).decode(message)
     assert isinstance(sample, HandleSample)
     assert message.publish_ns - START_NS == 19_991_378_104
@@ -229,14 +231,14 @@ def run(
     detector = EventDetector(_condition(source), start, Thresholds(), handle_zero=zero)
     settle, stop, outcome = Thresholds().settle_time, start + timeout, Outcome.TIMEOUT
     while seconds(clock.now_ns()) < start + timeout + settle + 0.2:
-        _feed(detector, decoder, source.take(0.05))
+        _feed(detector, decoder, source.take_messages(0.05))
         live = follow_procedure(
             detector.evidence(), lock_detection=LockDetection.AUTO, settle_time=settle
         )
         if live.completed is not None and live.completed <= start + timeout:
             stop, outcome = live.completed, Outcome.COMPLETED
             break
-    _feed(detector, decoder, source.take(1.0))
+    _feed(detector, decoder, source.take_messages(1.0))
     steps = follow_procedure(
         detector.evidence(stop), lock_detection=LockDetection.AUTO, settle_time=settle
     )
@@ -302,7 +304,7 @@ def test_the_robot_sets_out_when_the_run_starts_and_returns_for_the_next() -> No
     decoder = Decoder(DEFAULT_MAPPINGS, TYPES)
 
     def angles(duration: float) -> list[float]:
-        samples = [decoder.decode(message) for message in source.take(duration)]
+        samples = [decoder.decode(message) for message in source.take_messages(duration)]
         return [s.angle for s in samples if isinstance(s, DoorSample)]
 
     assert truth_of_testbed(source.testbed) is None
@@ -354,14 +356,14 @@ def test_its_topics_are_those_of_all_messages() -> None:
     source = simulated()
     known = {topic.name: topic.type for topic in source.topics()}
     own = (state("ready"), said.event("{}"), said.start_pose(StartPose(1.5, 0.0, 180.0)))
-    for message in (*own, *source.take(0.1)):
+    for message in (*own, *source.take_messages(0.1)):
         assert known[message.topic] == message.type
 
 
 def test_status_tells_which_topics_speak() -> None:
     source = SimulatedSource(None, VirtualClock(START_NS), TYPES)
     assert {status.publishers for status in source.status()} == {0}
-    assert source.take(1.0) == []
+    assert source.take_messages(1.0) == []
     source.open()
     source.open()
     assert [status.topic for status in source.status()] == [
@@ -370,7 +372,7 @@ def test_status_tells_which_topics_speak() -> None:
     assert {status.publishers for status in source.status()} == {1}
     source.close()
     source.close()
-    assert source.take(1.0) == []
+    assert source.take_messages(1.0) == []
 
 
 def test_a_robot_that_cannot_be_played_shows_as_a_problem() -> None:
@@ -379,7 +381,7 @@ def test_a_robot_that_cannot_be_played_shows_as_a_problem() -> None:
     source.open()
     source.publish(state("countdown", seconds(START_NS)))
     assert all("no clear run" in (status.problem or "") for status in source.status())
-    assert len(source.take(1.0)) > 250
+    assert len(source.take_messages(1.0)) > 250
 
 
 def test_a_testbed_configured_otherwise_is_simulated_as_configured() -> None:
@@ -396,7 +398,7 @@ def test_a_testbed_configured_otherwise_is_simulated_as_configured() -> None:
     source.open()
     source.publish(state("countdown", seconds(START_NS)))
     decoder = Decoder(mappings, TYPES)
-    samples = [decoder.decode(message) for message in source.take(6.0)]
+    samples = [decoder.decode(message) for message in source.take_messages(6.0)]
     assert max(s.angle for s in samples if isinstance(s, DoorSample)) > 1.0
     assert abs(next(s.force for s in samples if isinstance(s, HandleSample)) - 5.9) < 0.3
     assert {s.engaged for s in samples if isinstance(s, LatchSample)} == {True, False}
@@ -421,9 +423,9 @@ def test_what_cannot_be_simulated_is_refused(type_name: str, field: str) -> None
 @pytest.mark.machine
 def test_in_real_time_messages_come_as_time_passes() -> None:
     clock = SystemClock()
-    clock.hold()
+    clock.hold_steady()
     began = time.monotonic()
-    messages = simulated(clock=clock).take(0.2)
+    messages = simulated(clock=clock).take_messages(0.2)
     took = time.monotonic() - began
     assert 0.2 <= took < 2.0
     passed = seconds(messages[-1].receive_ns - messages[0].receive_ns)
@@ -436,7 +438,7 @@ def test_in_real_time_messages_come_as_time_passes() -> None:
 def test_at_ten_times_the_speed_ten_times_as_much_comes() -> None:
     source = simulated(clock=SystemClock(speed=10.0))
     began = time.monotonic()
-    messages = source.take(1.0)
+    messages = source.take_messages(1.0)
     assert time.monotonic() - began < 1.0
     assert len(messages) >= 290
 
@@ -453,10 +455,10 @@ class Stepped(VirtualClock):
 def test_a_stepped_clock_neither_floods_nor_silences(step: float, network: Network) -> None:
     clock = Stepped(START_NS)
     source = simulated(clock=clock, network=network)
-    source.take(1.0)
+    source.take_messages(1.0)
     clock.offset = nanoseconds(step)
-    source.take(0.02)
-    messages = source.take(1.0)
+    source.take_messages(0.02)
+    messages = source.take_messages(1.0)
     assert len(messages) == pytest.approx(300, abs=12)
     assert abs(seconds(messages[-1].receive_ns - clock.now_ns())) < 0.1
 
@@ -464,10 +466,10 @@ def test_a_stepped_clock_neither_floods_nor_silences(step: float, network: Netwo
 def test_what_was_under_way_when_the_clock_was_put_back_never_arrives() -> None:
     clock = Stepped(START_NS)
     source = simulated(clock=clock, network=Network({Signal.DOOR: 0.5}))
-    source.take(1.0)
+    source.take_messages(1.0)
     clock.offset = nanoseconds(-5.0)
-    source.take(0.02)
-    stamps = [m.publish_ns for m in source.take(8.0) if m.topic == DOOR_TOPIC]
+    source.take_messages(0.02)
+    stamps = [m.publish_ns for m in source.take_messages(8.0) if m.topic == DOOR_TOPIC]
     assert len(stamps) > 300
     assert all(b - a > nanoseconds(0.01) for a, b in pairwise(stamps)), "once each"
 
@@ -476,7 +478,7 @@ def test_simulating_is_a_hundred_times_faster_than_living() -> None:
     source = simulated()
     source.publish(state("countdown", seconds(START_NS)))
     began = time.process_time()
-    source.take(20.0)
+    source.take_messages(20.0)
     assert time.process_time() - began < 1.0
 
 
@@ -504,7 +506,11 @@ def test_each_ray_of_a_scan_meets_the_ground_below_its_sensor(hinge_left: bool) 
     source = SimulatedSource(SimulatedTestbed(geometry=geometry), VirtualClock(START_NS), TYPES)
     source.open()
     found = transforms([TYPES.decode(m.type, m.data) for m in source.announcement.messages])
-    scans = {m.topic: TYPES.decode(m.type, m.data) for m in source.take(0.1) if m.topic in STRIPS}
+    scans = {
+        m.topic: TYPES.decode(m.type, m.data)
+        for m in source.take_messages(0.1)
+        if m.topic in STRIPS
+    }
     assert set(scans) == set(STRIPS)
     for topic, scan in scans.items():
         stamped = found[scan.header.frame_id]
@@ -594,7 +600,7 @@ def pauses(
     watch = SilenceWatch()
     for at in came:
         if begin is not None and at >= begin:
-            watch.begin()
+            watch.begin_recording()
             begin = None
         watch.came(round(at * NS))
     told = watch.pauses(round(now * NS))

@@ -211,7 +211,7 @@ class FakeEngine:
             self.result, self.steps = None, NO_STEPS
         return None
 
-    def begin(self, request: Request[T]) -> Future[T]:
+    def begin_request(self, request: Request[T]) -> Future[T]:
         answer: Future[T] = Future()
         try:
             self._answer()
@@ -220,8 +220,8 @@ class FakeEngine:
             answer.set_exception(error)
         return answer
 
-    def ask(self, request: Request[T]) -> T:
-        return self.begin(request).result()
+    def send_request(self, request: Request[T]) -> T:
+        return self.begin_request(request).result()
 
     def _carry_out(self, request: Request[Any]) -> object:  # noqa: C901  one case a request
         match request:
@@ -384,9 +384,9 @@ class SlowEngine(FakeEngine):
     slow: bool = False
     waiting: list[tuple[Request[Any], Future[Any]]] = field(default_factory=list)
 
-    def begin(self, request: Request[T]) -> Future[T]:
+    def begin_request(self, request: Request[T]) -> Future[T]:
         if not self.slow:
-            return super().begin(request)
+            return super().begin_request(request)
         answer: Future[T] = Future()
         self.waiting.append((request, answer))
         return answer
@@ -396,7 +396,7 @@ class SlowEngine(FakeEngine):
         waiting, self.waiting = self.waiting, []
         for request, answer in waiting:
             if answer.set_running_or_notify_cancel():
-                answer.set_result(super().begin(request).result())
+                answer.set_result(super().begin_request(request).result())
 
 
 def indicators(*, missing: bool = False) -> dict[IndicatorName, Indicator]:

@@ -91,7 +91,7 @@ async def test_no_two_columns_touch_and_all_of_them_are_there(
     await doubted(driver)
     table = driver.console.panes.results.query_one(IndicatorTable)
     table.earlier = [earlier(17.4), earlier(17.45), earlier(17.42)]
-    rows = table.draw(engine.snapshot(), width)
+    rows = table.draw_lines(engine.snapshot(), width)
     text = plain(rows)
     assert max(map(cell_len, text.splitlines())) <= width
     row = next(one for one in text.splitlines() if one.startswith("execution time"))
@@ -137,7 +137,7 @@ async def test_the_mean_of_earlier_runs_without_uncertainties_tells_nothing_apar
     table.earlier = [earlier(17.4), summary(values={TIME: 17.43})]
     row = next(
         one
-        for one in plain(table.draw(engine.snapshot(), 110)).splitlines()
+        for one in plain(table.draw_lines(engine.snapshot(), 110)).splitlines()
         if one.startswith("execution time")
     )
     assert "worse" in row
@@ -152,7 +152,7 @@ async def test_a_difference_within_the_scatter_of_the_earlier_runs_is_neither_be
     rows = []
     for times in ((16.0, 16.0, 16.0), (14.0, 16.0, 18.0)):
         table.earlier = [earlier(time) for time in times]
-        text = plain(table.draw(engine.snapshot(), 110)).splitlines()
+        text = plain(table.draw_lines(engine.snapshot(), 110)).splitlines()
         rows.append(next(one for one in text if one.startswith("execution time")))
     assert rows[0].split()[-3:] == ["+1.43", "worse", "16.00"]
     assert rows[1].split()[-3:] == ["+1", "=", "16"]
@@ -170,7 +170,7 @@ async def test_a_run_that_failed_or_is_void_is_compared_with_nothing(
     void = replace(run, voided=Voiding(1.0, "wrong door", "Ada"))
     failed = replace(run, outcome=Outcome.TIMEOUT)
     for each, words in ((run, True), (void, False), (failed, False)):
-        text = plain(table.draw(replace(snapshot, run=each), 110))
+        text = plain(table.draw_lines(replace(snapshot, run=each), 110))
         assert ("against mean of 1 earlier" in text) is words
         assert ("worse" in text) is words
         assert ("compared with no other run" in text) is not words

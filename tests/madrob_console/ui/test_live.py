@@ -427,7 +427,7 @@ def camera(side: str, lost: int = 0, problem: str = "") -> EvidenceTopicView:
 
 def drawn(evidence: EvidenceView | None, width: int = 200) -> str:
     snapshot: Snapshot = replace(FakeEngine().snapshot(), evidence=evidence)
-    rows = EvidenceLine().draw(snapshot, width)
+    rows = EvidenceLine().draw_lines(snapshot, width)
     assert all(width_of(row) <= width for row in rows)
     return plain(rows).rstrip("\n")
 
@@ -561,7 +561,7 @@ def texts(lines: Iterable[Line]) -> Iterator[str]:
 def shown(snapshot: Snapshot) -> dict[str, str]:
     """The times on the live screen and on the wall, as they stand there, by what they are of."""
     found: dict[str, str] = {}
-    for text in texts(Provisional().draw(snapshot, WIDE)):
+    for text in texts(Provisional().draw_lines(snapshot, WIDE)):
         found |= dict(_INDICATOR.findall(text))
     settled = snapshot.result is not None
     table = step_lines(snapshot.steps, snapshot.run.start, NARROW, settled=settled)

@@ -256,7 +256,7 @@ async def test_a_result_that_was_signed_with_something_undecided_says_so(driver:
 
 def toned(driver: Driver, width: int = 78) -> dict[str, Tone]:
     """The words of the result's head, with their tones."""
-    lines = ResultHead().draw(driver.engine.snapshot(), width)
+    lines = ResultHead().draw_lines(driver.engine.snapshot(), width)
     return {span.text: span.tone for row in lines for span in row}
 
 
@@ -349,8 +349,8 @@ async def test_evidence_that_was_removed_is_not_shown_as_if_it_were_there(
     there = replace(snapshot, run=run)
     gone = replace(run, removed_evidence=(RemovedEvidence(1.7e9, 1, 34_300_000),))
     words = "1 topic, 881 messages, 34.3 MB"
-    assert shown(QualityTable().draw(there, size[0])).endswith(words)
-    told = shown(QualityTable().draw(replace(snapshot, run=gone), size[0]))
+    assert shown(QualityTable().draw_lines(there, size[0])).endswith(words)
+    told = shown(QualityTable().draw_lines(replace(snapshot, run=gone), size[0]))
     assert " ".join(told.split()).endswith(f"{words}; removed by tidy on {date_of(1.7e9)}")
 
 

@@ -365,7 +365,9 @@ def test_the_result_says_how_it_compares_with_the_stored_one(words: str) -> None
     engine.tick(20.0)
     engine.finish()
     engine.playback = replace(VIEW, ended=True, comparison=words)
-    rows = ["".join(s.text for s in line) for line in ResultHead().draw(engine.snapshot(), 80)]
+    rows = [
+        "".join(s.text for s in line) for line in ResultHead().draw_lines(engine.snapshot(), 80)
+    ]
     assert words in rows
     assert any("REPLAY: not an official result" in row for row in rows)
     assert not any("f finalises" in row for row in rows)

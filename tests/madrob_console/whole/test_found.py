@@ -174,8 +174,8 @@ def test_a_run_whose_runtime_folder_is_removed_is_seen_and_aborted(
             with closing(console):
                 assert console.pid == engine.process.pid  # no second one
                 assert console.snapshot().run.phase is Phase.RUNNING
-                assert console.ask(TakeOver()) is None
-                assert console.ask(Perform.of(Abort("enough"))) is None
+                assert console.send_request(TakeOver()) is None
+                assert console.send_request(Perform.of(Abort("enough"))) is None
         assert engine.result()["outcome"] == "aborted"  # its first screen is still attached
         if how == "may not be made again":
             folder.unlink()
@@ -544,7 +544,7 @@ def test_what_a_disk_holds_back_is_said_to_go_on_until_it_has_ended(
         process = bench.serve("--scenario=no-touch", results=results)
         (path,) = bench.runtime.glob("madrob/*.sock")
         with closing(RemoteEngine(path, Role.REFEREE, "ada@hall")) as console:
-            assert console.ask(Perform.of(SetUp(make_setup()))) is None
+            assert console.send_request(Perform.of(SetUp(make_setup()))) is None
             until(lambda: "recorder" in {check.name for check in console.snapshot().checks})
             with disk.stalled():
                 until(lambda: console.snapshot().pulse.disk >= 1)

@@ -204,7 +204,7 @@ def _socket(place: Place, examples: int) -> None:
     def check_state(content: bytes) -> None:
         with suppress(MadrobError):
             if isinstance(state := wire.message_of(content), wire.State):
-                only_words(lambda: Incoming().take(state))
+                only_words(lambda: Incoming().apply_state(state))
 
     outgoing = Outgoing()
     outgoing.show(drive.engine.snapshot(), 0.0)

@@ -35,7 +35,7 @@ from madrob_console.engine.client import RemoteEngine
 from madrob_console.engine.core import Engine
 from madrob_console.engine.engine_config import EngineConfig
 from madrob_console.engine.journal_writer import Recording
-from madrob_console.engine.observation import Course
+from madrob_console.engine.observation import RunTracker
 from madrob_console.engine.requests import Role
 from madrob_console.engine.scorer import EarlierRun, RenderedResult
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
@@ -224,12 +224,12 @@ def test_stamps_that_follow_the_stepped_clock_are_shifted_back_and_flagged(
     drive = SteppedDrive(tmp_path)
     drive.start(make_setup())
     drive.wait(5.0)
-    take = drive.source.take
+    take = drive.source.take_messages
 
     def stepped(timeout: float) -> list[RawMessage]:
         return [shifted(message, jump) for message in take(timeout)]
 
-    drive.source.take = stepped  # type: ignore[method-assign]
+    drive.source.take_messages = stepped  # type: ignore[method-assign]
     machine.step(jump)
     drive.finish()
     result = result_of(drive)
@@ -494,7 +494,7 @@ def test_strips_that_flicker_for_five_minutes_hold_nothing_up(tmp_path: Path) ->
 PAGE = os.sysconf("SC_PAGE_SIZE")
 MEMORY_GROWTH = 4_000_000
 OF_A_RUN = (
-    *(Engine, Recording, BagWriter, Journal, Course, Assessment),
+    *(Engine, Recording, BagWriter, Journal, RunTracker, Assessment),
     *(Scored, OpenedRun, RenderedResult, EarlierRun),
 )
 

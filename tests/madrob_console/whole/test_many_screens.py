@@ -51,7 +51,7 @@ def memory_of(engine: EngineProcess) -> float:
 def took(engine: EngineProcess, act: Act) -> float:
     """How long it takes until an act has taken effect and is shown, s."""
     began = time.monotonic()
-    refused = engine.client.ask(Perform.of(act))
+    refused = engine.client.send_request(Perform.of(act))
     assert refused is None, refused
     return time.monotonic() - began
 
@@ -98,19 +98,21 @@ def test_what_is_asked_of_an_engine_that_stands_still_never_happens(tmp_path: Pa
     with EngineProcess(tmp_path / "runs", "no-touch") as engine:
         engine.start(make_setup(countdown=1.0, timeout=600.0))
         with held(engine):
-            sent = engine.client.begin(Perform.of(Abort("held")))
+            sent = engine.client.begin_request(Perform.of(Abort("held")))
             until(sent.running)
-            filling = [engine.client.begin(Perform.of(AddNote(50_000 * "x"))) for _ in range(40)]
+            filling = [
+                engine.client.begin_request(Perform.of(AddNote(50_000 * "x"))) for _ in range(40)
+            ]
             until(lambda: any(answer.running() for answer in filling))
             waiting = filling[-1]  # the socket is full: it waits in the screen
             time.sleep(0.5)
             assert not waiting.running()
             assert waiting.cancel()
             with pytest.raises(MadrobError, match=NO_ANSWER):
-                engine.client.ask(Perform.of(Abort("behind those that wait")))
+                engine.client.send_request(Perform.of(Abort("behind those that wait")))
             with pytest.raises(UnsureError):
                 awaited(sent, 0.0)
-        engine.client.ask(NextRunNumber(3, 1))
+        engine.client.send_request(NextRunNumber(3, 1))
         shown = engine.wait_for(lambda s: s.pulse.words is None)
         assert shown.run.phase is Phase.RUNNING
         assert shown.run.notes == ()

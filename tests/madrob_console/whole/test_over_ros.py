@@ -176,7 +176,7 @@ def test_each_of_two_engines_in_a_domain_names_the_other_and_one_that_was_killed
         until(lambda: named(local.snapshot()) and named(other.snapshot()), SOON + BUSY)
         print(f"both named after {time.monotonic() - there:.2f} s")
         for engine in (local, other.client):
-            assert engine.ask(Perform.of(SetUp(make_setup()))) is None
+            assert engine.send_request(Perform.of(SetUp(make_setup()))) is None
             until(lambda engine=engine: engine.snapshot().run.setup is not None)  # type: ignore[misc]
             state, reason = referee_check(engine.snapshot())
             assert state is CheckState.FAILED  # one of those that block a start
@@ -224,7 +224,7 @@ class World:
         now = self._clock.now_ns()
         stamp = TYPES.make("builtin_interfaces/msg/Time", sec=now // NS, nanosec=now % NS)
         self._clock_publisher.publish(TYPES.encode(CLOCK, TYPES.make(CLOCK, clock=stamp)))
-        for message in self._testbed.take(0):
+        for message in self._testbed.take_messages(0):
             self._publishers[message.topic].publish(message.data)
         while self._states:
             data = self._states.pop(0)
@@ -372,7 +372,7 @@ def test_4_mb_five_times_a_second_delay_neither_clock_nor_abort_and_are_recorded
                 clocks.append(clock_behind(engine, WATCHED))
                 loads.append((processor_time(engine.process.pid) - used) / (time.monotonic() - at))
                 before, pressed = len(states), time.monotonic()
-                assert engine.client.ask(Perform.of(Abort("enough"))) is None
+                assert engine.client.send_request(Perform.of(Abort("enough"))) is None
                 aborts.append(time.monotonic() - pressed)
                 peer.until(lambda before=before: "aborted" in said(states[before:]))  # type: ignore[misc]
                 announced.append(time.monotonic() - pressed)

@@ -13,7 +13,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import RemoteService
 from madrob_console.config import Settings
 from madrob_console.engine.core import Engine
-from madrob_console.engine.disk import InlineKeeper, Keepers
+from madrob_console.engine.disk import DiskThreads, InlineDisk
 from madrob_console.engine.engine_config import EngineConfig
 from madrob_console.engine.engine_thread import LocalEngine
 from madrob_console.engine.requests import Perform
@@ -48,7 +48,7 @@ class Hall:
         clock, types = SystemClock(), MessageTypes()
         self.source = RosSource(DEFAULT_MAPPINGS, types, clock)
         config = EngineConfig(results, DEFAULT_MAPPINGS, disk_needed=0)
-        keepers = Keepers(self.disk, InlineKeeper(), monotonic=time.monotonic)
+        keepers = DiskThreads(self.disk, InlineDisk(), monotonic=time.monotonic)
         self.engine = LocalEngine(Engine(self.source, clock, config, types, keepers=keepers))
         self.source.attend(Attendant(self.engine, tuple(RemoteService), 50.0))
         self._clients: dict[RemoteService, RosObject] = {}
@@ -62,10 +62,10 @@ class Hall:
         """A run is set up, and what no testbed says is waived."""
         self._number += 1
         setup = make_setup(run_number=self._number, countdown=0.3)
-        assert self.engine.ask(Perform.of(SetUp(setup))) is None
+        assert self.engine.send_request(Perform.of(SetUp(setup))) is None
         until(lambda: blocking(self.engine.snapshot().checks))
         while blocks := blocking(self.engine.snapshot().checks):
-            assert self.engine.ask(Perform.of(Waive(blocks[0].name, "no testbed"))) is None
+            assert self.engine.send_request(Perform.of(Waive(blocks[0].name, "no testbed"))) is None
 
     def call(self, service: RemoteService) -> RosObject:
         """A call, and the answer to come."""
@@ -127,7 +127,7 @@ def test_an_abort_is_done_at_once_in_a_flood_of_calls_which_is_refused_in_words(
     hall: Hall,
 ) -> None:
     hall.make_ready()
-    assert hall.engine.ask(Perform.of(Start())) is None
+    assert hall.engine.send_request(Perform.of(Start())) is None
     until(lambda: hall.phase is Phase.RUNNING)
     assert not hall.answer(START)[0]
     flood = [hall.call(START) for _ in range(150)]

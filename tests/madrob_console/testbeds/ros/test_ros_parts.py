@@ -19,7 +19,7 @@ from madrob_console.testbeds.evidence_choice import EvidenceChoice
 from madrob_console.testbeds.ros import RosSource, evidence_intake
 from madrob_console.testbeds.ros.connection import RosObject, load_message_class, load_module
 from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
-from madrob_console.testbeds.ros.intake import Handover, LossCounter
+from madrob_console.testbeds.ros.intake import LossCounter, QosSwitch
 from madrob_console.testbeds.ros.neighbours import DEPTH, TOO_MANY, Replies
 from madrob_console.testbeds.ros.ros_source import Mailbox
 from madrob_console.testbeds.ros.types import Definition, TypeWords, find_definition, prefixes
@@ -78,22 +78,22 @@ def message(topic: str = "/a", size: int = 10) -> RawMessage:
 def test_the_mailbox_hands_over_at_once_and_waits_no_longer_than_told() -> None:
     mailbox = Mailbox()
     before = time.monotonic()
-    assert mailbox.take(0.05) == []
+    assert mailbox.take_messages(0.05) == []
     assert 0.04 < time.monotonic() - before < 1.0
-    sender = threading.Timer(0.02, mailbox.put, [[message()]])
+    sender = threading.Timer(0.02, mailbox.put_messages, [[message()]])
     sender.start()
-    assert mailbox.take(10.0) == [message()]
-    assert mailbox.take(0) == []
+    assert mailbox.take_messages(10.0) == [message()]
+    assert mailbox.take_messages(0) == []
     sender.join()
 
 
 def test_a_full_mailbox_drops_and_counts_by_topic() -> None:
     mailbox = Mailbox(capacity=850)
-    mailbox.put([message("/b"), message("/b"), message("/b"), message("/a")])
-    assert [m.topic for m in mailbox.take(0)] == ["/b", "/b", "/a"]
+    mailbox.put_messages([message("/b"), message("/b"), message("/b"), message("/a")])
+    assert [m.topic for m in mailbox.take_messages(0)] == ["/b", "/b", "/a"]
     assert (mailbox.dropped("/a"), mailbox.dropped("/b")) == (0, 1)
-    mailbox.put([message("/b")])
-    assert len(mailbox.take(0)) == 1
+    mailbox.put_messages([message("/b")])
+    assert len(mailbox.take_messages(0)) == 1
 
 
 @pytest.fixture
@@ -598,7 +598,7 @@ DONE = CallAnswer(success=True, message="Done: abort")
 def told(replies: Replies) -> list[tuple[object, str]]:
     """Everything that is owed."""
     owed = []
-    while (one := replies.take()) is not None:
+    while (one := replies.take_reply()) is not None:
         owed.append((one[0], one[1].message))
     return owed
 
@@ -639,7 +639,7 @@ class Listening:
 
     def look(self, *, recording: bool = False) -> None:
         self.intakes.discover(recording=recording)
-        for taken in self.intakes.take(time.time_ns):
+        for taken in self.intakes.take_messages(time.time_ns):
             self.taken.setdefault(taken.topic.name, []).extend(m.data for m in taken.messages)
 
     def looked(self, topic: str) -> str:
@@ -715,13 +715,13 @@ def test_a_type_stays_while_it_is_recorded_and_changes_between_runs(
 def test_a_topic_on_which_ros_fails_is_named_and_ends_no_other(
     ros_domain: int, peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Failing(Handover):
+    class Failing(QosSwitch):
         def listen(self, qos: object, publishers: int) -> None:
             if self._name == "/hall/bad":
                 raise RuntimeError("no such thing\nas a subscription")
             super().listen(qos, publishers)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(evidence_intake, "Handover", Failing)
+    monkeypatch.setattr(evidence_intake, "QosSwitch", Failing)
     here = Listening(ros_domain, "/hall/**")
     bad, good = (peer.publisher(f"/hall/{name}", BOOL) for name in ("bad", "good"))
 

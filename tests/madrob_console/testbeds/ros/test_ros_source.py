@@ -243,7 +243,7 @@ def test_before_and_after_the_connection_every_call_is_harmless(ros_domain: int)
     closed.open()
     closed.close()
     closed.close()
-    assert closed.take(0) == []
+    assert closed.take_messages(0) == []
     closed.publish(said.event("{}"))
 
 
@@ -253,7 +253,7 @@ def test_a_middleware_that_fails_is_shown_and_ends_nothing(peer: Peer) -> None:
         taker.source._connection._context.shutdown()
         peer.until(lambda: taker.source.status()[0].problem)
         assert taker.source.status()[0].problem.startswith("ROS fails (")  # type: ignore[union-attr]
-        assert taker.source.take(0) == []
+        assert taker.source.take_messages(0) == []
 
 
 def test_a_want_of_memory_is_shown_and_what_comes_later_is_received(
@@ -285,7 +285,7 @@ def test_what_arrived_before_the_end_can_still_be_taken(peer: Peer) -> None:
         for _ in range(50):
             publisher.publish(truth(True))
         peer.until(lambda: len(taker.source._mailbox) == 50)
-    assert len(taker.source.take(0)) == 50
+    assert len(taker.source.take_messages(0)) == 50
 
 
 def test_a_topic_mapped_with_two_types_is_refused() -> None:
@@ -309,7 +309,7 @@ def test_the_interpreter_ends_cleanly_closed_or_not(ending: str) -> None:
         from tests.madrob_console.ros_peer import source as make
         source = make()
         source.open()
-        source.take(0.3)
+        source.take_messages(0.3)
         {ending}
     """
     done = subprocess.run(
