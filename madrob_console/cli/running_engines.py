@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
 from madrob_console.cli.attaching import TAKEN, owned_testbed, ros_words
@@ -24,9 +25,11 @@ from madrob_console.engine import wire
 from madrob_console.engine.control import ControlPort, Inquiry, WhoAnswer, ask_owner, stop_answer_in
 from madrob_console.engine.discovery import EngineHandle, FoundEngine, Holding, all_engines, held
 from madrob_console.engine.engine_lock import Owned, results_name
-from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.run import Phase
 from madrob_console.ui.look.words import PHASES
+
+if TYPE_CHECKING:
+    from madrob_console.engine.snapshot import Snapshot
 
 ENDING_TIME = 30.0
 """Time for an engine to close its recording and write the result, s."""

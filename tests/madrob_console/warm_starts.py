@@ -110,7 +110,7 @@ def _fork_scorers(link: socket.socket) -> NoReturn:
         pid = os.fork()
         if pid == 0:
             link.close()
-            sys.argv = ["scoring_program", str(handles[0])]
+            sys.argv = ["scoring_worker", str(handles[0])]
             try:
                 scoring_worker.main()
             finally:

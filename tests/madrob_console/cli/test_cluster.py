@@ -221,7 +221,7 @@ def test_what_a_late_worker_of_another_version_gets_is_done_by_others(
     words = rf"^worker \S+ has other versions \({OTHER} there, {re.escape(own)} here\), which "
     faked = tmp_path / "faked.py"
     faked.write_text(
-        f"from madrob_console import version\nversion.software_version = lambda: {OTHER!r}\n"
+        f"from madrob_console.common import version\nversion.software_version = lambda: {OTHER!r}\n"
     )
     with cluster_of() as (address, fitting):
 

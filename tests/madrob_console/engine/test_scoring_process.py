@@ -548,7 +548,7 @@ def scorers_of(parent: int) -> list[int]:
     found = []
     for pid in children_of(parent):
         with suppress(OSError):
-            if b"scoring_program" in Path(f"/proc/{pid}/cmdline").read_bytes():
+            if b"scoring_worker" in Path(f"/proc/{pid}/cmdline").read_bytes():
                 found.append(pid)
     return found
 

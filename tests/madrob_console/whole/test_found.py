@@ -43,7 +43,7 @@ MADROB = "import sys; from madrob_console.cli.main import main; sys.exit(main())
 OTHER_VERSION = "from madrob_console.engine import wire; wire.VERSION = 900;"
 NO_NAMES = """
 from contextlib import contextmanager
-from madrob_console.cli import owning
+from madrob_console.cli import running_engines
 from madrob_console.engine.discovery import Holding
 from madrob_console.engine.engine_lock import place_of
 
@@ -52,7 +52,7 @@ def held(owned, *, lock_testbed):
     with place_of(owned).taken():
         yield Holding((), None, ())
 
-owning.held = held
+running_engines.held = held
 """
 """As engines were before they owned names."""
 HANGS = """
