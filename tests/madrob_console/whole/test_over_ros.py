@@ -59,7 +59,7 @@ from hashlib import sha256
 from madrob_console.cli.main import main
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 
-take, log = SimulatedSource.take, open(sys.argv[1], "w", buffering=1)
+take, log = SimulatedSource.take_messages, open(sys.argv[1], "w", buffering=1)
 
 def logged(self, timeout):
     messages = take(self, timeout)
@@ -67,7 +67,7 @@ def logged(self, timeout):
         log.write(f"{message.topic} {sha256(message.data).hexdigest()}\\n")
     return messages
 
-SimulatedSource.take = logged
+SimulatedSource.take_messages = logged
 sys.exit(main(["testbed", "--scenario", "nominal"]))
 """
 
