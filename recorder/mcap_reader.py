@@ -1,4 +1,11 @@
-"""Reads the records of an MCAP file in storage order, whole or torn."""
+"""Reads the records of an MCAP file in storage order, whole or torn.
+
+The records are parsed by the mcap library; only their framing (opcode and length), the chunks and
+the messages in them are taken apart here. The library's own stream reader believes every length
+in a damaged file, decompresses a chunk to whatever size its content claims, takes a text that
+ends too early for whole, and walks a tail of zeros, as a power cut leaves it, nine bytes at a
+time.
+"""
 
 from __future__ import annotations
 
@@ -32,10 +39,10 @@ from mcap.writer import MCAP0_MAGIC
 
 from recorder.bag import Qos, Topic, parse_qos
 
-# The content of one chunk: whole, damaged, or cut off in its middle.
+# The content of one chunk: whole, damaged, or cut off.
 #
 # A whole chunk is believed if its size and its checksum are right. A cut one has lost its end, so
-# that no checksum can tell; what comes before the cut is what was written.
+# no checksum can tell; what comes before the cut is what was written.
 
 
 RECORD_LIMIT = 128 * 1024 * 1024
@@ -152,13 +159,6 @@ def _lz4(data: bytes) -> Iterator[bytes]:
 
 
 _UNPACKERS = {"": _plain, "zstd": _zstd, "lz4": _lz4}
-
-
-# The records are parsed by the mcap library; only their framing (opcode and length), the chunks
-# and the messages in them are taken apart here. The library's own stream reader believes every
-# length in a damaged file, decompresses a chunk to whatever size its content claims, takes a text
-# that ends too early for whole, and walks a tail of zeros, as a power cut leaves it, nine bytes
-# at a time.
 
 
 FRAME = struct.Struct("<BQ")

@@ -1,4 +1,9 @@
-"""Writes an MCAP file: channels, chunks, their indexes, the summary."""
+"""Writes an MCAP file: channels, chunks, their indexes, the summary.
+
+The records are built by the mcap library; only the messages and their indexes, of which there are
+many, and the chunks around them are put together here. The library's own writer takes five times
+as long for a small message, and compresses pictures that are compressed already.
+"""
 
 from __future__ import annotations
 
@@ -34,11 +39,6 @@ from recorder.bag import BagInformation, Topic, qos_text
 
 if TYPE_CHECKING:
     from recorder.bag import RawMessage
-
-# The records are built by the mcap library; only the messages and their indexes, of which there
-# are many, and the chunks around them are put together here. The library's own writer takes five
-# times as long for a small message, and compresses pictures that are compressed already.
-
 
 CHUNK_BYTES = 768 * 1024
 """Bytes of a chunk before compression: the longest single write stays at a few milliseconds."""

@@ -31,10 +31,10 @@ from recorder.mcap_reader import (
 )
 from recorder.reader import bag_files, open_recording
 
-# Where the chunks of one recording lie and what is in them, without reading them.
+# The chunks of one recording, and their contents, without reading them.
 #
-# A finished recording says it at its end. One that was cut off is walked from record to record,
-# past the chunks, from the heads of which and the indexes behind them the same is learned.
+# A finished recording lists them at its end. In a recording that was cut off, the heads of the
+# chunks and the indexes behind them are walked.
 
 
 MOST_RECORDS = 1_000_000

@@ -135,7 +135,7 @@ class Survey:
             self.cut.append(str(error))
 
 
-# The file to be repaired: locked, kept under a second name, never out of sight.
+# The file to be repaired: locked, kept under a second name, always there.
 #
 # All names are names in one open folder, so that no link leads out of it.
 
@@ -228,8 +228,8 @@ def _is_named(folder_fd: int, name: str, info: os.stat_result) -> bool:
 
 # `metadata.yaml` of a bag of several files: the recording first, then its evidence.
 #
-# Listed is what a reader can open: evidence that is still written, was cut off or is damaged is
-# left out until it is whole, since readers refuse a bag of which they cannot open a file.
+# It lists what a reader can open. Evidence that is still written, was cut off or is damaged is
+# left out until it is whole, because readers refuse a bag with a file that they cannot open.
 
 
 _SUFFIX = ".mcap"

@@ -1,4 +1,7 @@
-"""Record messages to a bag: a queue bounded in bytes, and one thread that owns the file."""
+"""Record messages to a bag: a queue bounded in bytes, and one thread that owns the file.
+
+The caller never waits for the disk, and the order of `put_message` is the order in the bag.
+"""
 
 from __future__ import annotations
 
@@ -100,7 +103,7 @@ def _sync_folder(folder: Path) -> None:
         os.close(fd)
 
 
-# What a recorder tells about itself.
+# Statistics of a recorder.
 
 
 class RecorderState(StrEnum):
@@ -189,9 +192,6 @@ class Account:
         for key, count in self._dropped.items():
             total[key[part]] += count
         return total
-
-
-# The caller never waits for the disk, and the order of `put_message` is the order in the bag.
 
 
 _OVERHEAD_BYTES = 256

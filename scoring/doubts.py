@@ -1,4 +1,7 @@
-"""What makes a value doubtful: few samples behind an edge, gaps, spikes, drift (section 11)."""
+"""What makes a value doubtful: few samples behind an edge, gaps, spikes, drift (section 11).
+
+A doubt is a sentence beside a value. It never changes one.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,8 @@ from scoring.result import Indicator, Uncertainty, value_text
 from scoring.rulesets import Ruleset
 from scoring.signals import DecidingEdge, EdgeKind
 
-# What the values of a run rest on: where doubts and uncertainties are found (section 11).
+# The data that values are computed from, in which doubts and uncertainties are found (section
+# 11).
 
 
 _NOISE = 2.0
@@ -107,9 +111,6 @@ class Grounds:
     def force_noise(self) -> float:
         """Standard deviation of the free handle's force before the run, N; 0 where unknown."""
         return 0.0 if self.rest.before is None else self.rest.before.deviation
-
-
-# A doubt is a sentence beside a value. It never changes one.
 
 
 Doubt = tuple[tuple[Name, ...], str]

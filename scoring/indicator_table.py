@@ -1,4 +1,8 @@
-"""The performance indicators and the figures: all that is said of each (protocol section 6)."""
+"""The performance indicators and the figures: all that is said of each (protocol section 6).
+
+Results, screens, reports, standings and files ask here. A new indicator is a row here and its
+computation in `indicators`; one without a row cannot be imported.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +11,6 @@ from dataclasses import dataclass, replace
 from enum import Enum, StrEnum, auto
 
 from scoring.protocol import Condition, EventName, NamedRow
-
-# Results, screens, reports, standings and files ask here. A new indicator is a row here and its
-# computation in `indicators`; one without a row cannot be imported.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,9 +151,8 @@ def unit_text(unit: str) -> str:
 
 # The figures: what each shows, explains and marks, in one table (protocol section 6).
 #
-# Two renderers draw them: `scoring.figures` with matplotlib, for one run the five of the protocol
-# document; the console's screens into cells, where opening and closing are looked at by zooming.
-# Nothing here loads the numbers' machinery.
+# Two renderers draw them: `scoring.figures` with matplotlib draws the five of the protocol
+# document for one run; the console's screens draw them into cells. NumPy is not imported here.
 
 
 LARGEST_JERK = 2.0

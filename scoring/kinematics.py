@@ -1,4 +1,8 @@
-"""Velocity, acceleration and jerk of the door, and the data that indicators are computed from."""
+"""Velocity, acceleration and jerk of the door, and the data that indicators are computed from.
+
+Everything is filtered over the whole recording; cut afterwards, so that no filter edge falls
+inside a run.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +20,6 @@ from scoring.imports import imports_kept
 from scoring.indicator_table import Quantity
 from scoring.protocol import PassageSensor, ScoringError, Thresholds
 from scoring.rulesets import JerkRule, LowPassRule, Ruleset, WindowRule
-
-# Everything is filtered over the whole recording; cut afterwards, so that no filter edge falls
-# inside a run.
-
 
 Array = NDArray[np.float64]
 
@@ -382,7 +382,7 @@ def _or_nan(values: Array) -> Array:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-# The pre-processed data of a run: what the indicators are computed from and figures show.
+# The pre-processed data of a run, from which indicators are computed and figures drawn.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

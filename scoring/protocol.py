@@ -1,4 +1,8 @@
-"""The protocol's own words and numbers (protocol sections 1, 4 and 7)."""
+"""The protocol's own words and numbers (protocol sections 1, 4 and 7).
+
+Every number here is the default of a setting: a testbed with other sensors changes `Thresholds`,
+not code.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +16,6 @@ from typing import Protocol, Self
 
 class ScoringError(Exception):
     """An input to `scoring` cannot be used; the message names it and the remedy."""
-
-
-# Every number here is the default of a setting: a testbed with other sensors changes
-# `Thresholds`, not code.
 
 
 POST_ROLL = 1.0
@@ -407,7 +407,7 @@ class StartPose:
         return StartPose(-self.x, self.y, math.remainder(180.0 - self.yaw, 360.0))
 
 
-# Tables whose rows cannot be forgotten: enums, each member of which is a name with its row.
+# Tables that cannot miss a row: enums whose members are names with their rows.
 
 
 class Named(Protocol):

@@ -355,7 +355,7 @@ def is_reading(sample: PassageSample, element: int) -> bool:
     return sample.range_min <= distance <= sample.range_max or math.isinf(distance)
 
 
-# Joins passage samples with the door angle at their stamps, whichever comes first (section 4).
+# Joining passage samples with the door angle at their stamps, whichever comes first (section 4).
 
 
 LONGEST_WAIT = 0.25

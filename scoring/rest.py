@@ -1,4 +1,7 @@
-"""The handle's force at rest (section 11), and the braking tables of the door (section 3)."""
+"""The handle's force at rest (section 11), and the braking tables of the door (section 3).
+
+NumPy is imported where it is needed, so that screens can hold these types without it.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,6 @@ from scoring.protocol import BenchmarkType, Side, Thresholds
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
-
-# NumPy is imported where it is needed, so that screens can hold these types without it.
-
 
 REST_TIME = 0.5
 """How long the handle is looked at, before the start and at the end of the recording, s."""

@@ -115,11 +115,11 @@ class BinarySignal:
         return Held(self.readings - edge.reading + 1, newest - edge.time)
 
 
-# What the testbed's sensors say, one sample at a time (protocol section 3).
+# Samples of the testbed's sensors (protocol section 3).
 #
-# `time` is the sample's stamp and `log_time` the steady time at which it was received (section
-# 8); both in s since the epoch. They are no dataclasses because there are so many: a frozen one
-# takes four to five times as long to make.
+# `time` is the sample's stamp, `log_time` the steady time of its reception (section 8), both in s
+# since the epoch. Samples are no dataclasses: a frozen one takes four to five times as long to
+# make, and there are millions.
 
 
 class DoorSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=True):
@@ -180,7 +180,7 @@ class LatchSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=Tr
 Sample = DoorSample | HandleSample | PassageSample | LatchSample
 
 
-# The edges on which indicators hang, and on how much each of them rests (protocol section 11).
+# The edges on which indicators depend, and how certain each of them is (protocol section 11).
 
 
 _LOOKED_AT = 0.2

@@ -25,7 +25,7 @@ from scoring.indicator_table import IndicatorName
 from scoring.libraries import Libraries, libraries_here
 from scoring.result import Result
 
-# How far two computations of one result agree, and by which libraries each (section 11).
+# Grades of agreement between two computations of one result (section 11).
 
 
 CLOSEST = 1e-9
@@ -273,7 +273,7 @@ def _short(value: object) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 
-# What a stored result says against what its bag says: that is what an appeal is about.
+# The comparison of a stored result with its bag, for appeals.
 
 
 EQUAL = "equals the stored result to the last digit"

@@ -156,7 +156,7 @@ def _place(run: Path) -> tuple[Path, str]:
     return run.parent, run.name
 
 
-# What somebody types to see few of many runs.
+# The filter that a person types over a list of runs.
 
 
 _NUMBERS: Mapping[str, Callable[[RunSummary], int]] = {

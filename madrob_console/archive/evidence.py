@@ -147,7 +147,7 @@ def account_entry(account: EvidenceAccount, now: float) -> Entry:
     return Entry(now, Origin.SYSTEM, what, reason=account.words, details=details)
 
 
-# How much evidence the runs of a results folder hold.
+# The size of the evidence in a results folder.
 
 
 def evidence_held(results: Path) -> int:
@@ -161,7 +161,7 @@ def evidence_held(results: Path) -> int:
     return held
 
 
-# Room on the disk: which runs' evidence may go, and its removal. No score hangs on evidence.
+# Deleting evidence to make room. No score depends on evidence.
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,10 @@
-"""Runs on disk: folder names, run numbers, paths, duplicates, shards (protocol section 10)."""
+"""Runs on disk: folder names, run numbers, paths, duplicates, shards (protocol section 10).
+
+A results folder holds one folder a run and `run_numbers.jsonl`, the numbers ever given out: a run
+number is never used again, even when its folder is gone. Its sub-folder `practice` has the same
+for practice runs (section 2), with numbers of their own. A run is named by its folder as seen
+from the results folder: `subject_...` or `practice/subject_...`.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +23,6 @@ import msgspec
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import checked_plain, open_plain, read_all, refusal
 from scoring.eurobench.run_info import run_prefixes, series_prefix
-
-# A results folder holds one folder a run and `run_numbers.jsonl`, the numbers ever given out: a
-# run number is never used again, even when its folder is gone. Its sub-folder `practice` has the
-# same for practice runs (section 2), with numbers of their own. A run is named by its folder as
-# seen from the results folder: `subject_...` or `practice/subject_...`.
-
 
 LARGEST_NUMBER = 999
 """The largest subject and run number: file names have three digits for them."""
@@ -262,7 +262,7 @@ def _unusable(root: Path, error: OSError) -> MadrobError:
     )
 
 
-# Whether a run could be recorded in a results folder.
+# The check whether a results folder can be recorded to.
 
 
 _REMEDY = "choose another results folder"
@@ -313,7 +313,7 @@ def _numbers_problem(path: Path) -> str | None:
     return f"{path}: cannot be written; make it yours"
 
 
-# The runs behind the paths that somebody names: bags, run folders, published files.
+# Runs behind the paths that a person names: bags, run folders, published files.
 
 
 @dataclass(frozen=True, slots=True)
@@ -381,7 +381,7 @@ def _is_bag(names: Iterable[str]) -> bool:
     return any(name == "metadata.yaml" or name.endswith((".mcap", ".db3")) for name in names)
 
 
-# Shares of many runs: each shard has its own, and all shards together have every run once.
+# Shards of many runs: together they hold every run once.
 
 
 _FORM = re.compile(r"([0-9]{1,7})/([0-9]{1,7})", re.ASCII)
@@ -423,7 +423,7 @@ def shared_out(runs: Iterable[RunPath], shard: Shard | None) -> list[RunPath]:
     return [run for run in runs if shard is None or run in shard]
 
 
-# Runs that are there several times: which place of each counts (protocol section 2).
+# Duplicates of a run: which of its places counts (protocol section 2).
 
 
 @dataclass(frozen=True, slots=True)

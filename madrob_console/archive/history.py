@@ -1,4 +1,8 @@
-"""The runs of a results folder: what each `result.json` says, with an index for speed."""
+"""The runs of a results folder: what each `result.json` says, with an index for speed.
+
+The index `.history.json` is only a cache: it is made again whenever it is missing, damaged or of
+another version, and not kept where the folder cannot be written.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +55,7 @@ from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, ScoringError, Thresholds
 from scoring.result import DOUBTED, Uncertainty
 
-# What was read of many files, kept with their stamps in one file: only a cache.
+# A cache of what was read from many files, kept with the files' stamps.
 
 
 _Item = TypeVar("_Item")
@@ -106,10 +110,6 @@ class StampedIndex(Generic[_Item]):
         except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             return {}
         return items if version == self._version else {}
-
-
-# The index `.history.json` is only a cache: it is made again whenever it is missing, damaged or
-# of another version, and not kept where the folder cannot be written.
 
 
 INDEX_FILE = ".history.json"

@@ -21,13 +21,13 @@ from recorder.errors import RecorderError
 from recorder.seeking import Found, Seeker
 from scoring.protocol import Signal
 
-# How a camera's clock stands beside the testbed's, by stamps and reception.
+# The clock offset of a camera, from stamps and reception times.
 #
-# Both reach the same machine, whose log times are steady. A message is never logged before it was
-# stamped but by a clock that is off, and seldom much later: the lowest of its delays, log time
-# minus stamp, is the clock's offset and the shortest time on the way. The two lowest delays apart
-# are the two clocks apart. How long messages are on their way at least nobody can tell from this:
-# a camera whose pictures all come 0.1 s late looks like one whose clock is 0.1 s behind.
+# Both are times of one machine, whose log times are steady. A message is seldom logged before it
+# was stamped. So the lowest delay (log time minus stamp) is the clock offset plus the shortest
+# transport time. The lowest delays of two cameras differ by the offset of their clocks. The
+# transport time itself cannot be told: a camera whose pictures all come 0.1 s late looks like one
+# whose clock is 0.1 s behind.
 
 
 FEWEST = 5
@@ -367,11 +367,6 @@ def _delay(bag: Seeker, name: str) -> LowestDelay | None:
             if stamp is not None:
                 arrivals.append(Arrival(stamp, seconds(one.log_ns)))
     return LowestDelay(arrivals) if len(arrivals) >= FEWEST else None
-
-
-# What cameras saw: the frames nearest to an event, decoded, and how their clocks stand.
-#
-# Nothing is scored from it.
 
 
 SIDE = 960

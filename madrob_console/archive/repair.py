@@ -132,11 +132,11 @@ def _has_all_files(folder: Path) -> bool:
     return True
 
 
-# Re-issues results after a rule change: next issues are made anywhere, and written in one place.
+# Re-issuing results after a rule change.
 #
-# Who makes one touches nothing. Who writes it holds the run, finds the journal as it was, and
-# adds the journal's line first: whatever ends it afterwards, the result is made again from that
-# line (`archive/repair.py`), and there is no second issue.
+# A worker makes the next issue and writes nothing. The writer holds the run, checks that the
+# journal is unchanged, and writes the journal's line first. If it is killed, `madrob recover`
+# makes the result again from that line; there is no second issue.
 
 
 _VALUE = re.compile(r"indicators\.(\w+)\.value")

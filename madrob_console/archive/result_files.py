@@ -133,7 +133,7 @@ def has_content(path: Path, content: bytes | memoryview) -> bool:
         return False
 
 
-# The results of any number of runs, stored or fresh, one after the other, for tables.
+# Results of many runs, stored or fresh, one after the other, for tables.
 
 
 @dataclass(frozen=True, slots=True)

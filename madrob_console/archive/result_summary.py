@@ -1,4 +1,7 @@
-"""The keys of `result.json` that lists need, and the checksums that tie it to its run."""
+"""The keys of `result.json` that lists need, and the checksums that tie it to its run.
+
+What the file holds is declared in `result_document`.
+"""
 
 from __future__ import annotations
 
@@ -42,9 +45,6 @@ from scoring.libraries import Libraries
 from scoring.procedure import Ruling, StepRecord
 from scoring.protocol import Condition, Outcome, Signal, Step, Thresholds
 from scoring.result import Indicator, Uncertainty
-
-# What the file holds is declared in `result_document`.
-
 
 Number = Annotated[int, Meta(ge=1, le=LARGEST_NUMBER)]
 ConditionNumber = Annotated[int, Meta(ge=1, le=20)]
@@ -335,7 +335,7 @@ class TabledResult(ListedResult, frozen=True):
     steps: tuple[StepPart, ...] = ()
 
 
-# Links of a report, led elsewhere where it stands in another place than it was made for.
+# Links of a report, rewritten for another place.
 
 
 _LINK = re.compile(r'<a href="([^"#][^"]*)">([^<]*</a>)?')
@@ -357,7 +357,7 @@ def led_elsewhere(page: str, place: Callable[[str], str | None], nowhere: str = 
     return _LINK.sub(led, page)
 
 
-# What tells that the files of a run are those that made its result.
+# Checksums that tie the files of a run to the result that was computed from them.
 
 
 LARGEST_DIGESTED = 4_000_000_000

@@ -126,7 +126,7 @@ def _unusable(what: str) -> UnusableJournalError:
     return UnusableJournalError(terminal_safe(words))
 
 
-# Whether the result of a run says what its journal says, which is what counts.
+# The comparison of a result with its journal, which is what counts.
 
 
 Details = dict[str, int | str]
@@ -205,7 +205,7 @@ def out_of_date(why: str) -> str:
     )
 
 
-# Runs that were cut off: no result, and nobody works on them.
+# Runs that were cut off: no result, and no process works on them.
 
 
 MOST_READ = 2 * LARGEST_JOURNAL

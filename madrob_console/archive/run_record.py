@@ -1,4 +1,8 @@
-"""What a bag says of its run, and the instants of its events."""
+"""What a bag says of its run, and the instants of its events.
+
+It stands in the bag as the metadata record `madrob_run`; what happens afterwards stands in the
+journal, on `/madrob/referee/event`.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +25,6 @@ from scoring.evaluate import Assessment, LiveAssessment
 from scoring.protocol import Thresholds, event_words
 from scoring.rest import HandleRest
 from scoring.rulesets import RulesetName, ruleset
-
-# It stands in the bag as the metadata record `madrob_run`; what happens afterwards stands in the
-# journal, on `/madrob/referee/event`.
-
 
 RECORD_NAME = "madrob_run"
 
@@ -115,7 +115,7 @@ def demand_record(records: Mapping[str, object], path: Path) -> None:
         raise MadrobError(f"{path}: a bag without a MADROB run cannot be replayed")
 
 
-# What happened in a run, and at which instant; found by the words of files and of screens.
+# Events of a run with their instants, found by the names that files and screens use.
 
 
 _MOST_EVENTS = 20  # from the beginning, and from the end: a door may flicker

@@ -104,7 +104,7 @@ def _results(
             ) from None
 
 
-# How a command shares work on many runs: processes here, a cluster, or one shard of several.
+# How the work on many runs is shared: processes here, a cluster, or one shard.
 
 
 def add_sharing_options(parser: argparse.ArgumentParser, done: str) -> None:
@@ -193,7 +193,7 @@ def lost_words(run: RunPath, why: str) -> str:
     return f"{run.name}: cannot be scored: {why}"
 
 
-# Which runs of a competition stand beside each other, as commands are asked for it.
+# The runs of one competition, as the options of a command choose them.
 
 
 def add_which_runs(parser: argparse.ArgumentParser) -> None:
@@ -260,7 +260,7 @@ def site_arguments(arguments: argparse.Namespace, settings: Settings) -> list[st
     return [str(site), *named_places(arguments, settings), *more, of]
 
 
-# Runs on the command line: a path, or what the results folder calls the run.
+# Runs that a command line names by path or by folder name.
 
 
 _ONE = ("run", "rest", "weight")

@@ -214,7 +214,7 @@ def _safely(subject: str, check: Callable[[], Iterator[Finding]]) -> list[Findin
     return findings
 
 
-# What the doctor says of a competition's lists: its teams and its plan.
+# Findings about the competition's teams and plan.
 
 
 def look_at_lists(teams: TeamSource, plan: PlanSource) -> Iterator[Finding]:
@@ -235,7 +235,7 @@ def look_at_lists(teams: TeamSource, plan: PlanSource) -> Iterator[Finding]:
         yield Finding(Severity.WARNING, "plan", words)
 
 
-# The doctor's look at what a log-out does to an engine, and at where its socket lies.
+# Findings about log-outs that would end the engine, and about its socket.
 
 
 AS_A_SERVICE = "run it as a service (`madrob engine unit`)"
@@ -366,7 +366,7 @@ def _user() -> str:
         return str(os.getuid())
 
 
-# The doctor's look at the evidence: what would be recorded now, and what it would cost.
+# Findings about the evidence: topics that would be recorded now, and their cost.
 
 
 LISTENS = 4.0

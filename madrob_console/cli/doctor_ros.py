@@ -36,7 +36,7 @@ from madrob_console.testbeds.ros.watches import DOOR_NODE, SET_PARAMETERS
 from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.source import TopicStatus
 
-# What the doctor finds.
+# A finding of the doctor.
 
 
 class Severity(IntEnum):
@@ -61,7 +61,7 @@ class Finding:
     text: str
 
 
-# What libraries write past Python to the terminal, caught.
+# Text that libraries write to the terminal past Python, captured.
 
 
 MOST_LINES = 5

@@ -130,7 +130,7 @@ def _tell_size(size: int, evidence: int) -> None:
         complain(f"note: packing {size / 1e6:.1f} MB, {words}")
 
 
-# `madrob export --run RUN --dossier`: page and tables are made for it, the rest lies there.
+# `madrob export --run RUN --dossier`: makes its page and tables, and packs the rest.
 
 
 def check_options(arguments: argparse.Namespace) -> None:

@@ -72,7 +72,7 @@ class Complaints:
             self.add_complaint(f"{of}: {problem}", of)
 
 
-# What a command asks whoever sits at the terminal.
+# Questions to the person at the terminal.
 
 
 def somebody_there() -> bool:
@@ -89,10 +89,9 @@ def says_yes(question: str) -> bool:
         return False
 
 
-# Nothing that a command says reaches the terminal raw, whoever printed it.
+# Output made safe: no escape sequence reaches the terminal.
 #
-# Names, reasons, exceptions and what argparse repeats of the command line may hold escape
-# sequences.
+# Names, reasons, exceptions and the arguments that argparse repeats may hold some.
 
 
 class SafeStream:
@@ -292,7 +291,7 @@ def _is_main_thread() -> bool:
     return threading.current_thread() is threading.main_thread()
 
 
-# A bar that tells how far a command is, on a terminal only.
+# A progress bar, on a terminal only.
 
 
 Tell: TypeAlias = Callable[[int, int], None]

@@ -221,7 +221,7 @@ def _say(found: FoundEngine, words: str, code: int = 0) -> int:
     return code
 
 
-# What a process does that is the engine of a testbed: it owns that, and answers for it.
+# The locks and the answers of a process that is a testbed's engine.
 
 
 @contextmanager
@@ -414,7 +414,7 @@ def _word(word: str) -> str:
     return f'"{word}"' if set(word) & set(" \t'\"\\;") else word
 
 
-# A command line that names no testbed: the engine that runs already is meant.
+# A command line without a testbed: it means the engine that runs.
 
 
 _NAMING = ("testbed", "domain", "results", "settings", *options.SIMULATION)

@@ -248,11 +248,10 @@ def _number(value: float) -> str:
     return f"{value:d}" if isinstance(value, int) else f"{value:.{_DECIMALS}f}"
 
 
-# `madrob score --reissue`: the next issues of results, in bulk, after a rule change.
+# `madrob score --reissue`: re-issues many results after a rule change.
 #
-# Runs are scored wherever the work is shared to; this process alone writes, one run after the
-# other, because a worker that was given up may still be alive. It holds each run as an engine
-# would.
+# Workers score the runs. This process alone writes, one run after the other, because a worker
+# that was given up may still be alive. It holds each run as an engine would.
 
 
 _AT_ONCE = 200

@@ -190,7 +190,7 @@ def _find_testbed(arguments: argparse.Namespace, settings: Settings) -> SourceKi
     )
 
 
-# A run or a replay without screens: a plain line per event.
+# A run or a replay without screens: one plain line for each event.
 
 
 STEP = 0.02

@@ -1,4 +1,9 @@
-"""The engine's clocks: of the system, virtual, and of a recording."""
+"""The engine's clocks: of the system, virtual, and of a recording.
+
+Two readings: *steady time* (ns since the epoch; the wall clock at the opening of a bag plus
+monotonic time since, protocol section 8) labels messages and acts; *monotonic time* measures
+durations.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +12,6 @@ from collections.abc import Callable, Iterable
 from typing import Protocol
 
 from madrob_console.common.errors import MadrobError
-
-# Two readings: *steady time* (ns since the epoch; the wall clock at the opening of a bag plus
-# monotonic time since, protocol section 8) labels messages and acts; *monotonic time* measures
-# durations.
-
 
 NS = 1_000_000_000
 
@@ -156,7 +156,7 @@ class VirtualClock:
         """Nothing to do: virtual time has no steps."""
 
 
-# The time of a recording, as an engine's clock: it stands, steps, jumps, runs at any speed.
+# The clock of a recording: it stands, steps, jumps and runs at any speed.
 
 
 TICK = 0.02

@@ -152,7 +152,7 @@ def _sync_folder(folder: Path) -> None:
         os.close(file)
 
 
-# Opens files that others may have put there: plain ones only, no links, and never waiting.
+# Opening files that others may have put there: plain files only, no links, never waiting.
 
 
 _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC
@@ -199,7 +199,7 @@ def refusal(error: OSError) -> str:
     return "it is a link" if error.errno == errno.ELOOP else error.strerror or "no reason given"
 
 
-# Reads no more of a file than it may hold, and knows one version of it from the next.
+# Bounded reading, and stamps that tell one version of a file from the next.
 
 
 class Stamp(NamedTuple):
@@ -257,11 +257,10 @@ def read_all(path: str | Path, limit: int) -> bytes:
         os.close(number)
 
 
-# Locks that nobody else can hold: in files that only their user may open.
+# Locks that other users cannot take.
 #
-# Whoever may read a file can lock it. What is told by a lock is therefore told by one on a file
-# of its own, of mode 0600, that lies beside the others while it is held. Nobody ever waits for
-# it.
+# Whoever may read a file can lock it. So a lock is on a file of its own, of mode 0600, which lies
+# beside the others while the lock is held. Nobody ever waits for a lock.
 
 
 _FLAGS = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC

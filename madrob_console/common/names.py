@@ -1,4 +1,8 @@
-"""Words that settings, files and screens share, and text from outside made safe."""
+"""Words that settings, files and screens share, and text from outside made safe.
+
+Names that people type, and words that a testbed sends, may hold anything: escape sequences that
+repaint the screen, marks that turn the direction of writing, parts of a path.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +11,6 @@ import unicodedata
 from enum import StrEnum
 
 from madrob_console.common.errors import MadrobError
-
-# Names that people type, and words that a testbed sends, may hold anything: escape sequences that
-# repaint the screen, marks that turn the direction of writing, parts of a path.
-
 
 LONGEST_NAME = 60
 """Characters in a name; at four bytes each it still fits into a file name."""

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from madrob_console.messages.codec import TopicMapping
     from madrob_console.testbeds.simulated.geometry import DoorGeometry
 
-# What is wrong with a settings file, in words.
+# Errors of a settings file, in words.
 
 
 _PLACE = re.compile(r"(?P<what>.*?)(?: - at `\$\.?(?P<key>.*)`)?")

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from madrob_console.testbeds.simulated.scenarios import RobotSettings
     from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 
-# How the settings are built, as their types tell it.
+# Building the settings from their types.
 
 
 _WORDS = "words"

@@ -27,10 +27,10 @@ from madrob_console.engine.requests import NO_ANSWER, Request, Role, T
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.engine.wire import ON_ITS_WAY, awaited
 
-# The state on its way to the screens: part by part, each encoded once, when it has changed.
+# The state in parts: each is encoded once, when it has changed.
 #
-# A part is a field of `Snapshot`. The log and the result, which are most of it, cross when there
-# is a new line or another result; an engine where nothing happens sends a sign of life.
+# A part is a field of `Snapshot`. The log and the result, which are most of the state, cross only
+# when they have changed. An idle engine sends a sign of life.
 
 
 SIGN_OF_LIFE = 0.5

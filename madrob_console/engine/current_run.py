@@ -320,7 +320,7 @@ class CurrentRun:
             self._observation.look_back(scored.past)
 
 
-# Acts of the referee: judged against the situation, and carried out, each at most once.
+# Acts of the referee: judged against the situation and carried out at most once.
 
 
 class Acting:

@@ -1,4 +1,8 @@
-"""Finds, locks and ends the engines of this user."""
+"""Finds, locks and ends the engines of this user.
+
+They are found by the names that they own, and by the sockets in the runtime folders, which is all
+that engines had before they owned names.
+"""
 
 from __future__ import annotations
 
@@ -40,10 +44,6 @@ from madrob_console.engine.engine_lock import (
     runtime_folders,
 )
 from madrob_console.engine.requests import Role
-
-# They are found by the names that they own, and by the sockets in the runtime folders, which is
-# all that engines had before they owned names.
-
 
 _PROCESSES = Path("/proc")
 _LONGEST_REFUSAL = 4096
@@ -263,11 +263,11 @@ def _clock_time(moment: float) -> str:
     return time.strftime("%H:%M" if same_day else "%Y-%m-%d %H:%M", local)
 
 
-# The locks of an engine, held by its process: no other one on its testbed or its results folder.
+# The locks of an engine on its testbed and its results folder.
 #
-# The names of `owned.py` keep the engines of this user and this machine apart, without a file. A
-# lock file in the results folder does so for other machines that share it over a network, and for
-# other users. Another user may have taken the names: then the lock files alone keep engines
+# The names of `engine_lock.py` keep apart the engines of this user on this machine, without a
+# file. A lock file in the results folder also keeps out other machines that share it over a
+# network, and other users. If another user has taken the names, the lock files alone keep engines
 # apart.
 
 
@@ -456,7 +456,7 @@ def _holder_of(path: Path) -> int | None:
     return None
 
 
-# Ending an engine's process, whatever its version and whether it still answers.
+# Ending an engine's process, whatever its version and whether or not it answers.
 
 
 class EngineHandle:

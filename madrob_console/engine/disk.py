@@ -1,4 +1,8 @@
-"""Threads for file operations, because a disk may hang; results return to the core thread."""
+"""Threads for file operations, because a disk may hang; results return to the core thread.
+
+The engine's core hands over what touches a file and goes on. Answers are given in the core's own
+thread, at its next step, so that nothing of it needs a lock.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 
 from madrob_console.common.errors import MadrobError
 
-# Two queues, one of which goes first: between the threads of screens and engine.
+# A queue with two lanes, between the threads of screens and engine.
 
 
 T = TypeVar("T")
@@ -72,7 +76,7 @@ class PriorityQueue(Generic[T]):
         return queue.popleft() if queue else None
 
 
-# What only reads: beside the core, so that a slow disk holds up nothing but this.
+# Reading in threads beside the core, so that a slow disk holds up only readers.
 
 
 THREADS = 2
@@ -197,10 +201,6 @@ class ReaderPool:
                 job.answer.set_exception(error)
             if (done := job.done) is not None:
                 self._answers.put(lambda: done(job.answer))
-
-
-# The engine's core hands over what touches a file and goes on. Answers are given in the core's
-# own thread, at its next step, so that nothing of it needs a lock.
 
 
 MOST_JOBS = 200

@@ -19,7 +19,7 @@ from madrob_console.referee.acts import Act, Consequence, Finalise, Situation
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
 
-# What acts were answered, so that one that comes twice is carried out once.
+# Answers of acts, so that an act that comes twice is carried out once.
 
 
 MOST_KNOWN = 1000
@@ -246,7 +246,7 @@ class DurableActs:
         pending.tell(refused)
 
 
-# Runs of the results folder: which of them were cut off, and how one is taken up again.
+# Runs that were cut off, and how one is taken up again.
 
 
 class EarlierRuns:

@@ -47,7 +47,7 @@ class EngineConfig:
         return replace(self, mappings=tuple(m.limited(types) for m in self.mappings))
 
 
-# How much evidence fits into the results folder.
+# The room for evidence in the results folder.
 
 
 _PERIOD = 20.0

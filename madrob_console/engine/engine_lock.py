@@ -1,4 +1,9 @@
-"""Names and files that an engine owns, by which it is found."""
+"""Names and files that an engine owns, by which it is found.
+
+A name stands in the kernel's table of abstract Unix sockets: one process at a time has it, it
+lies on no disk, and it is gone with its process. No runtime folder that somebody removes takes it
+away.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +24,6 @@ from platformdirs import user_runtime_path
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
-
-# A name stands in the kernel's table of abstract Unix sockets: one process at a time has it, it
-# lies on no disk, and it is gone with its process. No runtime folder that somebody removes takes
-# it away.
-
 
 LOCK_FILE = ".madrob_engine.lock"
 """In a results folder: locked while an engine records to it; says which one."""
@@ -146,7 +146,7 @@ def holder_of(name: str) -> Peer:
     return Peer(0, -1)
 
 
-# Where an engine has its files: one folder of the user, one name for each testbed.
+# The folder of an engine's sockets and lock files, and a testbed's name in it.
 
 
 @dataclass(frozen=True, slots=True)

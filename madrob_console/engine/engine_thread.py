@@ -46,7 +46,7 @@ from madrob_console.referee.competition_plan import PlanProgress, plan_progress
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.records import format_deadline, format_due
 
-# A competition's lists are read again whenever their files change, beside the engine.
+# A watch over the competition's lists: read again when their files change.
 
 
 L = TypeVar("L")
@@ -128,7 +128,7 @@ class ListWatch(Generic[L]):
             self.read_if_changed()
 
 
-# Protests that wait for a decision, of all runs of the results folder: told until it is made.
+# A watch over the protests of all runs that wait for a decision.
 
 
 LOOKING_PERIOD = 60.0
@@ -190,7 +190,7 @@ def _which(run: RunSummary) -> str:
     return f"protest against {which}"
 
 
-# What is asked in the engine's thread.
+# A request that waits for the engine's thread.
 
 
 Done = Callable[[Any], None]

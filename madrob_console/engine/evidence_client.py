@@ -227,7 +227,7 @@ class NoEvidence:
         """Nothing was begun."""
 
 
-# Which faults of the testbed stand in a run's journal and in its data quality.
+# Faults of the testbed that enter a run's journal and its data quality.
 
 
 LASTING = 0.5
@@ -257,7 +257,7 @@ class FaultNotes:
         return [(key[0], troubles[key]) for key in due]
 
 
-# What of the evidence's troubles stands in a run's journal.
+# Faults of the evidence that enter a run's journal.
 
 
 PERIOD = 5.0

@@ -18,7 +18,7 @@ from recorder.mcap_writer import McapFile
 from recorder.recovery import recover_evidence
 from recorder.survey import put_listing, summarised
 
-# Evidence on its way to the disk: bounded in bytes, and fair where not all finds room.
+# A queue of evidence for the disk, bounded in bytes and fair to each topic.
 
 
 _MEMORY_OVERHEAD = 400

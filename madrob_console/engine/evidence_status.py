@@ -26,10 +26,10 @@ from madrob_console.referee.records import counted, format_size, listed
 from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicFlow
 from recorder.bag import evidence_file_name
 
-# What crosses the line between an engine and the process that records evidence.
+# Messages between an engine and its evidence process.
 #
-# Frames as those of screens (`engine/wire.py`); with `RecordInto` comes the handle of a
-# folder.
+# The frames are those of screens (`engine/wire.py`). The handle of a folder comes with
+# `RecordInto`.
 
 
 class ListenFor(msgspec.Struct, frozen=True, tag=True):

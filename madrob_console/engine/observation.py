@@ -26,10 +26,10 @@ from scoring.procedure import Procedure, Ruling, StepRecord
 from scoring.protocol import Event, EventName, Outcome, Step, Thresholds
 from scoring.signals import Sample
 
-# Messages on their way from the testbed to what is shown and judged.
+# Messages that wait to be shown and judged.
 #
-# A message is recorded as soon as it is taken. Looking at it takes time, by what it holds and by
-# how many there are; between two of them acts are looked at, too.
+# A message is recorded as soon as it is taken. Looking at it takes time, so acts have their turn
+# between two messages.
 
 
 LATEST = 0.5
@@ -125,7 +125,7 @@ class Backlog:
                     return
 
 
-# The course of one run, from its countdown to its stop: what the sensors and the clock decide.
+# A run's tracker, from its countdown to its stop: what sensors and clock decide.
 
 
 IN_FLIGHT = 0.1

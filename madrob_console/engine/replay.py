@@ -212,7 +212,7 @@ def _lost_lines(entries: Sequence[Entry], recorded: Sequence[str]) -> Iterator[s
         yield f"the journal lacks {lost} of the {len(recorded)} lines that the bag has of it"
 
 
-# What an engine works with.
+# What an engine works with: its source, clock, threads and settings.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

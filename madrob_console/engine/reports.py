@@ -19,7 +19,7 @@ from madrob_console.common.names import terminal_safe
 from madrob_console.engine.snapshot import ExportView
 from recorder.errors import remedy
 
-# Work that may wait: in processes of low priority, beside the engine.
+# Background work, in processes of low priority.
 
 
 PERIOD = 0.1

@@ -1,4 +1,9 @@
-"""What a screen may ask of the engine: one class a request; playback and curves in it."""
+"""What a screen may ask of the engine: one class a request; playback and curves in it.
+
+It says what it carries, the type of its answer, how long it may take and whether it needs the
+right to act. Socket and thread pass it on unread; it is carried out in `engine/engine_thread.py`.
+What moves a replay stands below.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +26,7 @@ if TYPE_CHECKING:
 
 # The curves behind a result, as plain data that can cross a socket.
 #
-# Nothing here loads the numbers' machinery: screens import the shapes, and only `curves_of` works
-# on arrays.
+# NumPy is not imported here: screens import these types, and only `curves_of` works on arrays.
 
 
 if TYPE_CHECKING:
@@ -99,11 +103,6 @@ def _curve(time: Array, value: Array, start: float, rows: Rows) -> tuple[Curve, 
 
     found = stretches(time - start, value, rows.thresholds.largest_gap, MOST_CURVE_POINTS)
     return tuple(Curve(tuple(t.tolist()), tuple(v.tolist())) for t, v in found)
-
-
-# It says what it carries, the type of its answer, how long it may take and whether it needs the
-# right to act. Socket and thread pass it on unread; it is carried out in
-# `engine/engine_thread.py`. What moves a replay stands below.
 
 
 T = TypeVar("T")
@@ -237,7 +236,7 @@ class TakeOver(Command, frozen=True):
         return True
 
 
-# How a replay is controlled and what it says of itself: plain data that crosses the socket.
+# How a replay is controlled, and its state: plain data that crosses the socket.
 
 
 NO_REPLAY = "this is no replay"

@@ -21,7 +21,7 @@ from madrob_console.referee.rebuild import Change
 from scoring.indicator_table import IndicatorName
 from scoring.result import Indicator
 
-# Writes results; what the disk refuses stays in memory and is tried again until it is written.
+# Writing results. What the disk refuses stays in memory and is retried until it is written.
 
 
 RETRY_PERIOD = 2.0

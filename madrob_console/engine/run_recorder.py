@@ -87,7 +87,7 @@ def _done(act: Act) -> tuple[str, Weight]:
     return act.logged, Weight.NOTICE if act.stands_out else Weight.PLAIN
 
 
-# What is said and done: the journal on disk, the log for people, the topics for robot and bag.
+# The publisher of events: journal on disk, log for people, topics for robot and bag.
 
 
 class EventPublisher:

@@ -22,10 +22,10 @@ from madrob_console.referee.run import Run
 from scoring.result import Result
 from scoring.signals import Sample
 
-# What crosses the pipe between an engine and the process that scores for it.
+# Messages between an engine and its scoring process.
 #
-# Frames as those of screens (`engine/wire.py`). The bytes of a result's files do not cross:
-# they lie in a sealed piece of memory whose handle comes with the answer. Nobody copies them.
+# The frames are those of screens (`engine/wire.py`). The bytes of a result's files do not cross:
+# they lie in sealed memory, whose handle comes with the answer.
 
 
 _SEALS = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_WRITE

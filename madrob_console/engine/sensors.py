@@ -27,7 +27,7 @@ from scoring.quality import all_in_range, is_reading
 from scoring.rest import FEWEST_SAMPLES, HandleRest, rest_of
 from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
 
-# One topic of the testbed, live: what can be wrong with it, found within 2 s and put in words.
+# One topic of the testbed, live: its faults, found within 2 s and put in words.
 
 
 WINDOW = 2.0

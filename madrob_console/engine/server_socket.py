@@ -1,4 +1,8 @@
-"""The socket at which screens attach: made again when lost, accepting while handles last."""
+"""The socket at which screens attach: made again when lost, accepting while handles last.
+
+Whoever ends a login may remove its runtime folder. Consoles ask the engine where its socket lies
+(`control.py`), so that it may lie in any folder that is the user's own.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +22,6 @@ from typing import Any
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.engine.engine_lock import make_private
-
-# Whoever ends a login may remove its runtime folder. Consoles ask the engine where its socket
-# lies (`control.py`), so that it may lie in any folder that is the user's own.
 
 
 class Listening:
@@ -115,7 +116,7 @@ def _answers(path: Path) -> bool:
         return True
 
 
-# What went wrong around the engine and ends nothing: a line in its log, once for each kind.
+# Errors around the engine that end nothing: logged once for each kind.
 
 
 AGAIN = 600.0
@@ -174,10 +175,10 @@ class LogOnce:
                 await asyncio.sleep(_RETRY_PAUSE)
 
 
-# Who connects is attended, as far as there are file handles for it.
+# Accepting connections, as long as there are file handles for them.
 #
-# asyncio's own server answers a want of file handles by hundreds of thousands of lines in the log
-# and a processor that is never idle, and it leaves none for a recording.
+# Without handles asyncio's own server fills the log with hundreds of thousands of lines, keeps a
+# processor busy, and leaves no handle for a recording.
 
 
 WANTED_HANDLES = 4096

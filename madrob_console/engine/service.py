@@ -1,4 +1,8 @@
-"""What other programs hear of the engine: systemd, ROS services, `/diagnostics`."""
+"""What other programs hear of the engine: systemd, ROS services, `/diagnostics`.
+
+The service manager is told by datagrams (sd_notify(3)). The watchdog hears of the core: a core
+that hangs is ended and started again; a disk that hangs is no reason.
+"""
 
 from __future__ import annotations
 
@@ -33,10 +37,6 @@ if TYPE_CHECKING:
 
     from madrob_console.engine.engine_thread import LocalEngine
     from madrob_console.referee.records import format_size
-
-# The service manager is told by datagrams (sd_notify(3)). The watchdog hears of the core: a core
-# that hangs is ended and started again; a disk that hangs is no reason.
-
 
 HANGING = 2
 """A core that has not moved for longer hangs, s: the watchdog gets no more signs of life."""
@@ -172,9 +172,9 @@ def _is_journal(environment: Mapping[str, str]) -> bool:
     return environment.get("JOURNAL_STREAM") == f"{found.st_dev}:{found.st_ino}"
 
 
-# The state in the form in which ROS programs hear how a machine is: `/diagnostics`.
+# The state as `/diagnostics`, for ROS programs.
 #
-# Nothing is judged here: words and faults are those that the screens show.
+# Nothing is judged here: words and faults are those of the screens.
 
 
 _ENGINE = "engine"
@@ -279,7 +279,7 @@ def _topic(view: TopicView, rate: float) -> Diagnosis:
     return Diagnosis(view.topic, _LEVELS[view.freshness], view.problem, values)
 
 
-# Answers other programs of a testbed, which are no screens: what they call, what they hear.
+# Answers to other programs of a testbed: services that they call, topics that they hear.
 
 
 _WHY = "called over ROS"

@@ -1,4 +1,10 @@
-"""What crosses the socket between an engine and its screens, and the client of a screen."""
+"""What crosses the socket between an engine and its screens, and the client of a screen.
+
+A frame is four bytes of length, big-endian, and one message in MessagePack. The first is the
+screen's `Hello`; an engine of another version says so and hangs up. Then the engine sends a
+`State` when something has changed, as fast as the screen takes it, and one `Reply` for each
+`Call`. Everything is checked against its type on arrival.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +25,7 @@ if TYPE_CHECKING:
     from madrob_console.engine.requests import T
     from madrob_console.engine.snapshot import Snapshot
 
-# What a screen knows of its engine.
+# The client of a screen: its view of the engine.
 
 
 ON_ITS_WAY = 0.5
@@ -74,12 +80,6 @@ def awaited(answer: Future[T], patience: float) -> T:
 
 def given_up(answer: Future[T]) -> MadrobError:
     return MadrobError(NO_ANSWER) if answer.cancel() else UnsureError(UNSURE)
-
-
-# A frame is four bytes of length, big-endian, and one message in MessagePack. The first is the
-# screen's `Hello`; an engine of another version says so and hangs up. Then the engine sends a
-# `State` when something has changed, as fast as the screen takes it, and one `Reply` for each
-# `Call`. Everything is checked against its type on arrival.
 
 
 VERSION = 11

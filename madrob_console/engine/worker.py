@@ -1,4 +1,7 @@
-"""A child process of the engine, and how long it has hung by itself."""
+"""A child process of the engine, and how long it has hung by itself.
+
+What crosses are frames as those of screens (`engine/wire.py`), and handles.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +19,6 @@ from typing import Generic, Protocol, TypeVar
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.wire import LENGTH
-
-# What crosses are frames as those of screens (`engine/wire.py`), and handles.
-
 
 LARGEST_FRAME = 256_000_000
 """Bytes; a larger frame is no message."""
@@ -172,7 +172,7 @@ def frames(received: bytearray) -> Iterator[bytes]:
         yield data
 
 
-# How long a process could have worked: a disk or other programs may hold it up, and no bug.
+# How long a process could have worked. Waiting for a disk or a processor is no hang.
 
 
 THREADS_LOOK_PERIOD = 1.0

@@ -47,7 +47,7 @@ from madrob_console.referee.records import listed as first_of
 from recorder.bag import is_evidence
 from scoring.protocol import Thresholds
 
-# The short text in an export that says how to open each file.
+# The README of a zip: how to open each file.
 
 
 README_FILE = "README.txt"
@@ -169,7 +169,7 @@ EVIDENCE
 Cameras and other topics of some runs were left out of this archive; ask the referee for them."""
 
 
-# A run's report as it is packed: its links lead to what is in the zip, or nowhere.
+# A report in a zip: its links lead to files of the zip, or nowhere.
 
 
 _NOT_HERE = " (not in this zip)"

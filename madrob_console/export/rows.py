@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow.parquet as pq
 
-# Tables written to files, csv, NDJSON or Parquet, by pandas.
+# Writing tables as csv, NDJSON or Parquet, by pandas.
 
 
 _encoder = msgspec.json.Encoder(enc_hook=lambda cell: cell.item())  # NumPy's scalars
@@ -292,7 +292,7 @@ _MAKERS: Mapping[str, Callable[[StoredRun], Iterator[Row]]] = {
 }
 
 
-# The rows of the tables of samples, from a scored run and all that its sensors said.
+# Rows of the tables of samples, from a scored run and all of its samples.
 
 
 SampleRows: TypeAlias = Mapping[str, Mapping[str, Cells]]

@@ -54,7 +54,7 @@ def column_lines(tables: Sequence[TidyTable]) -> Iterator[str]:
             yield f"    {one.name:<{names}}  {one.unit:<{units}}  {one.meaning}"
 
 
-# The tables of any number of runs: which there are, and what stands in each column.
+# Tables of runs: their columns.
 
 
 WHOSE = (
@@ -188,7 +188,7 @@ UNREADABLE = TidyTable(
 """Written beside tables of runs that are scored for them."""
 
 
-# The tables of a recording's samples: which there are, and what stands in each column.
+# Tables of a recording's samples: their columns.
 
 
 _RUN = TidyColumn("run", CellKind.TEXT, "", "name of the run's folder")

@@ -21,7 +21,7 @@ from madrob_console.common.names import terminal_safe
 from recorder.bag import METADATA_FILE, is_evidence, is_left_of_evidence
 from recorder.survey import listing
 
-# Names that every system can unpack: somebody may have put anything into a run's folder.
+# File names that every system can unpack; a run's folder may hold any name.
 
 
 LONGEST_FILE_NAME = 100
@@ -244,7 +244,7 @@ def _info(name: str, modified: float) -> zipfile.ZipInfo:
     return info
 
 
-# What of a run's bag is packed: its evidence is large and not always wanted.
+# The files of a bag that are packed: evidence is large and not always wanted.
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,8 @@
-"""Bytes of a message to samples and back, by the configured mapping."""
+"""Bytes of a message to samples and back, by the configured mapping.
+
+Which topic carries which signal is configuration (`TopicMapping`); nothing but this module knows
+about fields.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +36,7 @@ from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc
 
-# The stamp of a message by its first bytes: a picture of 2 MB need not be read for it.
+# The stamp of a message, read from its first bytes.
 
 
 HEAD = 12
@@ -58,10 +62,10 @@ def header_stamp(data: bytes) -> float | None:
     return float(sec + nanosec / _NS)
 
 
-# How large a message of a type usually is at most: what is larger is not worth reading.
+# The usual largest size of a type's messages: larger ones are not read.
 #
-# Reading takes time by what a message holds: 500,000 names, 4 MB, take 0.2 s. What decides about
-# a run may not wait for that.
+# Reading takes time: 500,000 names, 4 MB, take 0.2 s. What decides about a run may not wait for
+# that.
 
 
 LONGEST_TEXT = 256
@@ -110,10 +114,6 @@ def _field(types: MessageTypes, field: FieldDesc) -> int:
         size = _SIZES[inner[1][0]]
         return head + size - 1 + size * (count or MOST_NUMBERS)
     return head + _field(types, inner) * (count or MOST_PARTS)
-
-
-# Which topic carries which signal is configuration (`TopicMapping`); nothing but this module
-# knows about fields.
 
 
 __all__ = [

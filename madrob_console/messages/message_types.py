@@ -1,4 +1,8 @@
-"""Message types: definitions, field paths, and fast reading of CDR by layout."""
+"""Message types: definitions, field paths, and fast reading of CDR by layout.
+
+A thin layer over the typestore of rosbags: the standard types of ROS 2 Jazzy are known from the
+start, every other type is registered at run time with its `ros2msg` definition.
+"""
 
 from __future__ import annotations
 
@@ -22,10 +26,6 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc, Typesdict
 
     from recorder.bag import Topic
-
-# A thin layer over the typestore of rosbags: the standard types of ROS 2 Jazzy are known from the
-# start, every other type is registered at run time with its `ros2msg` definition.
-
 
 _DTYPES = {"byte": "uint8", "char": "uint8"}
 
@@ -321,15 +321,12 @@ def _then(first: Getter, second: Getter) -> Getter:
     return lambda message: second(first(message))
 
 
-# Where the wanted numbers stand in messages that are laid out like one that was read before.
+# Reading messages that are laid out like one that was read before.
 #
-# A publisher sends the same names and lengths again and again; only numbers change. What rosbags
-# has read once tells where they stand. The next message is taken apart by one `struct.Struct`,
-# several times as fast, if every length and every text in it is the same. If not, rosbags reads
-# it again: it alone decides what is a message.
-#
-# A live testbed does not need it; archives and jumps in a replay do, where decoding by rosbags
-# would take most of the time.
+# A publisher sends the same names and lengths again and again; only numbers change. Once rosbags
+# has read a message, one `struct.Struct` reads the next, several times as fast, if every length
+# and every text in it is the same. If not, rosbags reads it again and decides alone. Archives and
+# jumps in a replay need this; decoding by rosbags would take most of their time.
 
 
 Numbers: TypeAlias = tuple[float, ...]

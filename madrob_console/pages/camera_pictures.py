@@ -162,7 +162,7 @@ def _spoken(entry: PictureEntry) -> str:
     return f"Camera {entry.topic} at {entry.since_start:.2f} s, {entry.words}; taken {far}."
 
 
-# What the words of a page mean: the indicators by the protocol, and the phases of a run.
+# The meanings of words on a page: the indicators by the protocol, the phases of a run.
 
 
 PASSAGE = "passage"

@@ -24,7 +24,7 @@ from scoring.indicator_table import WITH_EXTREMES, IndicatorName
 from scoring.protocol import Condition, Outcome, Thresholds
 from scoring.result import DOUBTED, decimals_left
 
-# In what testbeds differ whose runs stand beside each other.
+# Differences between the testbeds whose runs are compared.
 
 
 def how_testbeds_differ(runs: Iterable[RunSummary]) -> str:
@@ -337,7 +337,7 @@ def why_left_out(run: RunSummary) -> str:
     return "the referee gave no reason" if aborted else "the machine failed"
 
 
-# A competition's plan and its progress, for people and for programs.
+# A competition's plan and its progress, as text and for programs.
 
 
 PLAN_NOTES = (

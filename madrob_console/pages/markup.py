@@ -182,7 +182,7 @@ def link(target: str, *content: Content) -> Markup:
     return element("a", *content, href=target if target.startswith("#") else quote(target))
 
 
-# The colours of drawings inside a page, which may be dark: names in place of the colours.
+# Colours of drawings in a page that may be dark: names in place of colours.
 
 
 _NAMES: Mapping[str, str] = {

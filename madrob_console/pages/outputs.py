@@ -240,7 +240,7 @@ def _cell(text: str) -> str:
     return f"'{plain}" if plain.startswith(_FORMULA) else plain
 
 
-# A competition's standings as one HTML page without scripts, and nothing from elsewhere.
+# A competition's standings as one HTML page without scripts or outside files.
 
 
 def standings_html(found: CompetitionStandings, software: str) -> str:

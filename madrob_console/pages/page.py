@@ -286,7 +286,7 @@ def _at(time: float, run: Run) -> Content:
     return element("span", f"{time - run.start:+.2f} s", class_="time"), " "
 
 
-# Where to go from a page: the team's other runs, and the files of this one.
+# Links of a page: the team's other runs, and the files of this one.
 
 
 def other_runs(place: PagePlace) -> Markup:

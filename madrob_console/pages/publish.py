@@ -70,10 +70,10 @@ from madrob_console.pages.site_pages import (
 )
 from madrob_console.pages.surroundings import Surroundings, team_digest
 
-# The folder of a site: what changes is written whole, what does not is left as it is.
+# The folder of a site: files that change are written whole, others stay as they are.
 #
-# Beside the pages lies a list of what was written there and of what it was made of. By it pages
-# of runs that are gone are removed, and never a file of somebody else.
+# A list beside the pages says what was written and what each file was made of. By this list pages
+# of deleted runs are removed, and never a file of somebody else.
 
 
 MANIFEST_FILE = ".madrob_site.json"
@@ -294,7 +294,7 @@ def _remove(folder: Path, name: str) -> None:
             os.rmdir(called, dir_fd=number)  # unless something else is in it
 
 
-# The tables for programs that lie on the site: of its runs, and of nothing else.
+# The tables for programs of a site: of its own runs only.
 
 
 class RunTables:

@@ -39,7 +39,7 @@ from scoring.procedure import StepRecord
 from scoring.protocol import Condition, LockDetection, Outcome
 from scoring.result import Indicator, distinguishable, doubts_of, uncertainty_text, value_text
 
-# What a report says in words that need no protocol at hand.
+# Explanations in a report, in words that need no protocol at hand.
 
 
 NONE = "-"

@@ -171,7 +171,7 @@ def runs_table(
     return table(heads, cells, class_="runs", caption=caption, marked=marks)
 
 
-# Small drawings of all indicators beside each other: boxes of teams, curves over a day.
+# Small drawings of all indicators: boxes of teams, curves over a day.
 
 
 BOXES_NOTE = (
@@ -305,7 +305,7 @@ def _unit_and_direction(name: IndicatorName) -> str:
     return f", {unit_text(name.spec.unit)}; {name.spec.better} is better"
 
 
-# The screen in the hall: read from some metres away, by nobody who can scroll.
+# The hall's screen: read from some metres away, without scrolling.
 
 
 REFRESH = 15

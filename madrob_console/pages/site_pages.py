@@ -419,7 +419,7 @@ def _table(
     return runs_table("run", rows(), second, caption)
 
 
-# The page of a run for a phone: how it ended and its values; the report has all of it.
+# The page of a run for a phone: outcome and values; the report has the rest.
 
 
 def run_page(

@@ -25,7 +25,7 @@ from madrob_console.common.files import read_bounded, stamp_of
 from madrob_console.pages.markup import NOTHING, Markup, made_of, team_of
 from scoring.figures.team_drawings import PhaseTimes, phases_of
 
-# Whether the report in the folder of a run is of the result that lies beside it.
+# Whether a report is of the result that lies beside it.
 
 
 _HEAD = 1000  # bytes of a report in which it says what it was made of

@@ -1,4 +1,8 @@
-"""Flags of a result: what a decision on it depends on."""
+"""Flags of a result: what a decision on it depends on.
+
+Every screen, list, page and file asks here. A new kind of flag is a member of `FlagKind` and a
+line in `flags`.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +35,7 @@ from scoring.protocol import Outcome
 from scoring.quality import AGAINST_OPENING
 from scoring.result import Indicator
 
-# Doubts on a result (protocol section 11): which the referee has accepted, and which wait.
+# Doubts of a result (protocol section 11): accepted, or waiting.
 
 
 Doubts: TypeAlias = dict[IndicatorName, tuple[str, ...]]
@@ -64,10 +68,6 @@ def doubted_words(found: Mapping[IndicatorName, tuple[str, ...]]) -> str:
     if more <= 1:
         return ", ".join(names)
     return f"{', '.join(names[:MOST_NAMED])} and {more} more"
-
-
-# Every screen, list, page and file asks here. A new kind of flag is a member of `FlagKind` and a
-# line in `flags`.
 
 
 LONGEST_WORDS = 300

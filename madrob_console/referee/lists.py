@@ -1,4 +1,9 @@
-"""A competition's lists: reading them safely, and the teams (protocol section 2)."""
+"""A competition's lists: reading them safely, and the teams (protocol section 2).
+
+Commas or semicolons; a first line that begins with `subject` is a header; empty lines and lines
+that begin with # say nothing. What cannot be used is named and the rest counts, so that one
+broken line does not cost a competition its morning.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +20,6 @@ from madrob_console.common.names import LONGEST_NAME, clean_name, terminal_safe
 
 if TYPE_CHECKING:
     from madrob_console.referee.records import RunSetup
-
-# Commas or semicolons; a first line that begins with `subject` is a header; empty lines and lines
-# that begin with # say nothing. What cannot be used is named and the rest counts, so that one
-# broken line does not cost a competition its morning.
-
 
 LARGEST_FILE = 1_000_000
 """Bytes; a larger file is rejected."""

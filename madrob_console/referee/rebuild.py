@@ -159,7 +159,7 @@ def _with_recorded(run: Run, entry: Entry) -> Run:
     return replace(run, removed_evidence=(*run.removed_evidence, gone))
 
 
-# How much of a journal a result is made of: the result says so, and can be held to it.
+# The journal's length and checksum that a result carries.
 
 
 _BESIDE = {

@@ -370,7 +370,7 @@ class JournalMark:
     sha256: Sha256
 
 
-# Times of a run as people read and type them.
+# Times of a run, formatted and parsed.
 
 
 def relative_text(at: float | None, start: float | None) -> str:
@@ -392,7 +392,7 @@ def seconds_of(text: str) -> float | None:
     return typed if math.isfinite(typed) else None
 
 
-# Amounts, as people say them.
+# Formatted amounts.
 
 
 _UNITS = (("GB", 1e9), ("MB", 1e6), ("kB", 1e3))

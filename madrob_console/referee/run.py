@@ -206,7 +206,7 @@ class Run:
         return remarks
 
 
-# Changes of a run that acts, sensors and the clock bring about (protocol section 2).
+# Transitions of a run by acts, sensors and the clock (protocol section 2).
 
 
 LEAST_PREROLL = 1.0

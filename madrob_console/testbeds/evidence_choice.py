@@ -78,7 +78,7 @@ def _compiled(pattern: str) -> re.Pattern[str]:
     return re.compile(text)
 
 
-# How much of a topic comes, and how much of it is let through.
+# The rate of a topic, and the share of it that is let through.
 
 
 RATE_WINDOW = 5.0

@@ -1,4 +1,7 @@
-"""A source of messages, what its testbed says of itself, and who else may ask."""
+"""A source of messages, what its testbed says of itself, and who else may ask.
+
+All three hand over the same `RawMessage`s, so that everything behind a source is one path.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +20,6 @@ if TYPE_CHECKING:
     from madrob_console.common.names import RemoteService
     from recorder.bag import Topic
     from scoring.protocol import Condition
-
-# All three hand over the same `RawMessage`s, so that everything behind a source is one path.
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +85,7 @@ class Source(Protocol):
     def close(self) -> None: ...
 
 
-# What a testbed says of itself, once for all: `/madrob/testbed/info` (protocol section 2).
+# A testbed's announcement, `/madrob/testbed/info` (protocol section 2).
 
 
 INFO_TOPIC = "/madrob/testbed/info"
@@ -142,9 +143,9 @@ def simulated_in(text: str) -> str | None:
     return terminal_safe(info.scenario[:_LONGEST_SCENARIO]).strip() or _UNNAMED
 
 
-# What programs around a testbed may ask of the engine, and what they hear of it.
+# Requests and news for programs around a testbed.
 #
-# The testbed's source carries it; an engine's owner answers.
+# The testbed's source carries them; an engine's owner answers.
 
 
 class Level(IntEnum):

@@ -147,7 +147,7 @@ class EngineSearch:
             self._looking = False
 
 
-# What the console proposes before the referee has typed anything.
+# The console's proposals before the referee has typed anything.
 
 
 FIRST_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)

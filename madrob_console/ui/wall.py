@@ -326,7 +326,7 @@ class WallScreen(Screen[None]):
         self._wall.runs = WallRuns.of(runs, snapshot.teams.names, practice=snapshot.practice)
 
 
-# `madrob watch --big`: the app that is nothing but the wall display.
+# `madrob watch --big`: the app around the wall display.
 
 
 class WallApp(MadrobApp, inherit_bindings=False):

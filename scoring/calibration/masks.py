@@ -1,4 +1,8 @@
-"""Calibration of a new testbed: masks from a swept door, the handle's scale (sections 3, 4)."""
+"""Calibration of a new testbed: masks from a swept door, the handle's scale (sections 3, 4).
+
+The panel is swung through its range on both sides with nobody near. What a sensor then sees other
+than the floor is the panel; its mask begins and ends well outside of that.
+"""
 
 from __future__ import annotations
 
@@ -117,7 +121,7 @@ def _check_steady(level: SteadyForce, difference: float) -> None:
         )
 
 
-# A recording in which the door is swept: what each passage sensor read at which door angle.
+# Recordings of a swept door: each passage sensor's readings by door angle.
 
 
 Numbers = NDArray[np.float64]
@@ -213,7 +217,7 @@ def _angle_at(time: Numbers, door: Numbers, largest_gap: float) -> Numbers:
     return np.where(outside | gap, np.nan, np.interp(time, stamps, angles))
 
 
-# What one passage sensor sees of the panel while the door is swept, and what else.
+# The view of one passage sensor while the door is swept.
 
 
 _LEAST_READINGS = 10
@@ -345,10 +349,6 @@ def _step_at_edges(nothing: Numbers, first: float, last: float) -> float:
     if not len(before) or not len(after):
         return math.inf
     return max(first - float(before[-1]), float(after[0]) - last)
-
-
-# The panel is swung through its range on both sides with nobody near. What a sensor then sees
-# other than the floor is the panel; its mask begins and ends well outside of that.
 
 
 FIRST_MARGIN = 0.5

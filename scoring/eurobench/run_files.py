@@ -1,4 +1,7 @@
-"""EUROBENCH's files of a run, and reading CSV tables (protocol section 10)."""
+"""EUROBENCH's files of a run, and reading CSV tables (protocol section 10).
+
+The only module of `scoring` that opens data files.
+"""
 
 from __future__ import annotations
 
@@ -123,9 +126,6 @@ def _finite(cell: str) -> float | None:
     except ValueError:
         return None
     return value if math.isfinite(value) and "_" not in cell else None
-
-
-# The only module of `scoring` that opens data files.
 
 
 LARGEST_TABLE = 16 * 1024 * 1024

@@ -1,4 +1,7 @@
-"""Drawings of one run without matplotlib: passage lanes, labels, stretches of curves."""
+"""Drawings of one run without matplotlib: passage lanes, labels, stretches of curves.
+
+Plain data to SVG, without matplotlib. The names of the lanes stand beside the drawing.
+"""
 
 from __future__ import annotations
 
@@ -85,10 +88,10 @@ def _width(text: str) -> float:
     return _LETTER * len(text)
 
 
-# Drawings over time that are as wide as the place they stand in, as SVG without matplotlib.
+# Drawings over time as wide as their place, as SVG without matplotlib.
 #
-# Across, everything is in percent of the width; letters and heights are in pixels and stay as
-# they are, on a phone and on a wide screen.
+# Widths are in percent of the place; letters and heights are in pixels, on a phone and on a wide
+# screen alike.
 
 
 LETTERS = 11
@@ -191,7 +194,7 @@ def drawing(parts: Iterable[str], height: float, alternative: str) -> str:
     )
 
 
-# Curves as stretches without gaps, thinned for those who draw them.
+# Curves as stretches without gaps, thinned for drawing.
 
 
 def stretches(
@@ -236,9 +239,6 @@ ORANGE, BLUE, RED, GREY = "#d95f02", "#1f4e9e", "#c00000", "#555555"
 """Position, derived quantities, the data of the indicator, all the rest."""
 
 BAND = "#e0e0e0"
-
-
-# Plain data to SVG, without matplotlib. The names of the lanes stand beside the drawing.
 
 
 LANE = 21

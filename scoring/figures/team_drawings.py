@@ -101,7 +101,7 @@ def phase_bars(runs: Sequence[PhaseTimes], alternative: str) -> str:
     return drawing(parts, bottom + TICK_ROOM, alternative)
 
 
-# The scale of an indicator in drawings of many runs: which values are shown, and where.
+# The scale of an indicator in drawings of many runs: range and ticks.
 
 
 FAILED = "\N{MULTIPLICATION SIGN}"

@@ -23,7 +23,7 @@ from scoring.procedure import StepRecord
 from scoring.rest import HandleRest
 from scoring.result import Indicator
 
-# What a dialog asks before an act: plain data, no terminal.
+# The questions of a dialog: plain data, no terminal.
 
 
 T_co = TypeVar("T_co", covariant=True)

@@ -39,9 +39,9 @@ from madrob_console.testbeds.ros.types import TypeWords, foreign_class, prefixes
 from madrob_console.testbeds.ros.watches import NAMELESS
 from recorder.bag import Durability, RawMessage, Topic, topic_problem
 
-# Topics that are evidence: found while they are recorded, listened to, taken as they are.
+# A topic of the evidence, from discovery to its messages.
 #
-# Nothing of it is decoded. A topic keeps its type as long as it is recorded.
+# Nothing is decoded. A topic keeps its type as long as it is recorded.
 
 
 FIRST_DEPTH, LEAST_DEPTH, MOST_DEPTH = 32, 4, 512

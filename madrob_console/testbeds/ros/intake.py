@@ -27,7 +27,7 @@ from madrob_console.testbeds.ros.types import find_definition
 from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import Durability, Qos, Reliability, Topic
 
-# One raw subscription: bytes as they came over the wire, and when.
+# One raw subscription: bytes from the wire, and their times.
 
 
 QUEUE_DEPTH = 2000
@@ -191,7 +191,7 @@ def arrivals(received: Sequence[int], since: int, until: int, now: int, wall: in
     return [since + (until - since) * n // len(found) for n in range(1, len(found) + 1)]
 
 
-# Subscriptions to one topic that follow one another without a loss in between.
+# Successive subscriptions to one topic, without a loss between them.
 
 
 _LONGEST_HANDOVER = 5.0

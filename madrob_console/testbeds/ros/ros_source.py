@@ -39,7 +39,7 @@ from madrob_console.testbeds.source import SILENT, Announcement, Outside, TopicS
 from recorder.bag import RawMessage, Topic
 from scoring.protocol import Condition
 
-# Messages on their way from the take thread to the engine.
+# A mailbox from the take thread to the engine.
 
 
 CAPACITY = 32 * 1024 * 1024

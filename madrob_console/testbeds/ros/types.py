@@ -94,11 +94,11 @@ def _nested(type_name: str, text: str) -> list[str]:
     return [f[1] for f in inner if f[0] == Nodetype.NAME]
 
 
-# Messages of types that are not installed here: their bytes, as they come over the wire.
+# Raw bytes of types that are not installed here.
 #
-# rclpy wants the type support of a message class, and what is generated for a type has it.
-# Whoever takes bytes only needs no more of it than the type's name: that is made here, around
-# what is installed for an empty message. It fits Fast DDS as ROS 2 Jazzy has it.
+# rclpy wants the type support of a message class. Whoever takes bytes needs only the type's name,
+# so a support is made here around that of an empty message. It fits Fast DDS as ROS 2 Jazzy has
+# it.
 
 
 MIDDLEWARE = "rmw_fastrtps_cpp"
@@ -209,7 +209,7 @@ def _support_at(address: int) -> _Support:
     return ctypes.cast(address, ctypes.POINTER(_Support)).contents
 
 
-# What the messages of a topic are made of, by this system or by the one that publishes them.
+# Definitions of a topic's messages, from this system or from its publisher.
 
 
 PATIENCE = 2.0

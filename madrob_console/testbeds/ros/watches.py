@@ -124,7 +124,7 @@ def _in_words(namespace: str, name: str) -> str:
     return full if found is None else f"{full} (pid {found['pid']} on {found['host']})"
 
 
-# Hears what the testbed of a ROS domain says of itself.
+# A watch over what the testbed of a ROS domain says of itself.
 
 
 _DEPTH = 10

@@ -1,4 +1,13 @@
-"""Geometry, motion and the robot's plan in the simulated testbed (protocol sections 1, 4)."""
+"""Geometry, motion and the robot's plan in the simulated testbed (protocol sections 1, 4).
+
+Distances are from the hinge along the closed panel (*reach*) and from the wall on one side
+(*distance*). A body is a box and the panel a bar; a sensor sees what comes within `beam_radius`
+of its axis.
+
+The defaults are a doorway of 1 m with eight sensors a side, evenly spaced, 0.175 m from the wall.
+With them each used sensor sees the panel only well inside of its mask in the protocol's table, so
+that a panel that turns at up to `fastest_panel` never passes under an unmasked sensor.
+"""
 
 from __future__ import annotations
 
@@ -23,16 +32,6 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.rest import braking_table
-
-# Distances are from the hinge along the closed panel (*reach*) and from the wall on one side
-# (*distance*). A body is a box and the panel a bar; a sensor sees what comes within `beam_radius`
-# of its axis.
-#
-# The defaults are a doorway of 1 m with eight sensors a side, evenly spaced, 0.175 m from the
-# wall. With them each used sensor sees the panel only well inside of its mask in the protocol's
-# table, so that a panel that turns at up to `fastest_panel` never passes under an unmasked
-# sensor.
-
 
 SENSORS_PER_SIDE = 8
 _ROWS = {
@@ -313,7 +312,7 @@ class Levels:
         return end
 
 
-# What the robot of one simulated run is going to do: functions of the time since the start.
+# The plan of a simulated robot for one run: functions of the time since the start.
 
 
 LOAD_CELL_LIMIT = 20_000 * GRAM_FORCE

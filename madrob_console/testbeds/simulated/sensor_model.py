@@ -89,9 +89,10 @@ class SensorModel:
         return tuple(ranges)
 
 
-# What flawless sensors would say of a plan: states and the instants of their changes.
+# Flawless sensors: states and the instants of their changes.
 #
-# Worked out from the plan's functions, not from samples, and independent of the detector.
+# They are worked out from the plan's functions, not from samples, and independently of the
+# detector.
 
 
 _MARGIN = 0.06

@@ -1,4 +1,8 @@
-"""The simulated testbed: door, sensors, a robot, and how they follow the referee."""
+"""The simulated testbed: door, sensors, a robot, and how they follow the referee.
+
+It knows no messages and no clock, so that the console's simulated source and a ROS 2 node can
+both drive it.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +24,6 @@ from madrob_console.testbeds.simulated.sensor_model import (
     SensorSettings,
 )
 from scoring.protocol import Condition, ScoringError, Signal
-
-# It knows no messages and no clock, so that the console's simulated source and a ROS 2 node can
-# both drive it.
-
 
 _NOBODY = Scene()
 _SLOWEST_PANEL = 0.5
@@ -131,7 +131,7 @@ class SimulatedTestbed:
         return self._model.read(signal, self.scene(time_ns))
 
 
-# What testbed and robot understand of `/madrob/referee/state`.
+# The referee's state, `/madrob/referee/state`, as testbed and robot read it.
 
 
 @dataclass(frozen=True, slots=True)

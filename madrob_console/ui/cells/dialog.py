@@ -19,7 +19,7 @@ from madrob_console.ui.keys.console_app import TypeAhead
 from madrob_console.ui.keys.dialogs import Intent
 from madrob_console.ui.look.words import cut_inside
 
-# Texts of an act that was refused: there again when the same is asked of the same run.
+# Drafts of refused acts, offered again when the same is asked of the same run.
 
 
 class DraftKey(NamedTuple):

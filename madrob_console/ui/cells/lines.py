@@ -1,4 +1,9 @@
-"""Text of few bytes: lines that write changed cells only, and small controls made of them."""
+"""Text of few bytes: lines that write changed cells only, and small controls made of them.
+
+A screen over SSH must stay small (a full repaint at 10 Hz is over 100 kB/s), so the live widgets
+draw lines of spans, compare them with what is on screen and refresh the cells between the first
+and the last difference. A span carries a tone, not markup: text from outside shows as it is.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +27,6 @@ from madrob_console.ui.look.words import wrapped
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
-
-# A screen over SSH must stay small (a full repaint at 10 Hz is over 100 kB/s), so the live
-# widgets draw lines of spans, compare them with what is on screen and refresh the cells between
-# the first and the last difference. A span carries a tone, not markup: text from outside shows as
-# it is.
 
 
 class Tone(StrEnum):

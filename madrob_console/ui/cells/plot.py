@@ -1,4 +1,8 @@
-"""A curve over time, drawn into cells, with its axes."""
+"""A curve over time, drawn into cells, with its axes.
+
+Everything here is a pure function of the data and the room. Plots with the same window and gutter
+stand exactly under each other, so that one time axis serves them all.
+"""
 
 from __future__ import annotations
 
@@ -107,10 +111,6 @@ def _labels(ticks: Iterable[float], step: float) -> tuple[str, ...]:
         return tuple(f"{tick:.3g}" for tick in ticks)
     decimals = next(n for n in range(6) if abs(step * 10**n - round(step * 10**n)) < 1e-6)
     return tuple(f"{tick:.{decimals}f}" for tick in ticks)
-
-
-# Everything here is a pure function of the data and the room. Plots with the same window and
-# gutter stand exactly under each other, so that one time axis serves them all.
 
 
 _LEFT_DOTS, _RIGHT_DOTS = (0x40, 0x04, 0x02, 0x01), (0x80, 0x20, 0x10, 0x08)

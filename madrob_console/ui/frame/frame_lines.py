@@ -141,7 +141,7 @@ def _disk(free: int | None) -> Line:
     return line(Span(f" {size_text(free)}", tone))
 
 
-# What is wrong now; it stays until it is gone.
+# Faults of now; each stays until it is gone.
 
 
 class FaultLine(View):
@@ -169,7 +169,7 @@ class FaultLine(View):
         ]
 
 
-# The footer: every key, bright where it is possible now, dim where it is not.
+# The footer: every key, bright where it works now, dim where it does not.
 
 
 _ROOMY = 100
@@ -254,7 +254,7 @@ class KeyLine(View):
         return tuple(spans)
 
 
-# Where a replay stands: above every pane, so that nobody takes it for a run that goes on.
+# The position of a replay, above every pane, so that nobody takes it for a live run.
 
 
 _LEAST_GAUGE = 10
@@ -319,7 +319,7 @@ def _scale(playback: PlaybackView, width: int) -> Line:
     return scale("-" * width, [*marks, *start, (played, "●", Tone.WARN)])
 
 
-# What was said last, with its time of day; it fades, and goes with the next key.
+# The latest message, with its time of day; it fades, and goes with the next key.
 
 
 FRESH = 5.0
@@ -384,7 +384,7 @@ class StatusLine(Lines):
         return paragraph(self._said, width, Tone.DIM if self._faded else self.tone, head)
 
 
-# The run in a terminal that is too small for the screens.
+# The run in a terminal that is too small for the other screens.
 
 
 SMALLEST = (10, 3)

@@ -105,7 +105,7 @@ async def give_to_tmux(text: str, environ: Mapping[str, str]) -> bool:
     return process.returncode == 0
 
 
-# What the terminal tells of the mouse.
+# Mouse events of the terminal.
 
 
 _MOVES, _DRAGS = "\x1b[?1003", "\x1b[?1002"
@@ -134,7 +134,7 @@ class ButtonsDriver(LinuxDriver):
         super().write(data.replace(_MOVES, _DRAGS) if data.startswith(_MOVES) else data)
 
 
-# Keys that were typed for what is not on the screen any more: they are left out, and told.
+# Keys that were typed for an earlier screen: they are ignored, and the screen says so.
 
 
 UNSEEN = 0.3

@@ -1,4 +1,9 @@
-"""Colours of the screens, and ASCII signs for terminals that need them."""
+"""Colours of the screens, and ASCII signs for terminals that need them.
+
+Each exists in full colours and, for terminals with 16 of them, in colours of the terminal's own
+palette: brought down by arithmetic, a green may end as white and a grey on its background. The
+full ones keep to what 256-colour terminals have or nearly have, as most do over SSH.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +22,6 @@ from textual.filter import LineFilter
 from textual.theme import Theme
 
 from madrob_console.common.names import ThemeName
-
-# Each exists in full colours and, for terminals with 16 of them, in colours of the terminal's own
-# palette: brought down by arithmetic, a green may end as white and a grey on its background. The
-# full ones keep to what 256-colour terminals have or nearly have, as most do over SSH.
-
 
 COLOURLESS = "colourless"
 """Bold, dim, underlined and reversed text in the terminal's own two colours."""
@@ -173,7 +173,7 @@ def _all() -> Iterator[Theme]:
 THEMES = tuple(_all())
 
 
-# ASCII instead of the signs that a terminal or a line in between cannot show.
+# ASCII in place of signs that a terminal cannot show.
 
 
 UNKNOWN = "?"

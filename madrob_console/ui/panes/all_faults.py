@@ -83,7 +83,7 @@ def _cut(row: str, width: int) -> str:
     return f"{' '.join(words)} …" if words else shortened(f"{row} …", width)
 
 
-# The one thing that the referee should look at now.
+# The banner: the one thing that the referee should look at now.
 
 
 class Banner(View):
@@ -144,7 +144,7 @@ def _next(snapshot: Snapshot) -> str:
             return f"the result is final: {more}"
 
 
-# What is recorded as evidence, and what is lost of it, in one line.
+# The evidence line: what is recorded, and what is lost.
 
 
 _GAP = "  "

@@ -261,7 +261,7 @@ def _widest(rows: Iterable[Iterable[Span]]) -> int:
     return max((len(span.text) for row in rows for span in row), default=0)
 
 
-# How much of the competition's plan is done, as far as this screen knows.
+# The progress of the competition's plan, as this screen knows it.
 
 
 class PlanReader:

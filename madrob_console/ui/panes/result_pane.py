@@ -97,7 +97,7 @@ def _aligned(cells: Sequence[str]) -> str:
     return "".join(f"{cell:>{width}}" for cell, width in zip(cells, _WIDTHS, strict=True))
 
 
-# What a result says first: outcome, whose, under which rules, final or not.
+# The head of a result: outcome, team, rules, final or not.
 
 
 _UNSAVED = "NOT ON DISK YET: only the engine has it, and goes on trying"

@@ -301,7 +301,7 @@ def step_time(at: float | None, start: float | None, *, rough: bool) -> str:
     return relative_text(at, start)
 
 
-# What happened around a run: doubts, decisions, incidents, waivers, notes; its files.
+# Marks of a run: doubts, decisions, incidents, waivers, notes, files.
 
 
 class RunMarks(View):

@@ -37,7 +37,7 @@ from scoring.rulesets import RulesetName
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
 
-# What the set-up pane says of the run in its fields: what is wrong with it, which key goes on.
+# What the set-up pane says of its fields: errors, and the key that goes on.
 
 
 OPEN = (Phase.IDLE, Phase.READY)
@@ -131,7 +131,7 @@ def task_of(setup: RunSetup) -> Task:
     return Task(setup.subject, setup.condition.number)
 
 
-# The team of a set-up where there is a list of teams: chosen, not typed.
+# The team of a set-up, chosen from a list of teams.
 
 
 class TeamLine(Lines, can_focus=True):
