@@ -220,7 +220,11 @@ class RightToAct:
     def refusal(self) -> str | None:
         if self.only_watches:
             return "`madrob console` can act, this screen only watches"
-        return f"{self.holder} has the right to act: Esc, t takes it over" if self.holder else None
+        return (
+            f"{self.holder} has the right to act: an act here takes it over, after y"
+            if self.holder
+            else None
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,6 +309,7 @@ class Snapshot:
         result_source: what the result was measured on.
         unfinished: runs that were cut off and wait for a decision, oldest first.
         plan: of the competition; how much of it is done is asked for (`GivePlan`).
+        testbed: name of the engine's testbed.
         right: of this screen; all else is the same for all screens.
     """
 
@@ -344,6 +349,7 @@ class Snapshot:
     teams: TeamList = NO_TEAMS
     protest_times: ProtestTimes = USUAL_PROTEST_TIMES
     plan: Plan = NO_PLAN
+    testbed: str = ""
     right: RightToAct = RightToAct()
     pulse: Pulse = Pulse()
 

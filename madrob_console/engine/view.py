@@ -127,6 +127,7 @@ class StateView:
             teams=situation.teams,
             protest_times=situation.protest_times,
             plan=plan,
+            testbed=self.engine_context.config.testbed,
         )
 
     def _evidence(self, now: float) -> EvidenceView | None:
@@ -148,7 +149,7 @@ class StateView:
 def overdue_protests(run: Run, now: float) -> Iterator[str]:
     for one in open_protests(run.protests):
         if one.due < now:
-            yield f"{one.title}: {format_deadline(one.due, now, time_words)}, decide it (P)"
+            yield f"{one.title}: {format_deadline(one.due, now, time_words)}, decide it"
 
 
 def disk_problem(checks: Iterable[Check]) -> str | None:

@@ -45,11 +45,10 @@ from madrob_console.ui.keys.console_app import (
     give_to_tmux,
     in_tmux,
 )
-from madrob_console.ui.keys.dialogs import Copy, Intent, Leave, OtherName
+from madrob_console.ui.keys.dialogs import Copy, Intent, Leave, OtherName, Press, RunMeant
 from madrob_console.ui.keys.key_table import (
     FUNCTION_KEYS,
     KEYS,
-    LETTER_KEYS,
     PLAYBACK_KEYS,
     Key,
     bindings,
@@ -75,7 +74,7 @@ if TYPE_CHECKING:
     from madrob_console.ui.panes.runs_pane import RunsPane
     from madrob_console.ui.panes.setup_pane import CheckList, SetupPane
 
-_OF_A_RUN = frozenset(LETTER_KEYS) - {KEYS["take"]}
+_OF_A_RUN = ("rule", "incident", "take_back")
 
 LATEST = 1.0
 """Nothing starts after a set-up that took longer, s: nobody expects it any more."""
@@ -98,6 +97,13 @@ def run_beside(words: Sequence[str]) -> int:
     """Runs a `madrob` command on this terminal until it ends; returns its exit code."""
     program = (sys.executable, "-P", "-m", "madrob_console.cli.main")
     return subprocess.run([*program, *words], check=False).returncode
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):  # one without a name
+        return str(os.getuid())
 
 
 def console_commands() -> type[Provider]:
@@ -226,8 +232,6 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         key = KEYS.get(str(parameters[0])) if action == "press" and parameters else None
-        if key is not None and self._console.pane in key.left_to:
-            return False
         if key in PLAYBACK_KEYS:
             return self._console.pane in key.where and self.has_key(key)
         return super().check_action(action, parameters)
@@ -242,18 +246,14 @@ class MadrobApp(App[None], inherit_bindings=False):
             self.exit()
         elif self._console.dialogs and not self._over_dialogs(key):
             return
-        elif key.name == "menu":
+        elif key.name == "palette":
             self.action_command_palette()
-        elif key.name == "copy":
-            await self._ask_copy(key)
         elif key.name == "engine":
             self._start_engine(key)
         elif key.pane:
             self._console.show_pane(key.pane)
-        elif key.name == "abort" and self.withdraw():
-            pass
-        else:
-            await self._awaited.soon(self._press_act(key, pressed), key.act)
+        elif not (key.name == "abort" and self.withdraw()):
+            await self._awaited.soon(self._press_key(key, pressed), key.act or key.label)
 
     def _start_engine(self, key: Key) -> None:
         if (refused := self.key_refusal(key)) is not None:
@@ -271,20 +271,6 @@ class MadrobApp(App[None], inherit_bindings=False):
 
         self.run_worker(connect, thread=True, group="engine", exclusive=True)
 
-    async def _ask_copy(self, key: Key) -> None:
-        if not self._link.connected:
-            self._console.refuse(Copy.name, NOT_YET)
-            return
-        try:
-            user = getpass.getuser()
-        except (OSError, KeyError):  # one without a name
-            user = str(os.getuid())
-        asked = self._console.ask_copy(user)
-        if isinstance(asked, str):
-            self._console.refuse(Copy.name, asked)
-        else:
-            await self._ask(key, asked, lambda _now: asked)
-
     async def _copy(self, copy: Copy) -> None:
         if self._driver is not None:
             self._driver.write(clipboard_sequences(copy.text, self._environ))
@@ -298,32 +284,48 @@ class MadrobApp(App[None], inherit_bindings=False):
     def withdraw(self) -> bool:
         return self._awaited.withdraw()
 
-    async def _press_act(self, key: Key, pressed: str) -> None:
-        if not self._link.connected:
+    async def _press_key(self, key: Key, pressed: str) -> None:
+        """Does what a key says: the screen's own keys first, then those that ask for an act."""
+        now = self._link.snapshot()
+        if now is None:
             self._refuse_key(key, NOT_YET)
-        elif key.commits and (problem := await self._commit()):
+            return
+        if key.act and key.name != "abort" and now.right.holder:
+            key = KEYS["take"]  # nothing else is possible before
+        if key.commits and (problem := await self._commit()):
             self._refuse_key(key, problem)
-        elif key.name in ("next", "again"):
-            await self._next_run(key)
-        elif key.name == "export" and self.key_refusal(key) is None:
-            await self._do(self._console.export, key.name, key.act)
-        elif key.name == "dossier" and self.key_refusal(key) is None:
-            meant = self._console.run_meant()
-            wanted = meant if isinstance(meant, str) else ExportDossier(meant.folder)
-            await self._do(wanted, key.name, key.act)
-        elif key.name == "replay":
-            self._show_replay()
         elif (refused := self.key_refusal(key) or self._elsewhere(key)) is not None:
             self._refuse_key(key, refused)
-        elif key.ask is not None and (snapshot := self._link.snapshot()) is not None:
-            await self._ask(key, key.ask(snapshot, pressed), partial(key.question, pressed=pressed))
+        elif key.ask is not None and (now := self._link.snapshot()) is not None:
+            await self._ask(key, key.ask(now, pressed), partial(key.question, pressed=pressed))
+        else:
+            await self._press_own(key)
 
-    def _show_replay(self) -> None:
+    async def _press_own(self, key: Key) -> None:
+        console, meant = self._console, self._console.run_meant()
+        match key.name:
+            case "menu":
+                await self._ask(key, console.menu(), lambda _now: console.menu())
+            case "copy":
+                copy = console.ask_copy(_user())
+                await self._ask(key, copy, lambda _now: copy)
+            case "next" | "again":
+                await self._next_run(key)
+            case "export":
+                await self._do(console.export, key.name, key.act)
+            case _ if isinstance(meant, str):
+                console.refuse(key.label, meant)
+            case "open":
+                if not await console.ask_about(meant.folder):
+                    await self._open_run(OpenRun(meant.folder))
+            case "dossier":
+                await self._do(ExportDossier(meant.folder), key.name, key.act)
+            case "replay":
+                self._show_replay(meant)
+
+    def _show_replay(self, meant: RunMeant) -> None:
         """Runs another console on this terminal until it is left; never while a run goes on."""
-        meant, snapshot = self._console.run_meant(), self._link.snapshot()
-        if isinstance(meant, str):
-            self._console.refuse("replay", meant)
-            return
+        snapshot = self._link.snapshot()
         if snapshot is None or snapshot.run.active or snapshot.playback is not None:
             here = snapshot is not None and snapshot.playback is not None
             self._console.refuse("replay", "this is one" if here else "a run is going on")
@@ -355,8 +357,8 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     def _elsewhere(self, key: Key) -> str | None:
         """Refuses a key in a list of many runs: it does not mean the run that is open."""
-        if self._console.pane in ("history", "plan", "standings") and key in _OF_A_RUN:
-            return "Enter opens the marked run first, F4 shows the one that is open"
+        if key.name in _OF_A_RUN and self._console.pane in ("history", "plan", "standings"):
+            return "F4 shows the run that is open; Enter opens the marked one"
         return None
 
     def _over_dialogs(self, key: Key) -> bool:
@@ -411,7 +413,10 @@ class MadrobApp(App[None], inherit_bindings=False):
         held = isinstance(act, Abort) and now is not None and now.right.holder
         if held and not await self._awaited.carry_out(TakeOver()):
             return
-        if not await self._awaited.carry_out(Perform.of(act), done_text(act), durable=durable):
+        words = done_text(act) + ("; z takes it back" if act.undoable else "")
+        if isinstance(act, SetUp) and now is not None and now.run.unsigned:
+            words += "; the result before is not final: h opens it"
+        if not await self._awaited.carry_out(Perform.of(act), words, durable=durable):
             self._console.drafts.refused(name)
             if isinstance(act, Start):  # its number may be used now
                 self._console.panes.setup.propose_again(only_later=True)
@@ -436,26 +441,16 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     async def _next_run(self, key: Key) -> None:
         form = self._console.panes.setup
-        if key.name == "again":
-            form.propose_same()
-        elif not self._console.take_marked_run():
+        if key.name == "next":
             await form.propose_planned()
+        elif not self._console.take_marked_run():
+            form.propose_same()
         setup = await form.draft()
         if isinstance(setup, str):
             self._console.show_pane("setup", chosen=False)
             self._console.refuse(key.act, setup)
-            return
-        if (refused := self.key_refusal(key)) is not None:
-            self._console.refuse(key.act, refused)
-            return
-        snapshot = self._link.snapshot()
-        assert snapshot is not None
-
-        def question(now: Snapshot) -> Ask[Intent] | str:
-            asked = self.key_refusal(key) or SetUp(setup).unless_final(now)
-            return "press x again" if isinstance(asked, Act) else asked
-
-        await self._ask(key, SetUp(setup).unless_final(snapshot), question)
+        else:
+            await self._do(SetUp(setup), key.name, key.act)
 
     async def on_dialog_answered(self, event: Dialog.Answered) -> None:
         dialog = event.dialog
@@ -465,6 +460,9 @@ class MadrobApp(App[None], inherit_bindings=False):
         if isinstance(intent, str) and dialog.ask_again(intent):
             return
         await self._console.close(dialog)
+        if isinstance(intent, Press):
+            await self.action_press(intent.name, intent.pressed)
+            return
         if not isinstance(intent, Ask):
             self._ahead.closed()
         name = dialog.name or ""
@@ -513,25 +511,20 @@ class MadrobApp(App[None], inherit_bindings=False):
         await self._console.open("other name", event.ask)
 
     async def on_runs_pane_opened(self, event: RunsPane.Opened) -> None:
-        """Shows an earlier run, whose bag takes a moment to read, or the runs behind a standing.
-
-        A run that was cut off is asked about: opening it is no decision.
-        """
+        """Shows the runs behind a standing, or asks what to do with the marked run."""
         from madrob_console.pages.tally import Standing
         from madrob_console.ui.panes.standings_pane import filter_for
 
         if isinstance(event.row, Standing):
             self._console.show_runs(filter_for(event.row))
-        elif not await self._console.ask_about(event.row.folder):
-            await self._awaited.soon(self._open_run(OpenRun(event.row.folder)), OpenRun.name)
+        else:
+            await self.action_press("menu", "enter")
 
     async def _open_run(self, run: OpenRun) -> None:
         self._console.say(f"Reading {run.folder} ...")
         if await self._awaited.carry_out(run):
             self._console.show_pane("results")
-            self._console.say(
-                "An earlier run: 1-6 f u n go on with it, h goes back, x the next run."
-            )
+            self._console.say("An earlier run: Enter shows what can be done, h goes back.")
 
     def _refuse_key(self, key: Key, why: str) -> None:
         """What was typed after a refused key is dropped, text fields included."""

@@ -43,13 +43,12 @@ class Option:
         return self.value is None and not self.free
 
 
-NOTHING = Option("n", "nothing: close this", None)
-"""The first option of every question without another harmless one."""
-
-
 @dataclass(frozen=True, slots=True)
 class Pick:
-    """A choice among options; the first, a harmless one, is marked, and Enter takes the marked one.
+    """A choice among options; Enter takes the marked one.
+
+    The first option is marked if it is harmless or the question is `quick`: an act that `z` takes
+    back, or one more question. Else none is. `listed` stands above the options, `below` under them.
 
     Raises:
         ValueError: two options have the same key: the second could never be chosen.
@@ -58,15 +57,18 @@ class Pick:
     text: str
     options: tuple[Option, ...]
     listed: tuple[str, ...] = ()
+    below: tuple[str, ...] = ()
+    quick: bool = False
 
     def __post_init__(self) -> None:
-        if not any(option.harmless for option in self.options):
-            object.__setattr__(self, "options", (NOTHING, *self.options))
         keys = [option.key for option in self.options]
         if len(set(keys)) < len(keys):
             raise ValueError(f"{self.text!r}: two options have the same key, of {' '.join(keys)}")
-        if not self.options[0].harmless:
-            raise ValueError(f"{self.text!r}: the option by which nothing happens comes first")
+
+    @property
+    def marked(self) -> int:
+        """The option that is marked at first; -1 = none."""
+        return 0 if self.quick or self.options[0].harmless else -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +111,11 @@ def reasons(*texts: str) -> tuple[Option, ...]:
     """A short list of reasons under digits, and free text under `o`."""
     listed = (Option(str(number), text, text) for number, text in enumerate(texts, 1))
     return (*listed, Option("o", "other: type it", None, free=True))
+
+
+def ask_why(*texts: str) -> Pick:
+    """The reason of an act that `z` takes back: Enter takes the first one."""
+    return Pick("Why? Enter takes the marked one.", reasons(*texts), quick=True)
 
 
 def meanwhile(*texts: str) -> Pick:
@@ -224,6 +231,7 @@ class Act(ABC):
         urgent: it ends a danger: no other request and no disk delays it.
         at_once: it takes effect before its line is on disk; others need the journal first.
         stands_out: whether its line of the event log is highlighted.
+        undoable: whether `TakeBack` takes it back.
     """
 
     __slots__ = ()
@@ -237,6 +245,7 @@ class Act(ABC):
     at_once: ClassVar[bool] = True
     consequences: ClassVar[Consequence] = Consequence.NONE
     stands_out: ClassVar[bool] = False
+    undoable: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
         """Raises TypeError for an act without a name or phases."""

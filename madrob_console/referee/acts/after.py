@@ -18,6 +18,7 @@ from madrob_console.referee.acts.act import (
     Situation,
     Sure,
     Write,
+    ask_why,
     reasons,
 )
 from madrob_console.referee.flags import Doubts, FlagKind, doubted_words, undecided, waiting_doubts
@@ -36,7 +37,6 @@ _TEAM = Pick(
     (
         Option("n", "nothing yet: do not finalise", None),
         Option("a", "acknowledged", TeamWord.ACKNOWLEDGED),
-        Option("p", "protested in words only; one to be decided is filed by P", TeamWord.PROTESTED),
         Option("b", "absent", TeamWord.ABSENT),
     ),
 )
@@ -132,9 +132,7 @@ def _checklist(view: RunView) -> tuple[str, ...]:
         return ()
     steps = ", ".join(f"{record.step:d}" for record in view.steps if record.done)
     rows = [f"Before it is final: {view.run.outcome}, steps that count: {steps or 'none'}"]
-    for flag in undecided(found):
-        how = DECIDED_BY.get(flag.kind)
-        rows.append(f"! {flag.words}" + (f": {how}" if how else ""))
+    rows += [f"! {flag.words}" for flag in undecided(found)]
     rows += [f"! {one.title} was upheld: nothing was changed since" for one in unchanged]
     if others := [flag.words for flag in found if not flag.undecided]:
         rows.append(f"- {'; '.join(others)}")
@@ -159,10 +157,7 @@ _NO_DOUBT = "no doubt waits for the referee"
 _ALL = "all"
 _MOST_LISTED = 4
 """Sentences of two rows that fit in a dialog, in 80 x 24 cells."""
-_WHY = Pick(
-    "Why? It stands with the result, and so do the doubts.",
-    reasons("seen on video: right", "no effect on the ranking", "the run is repeated"),
-)
+_WHY = ask_why("seen on video: right", "no effect on the ranking", "the run is repeated")
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +167,7 @@ class AcceptDoubts(Act):
     name = "accept doubts"
     phases = (Phase.STOPPED,)
     missing = "accepting a doubt needs a reason"
+    undoable = True
     title = "Accept doubts: the values stand as they are"
     doubts: Doubts
     reason: str
@@ -203,7 +199,8 @@ class AcceptDoubts(Act):
             Option(str(number), f"{name.words}: {_counted(len(found))}", name)
             for number, (name, found) in enumerate(waiting.items(), 1)
         )
-        question = Pick("On which indicator?", (Option("a", "on all of them", _ALL), *each))
+        every = (Option("a", "on all of them", _ALL), *each)
+        question = Pick("On which indicator?", every, quick=True)
 
         def chosen(which: str) -> Ask[Asked]:
             only = {name: found for name, found in waiting.items() if which in (_ALL, name)}

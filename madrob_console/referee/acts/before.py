@@ -12,11 +12,9 @@ from madrob_console.referee.acts.act import (
     Pick,
     RunView,
     Situation,
-    Sure,
-    reasons,
+    ask_why,
 )
 from madrob_console.referee.checks import blocking
-from madrob_console.referee.flags import undecided
 from madrob_console.referee.records import CheckName, DecisionKind, RunSetup, Waiver
 from madrob_console.referee.run import Phase, Run, begin_countdown
 from scoring.rest import HandleRest
@@ -54,19 +52,6 @@ class SetUp(Act):
                 competition=situation.competition,
             )
         )
-
-    def unless_final(self, view: RunView) -> Act | Ask[Act]:
-        """Asks first if the last result waits for a signature.
-
-        That of an aborted or voided run does not: nothing of it is left to decide. That of an
-        interrupted one does: it has indicators, and the referee decides whether it is repeated
-        (protocol section 2).
-        """
-        if not view.run.unsigned:
-            return self
-        left = "".join(f", {flag.words}" for flag in undecided(view.flags))
-        sure = Sure(f"The last result is not final{left}: it stays as it is. Set up the next run?")
-        return Ask("Next run", (sure,), lambda: self)
 
     def apply(self, situation: Situation, at: float) -> Run:
         return replace(situation.run.cleared, phase=Phase.READY, setup=self.setup)
@@ -126,15 +111,14 @@ class Start(Act):
 
 
 _NONE_FAILS = "no check fails"
-_WHY = Pick(
-    "Why may it pass?", reasons("checked by hand", "known testbed fault", "the organiser agrees")
-)
+_WHY = ask_why("checked by hand", "known testbed fault", "the organiser agrees")
 
 
 @dataclass(frozen=True, slots=True)
 class Waive(Act):
     """Let a failed check pass for this run."""
 
+    undoable = True
     name = "waive a check"
     phases = (Phase.READY,)
     missing = "a waiver needs a reason"

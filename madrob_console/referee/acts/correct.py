@@ -15,9 +15,8 @@ from madrob_console.referee.acts.act import (
     Pick,
     RunView,
     Situation,
-    Sure,
     Write,
-    reasons,
+    ask_why,
 )
 from madrob_console.referee.acts.during import RULED
 from madrob_console.referee.acts.protest import closed
@@ -37,7 +36,10 @@ from madrob_console.referee.run import Phase, Run, changed
 from scoring.protocol import BenchmarkType, Condition
 
 _NO_RUN = "no run is set up yet"
-_WHY = Pick("Why?", reasons("typed wrongly", "the set-up of the run before was kept"))
+_WHY = replace(
+    ask_why("typed wrongly", "the set-up of the run before was kept"),
+    text="Why? The run gets the next number of the right subject and condition.",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +56,7 @@ class Correct(Act):
     at_once = False
     missing = "a correction needs a reason"
     stands_out = True
+    undoable = True
     subject: int
     condition: Condition
     reason: str
@@ -96,7 +99,7 @@ class Correct(Act):
             after = replace(setup, condition=found[what])
             return Ask(
                 f"Correct the {corrected_words(setup, after)}",
-                (_WHY, _sure(after)),
+                (_WHY,),
                 lambda reason: cls(setup.subject, found[what], reason),
             )
 
@@ -113,7 +116,7 @@ class Correct(Act):
                 listed = teams.names.get(number, "which is not in the list of teams!")
                 return Ask(
                     f"{title}, {listed}",
-                    (_WHY, _sure(setup)),
+                    (_WHY,),
                     lambda reason: cls(number, setup.condition, reason),
                 )
 
@@ -123,7 +126,7 @@ class Correct(Act):
                 except MadrobError as error:
                     return str(error)
 
-            return Ask(title, (Write("Team (Enter for no name):"), _WHY, _sure(setup)), named)
+            return Ask(title, (Write("Team (Enter for no name):"), _WHY), named)
 
         return Ask(
             f"Correct the subject, which is {setup.subject}",
@@ -192,14 +195,6 @@ def _subject_words(before: int, after: int) -> str:
     return f"subject from {before} to {after}"
 
 
-def _sure(after: RunSetup) -> Sure:
-    number = after.condition.number
-    return Sure(
-        f"Correct it? It gets a run number of the right subject in condition {number}, and can be"
-        " taken back."
-    )
-
-
 # Take back: a decision of the referee counts no more.
 
 
@@ -266,10 +261,7 @@ class TakeBack(Act):
             return _NOTHING
         return Ask(
             f"Take back the last decision: {last.words}",
-            (
-                Pick("Why?", reasons("my mistake", "seen on video", "protest accepted")),
-                Sure("Take it back? It stays on record as taken back."),
-            ),
+            (ask_why("my mistake", "seen on video", "protest accepted"),),
             lambda reason: cls(last.kind, last.time, reason),
         )
 

@@ -16,8 +16,8 @@ from madrob_console.referee.acts.act import (
     Situation,
     Sure,
     Write,
+    ask_why,
     meanwhile,
-    reasons,
 )
 from madrob_console.referee.records import (
     DecisionKind,
@@ -51,9 +51,7 @@ class AcceptFalseStart(Act):
     phases = (Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED)
     missing = "accepting a false start needs a reason"
     title = "Accept the false start"
-    questions = (
-        Pick("Why?", reasons("nothing gained", "sensor false alarm", "caused by a person")),
-    )
+    questions = (ask_why("nothing gained", "sensor false alarm", "caused by a person"),)
     reason: str
 
     @classmethod
@@ -120,11 +118,13 @@ _LATEST = 86_400.0
 
 _NAMED = [kind for kind in IncidentKind if kind is not IncidentKind.OTHER]
 
+_NOTE = "note"
 _WHICH = Pick(
-    "Which? It changes no indicator; n adds a note later.",
+    "Which? It changes no indicator.",
     (
         *(Option(kind.value[0], kind.value, kind.value) for kind in _NAMED),
         Option("o", "other: type it", IncidentKind.OTHER),
+        Option("n", "a note, no incident", _NOTE),
     ),
 )
 _WHAT = Write("What happened?", missing="say what happened")
@@ -138,6 +138,7 @@ _TIME = Write(
 class MarkIncident(Act):
     """Mark an incident now, or `after_start` s from the start (section 7)."""
 
+    undoable = True
     name = "mark an incident"
     phases = (Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED)
     title = "Mark an incident"
@@ -151,7 +152,10 @@ class MarkIncident(Act):
         """A text typed during the run gets the time at which its kind was chosen."""
         stopped, now = view.run.phase is Phase.STOPPED, view.elapsed
 
-        def chosen(kind: IncidentKind) -> Asked:
+        def chosen(word: str) -> Asked:
+            if word == _NOTE:
+                return AddNote.ask_questions(view, pressed)
+            kind = IncidentKind(word)
             other = kind is IncidentKind.OTHER
             asked = (*((_WHAT,) if other else ()), *((_TIME,) if stopped else ()))
             if not asked:
@@ -166,7 +170,7 @@ class MarkIncident(Act):
             return Ask(f"{cls.title}: {kind}", asked, made)
 
         title = f"{cls.title} {'of the run' if stopped else 'now'}"
-        return Ask(title, (_WHICH,), lambda word: chosen(IncidentKind(word)))
+        return Ask(title, (_WHICH,), chosen)
 
     def problem(self, situation: Situation) -> str | None:
         """The time must not be before the recording."""
@@ -210,9 +214,7 @@ class RestartCountdown(Act):
     name = "restart the countdown"
     phases = (Phase.COUNTDOWN,)
     title = "Restart the countdown"
-    questions = (
-        Pick("Why?", reasons("robot not ready", "person in the way", "testbed not ready")),
-    )
+    questions = (ask_why("robot not ready", "person in the way", "testbed not ready"),)
     at_once = False
     consequences = Consequence.COUNTDOWN
     reason: str = "false start"
@@ -233,21 +235,18 @@ class RestartCountdown(Act):
 
 RULED = {True: "confirmed", False: "denied", None: "as the sensors say"}
 
+_REASON = "reason"
 _VERDICTS = {"confirm": True, "deny": False, "sensors": None}
 _LOGGED = {True: "confirms", False: "denies", None: "takes back the ruling on"}
-_WHY = Pick(
-    "Why?",
-    reasons(
-        *("seen by the referee", "sensor missed it", "sensor false alarm", "seen on video"),
-        "my mistake",
-    ),
-)
+_SEEN = "seen by the referee"
+_WHY = ask_why(_SEEN, "sensor missed it", "sensor false alarm", "seen on video", "my mistake")
 
 
 @dataclass(frozen=True, slots=True)
 class Rule(Act):
     """Confirm or deny a step (section 7), or take that back. The latest ruling counts."""
 
+    undoable = True
     name = "rule on a step"
     phases = (Phase.RUNNING, Phase.STOPPED)
     missing = "a ruling needs a reason"
@@ -256,24 +255,31 @@ class Rule(Act):
     reason: str
 
     @classmethod
-    def ask_questions(cls, view: RunView, pressed: str) -> Ask[Act]:
-        step = Step(int(pressed))
+    def ask_questions(cls, view: RunView, pressed: str) -> Ask[Asked]:
+        return cls._ask_verdict(view, Step(int(pressed)), _SEEN)
+
+    @classmethod
+    def _ask_verdict(cls, view: RunView, step: Step, reason: str) -> Ask[Asked]:
         record = next((record for record in view.steps if record.step is step), None)
         found = None if record is None else record.sensors
         sensors = "not done" if found is None else relative_text(found, view.run.start) + " s"
         verdict = Pick(
             f"Sensors: {sensors}. Referee: {_said(record.referee if record else None)}.",
             (
-                Option("c", "confirm: it is done", "confirm"),
-                Option("d", "deny: it is not done", "deny"),
-                Option("s", "as the sensors say: take a ruling back", "sensors"),
+                Option("c", "confirm", "confirm"),
+                Option("d", "deny", "deny"),
+                Option("s", "as the sensors say", "sensors"),
+                Option("r", "another reason", _REASON),
             ),
         )
-        return Ask(
-            f"Step {step}: {step.text}",
-            (verdict, _WHY, Sure("Is that right? It can be ruled again.")),
-            lambda word, reason: cls(step, _VERDICTS[word], reason),
-        )
+        title = f"Step {step}: {step.text}"
+
+        def ruled(word: str) -> Asked:
+            if word != _REASON:
+                return cls(step, _VERDICTS[word], reason)
+            return Ask(title, (_WHY,), lambda other: cls._ask_verdict(view, step, other))
+
+        return Ask(f"{title} ({reason})", (verdict,), ruled)
 
     def apply(self, situation: Situation, at: float) -> Run:
         run = situation.run
@@ -299,7 +305,7 @@ def _said(ruling: Ruling | None) -> str:
 # Void: a valid run counts nowhere.
 
 
-_SURE = Sure("Void it? It can be taken back.")
+_SURE = Sure("Void it? z takes it back.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,14 +320,9 @@ class Void(Act):
     at_once = False
     missing = "voiding a run needs a reason"
     title = "VOID this run: it stays on record and counts nowhere"
-    questions = (
-        Pick(
-            "Why?",
-            reasons("robot unsafe", "testbed fault", "referee's mistake", "protest accepted"),
-        ),
-        _SURE,
-    )
+    questions = (ask_why("robot unsafe", "testbed fault", "referee's mistake", "protest accepted"),)
     stands_out = True
+    undoable = True
     reason: str
 
     @classmethod

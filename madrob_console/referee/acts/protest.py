@@ -16,6 +16,7 @@ from madrob_console.referee.acts.act import (
     RunView,
     Situation,
     Write,
+    ask_why,
     reasons,
 )
 from madrob_console.referee.records import (
@@ -61,8 +62,8 @@ class WithdrawProtest(Act):
     def ask_questions(cls, view: RunView, pressed: str) -> Asked:
         def withdrawal(protest: Protest) -> Ask[Act]:
             listed = (f"! {protest.team}: {protest.text}",)
-            why = reasons("satisfied by the explanation", "filed by mistake")
-            question = Pick("What does the team say?", why, listed)
+            why = ask_why("satisfied by the explanation", "filed by mistake")
+            question = replace(why, text="What does the team say?", listed=listed)
             title = f"The team withdraws {protest.title}"
             return Ask(title, (question,), lambda reason: cls(protest.number, reason))
 
@@ -117,7 +118,7 @@ def closed(run: Run, number: int, answer: ProtestAnswer | None) -> Run:
 
 _NAMELESS = "a decision needs the referee's name"
 _HOW = Pick(
-    "How is it decided? What that changes: 1-6 rule, c corrects, v voids; then f.",
+    "How is it decided? It changes no value: rule, correct or void for that.",
     (
         Option("u", "upheld", ProtestEnd.UPHELD),
         Option("p", "partly upheld", ProtestEnd.PARTLY),
@@ -141,6 +142,7 @@ class DecideProtest(Act):
     at_once = False
     missing = _WHY.missing
     stands_out = True
+    undoable = True
     number: int
     end: ProtestEnd
     reason: str

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from rich.cells import cell_len
@@ -118,6 +119,7 @@ class NumberField(Field):
 FreshAsk = Callable[[], Ask[Intent] | str]
 """What a dialog asks as things stand now, or in words why it asks nothing any more."""
 
+_CLOSES = "Escape closes"
 _YES, _NO = "y", "n"
 _OR_NO = "no (also Enter, Escape)"
 
@@ -164,21 +166,16 @@ class Prompt(Lines, can_focus=True):
         if said := ", ".join(filter(None, self.answers)):
             rows += paragraph(f"chosen: {said}", width, Tone.WARN)
         match self.question:
-            case Pick(text, options, listed):
+            case Pick(text, options, listed, below):
                 rows += [row for words in listed for row in paragraph(words, width, Tone.WARN)]
-                rows += paragraph(text, width)
-                rows += [
-                    _option(option, width, at_cursor=number == self.cursor)
-                    for number, option in enumerate(options)
-                ]
-                rows.append(_hint("its key, or arrows and Enter; Escape closes: nothing happens"))
+                rows += paragraph(text, width) if text else []
+                rows += _options(options, self.cursor, width)
+                rows += [row for words in below for row in paragraph(words, width, Tone.DIM)]
             case Sure(text):
                 rows += paragraph(text, width, Tone.STRONG)
                 yes = (Target(_YES, Tone.CAP, _YES), Target(" yes", Tone.PLAIN, _YES))
                 no = (Target(_NO, Tone.CAP, _NO), Target(f" {_OR_NO}", Tone.PLAIN, _NO))
                 rows.append(line(*yes, "   ", *no))
-            case Write():
-                rows.append(_hint("Enter goes on; Escape closes: nothing happens"))
         if self.complaint:
             rows += paragraph(self.complaint, width, Tone.BAD)
         if isinstance(self.question, Write):
@@ -187,10 +184,11 @@ class Prompt(Lines, can_focus=True):
 
     def _head(self, width: int) -> list[Line]:
         rows = paragraph(self.title, width, Tone.STRONG)
-        if self._about and width_of(rows[-1]) + 2 + cell_len(self._about) > width:
-            rows += paragraph(self._about, width, Tone.DIM)
-        elif self._about:
-            rows[-1] = line(*rows[-1], Span(f"  {self._about}", Tone.DIM))
+        for text in filter(None, (self._about, _CLOSES)):
+            if width_of(rows[-1]) + 2 + cell_len(text) <= width:
+                rows[-1] = line(*rows[-1], Span(f"  {text}", Tone.DIM))
+            elif text is not _CLOSES:
+                rows += paragraph(text, width, Tone.DIM)
         return rows
 
 
@@ -276,8 +274,11 @@ class Dialog(Vertical):
                 self._changed(found)
             return
         before, self.ask = self.ask, found
-        same = (found.title, found.questions) == (before.title, before.questions)
+        same = _without_words(found) == _without_words(before)
         if same and not prompt.overtaken:
+            if found.questions != before.questions:
+                self._take_questions(before, found)
+                prompt.redraw()
             return
         if not same:
             self._take_questions(before, found)
@@ -286,9 +287,7 @@ class Dialog(Vertical):
     def _take_questions(self, before: Ask[Intent], now: Ask[Intent]) -> None:
         """Takes other questions; keeps the answers so far that also answer these."""
         asked = len(now.questions) - len(self._open)
-        alike = [_kind(question) for question in before.questions] == [
-            _kind(question) for question in now.questions
-        ]
+        alike = [*map(_kind, before.questions)] == [*map(_kind, now.questions)]
         if not alike or before.title != now.title:
             self._open, self._answers = list(now.questions), []
             self._show()
@@ -383,11 +382,16 @@ class Dialog(Vertical):
     def _pick(self, event: events.Key, options: tuple[Option, ...]) -> None:
         prompt = self._prompt
         if event.key in ("up", "down"):
-            prompt.cursor = (prompt.cursor + (1 if event.key == "down" else -1)) % len(options)
+            step = 1 if event.key == "down" else -1
+            prompt.cursor = (max(prompt.cursor, -step - 1) + step) % len(options)
             prompt.redraw()
             return
-        by_key = next((o for o in options if o.key == event.character), None)
-        chosen = options[prompt.cursor] if event.key == "enter" else by_key
+        chosen = next((o for o in options if o.key == event.character), None)
+        if event.key == "enter":
+            if prompt.cursor < 0:
+                self.complain("Press the key of an answer, or choose one with the arrows.")
+                return
+            chosen = options[prompt.cursor]
         if chosen is not None:
             self._choose(chosen)
         else:
@@ -436,7 +440,8 @@ class Dialog(Vertical):
     def _show(self) -> None:
         prompt, question = self._prompt, self._open[0]
         prompt.question, prompt.answers = question, tuple(self._answers)
-        prompt.cursor, prompt.complaint, prompt.notice = 0, "", ""
+        prompt.cursor = question.marked if isinstance(question, Pick) else 0
+        prompt.complaint = prompt.notice = ""
         self._field.display = isinstance(question, Write)
         self._field.value = self._initial(question) if isinstance(question, Write) else ""
         prompt.redraw()
@@ -453,6 +458,30 @@ def _kind(question: Question) -> object:
     return question.options if isinstance(question, Pick) else type(question)
 
 
+def _without_words(ask: Ask[Intent]) -> tuple[object, ...]:
+    """Title and questions, without the words beside the same options: sensors change those."""
+    asked = (replace(one, text="") if isinstance(one, Pick) else one for one in ask.questions)
+    return (ask.title, *asked)
+
+
+_BESIDE = 3
+"""Cells between two options of one row."""
+_MOST_ROWS = 2
+"""Options that need more rows than this, side by side, have a row each."""
+
+
+def _options(options: Sequence[Option], cursor: int, width: int) -> list[Line]:
+    """Side by side where two rows hold them all, else one a row."""
+    cells = [_option(one, width, at_cursor=at == cursor) for at, one in enumerate(options)]
+    rows: list[Line] = []
+    for cell in cells:
+        if rows and width_of(rows[-1]) + _BESIDE + width_of(cell) <= width:
+            rows[-1] = (*rows[-1], Span(" " * _BESIDE), *cell)
+        else:
+            rows.append(cell)
+    return rows if len(rows) <= _MOST_ROWS else cells
+
+
 def _option(option: Option, width: int, *, at_cursor: bool) -> Line:
     tone = Tone.CURSOR if at_cursor else Tone.PLAIN
     return line(
@@ -461,7 +490,3 @@ def _option(option: Option, width: int, *, at_cursor: bool) -> Line:
         Target(" ", Tone.PLAIN, option.key),
         Target(cut_inside(option.label, width - 4), tone, option.key),
     )
-
-
-def _hint(text: str) -> Line:
-    return line(Span(text, Tone.DIM))

@@ -38,7 +38,8 @@ from madrob_console.ui.frame.frame_lines import (
     TinyClock,
     TopLine,
 )
-from madrob_console.ui.keys.dialogs import Copy, RunMeant, ask_copy, ask_unfinished
+from madrob_console.ui.keys.dialogs import Copy, Press, RunMeant, ask_copy, ask_menu, ask_unfinished
+from madrob_console.ui.keys.key_table import MENU
 from madrob_console.ui.link import NOT_YET, EngineSearch
 from madrob_console.ui.look.words import PHASES, export_text
 from madrob_console.ui.panes.run_status import who_text
@@ -78,14 +79,16 @@ _BY = {
 }
 """Acts that bring a run into a phase, if it does not come by itself."""
 
-_ABOUT_NO_RUN = ("next", "again", "leave", "unfinished", "other name", "copy", "take")
+_ABOUT_NO_RUN = ("menu", "leave", "unfinished", "other name", "copy", "take")
 """Questions that are not about the current run."""
 
 _STARTING = "Looking for the engine; one is started where none runs ..."
-_WRITTEN = "The result is written: f finalises it, x the next run, PgDn more."
-_WRITTEN_FOR_WATCHERS = "The result is written; PgDn shows more."
+_WRITTEN = "The result is written: Enter signs or changes it, x the next run, v details."
+_WRITTEN_FOR_WATCHERS = "The result is written; v shows the details."
 _NOT_ON_DISK = "The result is NOT ON DISK yet: the engine has it and goes on trying."
-_AT_THE_END = "The recording is at its end: < goes back, j jumps to a time, PgDn shows more."
+_AT_THE_END = "The recording is at its end: < goes back, j jumps to a time, v details."
+_ACTS_OF_A_RUN = "1-6 rules on a step, i marks an incident, z takes back the last decision."
+_OPEN_FIRST = "o opens it: then Enter signs, corrects, voids it or files a protest."
 
 
 class ConsoleScreen(Screen[None]):
@@ -118,9 +121,8 @@ class ConsoleScreen(Screen[None]):
         self._link = link
         self._ahead = ahead
         self._defaults = defaults
-        where = " @".join(name for name in (defaults.competition, defaults.host) if name)
-        self._top = TopLine(where)
-        self._faults = FaultLine(where)
+        self._top = TopLine()
+        self._faults = FaultLine(defaults.competition)
         self._playback = PlaybackBar()
         self._panes: Panes | None = None
         self._switcher = ContentSwitcher()
@@ -187,6 +189,24 @@ class ConsoleScreen(Screen[None]):
         if shown is None:
             return "no team is marked or set up: h shows all runs"
         return ExportTeam(shown.subject, practice, competition)
+
+    def menu(self) -> Ask[Press] | str:
+        """Asks what to do with the marked run of the history, else with the one that is shown."""
+        now = self._latest
+        if now is None:
+            return NOT_YET
+        marked = self.panes.history.selected
+        if self.pane == "history":
+            about = "no run is marked" if marked is None else f"{marked.folder}"
+            pane, hint = self.pane, "" if now.right.only_watches else _OPEN_FIRST
+        else:
+            about, hint = who_text(now.run), _ACTS_OF_A_RUN
+            pane = "live" if now.result is None else "results"
+        found = [(key, key.refusal(now)) for key in MENU if pane in key.where]
+        if now.right.only_watches or now.playback is not None:
+            found, hint = [(key, why) for key, why in found if why is None], ""
+        found = [(key, why) for key, why in found if key.name != "take" or why is None]
+        return ask_menu(f"What do you want to do with {about}?", found, hint)
 
     def run_meant(self) -> RunMeant | str:
         """The marked run of the history, else the one that is shown; else why there is none."""
@@ -348,14 +368,15 @@ class ConsoleScreen(Screen[None]):
             self.say(export_text(now.export), tone)
 
     def _tell_lists(self, before: Snapshot | None, now: Snapshot) -> None:
-        if now.right.only_watches:
+        """Says that teams or plan have changed; the set-up and the plan show their faults."""
+        if now.right.only_watches or before is None:
             return
         problems: list[str] = []
         news: list[str] = []
-        if before is None or now.teams != before.teams:
+        if now.teams != before.teams:
             problems += now.teams.problems
             news.append(f"The list of teams was read again: {len(now.teams.names)} teams.")
-        if before is None or now.plan != before.plan:
+        if now.plan != before.plan:
             problems += now.plan.problems
             attempts = sum(line.attempts for line in now.plan.lines)
             news.append(f"The plan was read again: {attempts} attempts.")
@@ -363,7 +384,7 @@ class ConsoleScreen(Screen[None]):
             problems += unknown_teams((line.task for line in now.plan.lines), now.teams.names)
         if problems:
             self.say("; ".join(problems), Tone.WARN)
-        elif news and before is not None:
+        elif news:
             self.say(" ".join(news), Tone.GOOD)
 
     def on_descendant_focus(self) -> None:
@@ -431,13 +452,10 @@ class ConsoleScreen(Screen[None]):
             self.take_focus(chosen=False)
 
     def take_marked_run(self) -> bool:
-        """In the history and the plan: the next run is for the marked team and condition."""
-        if self.pane == "history" and (run := self.panes.history.selected) is not None:
-            self.panes.setup.propose_like(run)
-        elif self.pane == "plan" and (task := self.panes.plan.selected) is not None:
-            self.panes.setup.propose(task)
-        else:
+        """In the history: the next run is for the team and the condition of the marked one."""
+        if self.pane != "history" or (run := self.panes.history.selected) is None:
             return False
+        self.panes.setup.propose_like(run)
         return True
 
     def show_runs(self, text: str) -> None:

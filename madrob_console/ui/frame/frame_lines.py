@@ -14,6 +14,7 @@ from textual.keys import _character_to_key
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.acts import Abort
 from madrob_console.referee.checks import Freshness
+from madrob_console.referee.records import format_duration
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import (
     Line,
@@ -31,7 +32,6 @@ from madrob_console.ui.keys.key_table import (
     FINDS_BY_ITSELF,
     FUNCTION_KEYS,
     KEYS,
-    LETTER_KEYS,
     PLAYBACK_KEYS,
     Key,
 )
@@ -44,7 +44,7 @@ from madrob_console.ui.look.words import (
     wrapped,
 )
 from madrob_console.ui.panes.all_faults import BELOW, FAULT, ON_LIVE, banner, notices, short_form
-from madrob_console.ui.panes.run_status import clock_span, phase_span
+from madrob_console.ui.panes.run_status import clock_span, phase_span, team_text
 
 if TYPE_CHECKING:
     from madrob_console.engine.requests import PlaybackView
@@ -57,40 +57,41 @@ LITTLE_DISK = 2_000_000_000
 WATCHING = " WATCHING"
 """Shown on a screen that can do nothing to the run."""
 
-_LEAST_LABEL = 18
 ROOMY = 100
-"""With fewer cells the row below shows competition and machine."""
+"""With so many cells the disk's free space is shown even if there is plenty."""
 
 _STATES = {"finished": "done"}
 
 
 class TopLine(View):
-    """Which source, which competition (`where`), and whether everything is being kept."""
+    """Which source, testbed and run, and whether everything is being kept."""
 
-    def __init__(self, where: str) -> None:
+    def __init__(self) -> None:
         super().__init__(id="top-line")
-        self._where = where
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         if snapshot.pulse.stale:
             return [_old(snapshot, width)]
-        clock = f" {time_of_day(snapshot.time)}"
-        recorder = recorder_spans(snapshot.recorder)
-        age = Span(f" {_oldest(snapshot.topics)}", _age_tone(snapshot.topics))
-        disk = () if snapshot.playback else _disk(snapshot.disk_free)  # nothing is written
-        rights = (
-            line(*recorder, age, *disk, clock),
-            line(*recorder, age, clock),
-            line(*recorder, clock),
-            line(*recorder),
-        )
-        right = next((r for r in rights if width_of(r) + _LEAST_LABEL <= width), rights[-1])
-        reserved = width_of(right) + (len(WATCHING) if snapshot.right.only_watches else 0)
-        badge = source_badge(snapshot, max(4, width - reserved))
         watching = line(Span(WATCHING, Tone.STRONG)) if snapshot.right.only_watches else ()
-        room = max(0, width - width_of((badge, *watching)) - width_of(right))
-        where = f" {self._where}" if width >= ROOMY else ""
-        return [line(badge, *watching, Span(fitted(where, room), Tone.STRONG), *right)]
+        right = line(
+            *recorder_spans(snapshot.recorder),
+            *_oldest(snapshot.topics),
+            *_disk(snapshot, roomy=width >= ROOMY),
+            f" {time_of_day(snapshot.time)}",
+        )
+        who = f" {_who(snapshot)}"
+        badge = source_badge(
+            snapshot, max(4, width - cell_len(who) - width_of((*watching, *right)))
+        )
+        room = max(0, width - width_of((badge, *watching, *right)))
+        return [line(badge, *watching, Span(fitted(who, room), Tone.STRONG), *right)]
+
+
+def _who(snapshot: Snapshot) -> str:
+    """Testbed, run and team: `Hall A  run 3 of team 7 Taipei`."""
+    setup = snapshot.run.setup
+    run = "" if setup is None else f"run {setup.run_number} of team {team_text(snapshot.run)}"
+    return "  ".join(filter(None, (snapshot.testbed, run)))
 
 
 def _old(snapshot: Snapshot, width: int) -> Line:
@@ -114,31 +115,34 @@ def recorder_spans(recorder: RecorderView) -> Line:
     recording = recorder.state == "recording"
     tone = Tone.BAD if recorder.problem or recorder.state == "failed" else Tone.PLAIN
     name = "REC" if recording else f"rec {_STATES.get(recorder.state, recorder.state)}"
+    dropped = f" {recorder.dropped} dropped" if recorder.dropped else ""
     return line(
         Span(f" {name}", Tone.GOOD if recording and tone is Tone.PLAIN else tone),
-        f" {recorder.messages} {size_text(recorder.size)} ",
-        Span(f"{recorder.dropped} drop", Tone.ALARM if recorder.dropped else Tone.DIM),
+        f" {size_text(recorder.size)}",
+        Span(dropped, Tone.ALARM),
     )
 
 
-def _oldest(topics: Sequence[TopicView]) -> str:
+def _oldest(topics: Sequence[TopicView]) -> Line:
+    """How old the newest message of the most silent topic is, unless all are fresh."""
     needed = [topic for topic in topics if not topic.optional]
-    if not needed or any(topic.age is None for topic in needed):
-        return "no data"
-    oldest = max(topic.age or 0.0 for topic in needed)
-    return "age <0.5s" if oldest <= 0.5 else f"age {oldest:.1f}s" if oldest < 60 else "age >1min"
+    if needed and all(topic.freshness is Freshness.FRESH for topic in needed):
+        return ()
+    ages = [topic.age for topic in needed if topic.age is not None]
+    if not needed or len(ages) < len(needed):
+        return line(Span(" no data", Tone.BAD))
+    return line(Span(f" age {format_duration(max(ages))}", Tone.BAD))
 
 
-def _age_tone(topics: Sequence[TopicView]) -> Tone:
-    fresh = all(t.freshness is Freshness.FRESH for t in topics if not t.optional)
-    return Tone.DIM if topics and fresh else Tone.BAD
-
-
-def _disk(free: int | None) -> Line:
+def _disk(snapshot: Snapshot, *, roomy: bool) -> Line:
+    free = snapshot.disk_free
+    if snapshot.playback is not None:  # nothing is written
+        return ()
     if free is None:
         return line(Span(" disk ?", Tone.WARN))
-    tone = Tone.WARN if free < LITTLE_DISK else Tone.DIM
-    return line(Span(f" {size_text(free)}", tone))
+    if free < LITTLE_DISK:
+        return line(Span(f" {size_text(free)} free", Tone.WARN))
+    return line(Span(f" {size_text(free)} free", Tone.DIM)) if roomy else ()
 
 
 # Faults of now; each stays until it is gone.
@@ -157,8 +161,7 @@ class FaultLine(View):
         if not snapshot.all_faults and told:
             return told
         if not snapshot.all_faults:
-            room = 0 if width >= ROOMY else min(cell_len(self._where), width - 10)
-            where = fitted(self._where, room)  # the top line has no room for it
+            where = fitted(self._where, min(cell_len(self._where), width - 10))
             left = fitted("no faults", width - cell_len(where))
             return [line(Span(left + where, Tone.DIM))]
         rows = short_form(snapshot, width, BELOW if self.whole_below else ON_LIVE).rows
@@ -169,17 +172,21 @@ class FaultLine(View):
         ]
 
 
-# The footer: every key, bright where it works now, dim where it does not.
+# The footer: the keys that are possible now, the most important first.
 
 
-_ROOMY = 100
-_ALWAYS_NAMED = ("start", "abort", "timeout", "leave")
-"""Keys that keep their names if there is no room for all."""
-_PLAYBACK_NAMES = tuple(key.name for key in PLAYBACK_KEYS)
+MOST_KEYS = 7
+
+_FOOTER = (
+    *("start", "abort", "timeout", "pose", "zero", "menu", "next", "rule", "incident"),
+    *("take_back", "history", "plan", "standings", "setup", "live", "results", "leave"),
+)
+_ENTER = {"setup": "Set up", "plan": "Set up", "standings": "Runs", "figures": "", "help": ""}
+"""What Enter does where it opens no menu."""
 
 
 class KeyLine(View):
-    """Two rows; a key with a refusal is dim and not reversed. A spectator sees none of an act."""
+    """One row: at most seven keys that are possible now, then F1. A click on one presses it."""
 
     pane = "setup"
     typing = False
@@ -196,62 +203,63 @@ class KeyLine(View):
             self.app.call_later(cast("ConsoleApp", self.app).action_press, key.name, name)
 
     def lines(self, width: int) -> Sequence[Line]:
-        """Function keys and letters; all dim before there is an engine."""
-        return [self._named(FUNCTION_KEYS, width, _ALWAYS_NAMED), self._letters(width)]
+        if self._snapshot is not None and self._snapshot.pulse.gone:
+            return [_without_engine(self._snapshot)]
+        more = KEYS["help"]
+        keys = self._possible(self._snapshot)[:MOST_KEYS]
+        head = line(Span("letters type", Tone.STRONG), "  ") if self.typing else ()
+        while width_of(row := (*head, *self._row((*keys, more)))) > width and keys:
+            keys.pop()
+        return [row]
 
-    def _letters(self, width: int) -> Line:
-        if self.typing and not (self._snapshot is not None and self._snapshot.pulse.gone):
-            return line(
-                Span("letters type: ", Tone.STRONG),
-                Span("Enter, Tab, arrows move on; F keys and ", Tone.DIM),
-                Target("^P", Tone.CAP, KEYS["menu"].name),
-                Span(" work"),
-            )
-        keys: tuple[Key, ...] = LETTER_KEYS
-        snapshot = self._snapshot
-        if snapshot is not None and snapshot.pulse.gone:
-            if snapshot.right.only_watches:
-                return line(Span(FINDS_BY_ITSELF, Tone.STRONG))
-            again = KEYS["engine"]
-            cap = Target(again.cap, Tone.CAP, again.name)
-            return line(cap, Target(f" {again.help}", Tone.STRONG, again.name))
-        if snapshot is not None and snapshot.playback is not None:
-            played = (key for key in PLAYBACK_KEYS if self.pane in key.where)
-            keys = (*played, *(key for key in LETTER_KEYS if not key.act))
-        row = self._row(keys, width)
-        if width_of(row) <= width:
-            return row
-        here = [key for key in keys if not key.where or self.pane in key.where]
-        return self._named(here, width, _PLAYBACK_NAMES)
+    def _possible(self, snapshot: Snapshot | None) -> list[Key]:
+        if snapshot is None:
+            return [KEYS["leave"]]
+        keys = [KEYS[name] for name in _FOOTER]
+        if snapshot.playback is not None:
+            keys = [*PLAYBACK_KEYS, *(key for key in keys if not key.act)]
+        return [key for key in keys if self._is_possible(key, snapshot)]
 
-    def _named(self, keys: Sequence[Key], width: int, most: Sequence[str]) -> Line:
-        """The keys with their names; without room the last lose theirs, except those in `most`."""
-        named = [key.name for key in keys]
-        losing = [name for name in named if name not in most]
-        row = self._row(keys, width)
-        while width_of(row) > width and losing:
-            named.remove(losing.pop())
-            row = self._row(keys, width, named)
-        return row
+    def _is_possible(self, key: Key, snapshot: Snapshot) -> bool:
+        if key.where and self.pane not in key.where:
+            return False
+        if self.typing and key not in FUNCTION_KEYS and key is not KEYS["menu"]:
+            return False
+        run = snapshot.run
+        match key.name:
+            case "menu":
+                able = not snapshot.right.only_watches or self.pane in ("history", "standings")
+                return able and self._label(key) != ""
+            case "next" if self.pane == "setup":
+                return False  # Enter does it
+            case "setup" if run.active:
+                return False
+            case "live" if run.setup is None:
+                return False
+            case "results" if snapshot.result is None:
+                return False
+        if key.act and snapshot.right.only_watches:
+            return False
+        return key.pane != self.pane and key.refusal(snapshot) is None
 
-    def _row(self, keys: Sequence[Key], width: int, named: Sequence[str] | None = None) -> Line:
-        roomy = width >= _ROOMY
+    def _label(self, key: Key) -> str:
+        return _ENTER.get(self.pane, key.label) if key is KEYS["menu"] else key.label
+
+    def _row(self, keys: Iterable[Key]) -> Line:
         spans: list[Span] = []
-        watches = self._snapshot is not None and self._snapshot.right.only_watches
         for key in keys:
-            if watches and key.act:
-                continue  # nobody here can ever act
-            if spans:
-                spans.append(Span("  " if roomy else " "))
-            label = key.label if named is None or key.name in named else ""
-            space = " " if roomy and not label.startswith(" ") else ""
-            if self._snapshot is None or key.refusal(self._snapshot) is not None:
-                spans.append(Target(f"{key.cap}{space}{label}", Tone.DIM, key.name))
-                continue
-            tone = Tone.STRONG if key.pane and key.pane == self.pane else Tone.PLAIN
+            spans += [Span("  ")] if spans else []
             spans.append(Target(key.cap, Tone.CAP, key.name))
-            spans.append(Target(f"{space}{label}", tone, key.name))
+            spans.append(Target(f" {self._label(key)}", Tone.PLAIN, key.name))
         return tuple(spans)
+
+
+def _without_engine(snapshot: Snapshot) -> Line:
+    if snapshot.right.only_watches:
+        return line(Span(FINDS_BY_ITSELF, Tone.STRONG))
+    again = KEYS["engine"]
+    cap = Target(again.cap, Tone.CAP, again.name)
+    return line(cap, Target(f" {again.help}", Tone.STRONG, again.name))
 
 
 # The position of a replay, above every pane, so that nobody takes it for a live run.

@@ -289,7 +289,7 @@ def _commands(app: ConsoleApp) -> list[_Command]:
 
 def _in_order(app: ConsoleApp) -> Iterator[_Command]:
     for key in KEYS.values():
-        if key.name == "menu" or not app.has_key(key):
+        if key.name in ("menu", "palette", "open") or not app.has_key(key):
             continue
         refused = app.key_refusal(key)
         help_text = key.help if refused is None else f"not now: {refused}"
@@ -300,7 +300,8 @@ def _in_order(app: ConsoleApp) -> Iterator[_Command]:
                 yield _Command(text, press, help_text, refused is None)
             continue
         press = partial(app.action_press, key.name, key.keys.partition(",")[0])
-        yield _Command(f"{key.cap}  {key.label.strip()}", press, help_text, refused is None)
+        cap = key.cap if key.keys else f"Enter {key.cap}"
+        yield _Command(f"{cap}  {key.label}", press, help_text, refused is None)
     for name in ThemeName:
         yield _Command(f"Theme: {name}", partial(app.set_theme, name), "colours of the screens")
     state = "off" if app.rings else "on"

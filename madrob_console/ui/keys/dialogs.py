@@ -25,9 +25,12 @@ from madrob_console.referee.records import open_protests, seconds_of
 from madrob_console.referee.run import Run
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from madrob_console.archive.history import RunSummary
     from madrob_console.archive.run_journal import Unfinished
     from madrob_console.engine.snapshot import Snapshot
+    from madrob_console.ui.keys.key_table import Key
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,9 +83,17 @@ class RunMeant:
         return cls(name if lies_in_practice(name) else path.name, at)
 
 
+@dataclass(frozen=True, slots=True)
+class Press:
+    """Presses the key of that name (`key_table.KEYS`), as chosen in the menu."""
+
+    name: str
+    pressed: str
+
+
 Intent: TypeAlias = (
     "Act | PlaybackCommand | OpenRun | TakeOver | ExportTeam | ExportDossier | GiveFrames | Leave"
-    " | Copy | OtherName | Ask[Intent] | str"
+    " | Copy | OtherName | Press | Ask[Intent] | str"
 )
 """What a key or a dialog brings about, maybe one more question; a text says why nothing."""
 
@@ -178,6 +189,27 @@ def _offer(copy: Copy) -> str:
     return f"{copy.what}: {copy.text}" if len(lines) == 1 else copy.what
 
 
+def ask_menu(
+    title: str, lines: Sequence[tuple[Key, str | None]], hint: str = ""
+) -> Ask[Press] | str:
+    """Asks what to do; `lines` are keys of the menu, each with why it is not possible."""
+    options = tuple(
+        Option(key.cap, f"{key.label:<14} {key.help}", key.name)
+        for key, refused in lines
+        if refused is None
+    )
+    reasons: dict[str, list[str]] = {}
+    for key, refused in lines:
+        if refused is not None:
+            reasons.setdefault(refused, []).append(f"{key.cap} {key.label.lower()}")
+    if not options:
+        return next(iter(reasons), "there is no run to act on")
+    below = tuple(f"Not now: {', '.join(keys)}: {why}" for why, keys in reasons.items())
+    caps = {key.name: key.cap for key, _ in lines}
+    question = Pick(hint, options, below=below, quick=True)
+    return Ask(title, (question,), lambda name: Press(name, caps[name]))
+
+
 def ask_abort(snapshot: Snapshot) -> Intent:
     """Asks why; a console without the right to act is asked one question, and takes it over."""
     if not snapshot.right.holder and not snapshot.right.free:
@@ -205,7 +237,7 @@ def ask_take(snapshot: Snapshot) -> Ask[TakeOver]:
 
 
 def ask_leave(snapshot: Snapshot) -> Ask[Leave] | Leave:
-    """Leaves at once; with the right to act asks first during a run or before a final result."""
+    """Leaves at once; with the right to act asks first during a run and before a run is on disk."""
     run, pulse = snapshot.run, snapshot.pulse
     if snapshot.playback is not None or pulse.gone or snapshot.right.only_watches:
         return Leave()
@@ -224,12 +256,6 @@ def ask_leave(snapshot: Snapshot) -> Ask[Leave] | Leave:
                     " does not end before. Leave?"
                 ),
             ),
-            Leave,
-        )
-    if run.unsigned:
-        return Ask(
-            "Leave the console",
-            (Sure("The result is not final: the history (h) opens it later. Leave?"),),
             Leave,
         )
     if not run.active:

@@ -1,8 +1,8 @@
-"""The keys: fixed, the same on every screen.
+"""The keys, the same on every screen, and the lines of the menu that Enter opens.
 
-Function keys work while a text is typed, letters when none is. Start and Abort never move. The
-footer's second row shows the letters that matter for the pane; all of them work everywhere.
-On a replay the keys that move it take their place: no act is possible there.
+Function keys work while a text is typed, letters when none is. The footer shows the keys that are
+possible now; all of them work everywhere. On a replay the keys that move it take the place of
+those that act.
 """
 
 from __future__ import annotations
@@ -42,19 +42,18 @@ FINDS_BY_ITSELF = "this screen only watches: it finds the next engine by itself"
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """One key of the console.
+    """One key of the console, or one line of the menu.
 
     Attributes:
-        keys: as textual names them, separated by commas.
-        cap: as the footer shows it.
-        act: name of the act whose refusal dims the key; empty = always possible.
+        keys: as textual names them, separated by commas; empty = it is only in the menu.
+        cap: as the footer and the menu show it.
+        act: name of the act whose refusal says why it is not possible; empty = always possible.
         ask: what it brings about, or what is asked before; None = the screen itself does it.
         pane: the pane that it shows; empty = none.
-        where: panes whose footer shows it if there is no room for all; empty = every pane.
         commits: what is typed in the set-up counts before the act.
         over: it works while a dialog is open.
-        left_to: the panes that have another use for it.
         answered: letters answer what it asks; after a refusal they are nothing else.
+        where: the panes whose footer or whose menu has it; empty = every pane.
     """
 
     name: str
@@ -65,11 +64,10 @@ class Key:
     act: str = ""
     ask: Callable[[Snapshot, str], Intent | Ask[Intent]] | None = None
     pane: str = ""
-    where: frozenset[str] = frozenset()
     commits: bool = False
     over: bool = False
-    left_to: frozenset[str] = frozenset()
     answered: bool = False
+    where: frozenset[str] = frozenset()
 
     def refusal(self, snapshot: Snapshot) -> str | None:
         if self.act == START_ENGINE:
@@ -90,9 +88,14 @@ class Key:
                 return "it needs no question now: press its key again"
 
 
+_LIVE = frozenset({"live"})
+_RESULTS = frozenset({"results"})
+_RUN = _LIVE | _RESULTS
+_SETUP = frozenset({"setup"})
+
 FUNCTION_KEYS = (
     Key(
-        "help", "f1,question_mark", "F1", "Help", "this page; also ?; again or Escape goes back",
+        "help", "f1,question_mark", "F1", "more", "this page; also ?; again or Escape goes back",
         pane="help",
     ),
     Key("setup", "f2", "F2", "Set-up", "set up a run, pre-start checks", pane="setup"),
@@ -108,7 +111,7 @@ FUNCTION_KEYS = (
     ),
     Key(
         "zero", "f7", "F7", "Zero", "take the handle force of the last second as zero",
-        acts.ZeroHandle.name, acts.ZeroHandle.ask_questions,
+        acts.ZeroHandle.name, acts.ZeroHandle.ask_questions, where=_SETUP | _LIVE,
     ),
     Key(
         "abort", "f8", "F8", "ABORT", "interrupt the run; asks why, y confirms; it is invalid",
@@ -119,151 +122,138 @@ FUNCTION_KEYS = (
         acts.DeclareTimeout.name, acts.DeclareTimeout.ask_questions, answered=True,
     ),
     Key(
-        "leave", "f10,ctrl+q,ctrl+c", "F10", "Quit", "leave; asks while a run goes on",
+        "leave", "f10,ctrl+q,ctrl+c", "F10", "Leave", "leave the console; a run goes on",
         ask=lambda s, _k: dialogs.ask_leave(s), over=True,
     ),
 )  # fmt: skip
 
-_SETUP = frozenset({"setup"})
-_LIVE = frozenset({"live"})
-_RESULTS = frozenset({"results"})
-_RUNS = frozenset({"history", "plan", "standings"})
-_NOWHERE = frozenset({"nowhere"})  # seldom: the help and the palette know them
-_AFTER = frozenset({"results", "figures", "history", "plan", "standings", "help"})
-
 LETTER_KEYS = (
+    Key("menu", "enter", "Enter", "Menu", "what can be done with the run; on a row: with that run"),
     Key(
-        "rule", "1,2,3,4,5,6", "1-6", " Step", "confirm or deny a step, with a reason",
-        acts.Rule.name, acts.Rule.ask_questions, where=_LIVE | _RESULTS,
+        "next", "x", "x", "Next run", "set up the plan's next run, or what F2 shows",
+        acts.SetUp.name,
     ),
     Key(
-        "incident", "i", "i", " Incident", "mark an incident; the second key says which",
-        acts.MarkIncident.name, acts.MarkIncident.ask_questions, where=_LIVE | _RESULTS,
+        "rule", "1,2,3,4,5,6", "1-6", "Step", "confirm or deny a step",
+        acts.Rule.name, acts.Rule.ask_questions, where=_RUN,
     ),
     Key(
-        "note", "n", "n", " Note", "write a note beside the run",
-        acts.AddNote.name, acts.AddNote.ask_questions, where=_SETUP | _LIVE | _RESULTS,
+        "incident", "i", "i", "Incident", "mark an incident, or write a note",
+        acts.MarkIncident.name, acts.MarkIncident.ask_questions, where=_RUN,
     ),
     Key(
-        "waive", "w", "w", " Waive", "let a failing check pass for this run, with a reason",
-        acts.Waive.name, acts.Waive.ask_questions, where=_SETUP,
+        "take_back", "z", "z", "Take back",
+        "take back the last ruling, mark, waiver, doubt, void, correction or protest's decision",
+        acts.TakeBack.name, acts.TakeBack.ask_questions, where=_RUN | _SETUP,
     ),
+    Key("history", "h", "h", "History", "all runs", pane="history"),
+    Key("plan", "p", "p", "Plan", "the competition's plan: done, next and left", pane="plan"),
+    Key("standings", "s", "s", "Standings", "teams and conditions compared", pane="standings"),
+    Key("palette", "ctrl+p", "^P", "Commands", "every command by name; themes"),
     Key(
-        "accept", "a", "a", " Accept", "accept a false start, with a reason",
-        acts.AcceptFalseStart.name, acts.AcceptFalseStart.ask_questions, where=_LIVE,
+        "engine", "ctrl+r", "^R", "Engine", "start the engine again after it has ended",
+        START_ENGINE,
     ),
+)  # fmt: skip
+
+_LISTS = frozenset({"history"})
+
+MENU = (
+    Key("open", "", "o", "Open", "show its result and what can be decided", where=_LISTS),
     Key(
-        "restart", "r", "r", " Restart", "begin the countdown again",
-        acts.RestartCountdown.name, acts.RestartCountdown.ask_questions, where=_LIVE,
-    ),
-    Key(
-        "finalise", "f", "f", " Finalise", "close the result with the team's word",
-        acts.Finalise.name, acts.Finalise.ask_questions, where=_RESULTS,
-    ),
-    Key(
-        "reissue", "u", "u", " Re-issue",
-        "re-issue a final result, to rule again; the old issue stays",
-        acts.Reissue.name, acts.Reissue.ask_questions, where=_RESULTS,
-    ),
-    Key(
-        "void", "v", "v", " Void", "a run that is over counts nowhere, with a reason",
-        acts.Void.name, acts.Void.ask_questions, where=_RESULTS, left_to=_RUNS,
-    ),
-    Key(
-        "correct", "c", "c", " Correct",
-        "correct subject, sides or type after the stop; the run is scored again",
-        acts.Correct.name, acts.Correct.ask_questions,
-        where=_RESULTS, left_to=frozenset({"standings"}),
-    ),
-    Key(
-        "next", "x", "x", " Next",
-        "set up the next run, of the plan if there is one; in lists: one like the marked",
-        acts.SetUp.name, where=_SETUP | _AFTER,
-    ),
-    Key(
-        "again", "X", "X", " Again", "set up the same team and condition again",
-        acts.SetUp.name, where=_RESULTS,
-    ),
-    Key(
-        "doubts", "d", "d", " Doubt", "accept what is doubted of a result, with a reason",
+        "doubts", "", "d", "Accept doubts", "its doubted values stand as they are",
         acts.AcceptDoubts.name, acts.AcceptDoubts.ask_questions, where=_RESULTS,
     ),
     Key(
-        "take_back", "z", "z", " Take back",
-        "take back the last ruling, mark, waiver, doubt, void, correction or protest's decision",
-        acts.TakeBack.name, acts.TakeBack.ask_questions, where=_SETUP | _LIVE | _RESULTS,
+        "restart", "", "r", "Restart", "begin the countdown again",
+        acts.RestartCountdown.name, acts.RestartCountdown.ask_questions, where=_LIVE,
     ),
     Key(
-        "protest", "P", "P", " Protest",
-        "file a protest against a result that is there; decide it, or the team withdraws it",
+        "accept", "", "a", "Accept", "the false start may pass",
+        acts.AcceptFalseStart.name, acts.AcceptFalseStart.ask_questions, where=_RUN,
+    ),
+    Key(
+        "finalise", "", "f", "Sign", "sign the result; it is final then",
+        acts.Finalise.name, acts.Finalise.ask_questions, where=_RESULTS,
+    ),
+    Key(
+        "correct", "", "c", "Correct", "another subject, side or type; it is scored again",
+        acts.Correct.name, acts.Correct.ask_questions, where=_RESULTS,
+    ),
+    Key(
+        "void", "", "v", "Void", "it stays on record and counts nowhere",
+        acts.Void.name, acts.Void.ask_questions, where=_RESULTS,
+    ),
+    Key(
+        "protest", "", "P", "Protest", "file one; decide an open one, or the team withdraws it",
         acts.FileProtest.name, acts.FileProtest.ask_questions, where=_RESULTS,
     ),
     Key(
-        "figures", "g", "g", " Figures", "the figures of the result: motion, jerk, force",
-        pane="figures", where=_AFTER,
-    ),
-    Key("history", "h", "h", " History", "all runs; opens an earlier one", pane="history"),
-    Key(
-        "plan", "p", "p", " Plan", "the competition's plan: done, next and left", pane="plan",
-        where=_SETUP | _AFTER,
-    ),
-    Key("standings", "s", "s", " Standings", "teams and conditions compared", pane="standings"),
-    Key(
-        "export", "e", "e", " Export",
-        "pack all runs of the team, or of the marked one, into a zip",
-        ExportTeam.name, where=frozenset({"history"}),
+        "reissue", "", "u", "Re-issue", "open a final result again; the old issue stays",
+        acts.Reissue.name, acts.Reissue.ask_questions, where=_RESULTS,
     ),
     Key(
-        "dossier", "E", "E", " Dossier",
-        "pack all about the marked run into a zip: protests, report, recording, tables",
-        ExportDossier.name, where=frozenset({"history"}),
+        "waive", "", "w", "Waive", "let a failing check pass for this run",
+        acts.Waive.name, acts.Waive.ask_questions, where=_LIVE,
     ),
     Key(
-        "replay", "R", "R", " Replay",
-        "replay the marked run, at the instant that a protest is about; F10 comes back",
-        where=_RESULTS | {"history"},
+        "note", "", "n", "Note", "write a note beside the run",
+        acts.AddNote.name, acts.AddNote.ask_questions, where=_RUN,
     ),
     Key(
-        "copy", "y", "y", " Copy",
-        "copy the marked row, the result, a path, or a line for scp (OSC 52)",
-        where=_AFTER - {"help"},
+        "again", "", "X", "Again", "set up the same team and condition",
+        acts.SetUp.name, where=_RESULTS | _LISTS,
     ),
     Key(
-        "take", "t", "t", " Take", "take the right to act from another console; asks first",
-        TakeOver.name, lambda s, _k: dialogs.ask_take(s), where=_NOWHERE,
+        "figures", "", "g", "Figures", "motion, jerk and force over time",
+        pane="figures", where=_RESULTS,
     ),
     Key(
-        "engine", "ctrl+r", "^R", " Engine", "start the engine again after it has ended",
-        START_ENGINE, where=_NOWHERE,
+        "replay", "", "R", "Replay", "the recording, at the instant of a protest",
+        where=_RESULTS | _LISTS,
     ),
-    Key("menu", "ctrl+p", "^P", " Menu", "every command by name; themes"),
+    Key(
+        "export", "", "e", "Zip", "all runs of the team, for the team",
+        ExportTeam.name, where=_RESULTS | _LISTS,
+    ),
+    Key(
+        "dossier", "", "E", "Dossier", "a zip of all about this run, for a protest",
+        ExportDossier.name, where=_RESULTS | _LISTS,
+    ),
+    Key("copy", "", "y", "Copy", "row, result, path or a line for scp", where=_RUN | _LISTS),
+    Key(
+        "take", "", "t", "Take over", "take the right to act from the other console",
+        TakeOver.name, lambda s, _k: dialogs.ask_take(s), where=_RUN,
+    ),
 )  # fmt: skip
+"""The lines of the menu, by pane; first what decides an open question."""
 
-_PLAYED = _LIVE | _RESULTS
+
+_PLAYED = _RUN
 
 PLAYBACK_KEYS = (
     Key(
-        "play", "space", "Spc", " Pause", "pause the replay, go on",
+        "play", "space", "Spc", "Pause", "pause the replay, go on",
         PlaybackCommand.name, lambda _s, _k: PlayOrPause(), where=_PLAYED,
     ),
     Key(
-        "sample", "full_stop,comma", ",.", " 20ms", "one door sample back, or on; pauses",
+        "sample", "full_stop,comma", ",.", "20ms", "one door sample back, or on; pauses",
         PlaybackCommand.name, lambda _s, k: _skip(k, SAMPLE_STEP), where=_PLAYED,
     ),
     Key(
-        "second", "greater_than_sign,less_than_sign", "<>", " 1s", "a second back, or on; pauses",
+        "second", "greater_than_sign,less_than_sign", "<>", "1s", "a second back, or on; pauses",
         PlaybackCommand.name, lambda _s, k: _skip(k, LONG_STEP), where=_PLAYED,
     ),
     Key(
-        "speed", "plus,equals_sign,minus", "+-", " Speed", "from half to ten times as fast",
+        "speed", "plus,equals_sign,minus", "+-", "Speed", "from half to ten times as fast",
         PlaybackCommand.name, lambda _s, k: Slower() if k == "minus" else Faster(), where=_PLAYED,
     ),
     Key(
-        "jump", "j", "j", " Jump", "to a time of the run",
+        "jump", "j", "j", "Jump", "to a time of the run",
         PlaybackCommand.name, lambda _s, _k: dialogs.JUMP, where=_PLAYED,
     ),
     Key(
-        "frames", "o", "o", " Frames",
+        "frames", "o", "o", "Frames",
         "what the cameras saw at the instant that is shown, as files; y copies where",
         PlaybackCommand.name, lambda _s, _k: GiveFrames(), where=_PLAYED,
     ),
@@ -275,22 +265,22 @@ def _skip(pressed: str, duration: float) -> Skip:
     return Skip(-duration if pressed in ("comma", "less_than_sign") else duration)
 
 
-KEYS = {key.name: key for key in (*FUNCTION_KEYS, *LETTER_KEYS, *PLAYBACK_KEYS)}
+KEYS = {key.name: key for key in (*FUNCTION_KEYS, *LETTER_KEYS, *PLAYBACK_KEYS, *MENU)}
 
 
 def bindings() -> list[Binding]:
     """Textual's bindings; they come before the widgets', so keys act in the order of typing.
 
-    A text field keeps the letters for itself (`check_consume_key`).
+    A text field keeps the letters for itself (`check_consume_key`); Enter is first the widget's.
     """
     return [
         Binding(
             pressed,
             f"press('{key.name}', '{pressed}')",
-            key.label.strip(),
+            key.label,
             show=False,
-            priority=True,
+            priority=pressed != "enter",
         )
         for key in KEYS.values()
-        for pressed in key.keys.split(",")
+        for pressed in filter(None, key.keys.split(","))
     ]

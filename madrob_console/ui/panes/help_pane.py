@@ -9,7 +9,7 @@ from textual.app import ComposeResult
 from textual.containers import VerticalScroll
 
 from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line, paragraph
-from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS
+from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, MENU, PLAYBACK_KEYS
 from madrob_console.ui.panes.live_pane import LEGEND
 
 if TYPE_CHECKING:
@@ -60,11 +60,14 @@ class HelpText(Lines):
     def lines(self, width: int) -> Sequence[Line]:
         rows = [
             line(
-                Span(f"{key.cap:>4}", Tone.CAP),
-                f"  {key.label.strip():<10}",
+                Span(f"{key.cap if key.keys else f'Enter {key.cap}':>7}", Tone.CAP),
+                f"  {key.label:<13}",
                 Span(key.help, Tone.DIM),
             )
-            for key in (*(PLAYBACK_KEYS if self.of_replay else ()), *FUNCTION_KEYS, *LETTER_KEYS)
+            for key in (
+                *(PLAYBACK_KEYS if self.of_replay else ()),
+                *(FUNCTION_KEYS + LETTER_KEYS + MENU),
+            )
         ]
         for text in _TEXT.splitlines():
             rows += [line(), *paragraph(text, width)]

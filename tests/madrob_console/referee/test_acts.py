@@ -425,13 +425,12 @@ def test_an_incident_is_withdrawn_and_stays_on_record() -> None:
 
 @pytest.mark.parametrize("voided", [False, True])
 @pytest.mark.parametrize("outcome", Outcome)
-def test_only_what_the_referee_has_ended_as_invalid_is_left_without_a_question(
+def test_a_result_waits_for_a_signature_unless_the_referee_has_ended_it_as_invalid(
     outcome: Outcome, *, voided: bool
 ) -> None:
     void = Voiding(5.0, "robot unsafe", "Ada") if voided else None
-    view = Seen(Run(Phase.STOPPED, SETUP, outcome=outcome, voided=void), scored=True)
-    asked = isinstance(SetUp(SETUP).unless_final(view), Ask)
-    assert asked is (outcome is not Outcome.ABORTED and not voided)
+    run = Run(Phase.STOPPED, SETUP, outcome=outcome, voided=void)
+    assert run.unsigned is (outcome is not Outcome.ABORTED and not voided)
 
 
 @pytest.mark.parametrize(
