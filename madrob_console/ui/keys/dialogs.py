@@ -206,7 +206,7 @@ def ask_menu(
         return next(iter(reasons), "there is no run to act on")
     below = tuple(f"Not now: {', '.join(keys)}: {why}" for why, keys in reasons.items())
     caps = {key.name: key.cap for key, _ in lines}
-    question = Pick(hint, options, below=below, quick=True)
+    question = Pick(hint, options, below=below)
     return Ask(title, (question,), lambda name: Press(name, caps[name]))
 
 

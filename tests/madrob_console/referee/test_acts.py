@@ -46,7 +46,7 @@ from madrob_console.referee.acts import (
     act_named,
     refusals,
 )
-from madrob_console.referee.acts.act import Ask, Option, Pick
+from madrob_console.referee.acts.act import Option, Pick
 from madrob_console.referee.checks import Check, CheckState, Freshness, Health
 from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceGap
 from madrob_console.referee.flags import Doubts

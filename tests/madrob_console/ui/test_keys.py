@@ -11,7 +11,7 @@ from textual.events import MouseDown, MouseUp
 from textual.widgets import Input
 
 from madrob_console.archive.folders import pictures_in
-from madrob_console.engine.snapshot import ExportView
+from madrob_console.engine.snapshot import ExportView, Pulse
 from madrob_console.referee.acts import (
     Abort,
     AcceptFalseStart,
@@ -33,7 +33,13 @@ from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase, stop
 from madrob_console.ui.keys.console_app import clipboard_sequences
 from madrob_console.ui.keys.dialogs import Copy, ask_copy
-from madrob_console.ui.keys.key_table import KEYS
+from madrob_console.ui.keys.key_table import (
+    FUNCTION_KEYS,
+    KEYS,
+    LETTER_KEYS,
+    MENU,
+    START_ENGINE,
+)
 from madrob_console.ui.look.words import cut_inside, wrapped
 from madrob_console.ui.panes.run_status import RunMarks
 from madrob_console.ui.panes.runs_pane import HistoryPane
@@ -83,7 +89,7 @@ async def stopped(driver: Driver) -> None:
 
 async def final(driver: Driver) -> None:
     await stopped(driver)
-    await driver.press("f", "a", "enter")
+    await driver.press("enter", "f", "a", "enter")
 
 
 Situation = Callable[[Driver], Awaitable[None]]
@@ -98,15 +104,15 @@ Situation = Callable[[Driver], Awaitable[None]]
             [
                 (["f6"], ConfirmPose()),
                 (["f7"], ZeroHandle()),
-                (["w", "1"], Waive(CheckName.POSE, "checked by hand")),
+                (["enter", "w", "1"], Waive(CheckName.POSE, "checked by hand")),
             ],
         ),
-        (door_open, [(["w", "2", "2"], Waive(CheckName.POSE, "known testbed fault"))]),
+        (door_open, [(["enter", "w", "2", "2"], Waive(CheckName.POSE, "known testbed fault"))]),
         (
             false_start,
             [
-                (["r"], RestartCountdown()),
-                (["a", "2"], AcceptFalseStart("sensor false alarm")),
+                (["enter", "r"], RestartCountdown()),
+                (["enter", "a", "2"], AcceptFalseStart("sensor false alarm")),
                 (["f8", "2", "y"], Abort("testbed fault")),
             ],
         ),
@@ -115,10 +121,7 @@ Situation = Callable[[Driver], Awaitable[None]]
             [
                 (["f8", "1", "y"], Abort("robot unsafe")),
                 (["f9", "1", "y"], DeclareTimeout("the team gives up")),
-                (
-                    ["3", "c", "1", "y"],
-                    Rule(Step.OPEN, confirmed=True, reason="seen by the referee"),
-                ),
+                (["3", "c"], Rule(Step.OPEN, confirmed=True, reason="seen by the referee")),
                 (["i", "h"], MarkIncident(IncidentKind.HUMAN_INTERVENTION)),
                 (["i", "c"], MarkIncident(IncidentKind.COLLISION)),
                 (["i", "f"], MarkIncident(IncidentKind.FALL)),
@@ -126,24 +129,27 @@ Situation = Callable[[Driver], Awaitable[None]]
                     ["i", "o", "v", "x", "f", "enter"],
                     MarkIncident(IncidentKind.OTHER, "vxf", 1.0),
                 ),
-                (["3", "s", "1", "y"], Rule(Step.OPEN, None, "seen by the referee")),
-                (["n", "o", "k", "enter"], AddNote("ok")),
+                (["3", "s"], Rule(Step.OPEN, None, "seen by the referee")),
+                (["i", "n", "o", "k", "enter"], AddNote("ok")),
             ],
         ),
         (
             stopped,
             [
                 (
-                    ["6", "d", "3", "y"],
+                    ["6", "r", "3", "d"],
                     Rule(Step.LOCK, confirmed=False, reason="sensor false alarm"),
                 ),
-                (["f", "p", "n", "o", "enter"], Finalise(TeamWord.PROTESTED, "Ada", "no")),
-                (["x", "y"], SetUp(a_setup(run_number=2))),
+                (["enter", "f", "b", "n", "o", "enter"], Finalise(TeamWord.ABSENT, "Ada", "no")),
+                (["x"], SetUp(a_setup(run_number=2))),
             ],
         ),
         (
             final,
-            [(["u", "1", "y"], Reissue("a step was ruled wrongly")), (["x"], SetUp(a_setup(2)))],
+            [
+                (["enter", "u", "1", "y"], Reissue("a step was ruled wrongly")),
+                (["x"], SetUp(a_setup(2))),
+            ],
         ),
     ],
 )
@@ -165,14 +171,14 @@ async def test_a_key_hands_in_its_act(
 @pytest.mark.parametrize(
     ("situation", "reasons"),
     [
-        (before_set_up, dict.fromkeys(("f5", "f6", "f8", "n"), "no run is set up yet")),
+        (before_set_up, dict.fromkeys(("f5", "f6", "f8", "i"), "no run is set up yet")),
         (
             after_set_up,
             {
                 "f5": "start pose: not confirmed",
                 "f8": "the run has not started",
                 "f9": "the run has not started",
-                "f": "the run has not started",
+                "1": "the run has not started",
             },
         ),
         (
@@ -181,12 +187,11 @@ async def test_a_key_hands_in_its_act(
                 "f5": "the countdown is running",
                 "f9": "the countdown is running",
                 "x": "the countdown is running",
-                "a": "there is no false start to accept",
             },
         ),
-        (running, dict.fromkeys(("f5", "f6", "f7", "r", "x"), "a run is going on")),
-        (stopped, {"f8": "the run has stopped", "u": "only a final result is re-issued"}),
-        (final, dict.fromkeys(("1", "i", "f8", "f"), "the result is final")),
+        (running, dict.fromkeys(("f5", "f6", "f7", "x"), "a run is going on")),
+        (stopped, {"f8": "the run has stopped"}),
+        (final, dict.fromkeys(("1", "i", "f8"), "the result is final")),
     ],
 )
 async def test_a_key_that_is_not_possible_says_why_and_does_nothing(
@@ -203,8 +208,8 @@ async def test_a_key_that_is_not_possible_says_why_and_does_nothing(
 
 async def test_a_check_is_waived_only_where_one_fails(driver: Driver) -> None:
     await pose_confirmed(driver)
-    await driver.press("w")
-    assert "no check fails" in driver.console.status
+    await driver.press("enter")
+    assert "Not now: w waive: no check fails" in driver.text
 
 
 async def test_no_handle_data_no_zero(driver: Driver, engine: FakeEngine) -> None:
@@ -223,15 +228,23 @@ async def test_panes_have_keys_that_work_while_a_text_is_typed(driver: Driver) -
 
 
 def test_start_and_abort_are_separate_keys_and_no_two_keys_are_the_same() -> None:
-    pressed = [key for entry in KEYS.values() for key in entry.keys.split(",")]
+    pressed = [key for entry in KEYS.values() for key in entry.keys.split(",") if key]
     assert len(pressed) == len(set(pressed))
+    for pane in ("live", "results", "history"):
+        letters = [entry.cap for entry in MENU if pane in entry.where]
+        assert len(letters) == len(set(letters))
     assert KEYS["start"].keys == "f5"
     assert KEYS["abort"].keys == "f8"
 
 
 def test_no_key_is_one_that_tmux_or_screen_keep_for_themselves() -> None:
     pressed = {key for entry in KEYS.values() for key in entry.keys.split(",")}
-    assert not pressed & {"ctrl+b", "ctrl+a", "escape", "enter"}
+    assert not pressed & {"ctrl+b", "ctrl+a", "escape"}
+
+
+def test_no_screen_has_more_than_eighteen_keys() -> None:
+    keys = [key for key in (*FUNCTION_KEYS, *LETTER_KEYS) if key.act != START_ENGINE]
+    assert len([key for key in keys if key.name != "palette"]) == 18
 
 
 async def test_a_run_that_starts_shows_live_and_a_result_shows_itself(
@@ -250,7 +263,7 @@ async def test_a_run_that_starts_shows_live_and_a_result_shows_itself(
 async def test_a_result_waits_until_the_referee_has_typed(
     running: Driver, engine: FakeEngine
 ) -> None:
-    await running.press("n", "a")
+    await running.press("i", "n", "a")
     await running.finish()
     assert running.console.pane == "live"
     await running.press("b", "enter")
@@ -261,7 +274,7 @@ async def test_a_result_waits_until_the_referee_has_typed(
 async def test_keys_faster_than_the_screen_are_taken_in_their_order(
     running: Driver, engine: FakeEngine
 ) -> None:
-    await running.pilot.press("i", "c", "n", *"late", "enter", "f8", "4", "y")
+    await running.pilot.press("i", "c", "i", "n", *"late", "enter", "f8", "4", "y")
     await running.settle()
     assert engine.acts[-3:] == [
         MarkIncident(IncidentKind.COLLISION),
@@ -311,8 +324,6 @@ async def test_the_keys_of_the_footer_are_clicked(driver: Driver) -> None:
     assert driver.console.pane == "live"
     await click(driver, "History")
     assert driver.console.pane == "history"
-    await click(driver, "F8")
-    assert "Refused: abort: no run is set up yet" in driver.console.status
     await driver.press("f3")
     await driver.run()
     await driver.press("f3")
@@ -335,8 +346,9 @@ async def test_a_click_that_comes_as_the_question_changes_is_left_out(
     running: Driver, engine: FakeEngine
 ) -> None:
     await running.press("f10")
-    await running.finish()
-    assert "The result is not final" in running.text
+    engine.pulse = Pulse(server=4)
+    await running.settle()
+    assert "Nobody can say whether the run goes on" in running.text
     running.hand.gap = 0.0
     await press_button(running, "y yes")
     assert running.app.is_running
@@ -379,6 +391,7 @@ async def test_rows_are_marked_and_opened_and_heads_sort(
         y = next(y for y, row in enumerate(driver.rows()) if row.lstrip().startswith("> "))
         await driver.pilot.click(offset=(10, y + 1), times=2)
         await driver.settle()
+        await driver.answered("o")
         assert engine.opened == [table.rows[1].folder]
 
 
@@ -415,20 +428,20 @@ async def test_y_copies_the_result_its_folder_and_a_line_that_fetches_it(
         await driver.run()
         await driver.finish()
         monkeypatch.setattr(driver.app._driver, "write", written.append)
-        await driver.press("y", "p")
+        await driver.press("enter", "y", "p")
         assert copied(written) == FOLDER
         assert FOLDER in driver.console.status
-        await driver.press("y", "s")
+        await driver.press("enter", "y", "s")
         assert copied(written) == f"scp -r ada@hall:{FOLDER} ."
-        await driver.press("y", "r")
+        await driver.press("enter", "y", "r")
         assert copied(written).startswith("COMPLETED")
         assert "17.432" in copied(written)
         before = list(written)
-        await driver.press("y", "enter")
+        await driver.press("enter", "y", "enter", "escape")
         assert [text for text in written[len(before) :] if PLAIN.search(text)] == []
         engine.export = ExportView(1, "/home/ada/a team.zip")
         await driver.settle()
-        await driver.press("y", "l")
+        await driver.press("enter", "y", "l")
         assert copied(written) == "scp 'ada@hall:/home/ada/a team.zip' ."
 
 
@@ -441,13 +454,13 @@ async def test_y_copies_the_marked_row_with_its_heads(
         written: list[str] = []
         await driver.answered("escape", "h")
         monkeypatch.setattr(driver.app._driver, "write", written.append)
-        await driver.press("y", "m")
+        await driver.press("enter", "y", "m")
         heads, cells = copied(written).splitlines()
         row = dict(zip(heads.split("\t"), cells.split("\t"), strict=True))
         assert row["subj"] == "7"
         marked = driver.console.query_one(HistoryPane).selected
         assert marked is not None
-        await driver.press("y", "p")
+        await driver.press("enter", "y", "p")
         assert copied(written) == str(tmp_path / marked.folder)
 
 
@@ -455,7 +468,7 @@ async def test_there_may_be_nothing_to_copy(engine: FakeEngine) -> None:
     assert ask_copy("", "", "", "", "ada@hall") == "there is no row, no result and no run to copy"
 
     async with driving(engine) as driver:
-        await driver.press("f3", "y")
+        await driver.press("f3", "enter", "y")
         assert "Refused: copy: there is no row" in driver.console.status
 
 

@@ -28,7 +28,6 @@ IDS = [f"{width}x{height}" for width, height in SIZES]
 OPEN = Flag(
     FlagKind.PROTEST, "protest 1 (step 4) OPEN, UNDECIDED", FlagWeight.ALARM, undecided=True
 )
-NO_RUN = "Refused: replay: there is no run here: h shows all runs"
 TEXT = "we were through earlier"
 
 
@@ -46,7 +45,7 @@ async def run_is_over(driver: Driver) -> None:
 async def protested(driver: Driver) -> None:
     """The team protests about step 4."""
     await run_is_over(driver)
-    await driver.press("P", "4", "1")
+    await driver.press("enter", "P", "4", "1")
     await driver.type(TEXT)
     await driver.press("enter")
 
@@ -56,7 +55,7 @@ async def test_the_dialogs_and_the_result_are_as_they_were_looked_at(
     driver: Driver, size: tuple[int, int], request: pytest.FixtureRequest
 ) -> None:
     await run_is_over(driver)
-    await driver.press("P")
+    await driver.press("enter", "P")
     compare("protest_about", size, driver.text, request)
     await driver.press("4")
     compare("protest_who", size, driver.text, request)
@@ -64,16 +63,16 @@ async def test_the_dialogs_and_the_result_are_as_they_were_looked_at(
     await driver.type(TEXT)
     await driver.press("enter")
     compare("protest_open", size, driver.text, request)
-    await driver.press("P")
+    await driver.press("enter", "P")
     compare("protest_waits", size, driver.text, request)
     await driver.press("d")
     compare("protest_decision", size, driver.text, request)
-    await driver.press("escape", "f")
+    await driver.press("escape", "enter", "f")
     compare("protest_unsigned", size, driver.text, request)
     await driver.press("escape")
     await driver.let_pass(4000.0)
     compare("protest_overdue", size, driver.text, request)
-    await driver.press("P", "d", "p")
+    await driver.press("enter", "P", "d", "p")
     await driver.type("seen on video")
     await driver.press("enter")
     compare("protest_decided", size, driver.text, request)
@@ -85,18 +84,18 @@ async def test_words_that_the_disk_refuses_are_there_again(
     await run_is_over(driver)
     with monkeypatch.context() as full:
         full.setattr(engine, "act", lambda _act: "No space left on device")
-        await driver.press("P", "4", "1")
+        await driver.press("enter", "P", "4", "1")
         await driver.type(TEXT)
         await driver.press("enter")
         assert "No space left on device" in driver.console.status
         assert not engine.run.protests
-    await driver.press("P", "3", "1")
+    await driver.press("enter", "P", "3", "1")
     assert TEXT not in driver.text  # that is about another step
-    await driver.press("escape", "P", "4", "1")
+    await driver.press("escape", "enter", "P", "4", "1")
     assert TEXT in driver.text
     await driver.press("enter")
     assert [one.text for one in engine.run.protests] == [TEXT]
-    await driver.press("P", "a", "4", "1")
+    await driver.press("enter", "P", "a", "4", "1")
     (dialog,) = driver.console.dialogs
     assert dialog.query_one(Input).value == ""
 
@@ -135,13 +134,13 @@ async def test_the_keys_file_decide_and_withdraw(driver: Driver, engine: FakeEng
     assert isinstance(filed, FileProtest)
     assert (filed.text, filed.team) == (TEXT, "Door Bots")
     assert filed.about == f"step 4: {Step.CROSS.text}"
-    await driver.press("P", "w", "1")
+    await driver.press("enter", "P", "w", "1")
     assert engine.acts[-1] == WithdrawProtest(1, "satisfied by the explanation")
-    await driver.press("P", "t")
+    await driver.press("enter", "P", "t")
     await driver.type("2.5")
     await driver.press("enter", "1")
     await driver.type(TEXT)
-    await driver.press("enter", "P", "d", "r")
+    await driver.press("enter", "enter", "P", "d", "r")
     await driver.type("the video shows the foot")
     await driver.press("enter")
     assert engine.acts[-1:] == [
@@ -157,14 +156,15 @@ async def test_e_packs_the_dossier_of_the_marked_run_or_the_shown_one(
 
     async with driving(engine, defaults=replace(DEFAULTS, results=tmp_path)) as driver:
         await driver.answered("escape", "h")
-        await driver.press("E")
+        await driver.press("enter", "E")
         assert engine.export is not None
         assert driver.console.status == export_text(engine.export)
         assert "Packing the dossier of" in driver.console.status
-        await driver.press("f4", "E")
-        assert "there is no run here" in driver.console.status
+        await driver.press("f4", "enter")
+        assert "Dossier" not in driver.text
+        await driver.press("escape")
         await run_is_over(driver)
-        await driver.press("f4", "E")
+        await driver.press("f4", "enter", "E")
         assert engine.dossiers == [run.folder, Path(FOLDER).name]
 
 
@@ -181,15 +181,19 @@ async def test_r_says_what_to_type_where_the_terminal_cannot_be_lent(
     defaults = replace(DEFAULTS, results=tmp_path)
     async with driving(engine, LARGE, defaults, look=look) as driver:
         await driver.answered("escape", "h")
-        await driver.press("R")
+        await driver.press("enter", "R")
         words = driver.console.status
         assert "Type in another terminal: madrob console --testbed replay" in words
         assert f"{tmp_path}/{run.folder} --at=6.500" in words
 
 
-async def test_r_is_refused_while_a_run_goes_on_and_where_there_is_none(driver: Driver) -> None:
-    await driver.press("f4", "R")
-    assert driver.console.status == NO_RUN
+async def test_nothing_is_replayed_while_a_run_goes_on_and_where_there_is_none(
+    driver: Driver,
+) -> None:
+    await driver.press("f4", "enter")
+    assert "Replay" not in driver.text
+    await driver.press("escape")
     await driver.run()
-    await driver.press("f4", "R")
-    assert driver.console.status == NO_RUN
+    await driver.press("f4", "enter")
+    assert "Note" in driver.text
+    assert "Replay" not in driver.text
