@@ -290,7 +290,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         if now is None:
             self._refuse_key(key, NOT_YET)
             return
-        if key.act and key.name != "abort" and now.right.holder:
+        if key.act and key.name != "abort" and now.notice is not None:
             key = KEYS["take"]  # nothing else is possible before
         if key.commits and (problem := await self._commit()):
             self._refuse_key(key, problem)
@@ -375,7 +375,7 @@ class MadrobApp(App[None], inherit_bindings=False):
     ) -> None:
         """Carries out `intent`, or asks first; `question` asks as things stand later."""
         if not isinstance(intent, Ask):
-            await self._do(intent, key.name, key.act)
+            await self._do(intent, key.name, key.act or key.label.lower())
             return
         tiny = self._console.tiny
 

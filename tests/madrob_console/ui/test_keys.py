@@ -320,11 +320,9 @@ async def press_button(driver: Driver, text: str) -> None:
 
 @pytest.mark.parametrize("size", [LARGE])
 async def test_the_keys_of_the_footer_are_clicked(driver: Driver) -> None:
-    await click(driver, "F3")
-    assert driver.console.pane == "live"
+    await driver.press("f3")
     await click(driver, "History")
     assert driver.console.pane == "history"
-    await driver.press("f3")
     await driver.run()
     await driver.press("f3")
     await click(driver, "6 ", "Step")
