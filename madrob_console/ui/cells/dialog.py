@@ -31,30 +31,12 @@ class DraftKey(NamedTuple):
     question: str
 
 
-class Drafts:
-    """Texts typed into dialogs, kept until their act takes effect."""
+class Drafts(dict[DraftKey, str]):
+    """Texts that answered dialogs, kept until their act takes effect."""
 
-    def __init__(self) -> None:
-        self._typed: dict[DraftKey, str] = {}
-        self._kept: dict[DraftKey, str] = {}
-
-    def typed(self, asked: DraftKey, text: str) -> None:
-        self._typed[asked] = text
-
-    def kept(self, asked: DraftKey) -> str:
-        """The text given when the act was refused; empty = none."""
-        return self._kept.get(asked, "")
-
-    def refused(self, name: str) -> None:
-        self._kept |= {asked: text for asked, text in self._typed.items() if asked.name == name}
-        self.left()
-
-    def forget_draft(self, name: str) -> None:
-        self._kept = {asked: text for asked, text in self._kept.items() if asked.name != name}
-        self.left()
-
-    def left(self) -> None:
-        self._typed = {}
+    def drop(self, name: str) -> None:
+        for asked in [asked for asked in self if asked.name == name]:
+            del self[asked]
 
 
 # A text field on one line that does not blink.
@@ -235,7 +217,7 @@ class Dialog(Vertical):
     ) -> None:
         super().__init__(name=name)
         self._about = about
-        self._drafts = drafts or Drafts()
+        self._drafts = Drafts() if drafts is None else drafts
         self.ask = ask
         self._fresh = fresh
         self._ahead = ahead or TypeAhead()
@@ -429,7 +411,7 @@ class Dialog(Vertical):
         if answer is not None:
             self._answers.append(answer)
             if isinstance(answered, Write):
-                self._drafts.typed(self._asked(answered), answer)
+                self._drafts[self._asked(answered)] = answer
         if not self._open:
             self.post_message(self.Answered(self, tuple(self._answers)))
             return
@@ -448,7 +430,7 @@ class Dialog(Vertical):
         self.take_focus()
 
     def _initial(self, question: Write) -> str:
-        return self._drafts.kept(self._asked(question)) or question.initial
+        return self._drafts.get(self._asked(question)) or question.initial
 
     def _asked(self, question: Write) -> DraftKey:
         return DraftKey(self.name or "", f"{self._about} {self.ask.title}", question.text)

@@ -83,7 +83,7 @@ _ABOUT_NO_RUN = ("menu", "leave", "unfinished", "other name", "copy", "take")
 """Questions that are not about the current run."""
 
 _STARTING = "Looking for the engine; one is started where none runs ..."
-_WRITTEN = "The result is written: Enter signs or changes it, x the next run, v details."
+_WRITTEN = "The result is written: Enter decides, x next run, v details."
 _WRITTEN_FOR_WATCHERS = "The result is written; v shows the details."
 _NOT_ON_DISK = "The result is NOT ON DISK yet: the engine has it and goes on trying."
 _AT_THE_END = "The recording is at its end: < goes back, j jumps to a time, v details."
@@ -197,7 +197,8 @@ class ConsoleScreen(Screen[None]):
             return NOT_YET
         marked = self.panes.history.selected
         if self.pane == "history":
-            about = "no run is marked" if marked is None else f"{marked.folder}"
+            team = "" if marked is None else f"{marked.subject} {marked.team}".rstrip()
+            about = "no run" if marked is None else f"run {marked.run_number} of team {team}"
             pane, hint = self.pane, "" if now.right.only_watches else _OPEN_FIRST
         else:
             about, hint = who_text(now.run), _ACTS_OF_A_RUN
@@ -242,41 +243,24 @@ class ConsoleScreen(Screen[None]):
         return ask_copy(row, result, folder, zipped, host, self.frames or pictures)
 
     async def ask_about_unfinished(self) -> None:
-        """Asks about the first run that was cut off, if the referee may decide about it."""
+        """Asks about the first run that was cut off, when this screen learns of it."""
         now = self._latest
-        if now is None or self.dialogs or now.refusal(SetUp.name):
-            return
-        if not now.unfinished:
-            return
-
-        def fresh() -> Ask[Intent] | str:
-            now = self._latest
-            assert now is not None
-            refused = now.refusal(SetUp.name)
-            if refused is None and not now.unfinished:
-                refused = "it is decided: another console has opened it"
-            return refused or ask_unfinished(now.unfinished[0])
-
-        await self.open("unfinished", ask_unfinished(now.unfinished[0]), fresh)
-        self._ahead.replaced("the question has just come")
+        if now is not None and now.unfinished and not self.dialogs:
+            await self.ask_about(now.unfinished[0].folder)
+            self._ahead.replaced("the question has just come")
 
     async def ask_about(self, folder: str) -> bool:
-        """Asks what becomes of a run that was cut off, if nobody has decided; else False."""
+        """Asks what becomes of a run that was cut off; False if nobody here can decide it."""
 
-        def asked() -> Ask[Intent] | None:
+        def asked() -> Ask[Intent] | str:
             now = self._latest
-            if now is None or now.refusal(OpenRun.name):
-                return None
-            return next(
-                (ask_unfinished(run) for run in now.unfinished if run.folder == folder), None
-            )
+            runs = () if now is None or now.refusal(SetUp.name) else now.unfinished
+            found = (ask_unfinished(run) for run in runs if run.folder == folder)
+            return next(found, "it is decided: another console has opened it")
 
-        def fresh() -> Ask[Intent] | str:
-            return asked() or "it is decided: another console has opened it"
-
-        if (ask := asked()) is None:
+        if isinstance(ask := asked(), str):
             return False
-        await self.open("unfinished", ask, fresh)
+        await self.open("unfinished", ask, asked)
         return True
 
     async def begin_polling(self) -> None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from enum import IntEnum
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, cast
 
 from rich.cells import cell_len
@@ -403,20 +402,6 @@ _ROOM_FOR_REASONS = 24
 _MOST_ROWS = 3
 
 
-class Part(IntEnum):
-    """What there is to show, the most important first."""
-
-    CLOCK = 0
-    ABORT = 1
-    PHASE = 2
-    KIND = 3
-    URGENT = 4
-    FAULT = 5
-    LEFT = 6
-    NEXT = 7
-    HINT = 8
-
-
 class TinyClock(View):
     """Clock, abort, and as much else as there are rows for."""
 
@@ -425,51 +410,46 @@ class TinyClock(View):
 
 
 def tiny_lines(snapshot: Snapshot, width: int, height: int) -> list[Line]:
-    """The most important parts that fit into `width` x `height` cells, from the top.
+    """The most important parts that fit into `width` x `height` cells, in their order.
 
-    Phase, clock and time left share a row if that is wide enough. Long texts are wrapped, and
-    cut to one row before anything but the hint gives way to them.
+    Long texts are wrapped; they are cut to one row before anything but the hint gives way.
     """
-    lines: list[Line] = []
-    for kept, most in _concessions():
-        lines = _lines(snapshot, width, kept, most)
-        if len(lines) <= height:
+    rows: list[Line] = []
+    for kept, most_rows in ((8, _MOST_ROWS), (7, _MOST_ROWS), *((rank, 1) for rank in _RANKS)):
+        rows = _tiny_rows(snapshot, width, kept, most_rows)
+        if len(rows) <= height:
             break
-    return lines[:height]
+    return rows[:height]
 
 
-def _concessions() -> Iterator[tuple[Sequence[Part], int]]:
-    parts = list(Part)
-    yield parts, _MOST_ROWS
-    for most in range(_MOST_ROWS, 0, -1):
-        yield parts[:-1], most
-    for count in range(len(parts) - 2, 0, -1):
-        yield parts[:count], 1
+_RANKS = range(7, -1, -1)
 
 
-def _lines(snapshot: Snapshot, width: int, kept: Sequence[Part], most: int) -> list[Line]:
+def _tiny_rows(snapshot: Snapshot, width: int, kept: int, most_rows: int) -> list[Line]:
+    """The parts up to the rank `kept`: 0 clock, 1 abort, 2 phase, ... 8 hint."""
     text, tone = banner(snapshot)
     urgent = tone in (Tone.ALARM, Tone.NOTICE)
-    head = {
-        Part.PHASE: phase_span(snapshot.run),
-        Part.CLOCK: clock_span(snapshot),
-        Part.KIND: Span("PRACTICE" if snapshot.practice else "", Tone.NOTICE),
-        Part.LEFT: Span(_left(snapshot)),
-    }
-    lines = _packed((span for part, span in head.items() if part in kept and span.text), width)
-    if Part.URGENT in kept and urgent:
-        lines += _wrapped(text.strip(), tone, width, most)
-    if Part.NEXT in kept and not urgent and snapshot.run.active:
-        lines += _wrapped(text, tone, width, most)
-    if Part.FAULT in kept and snapshot.all_faults:
-        lines += _wrapped(f"FAULT {snapshot.all_faults[0]}", Tone.BAD, width, most)
-    elif Part.FAULT in kept and snapshot.notice is not None:
-        lines += _wrapped(snapshot.notice, Tone.WARN, width, most)
-    if Part.ABORT in kept:
-        lines.append(_abort(snapshot, width))
-    if Part.HINT in kept:
-        lines.append(line(Span(fitted("60x18 shows all", width), Tone.DIM)))
-    return lines
+    running = snapshot.run.phase is Phase.RUNNING and snapshot.remaining is not None
+    fault = f"FAULT {snapshot.all_faults[0]}" if snapshot.all_faults else snapshot.notice or ""
+    head = (
+        (2, phase_span(snapshot.run)),
+        (0, clock_span(snapshot)),
+        (3, Span("PRACTICE" if snapshot.practice else "", Tone.NOTICE)),
+        (6, Span(f"{minutes_text(snapshot.remaining or 0.0)} left" if running else "")),
+    )
+    rest = (
+        (4 if urgent else 7, Span(text if urgent or snapshot.run.active else "", tone)),
+        (5, Span(fault, Tone.BAD)),
+    )
+    rows = _packed((span for rank, span in head if rank <= kept and span.text), width)
+    for rank, span in rest:
+        if rank <= kept and span.text:
+            rows += _cut_to(span, width, most_rows)
+    if kept >= 1:
+        rows.append(_abort(snapshot, width))
+    if kept >= 8:
+        rows.append(line(Span(fitted("60x18 shows all", width), Tone.DIM)))
+    return rows
 
 
 def _packed(spans: Iterable[Span], width: int) -> list[Line]:
@@ -483,18 +463,11 @@ def _packed(spans: Iterable[Span], width: int) -> list[Line]:
     return lines
 
 
-def _wrapped(text: str, tone: Tone, width: int, most: int) -> list[Line]:
-    rows = wrapped(text, width) if text else []
-    if len(rows) > most:
-        rows = [*rows[: most - 1], fitted(" ".join(rows[most - 1 :]), width)]
-    return [line(Span(row, tone)) for row in rows]
-
-
-def _left(snapshot: Snapshot) -> str:
-    """Time to the timeout; that of a countdown is the clock itself."""
-    if snapshot.remaining is None or snapshot.run.phase is not Phase.RUNNING:
-        return ""
-    return f"{minutes_text(snapshot.remaining)} left"
+def _cut_to(span: Span, width: int, most_rows: int) -> list[Line]:
+    rows = wrapped(span.text, width)
+    if len(rows) > most_rows:
+        rows = [*rows[: most_rows - 1], fitted(" ".join(rows[most_rows - 1 :]), width)]
+    return [line(Span(row, span.tone)) for row in rows]
 
 
 def _abort(snapshot: Snapshot, width: int) -> Line:

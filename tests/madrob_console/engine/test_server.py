@@ -101,7 +101,12 @@ def test_a_second_console_may_act_only_after_a_take_over_that_the_first_one_sees
         assert bo.snapshot().refusal("note") == refused
         assert bo.send_request(TakeOver()) is None
         assert act(bo, AddNote("mine")) is None
-        until(lambda: ada.snapshot().notice == "bo@tent has the right to act: an act here takes it over, after y")
+        until(
+            lambda: (
+                ada.snapshot().notice
+                == "bo@tent has the right to act: an act here takes it over, after y"
+            )
+        )
         assert act(ada, AddNote("no")) == "bo@tent has the right to act"
 
 

@@ -331,11 +331,11 @@ def replaying() -> FakeEngine:
 def footer(engine: FakeEngine, pane: str, width: int = 80) -> str:
     keys = KeyLine()
     keys.pane, keys._snapshot = pane, engine.snapshot()
-    return "".join(span.text for span in keys.lines(width)[1])
+    return "".join(span.text for span in keys.lines(width)[0])
 
 
 def test_the_footer_has_the_keys_of_a_replay_only_on_one() -> None:
-    assert footer(replaying(), "live").startswith("Spc Pause ,. 20ms <> 1s +- Speed j Jump")
+    assert footer(replaying(), "live").startswith("Spc Pause  ,. 20ms  <> 1s  +- Speed  j Jump")
     assert "j Jump" in footer(replaying(), "results")
     assert "Jump" not in footer(FakeEngine(), "live", 200)
     for pane in ("figures", "setup", "history"):
