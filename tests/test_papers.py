@@ -36,7 +36,7 @@ from madrob_console.referee.acts import ACTS
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase
-from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS
+from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, MENU
 from recorder.reader import read_bag
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import BenchmarkType, Condition, EventName, Outcome, Side, Step, Thresholds
@@ -331,8 +331,8 @@ def test_a_paper_that_all_read_stays_short(paper: str, limit: int) -> None:
 
 def test_the_guide_has_every_key() -> None:
     told = [cell for row in rows(section("referee", "Keys")) for cell in row[0].split(", ")]
-    caps = [key.cap.strip().replace("^", "Ctrl+") for key in (*FUNCTION_KEYS, *LETTER_KEYS)]
-    assert sorted(told) == sorted([*caps, "?", "/"])
+    caps = [key.cap.replace("^", "Ctrl+") for key in (*FUNCTION_KEYS, *LETTER_KEYS, *MENU)]
+    assert sorted(told) == sorted([*caps, "?", "/", "v"])
 
 
 def test_the_guide_has_the_keys_and_words_that_the_referee_publishes() -> None:
