@@ -26,7 +26,7 @@ from madrob_console.referee.acts import (
     Start,
     WithdrawProtest,
 )
-from madrob_console.referee.competition_plan import Task, unknown_teams
+from madrob_console.referee.competition_plan import unknown_teams
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.dialog import Drafts
 from madrob_console.ui.cells.lines import TONE_CLASSES, Label, Tone, View
@@ -47,11 +47,8 @@ from madrob_console.ui.panes.run_status import who_text
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from madrob_console.archive.history import RunSummary
     from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.pages.tally import Standing
     from madrob_console.referee.acts.act import Ask
-    from madrob_console.referee.records import RunSetup
     from madrob_console.ui.cells.dialog import Dialog, FreshAsk
     from madrob_console.ui.keys.console_app import ConsoleApp, TypeAhead
     from madrob_console.ui.keys.dialogs import Intent
@@ -171,24 +168,14 @@ class ConsoleScreen(Screen[None]):
 
     @property
     def export(self) -> ExportTeam | str:
-        """The runs of the marked team, or of that whose run is shown; else why there are none."""
-        panes, now = self.panes, self._latest
-        run: RunSummary | RunSetup | None = None if now is None else now.run.setup
-        practice = now is not None and now.practice
-        if self.pane == "history":
-            run = marked = panes.history.selected
-            practice = marked is not None and marked.practice
-        shown: RunSummary | RunSetup | Standing | Task | None = run
-        competition: str | None = self._defaults.competition
-        if self.pane == "standings":
-            shown, practice = panes.standings.selected, not panes.standings.official
-        elif self.pane == "plan":
-            shown, practice = panes.plan.selected, False
-        elif run is not None:
-            competition = run.competition
-        if shown is None:
+        """The runs of the marked run's team, or of that whose run is shown; else why none."""
+        marked = self.panes.history.selected if self.pane == "history" else None
+        if marked is not None:
+            return ExportTeam(marked.subject, marked.practice, marked.competition)
+        now = self._latest
+        if now is None or (setup := now.run.setup) is None:
             return "no team is marked or set up: h shows all runs"
-        return ExportTeam(shown.subject, practice, competition)
+        return ExportTeam(setup.subject, now.practice, setup.competition)
 
     def menu(self) -> Ask[Press] | str:
         """Asks what to do with the marked run of the history, else with the one that is shown."""

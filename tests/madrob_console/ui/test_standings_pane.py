@@ -240,10 +240,9 @@ async def test_e_packs_official_or_practice_runs_as_the_marked_one_is(
     write(tmp_path, summary(7, practice=practice))
 
     async with driving(engine, defaults=replace(DEFAULTS, results=tmp_path)) as driver:
-        for pane in ("h", "s"):
-            await driver.answered("escape", pane)
-            await driver.press("e")
-        assert engine.exported == 2 * [-7 if practice else 7]
+        await driver.answered("escape", "h")
+        await driver.press("enter", "e")
+        assert engine.exported == [-7 if practice else 7]
 
 
 async def test_e_packs_the_team_of_the_marked_runs_competition(
@@ -253,9 +252,9 @@ async def test_e_packs_the_team_of_the_marked_runs_competition(
     write(tmp_path, summary(7))
 
     async with driving(engine, defaults=replace(DEFAULTS, results=tmp_path)) as driver:
-        for pane in ("h", "s"):
-            await driver.answered("escape", pane)
-            await driver.press("e")
+        await driver.answered("escape", "h")
+        await driver.press("enter", "e")
+        await driver.press("down", "enter", "e")
         assert engine.exported_of == ["Spring Cup", "Autumn Cup"]
 
 
@@ -267,16 +266,16 @@ async def test_e_packs_the_team_of_the_run_or_the_marked_one_and_says_where_the_
 
     async with driving(engine, defaults=defaults) as driver:
         await driver.answered("escape", "h")
-        assert " e Export" in driver.text
+        await driver.press("enter")
+        assert "e Zip" in driver.text
         await driver.press("e")
         assert engine.exported == [7]
         assert driver.console.status == export_text(ExportView(7))
         engine.export = ExportView(7, f"{tmp_path}/exports/a.zip")
         await driver.settle()
         assert driver.console.status == f"Packed: {tmp_path}/exports/a.zip (y copies it)"
-        await driver.press("f4", "e")
-        assert engine.exported == [7]
-        assert "no team is marked or set up" in driver.console.status
-        await driver.set_up()
-        await driver.press("f4", "e")
-        assert engine.exported == [7, 1]
+        await driver.press("f3")
+        await driver.run()
+        await driver.finish()
+        await driver.press("f4", "enter", "e")
+        assert engine.exported == [7, -1]  # a simulated run is practice
