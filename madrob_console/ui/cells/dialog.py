@@ -442,7 +442,9 @@ def _kind(question: Question) -> object:
 
 def _without_words(ask: Ask[Intent]) -> tuple[object, ...]:
     """Title and questions, without the words beside the same options: sensors change those."""
-    asked = (replace(one, text="") if isinstance(one, Pick) else one for one in ask.questions)
+    asked = (
+        replace(one, text="", below=()) if isinstance(one, Pick) else one for one in ask.questions
+    )
     return (ask.title, *asked)
 
 

@@ -227,7 +227,7 @@ class KeyLine(View):
         run = snapshot.run
         match key.name:
             case "menu":
-                able = not snapshot.right.only_watches or self.pane in ("history", "standings")
+                able = not snapshot.right.only_watches or self.pane not in ("live", "setup")
                 return able and self._label(key) != ""
             case "next" if self.pane == "setup":
                 return False  # Enter does it
