@@ -30,7 +30,6 @@ from scoring.protocol import Outcome, Signal
 from tests.madrob_console import ros_peer, said
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.spoilt import (
-    DOOR,
     HANDLE,
     STRING,
     TYPES,
