@@ -95,10 +95,8 @@ class Backlog:
         if behind <= LATEST and (at is None or self._monotonic() - at > _TOLD):
             self._left_out = 0
             return None
-        return (
-            f"more comes than can be looked at: {behind:.1f} s behind, {self._left_out} messages "
-            "are not shown; what is recorded and the result have them"
-        )
+        told = f"{self._left_out} messages are recorded but not shown"
+        return f"the engine is {behind:.1f} s behind: {told}"
 
     def add_messages(self, messages: Sequence[RawMessage], *, recorded: bool) -> None:
         now = self._monotonic()

@@ -267,8 +267,13 @@ def untold_remarks(run: Run, quality: Quality) -> list[str]:
         and not remark.endswith(AGAINST_OPENING)
         and not any(cause in remark for cause in causes)
     ]
-    of_signals = [remark.partition(": ") for remark in left if remark.startswith(_SIGNALS)]
-    others = [remark for remark in left if not remark.startswith(_SIGNALS)]
+    return merged_remarks(left)
+
+
+def merged_remarks(remarks: Sequence[str]) -> list[str]:
+    """Remarks on the data, those on signals with a line for each cause."""
+    of_signals = (remark.partition(": ") for remark in remarks if remark.startswith(_SIGNALS))
+    others = [remark for remark in remarks if not remark.startswith(_SIGNALS)]
     return [*merged((name, words) for name, _, words in of_signals), *others]
 
 
