@@ -294,12 +294,10 @@ class _Cause:
         self.worst[name] = max(self.worst.get(name, words), words, key=numbers_in)
 
     def fault(self) -> TestbedFault:
+        again = f", {self.times} times" if self.times > 1 else ""
+        lasted = f", for {self.lasted:.1f} s" if self.kind in _PASSING else ""
         text = "; ".join(merged(self.worst.items()))
-        if self.times > 1:
-            text += f", {self.times} times, {self.lasted:.1f} s in all"
-        elif self.kind in _PASSING:
-            text += f", for {self.lasted:.1f} s"
-        return TestbedFault(self.begin, text, self.kind)
+        return TestbedFault(self.begin, f"{text}{again}{lasted}", self.kind)
 
 
 class RunFaults:

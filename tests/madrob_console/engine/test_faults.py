@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.archive.history import History
+from madrob_console.engine.evidence_client import RunFaults
 from madrob_console.engine.observation import FLICKERS, MOST_FALSE_STARTS, MOST_NOTED
 from madrob_console.referee.acts import Abort, DeclareTimeout, SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.flags import FlagKind, FlagWeight, undecided, weighty, worst
@@ -151,6 +152,42 @@ def test_a_fault_in_a_run_is_named_within_2_s_recorded_marked_and_blocks_no_stop
     else:
         assert drive.recorded(topic) == drive.handed(topic)
         assert drive.rescored() == result
+
+
+@pytest.mark.parametrize(
+    ("spans", "told"),
+    [
+        # topic, from and to (s), how late (ms)
+        ([("a", 0.0, 1.0, 120)], ["a: stamps 120 ms late, for 1.0 s"]),
+        ([("a", 0.0, 0.3, 120)], []),
+        (
+            [("a", 0.0, 1.0, 120), ("a", 5.0, 6.0, 150)],
+            ["a: stamps 150 ms late, 2 times, for 2.0 s"],
+        ),
+        (
+            [("a", 0.0, 1.0, 120), ("b", 0.3, 1.3, 150)],
+            ["a, b: stamps 150 ms late, for 1.3 s"],
+        ),
+        (
+            [("a", 0.0, 1.0, 120), ("b", 5.0, 6.0, 150)],
+            ["a: stamps 120 ms late, for 1.0 s", "b: stamps 150 ms late, for 1.0 s"],
+        ),
+    ],
+)
+def test_troubles_at_the_same_time_and_again_on_the_same_topics_are_one_fault(
+    spans: Sequence[tuple[str, float, float, int]], told: list[str]
+) -> None:
+    faults, begun = RunFaults(), []
+    for tick in range(100):
+        at = tick / 10
+        late = {
+            (name, Trouble.SKEW): f"stamps {ms} ms late"
+            for name, begin, end, ms in spans
+            if begin <= at <= end
+        }
+        begun += faults.due(late, 100.0 + at)
+    assert [fault.text for fault in faults.all()] == told
+    assert [fault.time for fault in begun] == [fault.time for fault in faults.all()]
 
 
 def signs(results: Path) -> list[str]:
