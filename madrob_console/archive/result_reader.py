@@ -28,6 +28,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Stamp, read_bounded, refusal
 from madrob_console.referee.flags import Flag, flags
 from madrob_console.referee.records import Reissuing
+from scoring.quality import Quality
 
 LARGEST_RESULT = 10_000_000
 """A larger `result.json` is refused, bytes."""
@@ -131,7 +132,8 @@ def _flags_of(data: bytes) -> tuple[Flag, ...]:
         marks = _marks.decode(data)
     except _DAMAGED:
         return ()
-    return flags(marks, marks.steps, marks.source, marks.quality.remarks)
+    quality = Quality(remarks=tuple(marks.quality.remarks))
+    return flags(marks, marks.steps, marks.source, quality)
 
 
 def read_paged_result(folder: str) -> PagedResult:

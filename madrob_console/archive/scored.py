@@ -85,8 +85,8 @@ class Scored:
     @property
     def flags(self) -> tuple[Flag, ...]:
         result = self.result
-        source, remarks = self.record.source, result.quality.remarks
-        return flags(self.run, result.steps, source, remarks, result.indicators)
+        source = self.record.source
+        return flags(self.run, result.steps, source, result.quality, result.indicators)
 
     @classmethod
     def of(cls, record: RunRecord, run: Run, assessment: Assessment) -> Scored:

@@ -18,7 +18,7 @@ from madrob_console.cli.output import BAD_INPUT, Complaints, Tell, name_twins, p
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.export.table_columns import RUN_TABLES, UNREADABLE, TableFormat
-from madrob_console.referee.flags import Flag, common_reason
+from madrob_console.referee.flags import Flag, common_reason, merged_remarks
 from scoring.indicator_table import IndicatorName
 from scoring.result import (
     Indicator,
@@ -220,7 +220,7 @@ def _outcome(result: Result) -> str:
 def _notes(result: Result) -> Iterator[str]:
     if result.rest is not None:
         yield f"handle at rest: {result.rest.words}"
-    for note in (MANUAL_START, *result.quality.remarks):
+    for note in (MANUAL_START, *merged_remarks(result.quality.remarks)):
         yield terminal_safe(f"note: {note}")
 
 

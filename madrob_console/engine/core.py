@@ -23,7 +23,6 @@ from madrob_console.engine.replay import NO_ACTS, OWN_RUN, EngineContext, Replay
 from madrob_console.engine.requests import NO_REPLAY, PlaybackCommand
 from madrob_console.engine.run_recorder import EventLog
 from madrob_console.engine.scorer import EarlierRun, InlineScorer, RenderedResult, Scorer
-from madrob_console.engine.sensors import Trouble
 from madrob_console.engine.snapshot import ExportView, Snapshot
 from madrob_console.engine.start_checks import PreStart
 from madrob_console.engine.view import StateView, testbed_problem
@@ -34,7 +33,7 @@ from madrob_console.referee.competition_plan import NO_PLAN, Plan
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.rebuild import after
-from madrob_console.referee.records import new_run_id
+from madrob_console.referee.records import Trouble, new_run_id
 from madrob_console.referee.run import Phase, Run
 from madrob_console.testbeds.source import INFO_TOPIC, Source
 from recorder.bag import RawMessage
@@ -432,7 +431,7 @@ class Engine:
         if (other := self.source.other_referee) is not None:
             troubles[REFEREE_STATE_TOPIC, Trouble.SEVERAL_PUBLISHERS] = other
         if (told := testbed_problem(self.source.announcement, self.run)) is not None:
-            troubles[INFO_TOPIC, Trouble.SOURCE] = told
+            troubles[INFO_TOPIC, Trouble.ANNOUNCEMENT] = told
         if (behind := self._backlog.problem) is not None:
             troubles["engine", Trouble.BEHIND] = behind
         self._at_hand.note_troubles(troubles, now)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
@@ -13,14 +13,13 @@ from madrob_console.archive.evidence import account_entry, settled_account
 from madrob_console.archive.folders import give_out_run_number
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.engine.durable_acts import Answers, DurableActs, EarlierRuns, Told
-from madrob_console.engine.evidence_client import EvidenceNotes, FaultNotes, WitnessStatus
+from madrob_console.engine.evidence_client import EvidenceNotes, RunFaults, WitnessStatus
 from madrob_console.engine.journal_writer import OpenJournal
 from madrob_console.engine.observation import Happening, Observation, RunTracker
 from madrob_console.engine.replay import DECIDED_ANEW, EngineContext
 from madrob_console.engine.result_writer import CurrentResult
 from madrob_console.engine.run_recorder import EventPublisher, OpenRecording, RunRecorder
 from madrob_console.engine.scorer import EarlierRun, RenderedResult, ToScore
-from madrob_console.engine.sensors import Trouble
 from madrob_console.referee.acts import (
     ACTS,
     Abort,
@@ -35,8 +34,8 @@ from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.flags import unrecorded_words
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change, after
-from madrob_console.referee.records import TestbedFault
-from madrob_console.referee.run import Phase, Run, stop
+from madrob_console.referee.records import TestbedFault, Trouble
+from madrob_console.referee.run import Phase, Run, note_fault, stop
 from scoring.protocol import Outcome
 
 SETTLING_PERIOD = 1.0
@@ -90,7 +89,7 @@ class CurrentRun:
         self._missing: tuple[str, ...] = ()
         self._settling = -math.inf
         self._drift: tuple[RunRecord, float] | None = None
-        self._fault_notes = FaultNotes()
+        self._fault_notes = RunFaults()
         self._evidence_notes = EvidenceNotes()
         if replay is not None:
             self.record, self.folder = replay.recorded.recorded_as, replay.source.path
@@ -166,7 +165,7 @@ class CurrentRun:
         self.result.clear()
         self._missing = ()
         self._observation.look_back()
-        self._fault_notes.clear()
+        self._fault_notes = RunFaults()
         self._evidence_notes = EvidenceNotes()
         self.recorder.clear()
 
@@ -216,8 +215,8 @@ class CurrentRun:
     def note(self, happened: Happening) -> Entry:
         """Write a line that takes effect whatever the disk says."""
         if happened.change is Change.FAULT:
-            fault = TestbedFault(float(happened.details["time"]), happened.reason)
-            self.run = replace(self.run, faults=(*self.run.faults, fault))
+            at, kind = happened.details["time"], happened.details["kind"]
+            self.run = note_fault(self.run, TestbedFault(at, happened.reason, kind))
         entry = Entry(
             self._engine_context.now(),
             happened.origin,
@@ -230,8 +229,12 @@ class CurrentRun:
 
     def note_troubles(self, troubles: Mapping[tuple[str, Trouble], str], now: float) -> None:
         """Note each lasting fault of the testbed once; `now` is s since the epoch."""
-        for topic, words in self._fault_notes.due(troubles, now):
-            self.note(Happening(Origin.SYSTEM, Change.FAULT, f"{topic}: {words}", {"time": now}))
+        self._note_faults(self._fault_notes.due(troubles, now))
+
+    def _note_faults(self, faults: Iterable[TestbedFault]) -> None:
+        for fault in faults:
+            details = {"time": fault.time, "kind": fault.kind}
+            self.note(Happening(Origin.SYSTEM, Change.FAULT, fault.text, details))
 
     def note_evidence(self, status: WitnessStatus, now: float) -> None:
         for words in self._evidence_notes.due(status, self._start, now):
@@ -251,6 +254,7 @@ class CurrentRun:
     def finish(self) -> None:
         """Nothing more is recorded: have the bag closed, and the run scored."""
         self.result.hurry()
+        self._note_faults(self._fault_notes.all())
         self.recorder.finish(self._recorded)
 
     def _recorded(self, missing: tuple[str, ...], unrecorded: int) -> None:

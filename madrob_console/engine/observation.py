@@ -17,7 +17,7 @@ from madrob_console.messages.message_types import MessageError, MessageTypes
 from madrob_console.referee.checks import SensorLimits
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.records import FalseStart
+from madrob_console.referee.records import FalseStart, Trouble
 from madrob_console.referee.run import Phase, Run, begin_run, stop, time_out
 from recorder.bag import RawMessage
 from scoring.evaluate import LiveAssessment
@@ -95,10 +95,8 @@ class Backlog:
         if behind <= LATEST and (at is None or self._monotonic() - at > _TOLD):
             self._left_out = 0
             return None
-        return (
-            f"more comes than can be looked at: {behind:.1f} s behind, {self._left_out} messages "
-            "are not shown; what is recorded and the result have them"
-        )
+        told = f"{self._left_out} messages are recorded but not shown"
+        return f"the engine is {behind:.1f} s behind: {told}"
 
     def add_messages(self, messages: Sequence[RawMessage], *, recorded: bool) -> None:
         now = self._monotonic()
@@ -281,7 +279,7 @@ class RunTracker:
                 self._known.add(event)
                 happened.append(_seen(Change.EVENT, event))
             if len(self._known) >= MOST_NOTED:
-                details = {"time": now}
+                details = {"time": now, "kind": Trouble.FLICKERS}
                 happened.append(Happening(Origin.SYSTEM, Change.FAULT, FLICKERS, details))
                 return
 

@@ -83,8 +83,8 @@ class RenderedResult:
     def flags(self) -> tuple[Flag, ...]:
         """Points that a decision on the run depends on, the most serious first."""
         result = self.result
-        source, remarks = self.record.source, result.quality.remarks
-        return flags(self.run, result.steps, source, remarks, result.indicators)
+        source = self.record.source
+        return flags(self.run, result.steps, source, result.quality, result.indicators)
 
     @classmethod
     def of(

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from enum import StrEnum
 from textwrap import shorten
 
 from madrob_console.engine.snapshot import DoorView, HandleView, LatchView, SensorView, TopicView
 from madrob_console.messages.codec import TopicMapping
 from madrob_console.referee.checks import Freshness, Health, Presence, SensorLimits
+from madrob_console.referee.records import SILENT, Trouble, merged
 from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import RawMessage
 from scoring.events import EventDetector
@@ -35,23 +35,6 @@ WINDOW = 2.0
 
 _LONGEST_WORDS = 120
 """Most characters of a decoder's error."""
-
-
-class Trouble(StrEnum):
-    """Kinds of topic faults."""
-
-    SOURCE = "its source says so"
-    SEVERAL_PUBLISHERS = "several publishers"
-    NEVER_SEEN = "nothing received"
-    SILENT = "silent"
-    SLOW = "too slow"
-    FLOOD = "too fast"
-    UNREADABLE = "messages that cannot be read"
-    NO_READING = "messages without a reading"
-    STAMPS = "stamps that are missing, repeat or go back"
-    SKEW = "stamps off the time of reception"
-    BEHIND = "the engine is behind"
-    EVIDENCE = "evidence that is lost"
 
 
 class TopicWatch:
@@ -159,7 +142,7 @@ class TopicWatch:
         if freshness is Freshness.NEVER:
             if not self.signal.optional and not found:  # else it is known why
                 published = status is not None and status.publishers > 0
-                why = "nothing received" if published else "nothing received: no publisher"
+                why = SILENT if published else f"{SILENT}, no publisher"
                 found[Trouble.NEVER_SEEN] = why
             return found
         if not self.signal.optional:
@@ -171,16 +154,18 @@ class TopicWatch:
     def _find_slowness(self, found: dict[Trouble, str], freshness: Freshness, now: float) -> None:
         limits, rate = self._limits, self.messages.rate(now)
         if freshness is not Freshness.FRESH:
-            found[Trouble.SILENT] = f"{freshness}, silent for {self.messages.age(now):.1f} s"
+            found[Trouble.SILENT] = f"{SILENT} for {self.messages.age(now):.1f} s"
         elif rate is None and self.received > 1:
-            found[Trouble.SLOW] = f"one message in {WINDOW:g} s instead of {limits.rate:.0f} Hz"
+            found[Trouble.SLOW] = f"only one message in {WINDOW:g} s"
         elif rate is not None and rate < limits.least_rate * limits.rate:
-            found[Trouble.SLOW] = f"only {rate:.0f} Hz of {limits.rate:.0f} Hz"
+            found[Trouble.SLOW] = (
+                f"{limits.rate - rate:.0f} of {limits.rate:.0f} messages/s missing"
+            )
 
     def _find_flood(self, found: dict[Trouble, str], now: float) -> None:
         rate, usual = self.messages.rate(now), self._limits.rate
         if rate is not None and rate > self._limits.most_rate * usual:
-            found[Trouble.FLOOD] = f"{rate:.0f} Hz, far above {usual:.0f} Hz"
+            found[Trouble.FLOOD] = f"{rate:.0f} messages/s, far above {usual:.0f}"
 
     def _find_content_trouble(self, found: dict[Trouble, str], now: float) -> None:
         total = self.messages.count(now)
@@ -197,8 +182,8 @@ class TopicWatch:
             found[Trouble.STAMPS] = f"the stamp {what} in {disordered} of {total} messages"
         skew = self.skew(now)
         if skew is not None and abs(skew) >= self._thresholds.largest_skew:
-            where = "ahead of" if skew > 0 else "behind"
-            found[Trouble.SKEW] = f"stamps {abs(skew):.3f} s {where} their reception"
+            where = "ahead" if skew > 0 else "late"
+            found[Trouble.SKEW] = f"stamps {abs(skew):.2f} s {where}"
 
 
 def _no_reading(name: str, value: float, largest: float, unit: str) -> str | None:
@@ -319,8 +304,9 @@ class Sensors:
         return tuple(f"{s.side} {s.index}" for s, state in states.items() if state)
 
     def topic_problems(self, statuses: Sequence[TopicStatus], now: float) -> tuple[str, ...]:
-        views = self.topics(statuses, {}, now)
-        return tuple(f"{v.topic}: {v.problem}" for v in views if v.problem)
+        """What is wrong with the topics now, one line for each cause."""
+        troubles = self.troubles(statuses, now)
+        return tuple(merged((name, words) for (name, _), words in troubles.items()))
 
     def topics(
         self, statuses: Sequence[TopicStatus], dropped: Mapping[str, int], now: float
@@ -354,7 +340,7 @@ class Sensors:
     ) -> dict[tuple[str, Trouble], str]:
         by_topic = {status.topic: status for status in statuses}
         return {
-            (topic, trouble): words
+            (watch.signal.value, trouble): words
             for topic, watch in self._watches.items()
             for trouble, words in watch.troubles(by_topic.get(topic), now).items()
         }

@@ -14,7 +14,7 @@ import re
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import CancelledError, Future
 from contextlib import suppress
 from dataclasses import replace
@@ -117,7 +117,7 @@ async def keep_told(
 
 
 def _faults(snapshot: Snapshot) -> list[str]:
-    return [*filter(None, (snapshot.pulse.words,)), *snapshot.faults]
+    return [*filter(None, (snapshot.pulse.words,)), *snapshot.faults, *snapshot.topic_faults]
 
 
 # ---------------------------------------------------------------------- lines in the journal
@@ -211,14 +211,9 @@ def _engine(snapshot: Snapshot) -> Diagnosis:
     }
     if pulse.stale:
         return Diagnosis(_ENGINE, Level.ERROR, str(pulse.words), values)
-    faults = tuple(_of_engine(snapshot))
+    faults = [fault for fault in snapshot.faults if not fault.startswith("recorder: ")]
     level = Level.WARN if faults else Level.OK
     return Diagnosis(_ENGINE, level, "; ".join(faults) or str(snapshot.run.phase), values)
-
-
-def _of_engine(snapshot: Snapshot) -> Iterator[str]:
-    others = ("recorder: ", *(f"{view.topic}: " for view in snapshot.topics))
-    return (fault for fault in snapshot.faults if not fault.startswith(others))
 
 
 def _recorder(snapshot: Snapshot) -> Diagnosis:

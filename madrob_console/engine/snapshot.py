@@ -300,7 +300,8 @@ class Snapshot:
         ask_referee: a question that only the referee can answer, in words.
         passage: ten sensors, cw 0..4 then ccw 0..4.
         disk_free: bytes.
-        faults: what is wrong now, one line each; they stay until they are gone.
+        faults: what is wrong now beside the topics, one line each; they stay until they are gone.
+        topic_faults: what is wrong with the topics, one line for each cause.
         provisional: indicator file name -> value (s) of the time indicators known so far.
         provisional_doubts: indicator file name -> why its value may be wrong, as far as known.
         log: the last 200 lines.
@@ -338,6 +339,7 @@ class Snapshot:
     log: tuple[LogLine, ...] = ()
     result: Result | None = None
     result_source: SourceKind | None = None
+    topic_faults: tuple[str, ...] = ()
     simulated: str | None = None
     evidence: EvidenceView | None = None
     rescoring: bool = False
@@ -385,9 +387,7 @@ class Snapshot:
         """Points that a decision on the run depends on, the most serious first."""
         if (result := self.result) is None:
             return flags(self.run, self.steps, self.result_source)
-        return flags(
-            self.run, result.steps, self.result_source, result.quality.remarks, result.indicators
-        )
+        return flags(self.run, result.steps, self.result_source, result.quality, result.indicators)
 
     @property
     def pulse_words(self) -> str | None:
@@ -405,4 +405,4 @@ class Snapshot:
 
     @property
     def all_faults(self) -> tuple[str, ...]:
-        return (*filter(None, (self.pulse_words,)), *self.faults)
+        return (*filter(None, (self.pulse_words,)), *self.faults, *self.topic_faults)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from madrob_console.archive.history import time_words
@@ -18,7 +18,6 @@ from madrob_console.engine.snapshot import (
     LatchView,
     RecorderView,
     Snapshot,
-    TopicView,
 )
 from madrob_console.engine.start_checks import PreStart
 from madrob_console.referee.acts import ACTS, Situation
@@ -112,7 +111,8 @@ class StateView:
             recorder=recorder,
             disk_free=None if replay else self.pre_start.free_disk(seen),
             evidence=self._evidence(seen),
-            faults=(*faults(topics, recorder, door, run, problems), *filter(None, others)),
+            faults=(*faults(recorder, door, run, problems), *filter(None, others)),
+            topic_faults=sensors.topic_problems(source.status(), seen),
             provisional=dict(observation.provisional),
             provisional_doubts=dict(observation.provisional_doubts),
             log=at_hand.event_publisher.log.lines,
@@ -203,7 +203,6 @@ def question(run: Run, procedure: Procedure | None, latch: LatchView) -> str | N
 
 
 def faults(
-    topics: Sequence[TopicView],
     recorder: RecorderView,
     door: DoorView,
     run: Run,
@@ -218,5 +217,4 @@ def faults(
         against = -door.angle * run.setup.condition.opening_side.sign
         if against > door.closed_angle:
             found.append(f"panel at {door.angle:+.3f} rad, against the opening side")
-    found += [f"{view.topic}: {view.problem}" for view in topics if view.problem]
     return tuple(found)

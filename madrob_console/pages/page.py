@@ -43,7 +43,7 @@ from madrob_console.pages.shared_sections import (
 )
 from madrob_console.pages.surroundings import NOWHERE, LinkedRun, PagePlace
 from madrob_console.referee.acts.during import RULED
-from madrob_console.referee.flags import FlagKind, undecided
+from madrob_console.referee.flags import FlagKind, undecided, untold_remarks, weighty
 from madrob_console.referee.records import (
     AcceptedDoubts,
     Correction,
@@ -208,8 +208,7 @@ def team_word(run: Run) -> Markup:
 
 def data_quality(run: Run, result: Result) -> Markup:
     quality = result.quality
-    told = set(run.remarks())  # they stand among the decisions
-    remarks = [remark for remark in quality.remarks if remark not in told]
+    remarks = untold_remarks(run, quality)
     rows = ((q.signal.value, *q.cells()) for q in quality.signals)
     return section(
         "Data quality",
@@ -389,7 +388,9 @@ def _top(scored: Scored) -> Markup:
     whole = result.ended == result.outcome_reason  # else the summary says how many steps count
     reason = (": ", said(result.ended)) if result.ended and whole else ()
     told = (FlagKind.PRACTICE, FlagKind.VOID)
-    others = [f.words for f in scored.flags if f not in waiting and f.kind not in told]
+    others = [f for f in scored.flags if f not in waiting and f.kind not in told]
+    heavy = "; ".join(flag.words for flag in weighty(others))
+    light = "; ".join(flag.words for flag in others if flag not in weighty(others))
     return element(
         "header",
         [element("p", words, class_="banner") for words in warnings if words],
@@ -398,7 +399,8 @@ def _top(scored: Scored) -> Markup:
         element("p", f"Condition {condition.number}, {condition.benchmark_type}: {task}"),
         element("p", f"Started {date_text(result.start)}"),
         element("p", element("strong", ended), reason, class_="outcome"),
-        element("p", element("strong", "; ".join(others)), class_="flags") if others else (),
+        element("p", element("strong", heavy), class_="flags") if heavy else (),
+        element("p", light) if light else (),
         element("p", _summary(scored)),
     )
 

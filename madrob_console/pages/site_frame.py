@@ -39,7 +39,7 @@ from madrob_console.pages.site_content import (
     team_place,
 )
 from madrob_console.pages.tally import ALIKE, Overall
-from madrob_console.referee.flags import FlagKind
+from madrob_console.referee.flags import FlagKind, weighty
 from scoring.figures.team_drawings import (
     FAILED,
     FEWEST_FOR_A_BOX,
@@ -129,7 +129,7 @@ _CLOSING_WORDS = {
 
 def outcome_cell(run: RunSummary) -> Content:
     told = (FlagKind.VOID, FlagKind.PRACTICE, FlagKind.PROTEST)
-    words = [flag.words for flag in run.flags if flag.kind not in told]
+    words = [flag.words for flag in weighty(run.flags) if flag.kind not in told]
     if run.outcome is not None and run.problem is None and run.closing != "final":
         words.insert(0, _CLOSING_WORDS.get(run.closing, run.closing))
     below = element("small", "; ".join(words)) if words else NOTHING

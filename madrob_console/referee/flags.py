@@ -1,7 +1,18 @@
 """Flags of a result: what a decision on it depends on.
 
 Every screen, list, page and file asks here. A new kind of flag is a member of `FlagKind` and a
-line in `flags`.
+line in `flags`. Its weight says what it does to the reader:
+
+- ALARM, *decide*: the referee still has to. A false start, a step that only the referee can judge,
+  a doubt, a protest, each while it is open.
+- CAUTION, *changes the score*: without it another result would count, or the result cannot be made
+  again. A void, a correction, a ruling, an upheld protest, out of plan, a waived check of what is
+  measured or of whose run it is; a recording that lacks messages, a topic that was silent in it, a
+  clock that was stepped, a panel against the opening side, a fault that no sample shows.
+- REMARK, *for information*: nothing that counts depends on it. What was decided so that the values
+  stand (an accepted false start or doubt, a rejected or withdrawn protest); an incident, which
+  changes no indicator; another name of the same subject; practice, which counts nowhere; a waiver
+  or a fault whose effect doubts and silent topics would tell.
 """
 
 from __future__ import annotations
@@ -17,6 +28,7 @@ from msgspec import Meta
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.records import (
     AcceptedDoubts,
+    CheckName,
     Closure,
     Correction,
     FalseStart,
@@ -25,14 +37,17 @@ from madrob_console.referee.records import (
     ProtestEnd,
     TeamWord,
     TestbedFault,
+    Trouble,
     Voiding,
     Waiver,
     counted,
+    merged,
 )
+from madrob_console.referee.run import Run
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling, StepRecord
-from scoring.protocol import Outcome
-from scoring.quality import AGAINST_OPENING
+from scoring.protocol import Outcome, Signal
+from scoring.quality import AGAINST_OPENING, Quality, SignalQuality
 from scoring.result import Indicator
 
 # Doubts of a result (protocol section 11): accepted, or waiting.
@@ -76,12 +91,19 @@ LONGEST_WORDS = 300
 NO_INDICATORS: Mapping[IndicatorName, Indicator] = MappingProxyType({})
 """Before there is a result."""
 
+UNKNOWN_QUALITY = Quality()
+
+_SIGNALS = tuple(f"{signal.value}: " for signal in Signal)
+
+LONGEST_SILENCE = 0.5
+"""In a longer one something may have been missed: a topic is stale by then (section 3), s."""
+
 FlagWords = Annotated[str, Meta(max_length=500)]
 """Longer than any flag of this version."""
 
 
 class FlagWeight(StrEnum):
-    """How much a flag weighs, the lightest first."""
+    """How much a flag weighs, the lightest first: for information, changes the score, decide."""
 
     REMARK = "remark"
     CAUTION = "caution"
@@ -194,13 +216,12 @@ def flags(
     run: Flagged,
     steps: Iterable[StepRecord] = (),
     source: SourceKind | None = None,
-    remarks: Iterable[str] = (),
+    quality: Quality = UNKNOWN_QUALITY,
     indicators: Mapping[IndicatorName, Indicator] = NO_INDICATORS,
 ) -> tuple[Flag, ...]:
     """All flags of a run, the heaviest first.
 
-    The `steps` are empty before the stop. `remarks` are on the quality of the data. A `source` of
-    None is not flagged.
+    The `steps` are empty before the stop. A `source` of None is not flagged.
     """
     # else there is nothing to decide
     counts = run.outcome is not Outcome.ABORTED and run.voided is None
@@ -216,14 +237,44 @@ def flags(
         *_corrections(run.corrections),
         *_rulings(run.rulings),
         *_unrecorded(run.unrecorded),
+        *(_poor_data(quality) if counts else ()),
         *_faults(run.faults),
-        *_against_opening(remarks),
         *_incidents(run.incidents),
         *_waivers(run.waivers),
         *_other_name(run.team_reason),
     )
     heaviest_first = sorted(found, key=lambda flag: -flag.weight.rank)
     return tuple(replace(flag, words=_cut(flag.words)) for flag in heaviest_first)
+
+
+_IN_THE_SAMPLES = {
+    Trouble.SILENT: " gaps, the longest ",
+    Trouble.STAMPS: " stamps dropped",
+    Trouble.NO_READING: " values without a reading",
+    Trouble.SKEW: ": stamps differ from reception ",
+}
+"""What a remark on the data says where a fault has told the cause."""
+
+
+def untold_remarks(run: Run, quality: Quality) -> list[str]:
+    """Remarks on the data that no flag and no mark of the run tells, a line for each cause."""
+    told = {*run.remarks()}
+    causes = [_IN_THE_SAMPLES[f.kind] for f in run.faults if f.kind in _IN_THE_SAMPLES]
+    left = [
+        remark
+        for remark in quality.remarks
+        if remark not in told
+        and not remark.endswith(AGAINST_OPENING)
+        and not any(cause in remark for cause in causes)
+    ]
+    return merged_remarks(left)
+
+
+def merged_remarks(remarks: Sequence[str]) -> list[str]:
+    """Remarks on the data, those on signals with a line for each cause."""
+    of_signals = (remark.partition(": ") for remark in remarks if remark.startswith(_SIGNALS))
+    others = [remark for remark in remarks if not remark.startswith(_SIGNALS)]
+    return [*merged((name, words) for name, _, words in of_signals), *others]
 
 
 def common_reason(found: Mapping[IndicatorName, Indicator]) -> str:
@@ -266,7 +317,7 @@ def _doubts(run: Flagged, indicators: Mapping[IndicatorName, Indicator]) -> Iter
     if waiting := waiting_doubts(indicators, run.accepted_doubts):
         count = len({words for sentences in waiting.values() for words in sentences})
         words = f"doubted: {doubted_words(waiting)} ({counted(count, 'doubt')} UNDECIDED)"
-        yield Flag(FlagKind.DOUBT, words, FlagWeight.CAUTION, undecided=True)
+        yield Flag(FlagKind.DOUBT, words, FlagWeight.ALARM, undecided=True)
     for accepted in run.accepted_doubts:
         standing = {
             name: accepted.doubts[name]
@@ -281,7 +332,7 @@ def _doubts(run: Flagged, indicators: Mapping[IndicatorName, Indicator]) -> Iter
 def _void(voided: Voiding | None) -> Iterator[Flag]:
     if voided is not None:
         words = f"VOID, counts nowhere ({voided.reason})"
-        yield Flag(FlagKind.VOID, words, FlagWeight.ALARM)
+        yield Flag(FlagKind.VOID, words, FlagWeight.CAUTION)
 
 
 def _corrections(corrections: Sequence[Correction]) -> Iterator[Flag]:
@@ -316,8 +367,8 @@ def _protests(protests: Sequence[Protest]) -> Iterator[Flag]:
             words = f"{one.title} OPEN, UNDECIDED"
             yield Flag(FlagKind.PROTEST, words, FlagWeight.ALARM, undecided=True)
         else:
-            withdrawn = one.answer.end is ProtestEnd.WITHDRAWN
-            weight = FlagWeight.REMARK if withdrawn else FlagWeight.CAUTION
+            upheld = one.answer.end in (ProtestEnd.UPHELD, ProtestEnd.PARTLY)
+            weight = FlagWeight.CAUTION if upheld else FlagWeight.REMARK
             words = f"{one.title} {one.answer.end} ({one.answer.reason})"
             yield Flag(FlagKind.PROTEST, words, weight)
 
@@ -347,16 +398,41 @@ def _unrecorded(messages: int) -> Iterator[Flag]:
         yield Flag(FlagKind.RECORDING, unrecorded_words(messages), FlagWeight.CAUTION)
 
 
+_UNTOLD_OTHERWISE = (
+    Trouble.UNKNOWN,
+    Trouble.SEVERAL_PUBLISHERS,
+    Trouble.ANNOUNCEMENT,
+    Trouble.NO_READING,
+)
+"""Faults that may change a value, or whether the run counts, and that no sample shows."""
+
+
 def _faults(faults: Sequence[TestbedFault]) -> Iterator[Flag]:
     if faults:
-        yield Flag(FlagKind.FAULT, counted(len(faults), "testbed fault"), FlagWeight.CAUTION)
+        told = all(fault.kind not in _UNTOLD_OTHERWISE for fault in faults)
+        weight = FlagWeight.REMARK if told else FlagWeight.CAUTION
+        yield Flag(FlagKind.FAULT, counted(len(faults), "testbed fault"), weight)
 
 
-def _against_opening(remarks: Iterable[str]) -> Iterator[Flag]:
-    """A fault, by protocol section 3: testbed or set-up is wrong."""
-    for remark in remarks:
-        if remark.endswith(AGAINST_OPENING):
-            yield Flag(FlagKind.FAULT, remark.partition(":")[0], FlagWeight.CAUTION)
+def _poor_data(quality: Quality) -> Iterator[Flag]:
+    """What may have been missed, or was measured otherwise (protocol sections 3 and 8).
+
+    Doubts are on what was found. What happened in a silence may be missing without any doubt.
+    """
+    needed = [one for one in quality.signals if not one.signal.optional]
+    silent = ((one.signal.value, _silence(one)) for one in needed)
+    stepped = ((q.signal.value, "clock stepped, stamps shifted") for q in needed if q.shifted)
+    told = [*merged((name, words) for name, words in silent if words), *merged(stepped)]
+    told += [r.partition(":")[0] for r in quality.remarks if r.endswith(AGAINST_OPENING)]
+    for words in told:
+        yield Flag(FlagKind.FAULT, words, FlagWeight.CAUTION)
+
+
+def _silence(of: SignalQuality) -> str:
+    if not of.samples:
+        return "nothing recorded"
+    longest = max(of.largest_gap or 0.0, of.begins_late, of.ends_early)
+    return f"no sample for {longest:.1f} s" if longest > LONGEST_SILENCE else ""
 
 
 def _incidents(incidents: Iterable[Incident]) -> Iterator[Flag]:
@@ -364,12 +440,25 @@ def _incidents(incidents: Iterable[Incident]) -> Iterator[Flag]:
     if standing:
         what = _listed(mark.kind for mark in standing)
         words = f"{counted(len(standing), 'incident')} ({what})"
-        yield Flag(FlagKind.INCIDENT, words, FlagWeight.CAUTION)
+        yield Flag(FlagKind.INCIDENT, words, FlagWeight.REMARK)
+
+
+_OF_THE_ATTEMPT = (
+    CheckName.TEAM,
+    CheckName.DOOR,
+    CheckName.HANDLE,
+    CheckName.DOORWAY,
+    CheckName.POSE,
+)
+"""Checks of whose run it is and of how it begins. The effect of the others the recording shows."""
 
 
 def _waivers(waivers: Iterable[Waiver]) -> Iterator[Flag]:
-    if checks := _listed(waiver.check for waiver in waivers):
-        yield Flag(FlagKind.WAIVER, f"waived: {checks}", FlagWeight.CAUTION)
+    checks = [waiver.check for waiver in waivers]
+    if checks:
+        heavy = not set(checks).isdisjoint(_OF_THE_ATTEMPT)
+        weight = FlagWeight.CAUTION if heavy else FlagWeight.REMARK
+        yield Flag(FlagKind.WAIVER, f"waived: {_listed(checks)}", weight)
 
 
 def _cut(words: str) -> str:
@@ -379,7 +468,7 @@ def _cut(words: str) -> str:
 def _other_name(why: str) -> Iterator[Flag]:
     if why:
         words = f"team's name other than the list's: {why}"
-        yield Flag(FlagKind.OTHER_NAME, words, FlagWeight.CAUTION)
+        yield Flag(FlagKind.OTHER_NAME, words, FlagWeight.REMARK)
 
 
 def _listed(words: Iterable[str]) -> str:

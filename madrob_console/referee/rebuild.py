@@ -29,7 +29,13 @@ from madrob_console.referee.acts import (
 )
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry
-from madrob_console.referee.records import FalseStart, JournalMark, RemovedEvidence, TestbedFault
+from madrob_console.referee.records import (
+    FalseStart,
+    JournalMark,
+    RemovedEvidence,
+    TestbedFault,
+    Trouble,
+)
 from madrob_console.referee.run import (
     Phase,
     Run,
@@ -37,6 +43,7 @@ from madrob_console.referee.run import (
     begin_run,
     changed,
     decide_false_starts,
+    note_fault,
     reissued,
     stop,
     time_out,
@@ -131,8 +138,8 @@ def _changed(run: Run, entry: Entry) -> Run:
             mark = FalseStart(_time(details["time"]), EventName(details["event"]))
             return replace(run, false_starts=(*run.false_starts, mark))
         case Change.FAULT:
-            fault = TestbedFault(_time(details["time"]), entry.reason)
-            return replace(run, faults=(*run.faults, fault))
+            kind = Trouble(details.get("kind", ""))
+            return note_fault(run, TestbedFault(_time(details["time"]), entry.reason, kind))
         case Change.UNRECORDED | Change.EVIDENCE_RECORDED | Change.EVIDENCE_REMOVED:
             return _with_recorded(run, entry)
         case Change.REISSUED if run.phase in (Phase.STOPPED, Phase.FINAL):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -12,7 +13,7 @@ from uuid import NAMESPACE_URL, UUID, uuid5
 from msgspec import Meta
 
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Condition, EventName, LockDetection, StartPose
+from scoring.protocol import Condition, EventName, LockDetection, Signal, StartPose
 from scoring.rulesets import RulesetName
 
 # What a run is called among all runs of all testbeds (protocol section 2).
@@ -217,12 +218,43 @@ class Note:
     text: str
 
 
+class Trouble(StrEnum):
+    """Kinds of faults of a testbed; other versions may have noted unknown ones."""
+
+    UNKNOWN = ""
+    SOURCE = "its source says so"
+    SEVERAL_PUBLISHERS = "several publishers"
+    NEVER_SEEN = "nothing received"
+    SILENT = "silent"
+    SLOW = "too slow"
+    FLOOD = "too fast"
+    UNREADABLE = "messages that cannot be read"
+    NO_READING = "messages without a reading"
+    STAMPS = "stamps that are missing, repeat or go back"
+    SKEW = "stamps off the time of reception"
+    BEHIND = "the engine is behind"
+    FLICKERS = "a signal that flickers"
+    EVIDENCE = "evidence that is lost"
+    ANNOUNCEMENT = "a testbed that may be simulated"
+
+    @classmethod
+    def _missing_(cls, value: object) -> Trouble:
+        return cls.UNKNOWN
+
+
 @dataclass(frozen=True, slots=True)
 class TestbedFault:
-    """Something wrong with the testbed while the run was recorded, in words, with its time."""
+    """Something wrong with the testbed while the run was recorded.
+
+    Attributes:
+        time: when it began, s since the epoch.
+        text: which topics have it, and what it is.
+        kind: two faults of one kind and time are one; the later words count.
+    """
 
     time: float
     text: str
+    kind: Trouble = Trouble.UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)
@@ -441,6 +473,47 @@ def listed(names: Sequence[str], most: int = 2) -> str:
 def counted(number: int, noun: str) -> str:
     """A number with its noun: `1 topic`, `2 topics`."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+# One cause, one line.
+
+
+_NUMBER = re.compile(r"\d+(?:\.\d+)?")
+_NEEDED = frozenset(signal.value for signal in Signal if not signal.optional)
+
+SILENT = "silent"
+"""Begins the words on a topic from which nothing comes."""
+
+
+def cause_of(words: str) -> str:
+    """Equal for words that differ in nothing but numbers."""
+    return _NUMBER.sub("", words)
+
+
+def numbers_in(words: str) -> tuple[float, ...]:
+    return tuple(map(float, _NUMBER.findall(words)))
+
+
+def merged(told: Iterable[tuple[str, str]]) -> list[str]:
+    """A line for each cause, from names of topics, each with words on it.
+
+    Words that differ in nothing but numbers have one cause; the largest numbers are told. So all
+    words count what is bad. What is on the same topics stands in one line.
+    """
+    causes: dict[str, dict[str, str]] = {}
+    for name, words in told:
+        causes.setdefault(cause_of(words), {})[name] = words
+    lines: dict[tuple[str, ...], list[str]] = {}
+    for of in causes.values():
+        lines.setdefault(tuple(of), []).append(max(of.values(), key=numbers_in))
+    return [_line(names, "; ".join(words)) for names, words in lines.items()]
+
+
+def _line(names: Sequence[str], words: str) -> str:
+    if not _NEEDED.issubset(names):
+        return f"{listed(names)}: {words}"
+    topics = f"all {len(names)} topics"
+    return f"no testbed: {topics} {words}" if words.startswith(SILENT) else f"{topics}: {words}"
 
 
 # Protests of a team against a result: open until they are decided or withdrawn (section 2).

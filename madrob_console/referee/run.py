@@ -228,6 +228,13 @@ def begin_run(run: Run) -> Run:
     return replace(run, phase=Phase.RUNNING)
 
 
+def note_fault(run: Run, fault: TestbedFault) -> Run:
+    """Adds a fault; one that was noted before gets its newest words."""
+    same = (fault.time, fault.kind)
+    known = [one for one in run.faults if not fault.kind or (one.time, one.kind) != same]
+    return replace(run, faults=(*known, fault))
+
+
 def decide_false_starts(run: Run, reason: str) -> Run:
     decided = tuple(replace(f, accepted=f.accepted or reason) for f in run.false_starts)
     return replace(run, false_starts=decided)

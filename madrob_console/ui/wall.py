@@ -16,7 +16,7 @@ from madrob_console.archive.history import History, RunSummary, condition_words,
 from madrob_console.common.errors import MadrobError
 from madrob_console.pages.competition import SIGNS
 from madrob_console.pages.tally import Standing, standings
-from madrob_console.referee.flags import FlagWeight, worst
+from madrob_console.referee.flags import weighty
 from madrob_console.referee.run import Phase
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.cells.large_text import rows_of, width_of_large
@@ -136,9 +136,7 @@ class Wall(View):
         lines = [*state, line(), *_centred(team, width)]
         lines += _centred([line(f"run {run.run_number}, condition {run.condition}: {task}")], width)
         lines += [line(), *_centred(_values(run), width)]
-        heavy = worst(run.flags) in (FlagWeight.CAUTION, FlagWeight.ALARM)
-        told = [flag.words for flag in run.flags if flag.weight is not FlagWeight.REMARK]
-        if heavy:
+        if told := [flag.words for flag in weighty(run.flags)]:
             text = shortened("; ".join(told), width)
             lines += [line(), *_centred([line(Span(text, Tone.WARN))], width)]
         if run.valid:

@@ -191,7 +191,7 @@ class EngineProcess:
             snapshot = until(seen, timeout)
         except AssertionError as error:
             last = self.snapshot()
-            raise AssertionError(f"{error}: {last.log} {last.faults}") from None
+            raise AssertionError(f"{error}: {last.log} {last.all_faults}") from None
         assert snapshot is not None
         return snapshot
 

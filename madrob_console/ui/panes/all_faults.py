@@ -51,36 +51,20 @@ def notices(snapshot: Snapshot, width: int) -> list[Line]:
 
 
 def short_form(snapshot: Snapshot, width: int, where: str) -> ShortForm:
-    """The faults as the fault line of a screen has them; `where` says where the rest stands."""
+    """A row for each fault, as the fault line has them; `where` says where the rest stands."""
     faults, room = snapshot.all_faults, width - len(FAULT)
-    most = MOST_ROWS - len(notices(snapshot, width))
-    rows: list[str] = []
-    shown = 0
-    for fault in faults:
-        lines = wrapped(fault, room)
-        if rows and len(rows) + len(lines) > most:
-            break
-        rows += lines
-        shown += 1
-    hidden, kept = len(faults) - shown, rows[:most]
-    if not hidden and kept == rows:
-        return ShortForm(rows, cut=False)
-    more = f"({f'and {hidden} more' if hidden else 'more'}{where})"
-    if kept == rows and cell_len(kept[-1]) + 1 + cell_len(more) <= room:
-        kept[-1] += f" {more}"
-    elif kept == rows and len(rows) < most:
-        kept.append(more)
-    else:
-        kept[-1] = f"{_cut(kept[-1], room - 1 - cell_len(more))} {more}"
-    return ShortForm(kept, cut=True)
+    rows = list(faults[: MOST_ROWS - len(notices(snapshot, width))])
+    hidden = len(faults) - len(rows)
+    cut = hidden > 0 or any(cell_len(row) > room for row in rows)
+    more = f" ({f'and {hidden} more' if hidden else 'more'}{where})" if cut else ""
+    rows[:-1] = [_cut(row, room) for row in rows[:-1]]
+    rows[-1:] = [_cut(row, room - len(more)) + more for row in rows[-1:]]
+    return ShortForm(rows, cut)
 
 
-def _cut(row: str, width: int) -> str:
-    """The first words of a row: a number tells nothing without what it counts."""
-    words = row.split()
-    while words and (cell_len(" ".join(words)) > width - 2 or words[-1].isdigit()):
-        words.pop()
-    return f"{' '.join(words)} …" if words else shortened(f"{row} …", width)
+def _cut(fault: str, room: int) -> str:
+    """Whole words: half a number says something else."""
+    return fault if cell_len(fault) <= room else f"{wrapped(fault, room - 2)[0]} …"
 
 
 # The banner: the one thing that the referee should look at now.
@@ -96,30 +80,24 @@ class Banner(View):
 
 def banner(snapshot: Snapshot) -> tuple[str, Tone]:
     run = snapshot.run
+    silent = snapshot.playback is not None or snapshot.right.only_watches
     if (false_start := run.undecided_false_start) is not None:
         at = "" if run.start is None else f" at {false_start.time - run.start:.1f} s"
-        return f" FALSE START: {false_start.event.words}{at}{_decision(snapshot)} ", Tone.ALARM
+        again = "r restarts the countdown, " if run.phase is Phase.COUNTDOWN else ""
+        how = "" if silent else f": {again}a accepts it with a reason"
+        return f" FALSE START: {false_start.event.words}{at}{how} ", Tone.ALARM
     if writing := snapshot.pulse.writing:
         how = "; F8 withdraws it" if snapshot.refusal(Abort.name) is None else ""
         return f" {writing.upper()}: waiting for the disk{how} ", Tone.NOTICE
     if snapshot.ask_referee is not None:
-        silent = snapshot.playback is not None or snapshot.right.only_watches
         how = "" if silent else " (1-6 rules on a step)"
         return f" REFEREE: {snapshot.ask_referee}{how} ", Tone.NOTICE
     if snapshot.settling:
         return "door closed: waiting for the settle time of step 6", Tone.WARN
-    return _next(snapshot), Tone.PLAIN
+    return _next(snapshot, silent=silent), Tone.PLAIN
 
 
-def _decision(snapshot: Snapshot) -> str:
-    if snapshot.playback is not None or snapshot.right.only_watches:
-        return ""
-    again = "r restarts the countdown, " if snapshot.run.phase is Phase.COUNTDOWN else ""
-    return f": {again}a accepts it with a reason"
-
-
-def _next(snapshot: Snapshot) -> str:
-    read_only = snapshot.playback is not None or snapshot.right.only_watches
+def _next(snapshot: Snapshot, *, silent: bool) -> str:
     match snapshot.run.phase:
         case Phase.IDLE | Phase.READY if snapshot.right.only_watches:
             return ""
@@ -140,121 +118,53 @@ def _next(snapshot: Snapshot) -> str:
                 return "the result is being scored again"
             return "the run has stopped" if snapshot.playback else "the result is being written"
         case Phase.FINAL:
-            more = "F4: result" if read_only else "x sets up the next run"
+            more = "F4: result" if silent else "x sets up the next run"
             return f"the result is final: {more}"
 
 
 # The evidence line: what is recorded, and what is lost.
 
 
-_GAP = "  "
-
-_LEAST = 20
-"""A topic that is cut takes this many cells at least."""
-
-_ENDINGS = ("/image_raw/compressed", "/image/compressed", "/compressed", "/image_raw", "/image")
-
-
 class EvidenceLine(View):
-    """What is wrong first, then how long there is room, then what comes, as far as it fits."""
+    """What is wrong with all of it, how long there is room, the worst topic, what comes."""
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        evidence = snapshot.evidence
-        if evidence is None:
+        if (evidence := snapshot.evidence) is None:
             return ()
-        names = _short_names([topic.topic for topic in evidence.topics])
-        topics = sorted(evidence.topics, key=lambda t: (not t.problem, -t.lost, t.topic))
-        least = "+" if evidence.gaps else ""  # nobody counts what comes while nothing is recorded
-        poor = [_poor(one, names[one.topic], least) for one in topics if _is_poor(one)]
-        good = [_good(one, names[one.topic]) for one in topics if not _is_poor(one)]
-        room = _room(evidence)
-        row = [Span("evidence", Tone.STRONG), *_of_all(evidence)]
-        row += _as_they_fit(poor, width - width_of(tuple(row)) - width_of(room))
-        for part in (room, *_sums(evidence), *good):
-            if width_of(tuple(row)) + width_of(part) > width:
-                break
-            row += part
-        return [line(*_cut_spans(row, width))]
+        row = line(Span("evidence", Tone.STRONG))
+        for text, tone in _parts(evidence):
+            if part := shortened(f"  {text}", width - width_of(row)):
+                row = (*row, Span(part, tone))
+        return [row]
 
 
-def _of_all(evidence: EvidenceView) -> Iterator[Span]:
+def _parts(evidence: EvidenceView) -> Iterator[Span]:
     if evidence.problem is not None:
-        yield Span(f"{_GAP}{evidence.problem}", Tone.BAD)
+        yield Span(evidence.problem, Tone.BAD)
     elif not evidence.topics:
-        yield Span(f"{_GAP}none of its topics is there", Tone.WARN)
+        yield Span("none of its topics is there", Tone.WARN)
     if over := [gap for gap in evidence.gaps if gap.end is not None]:
         number = sum(gap.number for gap in over)
         when = over[-1].words if number == 1 else f"{number} times"
-        yield Span(f"{_GAP}missing {when}", Tone.WARN)
-
-
-def _room(evidence: EvidenceView) -> Line:
-    if evidence.room is None:
-        return ()
-    return (Span(f"{_GAP}room for {format_duration(evidence.room)}"),)
-
-
-def _sums(evidence: EvidenceView) -> Iterator[Line]:
+        yield Span(f"missing {when}", Tone.WARN)
+    if evidence.room is not None:
+        yield Span(f"room for {format_duration(evidence.room)}")
+    if poor := [topic for topic in evidence.topics if topic.lost or topic.problem]:
+        yield Span(_worst(poor, "+" if evidence.gaps else ""), Tone.WARN)
     if number := len(evidence.topics):
         byte_rate = sum(topic.byte_rate for topic in evidence.topics)
-        yield (Span(f"{_GAP}{counted(number, 'topic')} {byte_rate / 1e6:.1f} MB/s"),)
+        yield Span(f"{counted(number, 'topic')} {byte_rate / 1e6:.1f} MB/s")
     if evidence.recording:
-        yield (Span(f"{_GAP}{evidence.size / 1e6:.0f} MB recorded", Tone.DIM),)
+        yield Span(f"{evidence.size / 1e6:.0f} MB recorded", Tone.DIM)
 
 
-def _is_poor(topic: EvidenceTopicView) -> bool:
-    return bool(topic.lost or topic.problem)
+def _worst(poor: Sequence[EvidenceTopicView], least: str) -> str:
+    """The topic that lacks most, a silent one before others, and how many more there are.
 
-
-def _poor(topic: EvidenceTopicView, name: str, least: str) -> Line:
-    lost = f"{topic.lost}{least} lost" if topic.lost else ""
-    wrong = ", ".join(filter(None, (topic.problem, lost)))
-    return (Span(f"{_GAP}{name} ", Tone.DIM), Span(wrong, Tone.WARN))
-
-
-def _good(topic: EvidenceTopicView, name: str) -> Line:
-    words = f"{topic.rate:.1f} Hz {_size(topic.byte_rate)}/s"
-    return (Span(f"{_GAP}{name} ", Tone.DIM), Span(words))
-
-
-def _as_they_fit(parts: Sequence[Line], width: int) -> Line:
-    """The parts that fit, and how many more there are.
-
-    The first part is cut if necessary. If not even it would be legible, all are only counted.
+    `least` marks a number as the least: nobody counts what comes while nothing is recorded.
     """
-    row: Line = ()
-    more = len(f"{_GAP}and {len(parts)} more") if len(parts) > 1 else 0
-    if parts and width - more < min(_LEAST, width_of(parts[0])):
-        topics = f"{len(parts)} topics lack" if len(parts) > 1 else "1 topic lacks"
-        return (Span(f"{_GAP}{topics} some", Tone.WARN),)
-    for number, part in enumerate(parts):
-        after = more if number < len(parts) - 1 else 0
-        if number and width_of(row) + width_of(part) + after > width:
-            return (*row, Span(f"{_GAP}and {len(parts) - number} more", Tone.WARN))
-        row = _cut_spans((*row, *part), width - after)
-    return row
-
-
-def _cut_spans(row: Sequence[Span], width: int) -> Line:
-    kept: list[Span] = []
-    for span in row:
-        rest = width - width_of(tuple(kept))
-        if text := shortened(span.text, rest):
-            kept.append(Span(text, span.tone))
-    return tuple(kept)
-
-
-def _short_names(topics: Sequence[str]) -> dict[str, str]:
-    """Topic names without the common end of all cameras' topics, if they still differ."""
-    short = {topic: topic.removeprefix("/") for topic in topics}
-    for topic, name in short.items():
-        for ending in _ENDINGS:
-            cut = name.removesuffix(ending)
-            if cut and cut != name and cut not in short.values():
-                short[topic] = cut
-                break
-    return short
-
-
-def _size(number: float) -> str:
-    return f"{number / 1e6:.1f} MB" if number >= 100_000 else f"{number / 1e3:.1f} kB"
+    worst = min(poor, key=lambda topic: (not topic.problem, -topic.lost, topic.topic))
+    lost = f"{worst.lost}{least} lost" if worst.lost else ""
+    wrong = ", ".join(filter(None, (worst.problem, lost)))
+    more = f" and {len(poor) - 1} more" if len(poor) > 1 else ""
+    return f"{worst.topic} {wrong}{more}"

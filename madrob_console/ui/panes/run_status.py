@@ -11,7 +11,7 @@ from textual.geometry import Size
 
 from madrob_console.archive.folders import PICTURES_FOLDER
 from madrob_console.referee.acts.during import RULED
-from madrob_console.referee.flags import Flag, FlagWeight, doubted_words, undecided, worst
+from madrob_console.referee.flags import Flag, FlagWeight, doubted_words, undecided, weighty
 from madrob_console.referee.records import relative_text
 from madrob_console.referee.run import Phase, Run
 from madrob_console.ui.cells.large_text import HEIGHT, large_text, rows_of, width_of_large
@@ -399,14 +399,13 @@ FLAG_TONES = {
     FlagWeight.CAUTION: Tone.WARN,
     FlagWeight.ALARM: Tone.BAD,
 }
-_SIGNS = {None: "", FlagWeight.REMARK: "", FlagWeight.CAUTION: "!", FlagWeight.ALARM: "!!"}
 _BETWEEN = Span("; ", Tone.DIM)
 
 
 def flag_sign(found: Iterable[Flag]) -> str:
-    """The most serious flag in two cells, `!!` with one undecided; empty if none weighs."""
+    """`!!` where the referee has to decide, `!` where the score is changed, else empty."""
     flags = tuple(found)
-    return _SIGNS[FlagWeight.ALARM if undecided(flags) else worst(flags)]
+    return "!!" if undecided(flags) else "!" if weighty(flags) else ""
 
 
 def flag_lines(

@@ -22,7 +22,7 @@ from madrob_console.archive.collection import filter_problem, matches
 from madrob_console.archive.history import PROTEST_OPEN, RunSummary, condition_words, time_words
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
-from madrob_console.referee.flags import FlagKind, FlagWeight, undecided, worst
+from madrob_console.referee.flags import FlagKind, undecided, weighty
 from madrob_console.ui.cells.dialog import Field
 from madrob_console.ui.cells.lines import Label, Span, Tone
 from madrob_console.ui.cells.table import Column, Row, Table
@@ -305,10 +305,10 @@ def _outcome(run: RunSummary) -> Span:
     unsigned = "*" if run.issue and not run.final and not void else ""
     if run.protest_due is not None:
         unsigned = "P"
-    heaviest, signs = worst(run.flags), unsigned + flag_sign(run.flags)
+    signs = unsigned + flag_sign(run.flags)
     tone = Tone.BAD if run.problem else _OUTCOME_TONES[run.outcome]
-    if tone is not Tone.BAD and heaviest in (FlagWeight.CAUTION, FlagWeight.ALARM):
-        tone = FLAG_TONES[heaviest]
+    if tone is not Tone.BAD and (heavy := weighty(run.flags)):
+        tone = FLAG_TONES[heavy[0].weight]
     word = shortened(run.outcome_word, _OUTCOME - len(f" {signs}" if signs else ""))
     return Span(f"{word} {signs}".rstrip(), tone)
 

@@ -23,7 +23,7 @@ from recorder.bag import RawMessage, Topic
 from recorder.reader import read_bag
 from scoring.protocol import Condition
 from scoring.result import Result
-from tests.madrob_console.engine.drive import STEP, Drive, make_setup
+from tests.madrob_console.engine.drive import STEP, OfficialDrive, make_setup
 from tests.madrob_console.engine.spoilt import Edit, Fault, Spoil, edited, spoiler
 
 TIMEOUT = 16.0
@@ -50,6 +50,7 @@ class FaultySource:
         self._spoils: dict[str, Spoil] = {}
         self._publishers: dict[str, int] = {}
         self._coming: list[RawMessage] = []
+        self._deliver: Callable[[int], int] = lambda at: at
 
     def spoil(self, topic: str, fault: Fault) -> None:
         """From now on `topic` is faulty."""
@@ -76,6 +77,10 @@ class FaultySource:
             structs.replace(message, data=d) for d in islice(again, 1)
         ]
 
+    def deliver(self, when: Callable[[int], int]) -> None:
+        """From now on what would come at a time, ns since the epoch, comes at another one."""
+        self._deliver = when
+
     def heal(self, topic: str) -> None:
         """From now on `topic` is honest again."""
         self._spoils.pop(topic, None)
@@ -84,7 +89,8 @@ class FaultySource:
     def take_messages(self, timeout: float) -> list[RawMessage]:
         for message in self._source.take_messages(timeout):
             spoil = self._spoils.get(message.topic)
-            self._coming += [message] if spoil is None else spoil(message)
+            came = structs.replace(message, receive_ns=self._deliver(message.receive_ns))
+            self._coming += [came] if spoil is None else spoil(came)
         self._coming.sort(key=lambda message: message.receive_ns)
         now = self._clock.now_ns()
         taken = [m for m in self._coming if m.receive_ns <= now]
@@ -139,8 +145,8 @@ class FaultySource:
         self._source.close()
 
 
-class FaultyDrive(Drive):
-    """A drive on a testbed that can be spoiled."""
+class FaultyDrive(OfficialDrive):
+    """A drive on a testbed that can be spoiled; its runs count."""
 
     def __init__(self, results: Path) -> None:
         super().__init__(results)
@@ -201,4 +207,4 @@ class FaultyDrive(Drive):
 
     def faults(self) -> str:
         """The fault lines."""
-        return "\n".join(self.engine.snapshot().faults)
+        return "\n".join(self.engine.snapshot().all_faults)

@@ -33,7 +33,7 @@ class Referee(Drive):
 
     def look(self) -> None:
         self.engine.step(0.0)
-        self.faults |= set(self.engine.snapshot().faults)
+        self.faults |= set(self.engine.snapshot().all_faults)
 
     def settle(self, patience: float = 60.0) -> None:
         """Until there is the result that was asked for."""
@@ -65,7 +65,7 @@ class Referee(Drive):
         shown = self.engine.scored.result
         assert again == replace(shown, quality=again.quality)
         assert again.quality.signals == shown.quality.signals
-        assert self.engine.snapshot().faults == ()
+        assert self.engine.snapshot().all_faults == ()
         for name, content in self.engine.scored.files.items():
             assert (self.engine.folder / name).read_bytes() == content, name
 

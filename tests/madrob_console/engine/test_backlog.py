@@ -81,7 +81,7 @@ def test_what_is_late_is_judged_but_not_shown_and_that_is_said_for_a_while() -> 
     assert [recorded for _, recorded, _ in clock.seen] == [True] * 10
     assert shown == [True] * 6 + [False] * 4
     assert backlog.problem is not None
-    assert "4 messages are not shown" in backlog.problem
+    assert "4 messages are recorded but not shown" in backlog.problem
     clock.now += 2.1
     assert backlog.problem is None
 
@@ -94,7 +94,7 @@ def test_who_is_behind_says_how_far_and_up_to_when_all_was_seen() -> None:
     clock.now += LATEST + 0.3
     assert backlog.seen(50.0) == 20.0
     assert backlog.behind == pytest.approx(0.8)
-    assert str(backlog.problem).startswith("more comes than can be looked at: 0.8 s behind")
+    assert str(backlog.problem).startswith("the engine is 0.8 s behind")
 
 
 def test_to_the_end_nothing_is_late() -> None:

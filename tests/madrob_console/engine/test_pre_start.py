@@ -150,11 +150,11 @@ def test_a_disk_with_too_little_room_is_a_fault_as_long_as_nobody_waived_it(
     drive = Drive(tmp_path, disk_needed=5_000_000)
     drive.wait(LOOKED)
     said = "2.2 MB free, 5.0 MB needed"
-    assert f"disk space: {said}" in drive.engine.snapshot().faults
+    assert f"disk space: {said}" in drive.engine.snapshot().all_faults
     drive.prepare(make_setup())
     assert drive.check(CheckName.DISK) == f"failed: {said}"
     drive.act(Waive(CheckName.DISK, "more is on its way"))
-    assert not any(fault.startswith("disk space") for fault in drive.engine.snapshot().faults)
+    assert not any(fault.startswith("disk space") for fault in drive.engine.snapshot().all_faults)
 
 
 def fill_with_files(folder: Path) -> None:
@@ -277,7 +277,7 @@ def test_what_is_announced_in_an_official_run_is_a_fault_of_it(
     hall.source.told = OVER_ROS
     hall.wait(1.0)
     words = f"{INFO_TOPIC}: the testbed is simulated (nominal): void this run after its stop"
-    assert words in hall.engine.snapshot().faults
+    assert words in hall.engine.snapshot().all_faults
     hall.finish()
     assert hall.folder.parent == tmp_path  # what it is was set before it started
     assert [fault.text for fault in hall.engine.run.faults] == [words]
@@ -294,7 +294,7 @@ def test_what_is_announced_in_an_official_run_is_a_fault_of_it(
 def test_what_cannot_be_understood_is_said_and_makes_no_run_practice(tmp_path: Path) -> None:
     hall = Rehearsal(tmp_path, Announcement(problem="what is that?"))
     hall.start(setup())
-    assert f"{INFO_TOPIC}: what is that?" in hall.engine.snapshot().faults
+    assert f"{INFO_TOPIC}: what is that?" in hall.engine.snapshot().all_faults
     hall.finish()
     assert not hall.engine.run.practice
     assert [fault.text for fault in hall.engine.run.faults] == [f"{INFO_TOPIC}: what is that?"]

@@ -511,7 +511,7 @@ def test_one_that_somebody_stopped_is_replaced_and_the_result_is_soon_there(
 
         def there() -> bool:
             shown = engine.client.snapshot()
-            told.update(shown.faults)
+            told.update(shown.all_faults)
             return shown.result is not None
 
         until(there, scoring_process.PATIENCE - 1.0)

@@ -308,7 +308,7 @@ def test_a_denied_step_is_told_on_top(scored: Scored) -> None:
 
 def test_what_a_decision_hangs_on_is_told_on_top(page: Page, scored: Scored) -> None:
     head = page.inside("header")
-    assert "PROTESTED by the team; step 4 confirmed; 1 incident (fall)" in head
+    assert "PROTESTED by the team; step 4 confirmed 1 incident (fall)" in head
     assert "UNDECIDED" not in head
     assert scored.run.start is not None
     touched = FalseStart(scored.run.start - 1, EventName.HANDLE_IS_TOUCHED)

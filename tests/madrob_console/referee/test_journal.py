@@ -24,6 +24,7 @@ from madrob_console.referee.flags import (
     FlagWeight,
     flags,
     undecided,
+    untold_remarks,
     worst,
 )
 from madrob_console.referee.journal import Entry, Journal, Origin, read_journal
@@ -35,14 +36,17 @@ from madrob_console.referee.records import (
     Incident,
     IncidentKind,
     TeamWord,
+    Trouble,
     Voiding,
     Waiver,
+    merged,
 )
 from madrob_console.referee.records import TestbedFault as Fault
 from madrob_console.referee.run import Phase, Run, decide_false_starts
 from scoring.events import Evidence
 from scoring.procedure import Procedure, Ruling, follow_procedure
-from scoring.protocol import EventName, LockDetection, Outcome, Step
+from scoring.protocol import EventName, LockDetection, Outcome, Signal, Step
+from scoring.quality import Quality, SignalQuality
 from tests.madrob_console.referee.test_acts import SETUP
 from tests.madrob_console.ui.fake_engine import a_setup
 
@@ -248,12 +252,22 @@ def test_what_was_withdrawn_counts_for_nobody_who_reads(
     assert remarks == ()
 
 
+NEEDED = [signal for signal in Signal if not signal.optional]
+
 RUN = Run(start=100.0, stop=150.0, outcome=Outcome.COMPLETED)
 TOUCH = FalseStart(98.0, EventName.HANDLE_IS_TOUCHED)
 
 
 def ruled(step: Step, confirmed: bool | None) -> Ruling:
     return Ruling(step, confirmed, 160.0, "seen on video", "Ada")
+
+
+def late(time: float) -> Fault:
+    return Fault(time, "all 6 topics: stamps 0.12 s late, for 1.0 s", Trouble.SKEW)
+
+
+def waived(check: CheckName) -> Waiver:
+    return Waiver(check, "known", "Ada", 90.0)
 
 
 NAMED = replace(a_setup(), team_reason="renamed since")
@@ -266,7 +280,7 @@ NAMED = replace(a_setup(), team_reason="renamed since")
         (
             replace(RUN, setup=NAMED),
             "team's name other than the list's: renamed since",
-            FlagWeight.CAUTION,
+            FlagWeight.REMARK,
         ),
         (
             replace(RUN, false_starts=(TOUCH,)),
@@ -284,8 +298,18 @@ NAMED = replace(a_setup(), team_reason="renamed since")
             FlagWeight.REMARK,
         ),
         (
-            replace(RUN, faults=(Fault(99.0, "lost"), Fault(101.0, "lost again"))),
+            replace(RUN, faults=(late(99.0), late(101.0))),
             "2 testbed faults",
+            FlagWeight.REMARK,
+        ),
+        (
+            replace(RUN, faults=(late(99.0), Fault(101.0, "of an earlier version"))),
+            "2 testbed faults",
+            FlagWeight.CAUTION,
+        ),
+        (
+            replace(RUN, faults=(Fault(99.0, "keep one", Trouble.SEVERAL_PUBLISHERS),)),
+            "1 testbed fault",
             FlagWeight.CAUTION,
         ),
         (
@@ -296,11 +320,21 @@ NAMED = replace(a_setup(), team_reason="renamed since")
         (
             replace(RUN, incidents=(Incident(140.0, IncidentKind.FALL),)),
             "1 incident (fall)",
+            FlagWeight.REMARK,
+        ),
+        (
+            replace(RUN, waivers=(waived(CheckName.CLOCK),)),
+            "waived: clock skew",
+            FlagWeight.REMARK,
+        ),
+        (
+            replace(RUN, waivers=tuple(waived(name) for name in (CheckName.CLOCK, CheckName.POSE))),
+            "waived: clock skew, start pose",
             FlagWeight.CAUTION,
         ),
         (
-            replace(RUN, waivers=(Waiver(CheckName.CLOCK, "known", "Ada", 90.0),)),
-            "waived: clock skew",
+            replace(RUN, voided=Voiding(170.0, "the door was jammed", "Ada")),
+            "VOID, counts nowhere (the door was jammed)",
             FlagWeight.CAUTION,
         ),
         (
@@ -324,6 +358,90 @@ def test_what_a_decision_hangs_on_is_a_flag(run: Run, words: str, weight: FlagWe
     (flag,) = flags(run)
     assert (flag.words, flag.weight) == (words, weight)
     assert flag.undecided == ("UNDECIDED" in words)
+
+
+def a_signal(signal: Signal = Signal.DOOR, gap: float = 0.021) -> SignalQuality:
+    return SignalQuality(signal, 900, 50.0, gap, 0, 0.0002, 0, 0, 0, 0.01)
+
+
+SOUND = a_signal()
+
+
+@pytest.mark.parametrize(
+    ("signals", "words"),
+    [
+        ([a_signal(gap=0.5)], None),
+        ([a_signal(gap=0.51)], "door angle: no sample for 0.5 s"),
+        ([replace(SOUND, ends_early=3.0)], "door angle: no sample for 3.0 s"),
+        ([replace(SOUND, begins_late=3.0)], "door angle: no sample for 3.0 s"),
+        ([replace(SOUND, samples=0, largest_gap=None)], "door angle: nothing recorded"),
+        ([replace(SOUND, shifted=9)], "door angle: clock stepped, stamps shifted"),
+        ([a_signal(Signal.LATCH, 9.0)], None),
+        (
+            [a_signal(signal, 3.0) for signal in (Signal.DOOR, Signal.HANDLE)],
+            "door angle, handle force: no sample for 3.0 s",
+        ),
+        (
+            [a_signal(signal, 1.0 + at) for at, signal in enumerate(NEEDED)],
+            "all 6 topics: no sample for 6.0 s",
+        ),
+    ],
+)
+def test_what_may_have_been_missed_is_a_flag(
+    signals: list[SignalQuality], words: str | None
+) -> None:
+    wanted = [] if words is None else [Flag(FlagKind.FAULT, words, FlagWeight.CAUTION)]
+    assert list(flags(RUN, quality=Quality(tuple(signals)))) == wanted
+
+
+def test_a_remark_that_a_fault_has_told_is_not_told_again() -> None:
+    off = "stamps differ from reception by up to"
+    quality = Quality(
+        remarks=(
+            *(f"{signal.value}: {off} 0.{at} s" for at, signal in enumerate(NEEDED)),
+            *("door angle: 2 gaps, the longest 0.300 s", "the journal lacks 1 line"),
+        )
+    )
+    others = ["door angle: 2 gaps, the longest 0.300 s", "the journal lacks 1 line"]
+    assert untold_remarks(RUN, quality) == [f"all 6 topics: {off} 0.5 s", *others]
+    run = replace(RUN, faults=(late(110.0),))
+    told = replace(quality, remarks=(*quality.remarks, *run.remarks()))
+    assert untold_remarks(run, told) == others
+
+
+@pytest.mark.parametrize(
+    ("told", "lines"),
+    [
+        ([("a", "silent for 1.0 s")], ["a: silent for 1.0 s"]),
+        ([("a", "2 late"), ("b", "10 late"), ("c", "9 late")], ["a, b and 1 more: 10 late"]),
+        ([("a", "late"), ("b", "late"), ("c", "NaN")], ["a, b: late", "c: NaN"]),
+        ([("a", "late"), ("a", "9 Hz")], ["a: late; 9 Hz"]),
+        ([(one.value, "9 ms late") for one in NEEDED], ["all 6 topics: 9 ms late"]),
+        (
+            [(one.value, f"silent for 2.{at} s") for at, one in enumerate(NEEDED)],
+            ["no testbed: all 6 topics silent for 2.5 s"],
+        ),
+    ],
+)
+def test_one_cause_is_one_line(told: list[tuple[str, str]], lines: list[str]) -> None:
+    assert merged(told) == lines
+
+
+def test_a_fault_that_is_noted_again_has_its_newest_words() -> None:
+    entries = [
+        Entry(101.0, Origin.SYSTEM, Change.FAULT, reason=words, details=details)
+        for words, details in (
+            ("door angle: silent for 1.0 s", {"time": 100.5, "kind": "silent"}),
+            ("door angle: of an earlier version", {"time": 100.5}),
+            ("door angle, handle force: silent for 3.0 s", {"time": 100.5, "kind": "silent"}),
+            ("of a later version", {"time": 100.5, "kind": "moon"}),
+        )
+    ]
+    assert rebuild(entries).faults == (
+        Fault(100.5, "door angle: of an earlier version"),
+        Fault(100.5, "door angle, handle force: silent for 3.0 s", Trouble.SILENT),
+        Fault(100.5, "of a later version"),
+    )
 
 
 def test_what_was_taken_back_is_no_flag() -> None:

@@ -342,7 +342,7 @@ def test_what_is_doubted_is_one_flag_that_waits_for_the_referee() -> None:
         STOPPED, time_to_handle=(TOUCH,), smoothness_of_door_actuation=(JITTER, "it stepped")
     )
     words = "doubted: time to handle, smoothness of door actuation (3 doubts UNDECIDED)"
-    assert flag == Flag(FlagKind.DOUBT, words, FlagWeight.CAUTION, undecided=True)
+    assert flag == Flag(FlagKind.DOUBT, words, FlagWeight.ALARM, undecided=True)
     (flag,) = found(STOPPED)
     assert flag.words == "doubted: time to handle, passage time (1 doubt UNDECIDED)"
 
