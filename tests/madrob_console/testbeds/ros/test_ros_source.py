@@ -534,7 +534,7 @@ def test_a_publisher_that_comes_back_with_another_type_is_named(
 def test_a_publisher_of_another_type_beside_the_right_one_is_named(
     watched: Watched, ros_domain: int
 ) -> None:
-    words = f"^{HANDLE}: another publisher sends std_msgs/msg/String: stop that one"
+    words = "^handle force: another publisher sends std_msgs/msg/String: stop that one"
     with Peer(ros_domain) as stranger:
         stranger.publisher(HANDLE, STRING)
         watched.until(watched.names(words), PATIENCE)
