@@ -188,12 +188,21 @@ class Result:
         return doubts_of(self.indicators)
 
     @property
+    def lacks_steps(self) -> bool:
+        """Whether a run that ended as completed has steps that do not count."""
+        return self.outcome is Outcome.COMPLETED and not all(one.done for one in self.steps)
+
+    @property
     def ended(self) -> str:
-        """Why it ended; of a completed run how many steps count, where not all do."""
-        counting = sum(record.done for record in self.steps)
-        if self.outcome is not Outcome.COMPLETED or counting == len(self.steps):
+        """Why it ended; of a run that lacks steps, how many count, and why not the next one."""
+        if not self.lacks_steps:
             return self.outcome_reason
-        return f"{counting} of {len(self.steps)} steps count"
+        undone = [record for record in self.steps if not record.done]
+        step, count = undone[0].step, len(self.steps) - len(undone)
+        why = f"step {step:d}: {undone[0].why_not}"
+        if undone[0].denied:
+            why = f"the referee denied step {step:d}"
+        return f"{count} of {len(self.steps)} steps count: {why}"
 
 
 def doubts_of(
@@ -232,13 +241,14 @@ def value_text(value: float, uncertainty: Uncertainty | None = None) -> str:
 
     Counts as they are; numbers down to the digit that their expanded uncertainty leaves
     (`uncertainty_text`), with four decimals where none is known; exact ones, such as a timeout's
-    time, without zeros at their end; very small or large ones in powers.
+    time, with two from 1 on and no zeros at their end; very small or large ones in powers.
     """
     if isinstance(value, int):
         return str(value)
     plain = value == 0 or 1e-2 <= abs(value) < 1e6
     if uncertainty is None or not uncertainty.expanded:
-        text = f"{value:.4f}" if plain else f"{value:.4e}"
+        decimals = 4 if uncertainty is None or abs(value) < 1 else 2
+        text = f"{value:.{decimals}f}" if plain else f"{value:.4e}"
         return text if uncertainty is None else without_zeros(text)
     if plain:
         return f"{value:.{decimals_left(uncertainty)}f}"

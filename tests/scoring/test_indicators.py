@@ -336,6 +336,7 @@ def test_the_sides_of_the_condition_decide_which_passage_events_count() -> None:
         (0.001, 1e-5, "1.00e-03", "+- 1e-05"),
         (60.0, 0.0, "60", ""),  # a timeout: exact
         (47.12, 0.0, "47.12", ""),
+        (12.7602, 0.0, "12.76", ""),  # declared: no more digits than beside it
         (0.0, 0.0, "0", ""),
         (1e-3, 0.0, "1.0000e-03", ""),
         (4, 0.0, "4", ""),

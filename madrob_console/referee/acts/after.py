@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -21,7 +20,7 @@ from madrob_console.referee.acts.act import (
     ask_why,
     reasons,
 )
-from madrob_console.referee.flags import Doubts, FlagKind, doubted_words, undecided, waiting_doubts
+from madrob_console.referee.flags import Doubts, doubted_words, undecided, waiting_doubts
 from madrob_console.referee.records import (
     AcceptedDoubts,
     Closure,
@@ -45,13 +44,6 @@ _SO = (
     Option("n", "no: decide first", None),
     Option("y", "yes, sign it as it is: that stays on record", _SIGN),
 )
-DECIDED_BY: Mapping[str, str] = {
-    FlagKind.FALSE_START: "a accepts it with a reason",
-    FlagKind.UNDECIDED_STEP: "its number confirms or denies it",
-    FlagKind.DOUBT: "d accepts it with a reason",
-    FlagKind.PROTEST: "P decides it",
-}
-"""Kind of an undecided flag -> the key that decides it."""
 _NOTE = Write("Note (Enter for none):")
 _NAMELESS = "finalising needs the referee's name"
 

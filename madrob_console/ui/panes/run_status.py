@@ -1,27 +1,23 @@
-"""Where the run stands: words, clock, the six steps, marks and files."""
+"""Where the run stands: words, clock, the six steps, flags."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from rich.cells import cell_len
 from textual.geometry import Size
 
-from madrob_console.archive.folders import PICTURES_FOLDER
 from madrob_console.referee.acts.during import RULED
-from madrob_console.referee.flags import Flag, FlagWeight, doubted_words, undecided, weighty
+from madrob_console.referee.flags import Flag, FlagWeight, undecided, weighty
 from madrob_console.referee.records import relative_text
 from madrob_console.referee.run import Phase, Run
 from madrob_console.ui.cells.large_text import HEIGHT, large_text, rows_of, width_of_large
-from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph, width_of
+from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
 from madrob_console.ui.look.words import (
     OUTCOMES,
     PHASES,
     clock_text,
-    cut_inside,
-    date_of,
     fitted,
     minutes_text,
     rough_text,
@@ -32,6 +28,7 @@ from scoring.protocol import Outcome
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
+    from scoring.result import Result
 
 # The run's clock in large digits.
 
@@ -105,8 +102,9 @@ class RunStatus(View):
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         run, size = snapshot.run, clock_size(self.app.size)
-        phase = phase_span(run)
-        stands = line(phase, *_on_its_way(snapshot), *_time_left(snapshot))
+        phase = phase_span(run, snapshot.result)
+        unsaved = Span("  NOT ON DISK YET" if snapshot.pulse.unsaved else "", Tone.WARN)
+        stands = line(phase, unsaved, *_time_left(snapshot))
         who, condition = line(who_text(run)), line(Span(_condition(run), Tone.DIM))
         if size == 1:
             return [stands, who, condition]
@@ -123,9 +121,12 @@ def in_large(span: Span, width: int, size: int, *, ascii_only: bool) -> list[Lin
     return [line(Span(row, span.tone)) for row in rows or ()]
 
 
-def phase_span(run: Run) -> Span:
+def phase_span(run: Run, result: Result | None = None) -> Span:
+    """The phase or the outcome; with the result, `ENDED` where not all steps of a run count."""
     if run.outcome is not None:
-        return Span(OUTCOMES[run.outcome].partition(":")[0], TONES[run.outcome])
+        word = OUTCOMES[run.outcome].partition(":")[0]
+        lacks_steps = result is not None and result.lacks_steps
+        return Span("ENDED" if lacks_steps else word, TONES[run.outcome])
     tone = Tone.GOOD if run.phase is Phase.RUNNING else Tone.STRONG
     return Span(PHASES[run.phase], Tone.WARN if run.phase is Phase.COUNTDOWN else tone)
 
@@ -143,16 +144,7 @@ def who_text(run: Run) -> str:
 
 
 def what_text(run: Run) -> str:
-    if run.setup is None:
-        return who_text(run)
-    condition = run.setup.condition
-    what = f"condition {condition.number}: {condition.benchmark_type}, {condition.way}"
-    return f"{who_text(run)}, {what}"
-
-
-def _on_its_way(snapshot: Snapshot) -> Line:
-    """What has happened, but is not on disk yet."""
-    return line(Span("  NOT ON DISK YET", Tone.WARN)) if snapshot.pulse.unsaved else ()
+    return ", ".join(filter(None, (who_text(run), _condition(run))))
 
 
 def _time_left(snapshot: Snapshot) -> Line:
@@ -178,120 +170,71 @@ def _condition(run: Run) -> str:
     return f"condition {condition.number}: {condition.way}, {condition.benchmark_type}"
 
 
-# The six steps: what the sensors say, what the referee says, what counts.
+# The six steps: when each was done, the referee's ruling, why one is not done.
 
 
-_NARROW = 50
-"""Cells without the column of reasons; with fewer, only what counts is shown."""
-
-_COMPACT = 34
-"""Cells of what counts with `ref` behind it; with fewer, an `R` stands before the step."""
-
-_LEAST_ROOM = 14
-"""Cells that a column of reasons needs."""
+_STEP = 23
+"""Cells of mark, number and name."""
+_TIME = 8
+_REASON = 20
+"""Cells of a ruling with its reason; with fewer, it stands without."""
+_MARKS = {"✓": Tone.GOOD, "x": Tone.BAD, ">": Tone.STRONG, " ": Tone.DIM}
 
 
 class StepTable(View):
-    """The steps as they stand, or as they are in the result."""
-
-    def __init__(self, *, of_result: bool = False) -> None:
-        super().__init__()
-        self._of_result = of_result
+    """The steps of the result, or as they stand while there is none."""
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         result = snapshot.result
-        if not self._of_result:
-            return step_lines(snapshot.steps, snapshot.run.start, width, settled=result is not None)
-        return [] if result is None else result_step_lines(result.steps, result.start, width)
+        if result is None:
+            return step_lines(snapshot.steps, snapshot.run.start, width, settled=False)
+        return step_lines(result.steps, result.start, width)
 
 
 def step_lines(
     steps: Sequence[StepRecord], start: float | None, width: int, *, settled: bool = True
 ) -> list[Line]:
-    """The table of a run that goes on, times in s since `start` (s since the epoch).
+    """Times in s since `start` (s since the epoch).
 
-    With room, a column says why a step is not done. `settled`: no time can change any more;
-    else those that can are rough and marked.
+    `settled`: no time can change any more; else those that can are rough and marked.
     """
-    room = _room(width)
-    pending = next((record.step for record in steps if not record.done), None)
-    rows = [_head(width, "counts" if settled else "so far", why=bool(room))]
+    cells = min(_TIME, width - _STEP)
+    room = width - _STEP - cells - 2
+    pending = None if settled else next((one.step for one in steps if not one.done), None)
+    head = f"{'    step':<{_STEP}}{'counts' if settled else 'so far':>{cells}}  ruling (sensors)"
+    rows = [line(Span(fitted(head, width), Tone.DIM))]
     for record in steps:
         rough = not settled and record.step in UNSETTLED
-        row = _row(record, start, width, is_next=record.step is pending, rough=rough)
-        why = Span(f"  {fitted(record.reason or '', room)}", Tone.DIM)
-        rows.append(line(*row, why if room else ""))
+        counts = step_time(record.final, start, rough=rough) if record.done else "no"
+        words = _words_on_step(record, step_time(record.sensors, start, rough=rough), room)
+        mark = (
+            "✓" if record.done else "x" if record.denied else ">" if record.step is pending else " "
+        )
+        tone = _MARKS[mark]
+        rows.append(
+            line(
+                Span(f"{mark} ", tone),
+                Span(
+                    f"{record.step} {record.step.text:<{_STEP - 4}}",
+                    Tone.PLAIN if record.done else tone,
+                ),
+                Span(f"{counts:>{cells}}", tone),
+                Span(
+                    f"  {fitted(words, room)}" if room > 0 else "",
+                    Tone.DIM if record.referee is None else Tone.WARN,
+                ),
+            )
+        )
     return rows
 
 
-def result_step_lines(steps: Sequence[StepRecord], start: float, width: int) -> list[Line]:
-    """The table of a result; why a step is not done stands beside it, without room below it."""
-    room = _room(width)
-    rows = [_head(width, "counts", why=bool(room))]
-    for record in steps:
-        row, why = _row(record, start, width, is_next=False, rough=False), record.why_not
-        if room:
-            rows.append(line(*row, Span(f"  {fitted(why, room)}", Tone.DIM)))
-        else:
-            below = paragraph(why, width, Tone.DIM, head=line(" " * 4)) if why else []
-            rows += [row, *below]
-    return rows
-
-
-def _room(width: int) -> int:
-    """Cells for reasons in a column; 0 for too few."""
-    room = width - _NARROW - 2
-    return room if room >= _LEAST_ROOM else 0
-
-
-def _head(width: int, last: str, *, why: bool) -> Line:
-    if width < _NARROW:
-        text = f"    {'step':<19}{last:>7}"
-    else:
-        text = f"    {'step':<19} {'sensors':>7}  {'referee':<9} {last:>7}"
-    return line(Span(fitted(text + ("  why not" if why else ""), width), Tone.DIM))
-
-
-def _row(
-    record: StepRecord, start: float | None, width: int, *, is_next: bool, rough: bool
-) -> Line:
-    if width < _NARROW:
-        return _compact(record, start, width, is_next=is_next, rough=rough)
+def _words_on_step(record: StepRecord, sensors: str, room: int) -> str:
+    """The referee's ruling beside what the sensors say, or why the step is not done."""
     ruling = record.referee
-    said = "-" if ruling is None else "confirmed" if ruling.confirmed else "denied"
-    mark = "x" if said == "denied" else ">" if is_next else " "
-    tone = Tone.STRONG if is_next else Tone.DIM
-    if record.done:
-        mark, tone = "✓", Tone.PLAIN
-    return line(
-        Span(f"{mark} ", Tone.GOOD if record.done else Tone.BAD if mark == "x" else Tone.STRONG),
-        Span(f"{record.step} {record.step.text:<19} ", tone),
-        Span(f"{step_time(record.sensors, start, rough=rough):>7}  ", tone),
-        Span(f"{said:<9} ", Tone.WARN if ruling is not None else Tone.DIM),
-        _counts(record, start, rough=rough),
-    )
-
-
-def _compact(
-    record: StepRecord, start: float | None, width: int, *, is_next: bool, rough: bool
-) -> Line:
-    counts = _counts(record, start, rough=rough)
-    ruled = record.referee is not None
-    roomy = width >= _COMPACT
-    return line(
-        Span("✓" if record.done else ">" if is_next else " ", counts.tone),
-        Span("R" if ruled and not roomy else " ", Tone.WARN),
-        f"{record.step} {record.step.text:<19}",
-        counts,
-        Span(" ref" if ruled and roomy else "", Tone.WARN),
-    )
-
-
-def _counts(record: StepRecord, start: float | None, *, rough: bool) -> Span:
-    if record.done:
-        text = step_time(record.final, start, rough=rough)
-        return Span(f"{text:>7}", Tone.PLAIN if rough else Tone.GOOD)
-    return Span(f"{'no':>7}", Tone.DIM)
+    if ruling is None:
+        return record.why_not if room >= _REASON else ""
+    by = f" by {ruling.referee or 'the referee'}: {ruling.reason}"
+    return f"{RULED[ruling.confirmed]} ({sensors}){by if room >= _REASON else ''}"
 
 
 def step_time(at: float | None, start: float | None, *, rough: bool) -> str:
@@ -301,97 +244,7 @@ def step_time(at: float | None, start: float | None, *, rough: bool) -> str:
     return relative_text(at, start)
 
 
-# Marks of a run: doubts, decisions, incidents, waivers, notes, files.
-
-
-class RunMarks(View):
-    """One row each, by kind, the newest first; then the folder (y copies it whole)."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.pictures = 0
-
-    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        if snapshot.result is None:
-            return ()
-        doubts = (
-            ("doubt", f"{words} ({', '.join(name.words for name in on)})")
-            for words, on in snapshot.result.doubts.items()
-        )
-        rows = [*doubts, *run_marks(snapshot.run)] or [("marks", "none")]
-        lines = [text for name, words in rows for text in _entry(name, words, width)]
-        lines += _path("files", snapshot.folder or "not known", width)
-        if self.pictures and snapshot.folder:
-            kind = f"{self.pictures} pictures"
-            lines += _path(kind, f"{snapshot.folder}/{PICTURES_FOLDER}", width)
-        return lines
-
-
-def run_marks(run: Run) -> Iterator[tuple[str, str]]:
-    """Kind and words of every mark, the newest of a kind first; times in s since the start."""
-    for false_start in reversed(run.false_starts):
-        what, decided = false_start.event.words, false_start.accepted or "UNDECIDED"
-        yield "false start", f"{_at(false_start.time, run)}{what} ({decided})"
-    yield from _protests(run)
-    yield from _decisions(run)
-    for incident in reversed(run.incidents):
-        more = f": {incident.note}" if incident.note else ""
-        gone = "" if incident.withdrawn is None else f" WITHDRAWN: {incident.withdrawn}"
-        yield "incident", f"{_at(incident.time, run)}{incident.kind}{more}{gone}"
-    for fault in reversed(run.faults):
-        yield "testbed fault", f"{_at(fault.time, run)}{fault.text}"
-    for waiver in run.waivers:
-        yield "waiver", f"{waiver.check}: {waiver.reason}"
-    for note in reversed(run.notes):
-        yield "note", f"{_at(note.time, run)}{note.text}"
-    for removed in reversed(run.removed_evidence):
-        yield "evidence removed", f"{date_of(removed.time)}: {removed.words}"
-
-
-def _protests(run: Run) -> Iterator[tuple[str, str]]:
-    for one in reversed(run.protests):
-        at = "" if one.at is None else f" {_at(one.at, run)}".rstrip()
-        late = f"; late, admitted: {one.late}" if one.late else ""
-        yield f"protest {one.number}", f"{one.team}, about {one.about}{at}: {one.text}{late}"
-        if (answer := one.answer) is not None:
-            came = f"; {one.late_decision}" if one.late_decision else ""
-            yield "  decision", f"{answer.end}: {answer.reason} ({answer.referee}){came}"
-
-
-def _decisions(run: Run) -> Iterator[tuple[str, str]]:
-    for one in reversed(run.reissues):
-        by = f" ({one.referee})" if one.referee else ""
-        yield f"issue {one.issue}", f"{date_of(one.time)}, {one.what}: {one.reason}{by}"
-    if run.voided is not None:
-        yield "void", f"{_at(run.voided.time, run)}{run.voided.reason}"
-    for change in reversed(run.corrections):
-        yield "correction", f"{_at(change.time, run)}{change.words}: {change.reason}"
-    for accepted in reversed(run.accepted_doubts):
-        words = f"{doubted_words(accepted.doubts)}: {accepted.reason}"
-        yield "doubt accepted", f"{_at(accepted.time, run)}{words}"
-    for back in reversed(run.taken_back):
-        yield "taken back", f"{_at(back.time, run)}{back.words}: {back.reason}"
-    for ruling in reversed(run.rulings):
-        word = RULED[ruling.confirmed]
-        yield "ruling", f"{_at(ruling.time, run)}step {ruling.step} {word}: {ruling.reason}"
-
-
-def _path(name: str, path: str, width: int) -> list[Line]:
-    head = f"{name:<18}"
-    if cell_len(head) + cell_len(path) > width:
-        head = f"{name} "
-    return [line(Span(head, Tone.DIM), Span(cut_inside(path, width - len(head)), Tone.STRONG))]
-
-
-def _at(time: float, run: Run) -> str:
-    return "" if run.start is None else f"{time - run.start:+.2f} s "
-
-
-def _entry(name: str, words: str, width: int, tone: Tone = Tone.PLAIN) -> list[Line]:
-    return paragraph(words, width, tone, head=(Span(f"{name:<18}", Tone.DIM),))
-
-
-# Flags on the screens: signs, tones, lines.
+# Flags on the screens: signs and tones; texts side by side.
 
 
 FLAG_TONES = {
@@ -399,7 +252,6 @@ FLAG_TONES = {
     FlagWeight.CAUTION: Tone.WARN,
     FlagWeight.ALARM: Tone.BAD,
 }
-_BETWEEN = Span("; ", Tone.DIM)
 
 
 def flag_sign(found: Iterable[Flag]) -> str:
@@ -408,20 +260,12 @@ def flag_sign(found: Iterable[Flag]) -> str:
     return "!!" if undecided(flags) else "!" if weighty(flags) else ""
 
 
-def flag_lines(
-    found: Sequence[Flag], width: int, hints: Mapping[str, str] | None = None
-) -> list[Line]:
-    """All words of some flags, each in its tone; `hints`: what the referee can do, by flag kind."""
-    rows: list[list[Span]] = []
-    for flag in found:
-        how = (hints or {}).get(flag.kind) if flag.undecided else None
-        text = flag.words + (f": {how}" if how else "")
-        tone = FLAG_TONES[flag.weight]
-        for number, part in enumerate(wrapped(text, width)):
-            span = Span(part, tone)
-            room = width - width_of((*rows[-1], _BETWEEN)) if rows else 0
-            if number == 0 and rows and width_of((span,)) <= room:
-                rows[-1] += [_BETWEEN, span]
-            else:
-                rows.append([span])
-    return [tuple(row) for row in rows]
+def packed(texts: Iterable[Span], width: int, between: str = "; ") -> list[Line]:
+    """Each text on the row of the one before it if it fits there, else on rows of its own."""
+    rows: list[Line] = []
+    for text in texts:
+        if rows and width_of(beside := line(*rows[-1], Span(between, Tone.DIM), text)) <= width:
+            rows[-1] = beside
+        else:
+            rows += [line(Span(part, text.tone)) for part in wrapped(text.text, width)]
+    return rows

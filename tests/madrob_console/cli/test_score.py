@@ -107,7 +107,7 @@ def test_what_a_decision_hangs_on_comes_before_the_numbers(
     assert score(folder) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[1:3] == [
-        "  outcome: completed (3 of 6 steps count), ruleset protocol",
+        "  outcome: completed (3 of 6 steps count: the referee denied step 4), ruleset protocol",
         "  flags: step 4 denied; SIMULATED: not an official result",
     ]
     (told,) = scored(capsys, folder)

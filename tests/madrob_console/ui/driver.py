@@ -22,6 +22,7 @@ from madrob_console.ui.cells.lines import TONE_CLASSES
 from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.console_app import TypeAhead
 from madrob_console.ui.link import ConsoleDefaults
+from madrob_console.ui.panes.result_pane import ResultsPane
 from madrob_console.ui.panes.runs_pane import HistoryPane, RunsPane
 from madrob_console.ui.panes.standings_pane import StandingsPane
 from scoring.protocol import Outcome
@@ -191,7 +192,7 @@ class PaneScreen(Screen[None]):
     COMPONENT_CLASSES: ClassVar[set[str]] = TONE_CLASSES
     AUTO_FOCUS = ""
 
-    def __init__(self, pane: HistoryPane | StandingsPane) -> None:
+    def __init__(self, pane: HistoryPane | StandingsPane | ResultsPane) -> None:
         super().__init__()
         self.pane = pane
 
@@ -206,7 +207,7 @@ class PaneApp(App[None]):
     HORIZONTAL_BREAKPOINTS = MadrobApp.HORIZONTAL_BREAKPOINTS
     VERTICAL_BREAKPOINTS = MadrobApp.VERTICAL_BREAKPOINTS
 
-    def __init__(self, pane: HistoryPane | StandingsPane) -> None:
+    def __init__(self, pane: HistoryPane | StandingsPane | ResultsPane) -> None:
         super().__init__()
         self.pane_screen = PaneScreen(pane)
         self.sent: list[Message] = []
@@ -252,7 +253,7 @@ class Shown:
 
 @asynccontextmanager
 async def showing(
-    pane: HistoryPane | StandingsPane, size: tuple[int, int] = PANE
+    pane: HistoryPane | StandingsPane | ResultsPane, size: tuple[int, int] = PANE
 ) -> AsyncIterator[Shown]:
     """The pane, entered."""
     app = PaneApp(pane)

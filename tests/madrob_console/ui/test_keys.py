@@ -41,7 +41,7 @@ from madrob_console.ui.keys.key_table import (
     START_ENGINE,
 )
 from madrob_console.ui.look.words import cut_inside, wrapped
-from madrob_console.ui.panes.run_status import RunMarks
+from madrob_console.ui.panes.result_pane import ResultDetails
 from madrob_console.ui.panes.runs_pane import HistoryPane
 from scoring.protocol import Outcome, Side, Step
 from tests.madrob_console.run_folders import summary, write
@@ -495,11 +495,11 @@ async def test_a_result_tells_how_many_pictures_there_are_and_y_copies_where(
     async with driving(engine) as driver:
         await driver.run()
         await driver.finish()
-        marks = driver.app.query_one(RunMarks)
-        while not marks.pictures:  # they are looked for in a thread
+        details = driver.app.query_one(ResultDetails)
+        while not details.pictures:  # they are looked for in a thread
             await driver.settle()
         await driver.settle()
-        shown = "".join(span.text for line in marks.lines(200) for span in line)
+        shown = "".join(span.text for line in details.lines(200) for span in line)
         assert f"2 pictures        {pictures}" in shown
         asked = driver.console.ask_copy("ada")
         assert not isinstance(asked, str)

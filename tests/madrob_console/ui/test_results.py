@@ -14,19 +14,23 @@ from madrob_console.engine.view import NO_STEPS
 from madrob_console.pages.tally import Aggregate
 from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
 from madrob_console.referee.lists import TeamList
-from madrob_console.referee.records import RemovedEvidence
+from madrob_console.referee.records import RemovedEvidence, Voiding
 from madrob_console.referee.records import TestbedFault as Fault
 from madrob_console.referee.run import Run
 from madrob_console.ui.cells.lines import Line, Tone
 from madrob_console.ui.look.words import date_of
-from madrob_console.ui.panes.result_pane import QualityTable, ResultHead, compared
-from madrob_console.ui.panes.run_status import run_marks
+from madrob_console.ui.panes.result_pane import (
+    ResultDetails,
+    ResultHead,
+    ResultsPane,
+    compared,
+    mark_words,
+)
 from madrob_console.ui.panes.runs_pane import HistoryPane, about, columns
 from madrob_console.ui.panes.runs_pane import summary as head_line
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import Outcome, Step
-from scoring.rest import RestForce
 from scoring.result import Indicator
 from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, summary
 from tests.madrob_console.ui.driver import LARGE, PANE, SMALL, Driver, Shown, driving, showing
@@ -58,7 +62,7 @@ async def test_a_result_that_the_disk_refuses_is_called_so_wherever_it_is_met(
     text = " ".join(running.text.split())
     assert "NOT ON DISK YET: only the engine has it, and goes on trying" in text
     assert "The result is NOT ON DISK yet" in running.console.status
-    assert "f finalises it" not in text
+    assert "Enter signs" not in text
     await running.press("f10")
     assert "only the engine has it" in " ".join(running.text.split())
     await running.press("escape", "f3")
@@ -67,7 +71,7 @@ async def test_a_result_that_the_disk_refuses_is_called_so_wherever_it_is_met(
     await running.press("f4")
     await running.settle()
     assert "NOT ON DISK" not in running.text
-    assert "f finalises it" in " ".join(running.text.split())
+    assert "Enter signs" in running.text
     engine.pulse = Pulse(waiting=1)  # an earlier run
     await running.settle()
     assert "NOT ON DISK" not in running.text
@@ -84,13 +88,14 @@ async def test_a_result_is_shown_whole(running: Driver, engine: FakeEngine) -> N
     text = await whole_text(running)
     for words in (
         "COMPLETED, valid (step 6 is done)",
-        "run 1 of subject 1 Door Bots, condition 1: No Force, pull, from CCW to CW",
-        "ruleset protocol, issue 1, not final yet: f finalises it",
+        "run 1 of subject 1 Door Bots, condition 1: pull, from CCW to CW, No Force",
+        "issue 1, not final: Enter signs, rules, corrects; v details",
         "SIMULATED: not an official result",
-        "execution time *               17.4320 s",
-        "smoothness of door actuation    0.0625 s^3/rad",
-        "capability level                     6 steps",
-        "✓ 6 lock the door         1.000  -           1.000",
+        "execution time, manual start   17.4320  s",
+        "smoothness of door actuation    0.0625  s^3/rad",
+        "capability level                     6  steps",
+        "✓ 6 lock the door         1.000",
+        "ruleset           protocol",
         "door angle           1221  50.0    21.3    0    0.8    4.0    0     0    0",
         "incident          +1.00 s collision",
         "note              +1.00 s dent",
@@ -114,20 +119,6 @@ async def test_a_reason_stands_apart_from_the_name_of_its_indicator(
     assert "smoothness of door actuation none: " in driver.console.panes.results.copied
 
 
-@pytest.mark.parametrize(("drift", "shown"), [(-5.5373, True), (0.9, False), (None, False)])
-async def test_a_drift_of_over_half_the_touch_threshold_stands_below_the_roughness(
-    driver: Driver, engine: FakeEngine, drift: float | None, shown: bool
-) -> None:
-    await finished(driver)
-    assert engine.result is not None
-    engine.result = replace(engine.result, rest=RestForce(drift=drift))
-    await driver.settle()
-    rows = driver.rows()
-    below = next(n for n, row in enumerate(rows) if "roughness of door" in row) + 1
-    assert ("at rest after, from zero       -5.54 N" in rows[below]) is shown
-    assert ("at rest" in driver.text) is shown
-
-
 async def test_the_first_screen_shows_outcome_and_all_indicators(driver: Driver) -> None:
     await finished(driver)
     assert "COMPLETED" in driver.text
@@ -140,6 +131,18 @@ async def test_a_missing_indicator_says_why(driver: Driver) -> None:
     assert "TIMEOUT, valid (because)" in driver.text
     reason = "passage time                 none: robot never reached the destination side"
     assert reason in driver.text
+
+
+async def test_a_denied_step_is_told_as_the_referees_word_and_never_as_the_sensors(
+    driver: Driver,
+) -> None:
+    await with_flags(driver)
+    assert "ENDED, valid (3 of 6 steps count: the referee denied step 4)" in driver.text
+    assert "COMPLETED" not in driver.text
+    row = next(row for row in driver.rows() if "4 cross the threshold" in row)
+    assert row.startswith(" x 4 cross the threshold      no  denied (1.000) by Ada: a wheel stayed")
+    await driver.press("f3")
+    assert "ENDED  3 of 6 steps count" in driver.text
 
 
 @pytest.mark.parametrize(
@@ -203,6 +206,8 @@ async def with_flags(driver: Driver) -> None:
         replace(record, final=None, reason=why[record.step]) if record.step in why else record
         for record in engine.steps
     )
+    cross = replace(engine.steps[3], referee=denial)
+    engine.steps = (*engine.steps[:3], cross, *engine.steps[4:])
     fault = Fault(engine.now, "/madrob/door/angle: lost")
     engine.run = replace(engine.run, rulings=(denial,), faults=(fault,))
     await driver.finish(reason="all six steps done")
@@ -213,24 +218,18 @@ async def test_what_a_decision_hangs_on_is_seen_first(driver: Driver) -> None:
     await with_flags(driver)
     shown = " ".join(driver.text.split())
     for words in (
-        "COMPLETED, valid (3 of 6 steps count)",
-        "1 false start UNDECIDED (handle touched): a accepts it with a reason",
+        "ENDED, valid (3 of 6 steps count: the referee denied step 4)",
+        "1 false start UNDECIDED (handle touched)",
         "step 4 denied",
         "1 testbed fault",
         "1 incident (fall)",
     ):
         assert words in shown
     assert shown.index("UNDECIDED") < shown.index("run 1 of subject 1")
+    assert "not final: Enter decides; v details" in shown
     assert "all six steps done" not in shown
     await driver.press("f3")
     assert "all six steps done" not in driver.text
-
-
-@pytest.mark.parametrize("size", [LARGE])
-async def test_the_live_screen_of_a_stopped_run_says_how_many_steps_count(driver: Driver) -> None:
-    await with_flags(driver)
-    await driver.press("f3")
-    assert "3 of 6 steps count" in driver.text
 
 
 async def test_a_reason_that_all_indicators_have_stands_there_once(
@@ -242,7 +241,8 @@ async def test_a_reason_that_all_indicators_have_stands_there_once(
     engine.result = replace(engine.result, indicators=none)
     await driver.settle()
     assert driver.text.count("run aborted: invalid") == 1
-    assert "indicators  none: run aborted: invalid" in driver.text
+    assert "values            none: run aborted: invalid" in driver.text
+    assert "issue 1, counts nowhere: x is the next run; v details" in driver.text
 
 
 @pytest.mark.parametrize("size", [LARGE])
@@ -251,7 +251,7 @@ async def test_a_result_that_was_signed_with_something_undecided_says_so(driver:
     await driver.press("f", "y", "a", "enter")
     assert "1 false start UNDECIDED (handle touched); step 4 denied" in driver.text
     assert "acknowledged by the team, signed Ada with what is undecided" in driver.text
-    assert "a accepts it" not in driver.text
+    assert "Enter" not in " ".join(driver.rows()[:20])
 
 
 def toned(driver: Driver, width: int = 78) -> dict[str, Tone]:
@@ -264,22 +264,21 @@ async def test_the_headline_has_the_colour_of_the_heaviest_flag(
     driver: Driver, engine: FakeEngine
 ) -> None:
     await with_flags(driver)
-    headline = "COMPLETED, valid (3 of 6 steps count)"
+    headline = "ENDED, valid (3 of 6 steps count: the referee denied step 4)"
     assert toned(driver)[headline] is Tone.BAD
     await driver.press("a", "1")
     assert toned(driver)[headline] is Tone.WARN
-    assert toned(driver)["1 false start accepted"] is Tone.DIM
+    assert "1 false start accepted" not in toned(driver)  # for information: among the marks
     engine.run = replace(engine.run, rulings=(), incidents=(), faults=(), decided=())
     assert toned(driver)[headline] is Tone.GOOD
 
 
-@pytest.mark.parametrize("size", [LARGE, (160, 50)])
-async def test_a_large_screen_says_why_a_step_is_not_done(driver: Driver) -> None:
+@pytest.mark.parametrize("size", [SMALL, LARGE, (160, 50)])
+async def test_a_step_that_is_not_done_says_why_and_v_has_all_of_it(driver: Driver) -> None:
     await with_flags(driver)
-    assert "denied by the referee" in driver.text
-    assert "comes after step 4" in driver.text
-    ruling = "step 4 denied: a wheel stayed on the line all the time"
-    assert ruling in driver.text  # the newest stands above the data quality
+    text = " ".join((await whole_text(driver)).split())
+    assert "comes after step 4" in text
+    assert "step 4 denied: a wheel stayed on the line all the time" in text
 
 
 @pytest.mark.parametrize("size", [SMALL, LARGE, (116, 40), (160, 50)])
@@ -298,11 +297,38 @@ async def test_a_long_reason_does_not_run_into_the_steps(
     assert seen == len(Step)
 
 
-def test_the_newest_ruling_comes_first() -> None:
+async def test_values_and_steps_of_an_ordinary_result_fill_20_rows_and_v_turns_to_its_details(
+    engine: FakeEngine,
+) -> None:
+    engine.kind = SourceKind.ROS
+    async with driving(engine) as driver:
+        await with_flags(driver)
+        snapshot = engine.snapshot()
+    async with showing(ResultsPane(lambda: ()), (80, 20)) as shown:
+        shown.app.pane_screen.pane.show(snapshot)
+        await shown.settle()
+        first = shown.text
+        for name in IndicatorName:
+            assert name.words in first
+        for step in Step:
+            assert f"{step} {step.text}" in first
+        assert "data quality" not in first
+        await shown.press("v")
+        assert "comparison" in shown.text
+        assert "data quality" in shown.text
+        assert "execution time" not in shown.text
+        await shown.press("v")
+        assert shown.text == first
+
+
+async def test_the_newest_mark_comes_first(driver: Driver) -> None:
+    await finished(driver)
+    assert driver.engine.result is not None
     said = ("first", "second")
     rulings = tuple(Ruling(Step.CROSS, True, 5.0, words, "Ada") for words in said)
-    words = [text for kind, text in run_marks(Run(rulings=rulings)) if kind == "ruling"]
-    assert [text.rpartition(" ")[2] for text in words] == ["second", "first"]
+    run = Run(rulings=rulings, voided=Voiding(4.0, "wrong door", "Ada"))
+    words = [text.split()[-1] for _, text in mark_words(run, driver.engine.result)]
+    assert words[-3:] == ["second", "first", "door"]
 
 
 @pytest.mark.parametrize(
@@ -318,13 +344,10 @@ def test_the_newest_ruling_comes_first() -> None:
 def test_a_difference_says_whether_it_is_better(
     name: IndicatorName, value: float, words: str, tone: Tone
 ) -> None:
-    indicator = Indicator.of(name, value)
     earlier = Aggregate.of([10.0, 10.0])
-    spans = compared(name, indicator, earlier, 2, width=75)
-    assert words in " ".join("".join(span.text for span in spans).split())
-    assert spans[0].tone is tone
-    narrow = compared(name, indicator, earlier, 2, width=62)
-    assert words in " ".join("".join(span.text for span in narrow).split())
+    assert earlier is not None
+    _, _, difference = compared(name, value, None, earlier, 2)
+    assert (" ".join(difference.text.split()), difference.tone) == (words, tone)
 
 
 async def test_a_result_does_not_say_that_something_may_still_come(
@@ -334,7 +357,7 @@ async def test_a_result_does_not_say_that_something_may_still_come(
     engine.steps = (replace(first, reason="handle not touched yet"), *others)
     await running.finish(Outcome.TIMEOUT, "the team gives up")
     assert "handle not touched" in running.text
-    assert "yet" not in running.text.replace("not final yet", "")
+    assert "yet" not in running.text
 
 
 @pytest.mark.parametrize("size", [SMALL, LARGE])
@@ -349,8 +372,8 @@ async def test_evidence_that_was_removed_is_not_shown_as_if_it_were_there(
     there = replace(snapshot, run=run)
     gone = replace(run, removed_evidence=(RemovedEvidence(1.7e9, 1, 34_300_000),))
     words = "1 topic, 881 messages, 34.3 MB"
-    assert shown(QualityTable().draw_lines(there, size[0])).endswith(words)
-    told = shown(QualityTable().draw_lines(replace(snapshot, run=gone), size[0]))
+    assert shown(ResultDetails().draw_lines(there, size[0])).endswith(words)
+    told = shown(ResultDetails().draw_lines(replace(snapshot, run=gone), size[0]))
     assert " ".join(told.split()).endswith(f"{words}; removed by tidy on {date_of(1.7e9)}")
 
 

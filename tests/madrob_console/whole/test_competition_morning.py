@@ -170,7 +170,7 @@ def test_a_competition_morning(window: Tmux, results: Path) -> None:
         if planned.issues > 1:
             referee.press("u", "Re-issue the final result")
             referee.press("2", "Re-issue the result?")
-            referee.press("y", f"issue {planned.issues}, not final yet")
+            referee.press("y", f"issue {planned.issues}, not final")
             finalise(referee, planned.word)
         before = planned
     look_back(referee, window)
