@@ -125,7 +125,7 @@ class IndicatorName(NamedRow):
         name="capability_level",
         unit="steps",
         title="level",
-        column="cap",
+        column="level",
         definition="how many of the six steps were done, 0 to 6.",
         explanation="How many of the six steps were done, each after all the ones before it.",
         higher_is_better=True,

@@ -29,7 +29,11 @@ def add_command(commands: options.Commands) -> None:
             "madrob plan",
             "madrob plan --plan tomorrow.csv --teams teams.csv",
             "madrob plan --json hall_a hall_b > plan.json",
+            "madrob plan --conditions",
         ),
+    )
+    parser.add_argument(
+        "--conditions", action="store_true", help="the twenty conditions and their numbers"
     )
     options.add_plan(parser)
     options.add_json(parser)
@@ -42,9 +46,12 @@ def main(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.common.version import software_version
         from madrob_console.config import load_settings
-        from madrob_console.pages.competition import plan_json, plan_lines
+        from madrob_console.pages.competition import condition_lines, plan_json, plan_lines
         from madrob_console.referee.competition_plan import plan_progress, unknown_teams
 
+    if arguments.conditions:
+        print("\n".join(condition_lines()))
+        return 0
     settings = load_settings(arguments.settings)
     plan = _plan(options.plan_source(arguments, settings))
     teams = options.team_list(arguments, settings).names

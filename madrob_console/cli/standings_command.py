@@ -25,12 +25,14 @@ def add_command(commands: options.Commands) -> None:
         commands,
         "standings",
         main,
-        "all teams, in each condition and in all: a table, csv, json, html",
-        "Mean, median and standard deviation over the valid runs; invalid and interrupted ones are "
-        "listed with their reasons. Exit code 2 when a run cannot be read; the rest is there.",
+        "the teams of each condition, the leader first: a table, csv, json, html",
+        "The table has the best run of each team. Details and files have mean, median and standard "
+        "deviation over the valid runs; invalid and interrupted ones are listed with their "
+        "reasons. Exit code 2 when a run cannot be read; the rest is there.",
         examples=(
             "madrob standings",
-            "madrob standings --best 3 --html hall.html",
+            "madrob standings --details --best 3",
+            "madrob standings --html hall.html",
             "madrob standings hall_a hall_b             # one competition in two halls",
         ),
     )
@@ -46,6 +48,9 @@ def add_command(commands: options.Commands) -> None:
             metavar="FILE",
             help=f"{text}; - = standard output",
         )
+    parser.add_argument(
+        "--details", action="store_true", help="all statistics, each condition and all together"
+    )
     batch.add_which_runs(parser)
     options.add_teams(parser)
     options.add_run_paths(parser)
@@ -59,6 +64,7 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.config import load_settings
         from madrob_console.pages.outputs import (
             standings_csv,
+            standings_details,
             standings_html,
             standings_json,
             standings_lines,
@@ -75,6 +81,9 @@ def main(arguments: argparse.Namespace) -> int:
     settings = load_settings(arguments.settings)
     batch.demand_results(arguments, settings)
     collection = options.collection(arguments, settings)
+    details = arguments.details or arguments.best is not None
+    if not details and not targets:
+        arguments.best = 1
     found = batch.standings(arguments, settings, collection)
     for kind, path in targets.items():
         data = makers[kind](found)
@@ -84,7 +93,7 @@ def main(arguments: argparse.Namespace) -> int:
             atomic_write(path, data)
             print(terminal_safe(str(path)), file=told)
     if not targets:
-        for line in standings_lines(found):
+        for line in (standings_details if details else standings_lines)(found):
             print(terminal_safe(line))
     batch.name_practice_alone(found, collection)
     with Complaints() as complaints:

@@ -168,6 +168,10 @@ class CompetitionStandings:
 
 SIGNS = f"{DOUBTED} doubted   {ALIKE} not distinguishable from another team: unrounded +- overlap"
 
+FLAG_SIGNS = "P protest open   !! the referee has to decide   ! a flag changes a score"
+
+BY_BEST = "Each team's best run: level, then time. The protocol makes no ranking."
+
 BY_NUMBER = "Teams stand in the order of their numbers: the protocol makes no ranking."
 
 NUMBER_NOTES = (
@@ -294,6 +298,14 @@ def _statistic_text(value: float, decimals: int, width: int) -> str:
     return powers if len(powers) <= width else f"{value:.0e}"
 
 
+def best_text(of: Standing, name: IndicatorName) -> str:
+    """An indicator of a team's best run, the only one that `of` is over; why it has no time."""
+    aggregate = of.aggregates.get(name)
+    if aggregate is None:
+        return "timeout" if of.counted and name is IndicatorName.EXECUTION_TIME else "-"
+    return f"{aggregate.mean:.0f}" if name.spec.counts else statistics_text(aggregate, name)["mean"]
+
+
 def _groups(
     runs: Sequence[RunSummary], *, official: bool, best: int, listed: Mapping[int, str]
 ) -> tuple[RulesetStandings, ...]:
@@ -343,11 +355,22 @@ def why_left_out(run: RunSummary) -> str:
 PLAN_NOTES = (
     "done: completed, timed out, aborted; valid: the first two; best: level of steps.",
     "Interrupted and voided runs come next again; practice runs never count.",
-    "P behind what is done: a protest is open, the line is not final.",
+    ">: next. P: a protest is open, the line is not final.",
 )
 """How to read the numbers."""
 
 _TEAM, _WAY, _DOOR = 14, 20, 14
+
+
+def condition_lines() -> Iterator[str]:
+    """The twenty conditions, as a plan names them."""
+    yield "  no  benchmark type  opening side  starting side  task"
+    for number in CONDITION_NUMBERS:
+        of = Condition.from_number(number)
+        sides = f"{of.opening_side.upper():12}  {of.starting_side.upper():13}"
+        yield f"{number:>4}  {of.benchmark_type:14}  {sides}  {of.way}"
+    yield ""
+    yield "A line of a plan is `subject,condition number,attempts`: 3,7,2"
 
 
 def plan_lines(found: PlanProgress, competition: str, teams: Mapping[int, str]) -> Iterator[str]:
@@ -368,6 +391,9 @@ def plan_lines(found: PlanProgress, competition: str, teams: Mapping[int, str]) 
         yield ""
         yield "Out of plan:"
         yield from (_row("", one, teams) for one in extra)
+    for one in found.tasks:
+        if one.beyond:
+            yield f"{one.beyond} more than planned: {task_words(one.task, teams)}."
     yield ""
     yield from PLAN_NOTES
 
@@ -381,6 +407,12 @@ def summary_words(found: PlanProgress) -> str:
         plural = "s are" if protested > 1 else " is"
         text += f" {protested} PROTEST{plural} open: NOT FINAL."
     return text
+
+
+def attempts_cell(of: Attempts) -> str:
+    """`1/2`: one of two planned attempts is done; `+1`: one out of plan; `P`: a protest is open."""
+    done = f"{of.done - of.beyond}/{of.planned}" if of.planned else f"+{of.done}"
+    return f"{done}P" if of.open_protests else done
 
 
 def attempt_words(attempt: PlannedAttempt, teams: Mapping[int, str]) -> str:
@@ -421,8 +453,7 @@ def plan_json(
 def _row(mark: str, of: Attempts, teams: Mapping[int, str]) -> str:
     subject, condition = of.task
     best = "-" if of.best_level is None else str(of.best_level)
-    done = f"{of.done}/{of.planned}" if of.planned else str(of.done)
-    done += "P" if of.open_protests else ""
+    done = attempts_cell(of)
     words = condition_words(condition)
     return _line(
         *(mark, str(subject), teams.get(subject, ""), str(condition)),
@@ -454,7 +485,8 @@ def _attempts(of: Attempts, teams: Mapping[int, str]) -> dict[str, Any]:
     return {
         **_task(of.task, teams),
         "attempts": of.planned,
-        "done": of.done,
+        "done": of.done - of.beyond,
+        "beyond": of.beyond,
         "valid": of.valid,
         "best_level": of.best_level,
         "left": of.left,

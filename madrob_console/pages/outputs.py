@@ -9,16 +9,21 @@ from functools import partial
 from typing import Any
 
 import msgspec
+from rich.cells import set_cell_size
 
-from madrob_console.archive.history import VOID, RunSummary
+from madrob_console.archive.history import RunSummary
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.competition import (
+    BY_BEST,
     BY_NUMBER,
     CONDITION_NUMBERS,
+    FLAG_SIGNS,
     NOTES,
     NUMBER_NOTES,
+    SIGNS,
     CompetitionStandings,
     RulesetStandings,
+    best_text,
     statistics_of,
     statistics_text,
 )
@@ -42,7 +47,15 @@ from madrob_console.pages.shared_sections import (
     date_text,
     task_text,
 )
-from madrob_console.pages.tally import ALIKE, Overall, Tally, subjects_text
+from madrob_console.pages.tally import (
+    ALIKE,
+    Overall,
+    Standing,
+    Tally,
+    counts,
+    leaders_first,
+    subjects_text,
+)
 from madrob_console.referee.flags import weighty
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Condition
@@ -322,21 +335,6 @@ def _row(tally: Tally) -> Iterator[Content]:
         yield _indicator(tally, name)
 
 
-def counts(tally: Tally) -> Iterator[str]:
-    for count, word in (
-        (tally.completed, "completed"),
-        (tally.timeout, "timeout"),
-        (tally.aborted, "INVALID"),
-        (tally.voided, VOID),
-        (tally.interrupted, "INTERRUPTED"),
-        (tally.without_result, "without a result yet"),
-    ):
-        if count:
-            yield f"{count} {word}"
-    if tally.not_final_words:
-        yield tally.not_final_words
-
-
 def _indicator(tally: Tally, name: IndicatorName) -> Content:
     aggregate = tally.aggregates.get(name)
     doubts, signs = tally.doubts.get(name, 0), tally.signs(name)
@@ -387,14 +385,59 @@ _WIDTH = 8
 
 
 def standings_lines(found: CompetitionStandings) -> Iterator[str]:
-    """The standings as a table of at most 80 characters in a line, names apart."""
+    """Each condition as a table of its teams, the leader first; of `best` 1."""
+    yield from _heading(found, BY_BEST)
+    for group in found.groups:
+        rules = f"; ruleset {group.ruleset}" if len(found.groups) > 1 else ""
+        for condition, standings in group.conditions.items():
+            yield ""
+            yield f"{_condition_words(condition)}{rules}"
+            yield from _leader_lines(standings)
+    if found.groups:
+        yield from ("", f"{FLAG_SIGNS}.", f"{SIGNS}.")
+    going = sum(run.outcome is None and run.problem is None for run, _ in found.left_out)
+    if going:
+        yield f"Runs without a result yet: {going}."
+    if not_counting := len(found.left_out) - going:
+        yield f"Runs that do not count: {not_counting}; --details gives the reasons."
+
+
+def _heading(found: CompetitionStandings, basis: str) -> Iterator[str]:
     if not found.official:
         yield PRACTICE_STANDINGS
     yield f"MADROB standings {found.title}".rstrip()
     yield from found.remarks
-    yield found.basis
+    yield basis
     if not found.groups:
         yield "No run counts yet."
+
+
+def _condition_words(condition: Condition) -> str:
+    return f"Condition {condition.number}, {condition.benchmark_type}: {task_text(condition)}"
+
+
+def _leader_lines(standings: Sequence[Standing]) -> Iterator[str]:
+    level, time = IndicatorName.CAPABILITY_LEVEL, IndicatorName.EXECUTION_TIME
+    yield _leader_line("    team", "level", "exec s  ", "runs", "")
+    for one in leaders_first(standings):
+        timed = f"{best_text(one, time)}{one.signs(time):<2}"
+        runs = str(one.completed + one.timeout)
+        who = f"{one.subject:>3} {one.team}"
+        yield _leader_line(who, best_text(one, level), timed, runs, one.flag_sign)
+
+
+def _leader_line(who: str, level: str, time: str, runs: str, sign: str) -> str:
+    team = set_cell_size(terminal_safe(who), _TEAM)
+    return f"  {team} {level:>5} {time:>12} {runs:>5}  {sign}".rstrip()
+
+
+_TEAM = 40
+"""Cells of a team with its number."""
+
+
+def standings_details(found: CompetitionStandings) -> Iterator[str]:
+    """All statistics as tables of at most 80 characters in a line, names apart."""
+    yield from _heading(found, found.basis)
     for group in found.groups:
         yield from _group_lines(group)
     if found.flagged:
@@ -418,8 +461,7 @@ def _group_lines(group: RulesetStandings) -> Iterator[str]:
     yield from _team_lines(group.overall)
     for condition, standings in group.conditions.items():
         yield ""
-        task = f"{condition.benchmark_type}: {task_text(condition)}"
-        yield f"Condition {condition.number}, {task}; ruleset {group.ruleset}"
+        yield f"{_condition_words(condition)}; ruleset {group.ruleset}"
         yield from _team_lines(standings)
 
 

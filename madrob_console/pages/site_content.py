@@ -33,8 +33,8 @@ ORDER = (
 TEAMS_ORDER = (
     "In each condition a team's best run: the highest capability level, completed before failed, "
     "then the least execution time. Teams are ordered by their highest level, then by in how many "
-    "conditions they reached it, then by in how many they completed a run; values of failed runs "
-    "order nothing. The protocol makes no ranking."
+    "conditions they reached it, then by in how many they completed a run, then by the sum of "
+    "those times; values of failed runs order nothing. The protocol makes no ranking."
 )
 
 _LARGEST_DRAWN = 1e12
@@ -219,8 +219,9 @@ class BestRuns:
 
 
 def _order(best: Mapping[int, RunSummary], subject: int) -> tuple[float, ...]:
-    """Highest level, then in how many conditions the team reached it, and completed; its number."""
+    """Highest level, in how many conditions it was reached, and completed, their times; number."""
     levels = [-rank(run)[0] for run in best.values()]
     highest = max(levels, default=-1.0)
-    completed = sum(run.outcome is Outcome.COMPLETED for run in best.values())
-    return -highest, -levels.count(highest), -completed, subject
+    completed = [run for run in best.values() if run.outcome is Outcome.COMPLETED]
+    times = sum(run.values.get(IndicatorName.EXECUTION_TIME, 0.0) for run in completed)
+    return -highest, -levels.count(highest), -len(completed), times, subject

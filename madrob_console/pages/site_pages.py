@@ -29,7 +29,7 @@ from madrob_console.pages.markup import (
     section,
     table,
 )
-from madrob_console.pages.outputs import counts, how_to_read, teams_table
+from madrob_console.pages.outputs import how_to_read, teams_table
 from madrob_console.pages.shared_sections import (
     INVALID,
     MANUAL_START_NOTE,
@@ -73,7 +73,7 @@ from madrob_console.pages.site_frame import (
     team_link,
     value_cell,
 )
-from madrob_console.pages.tally import Overall
+from madrob_console.pages.tally import Overall, counts
 from madrob_console.referee.competition_plan import Attempts, PlanProgress
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome
@@ -154,7 +154,7 @@ def _plan_table(content: SiteContent, lines: Sequence[Attempts], caption: str) -
         yield team_link(content, PLAN, of.task.subject)
         yield condition_link(content, PLAN, of.task.condition)
         yield task_words_of(of.task.condition)
-        yield f"{of.done} of {of.planned}" if of.planned else str(of.done)
+        yield f"{of.done - of.beyond} of {of.planned}" if of.planned else str(of.done)
         yield str(of.valid)
         yield NONE if of.best_level is None else str(of.best_level)
 

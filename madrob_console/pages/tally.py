@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 import statistics
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice, product
 from operator import itemgetter
 from typing import Any, NamedTuple, TypeVar
 
-from madrob_console.archive.history import RunSummary, rank
+from madrob_console.archive.history import VOID, RunSummary, rank
 from madrob_console.referee.flags import undecided, weighty
 from madrob_console.referee.lists import TeamName
 from scoring.indicator_table import IndicatorName
@@ -123,6 +123,13 @@ class Tally:
     def who(self) -> str:
         return f"{self.subject} {self.team}".rstrip()
 
+    @property
+    def flag_sign(self) -> str:
+        """`P`: a protest is open, `!!`: the referee has to decide, `!`: a flag changes a score."""
+        if self.open_protests:
+            return "P"
+        return "!!" if self.undecided else "!" if self.flagged else ""
+
     def signs(self, name: IndicatorName, *, of_mean: bool = True) -> str:
         """Signs behind a number of an indicator; only means have `ALIKE`."""
         doubted = DOUBTED if name in self.doubts else ""
@@ -144,6 +151,21 @@ class Overall(Tally):
 
 
 _T = TypeVar("_T", bound=Tally)
+
+
+def counts(tally: Tally) -> Iterator[str]:
+    for count, word in (
+        (tally.completed, "completed"),
+        (tally.timeout, "timeout"),
+        (tally.aborted, "INVALID"),
+        (tally.voided, VOID),
+        (tally.interrupted, "INTERRUPTED"),
+        (tally.without_result, "without a result yet"),
+    ):
+        if count:
+            yield f"{count} {word}"
+    if tally.not_final_words:
+        yield tally.not_final_words
 
 
 def subjects_text(found: Sequence[int]) -> str:
@@ -187,6 +209,21 @@ def standings(
         for key in sorted(groups)
     ]
     return _told_apart(made, lambda one: (one.condition, one.ruleset))
+
+
+def leaders_first(found: Iterable[Standing]) -> list[Standing]:
+    """By condition, in each by level, then by execution time, as `rank` orders single runs.
+
+    `found` are standings over the best run of each team.
+    """
+    return sorted(found, key=_best_first)
+
+
+def _best_first(one: Standing) -> tuple[int, str, float, float]:
+    level = one.aggregates.get(IndicatorName.CAPABILITY_LEVEL)
+    time = one.aggregates.get(IndicatorName.EXECUTION_TIME)
+    least = math.inf if time is None else time.mean
+    return one.condition, one.ruleset, math.inf if level is None else -level.mean, least
 
 
 def overall(

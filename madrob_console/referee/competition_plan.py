@@ -79,6 +79,11 @@ class Attempts:
     def left(self) -> int:
         return max(0, self.planned - self.done)
 
+    @property
+    def beyond(self) -> int:
+        """How many of those that are done were not planned, in a line or task that has a plan."""
+        return max(0, self.done - self.planned) if self.planned else 0
+
 
 class PlannedAttempt(NamedTuple):
     """One attempt that is left, `number` of `planned` of the team in the condition, from 1."""
@@ -92,8 +97,8 @@ class PlannedAttempt(NamedTuple):
 class PlanProgress:
     """How much of a plan is done.
 
-    The attempts of a task fill its `lines` in their order. `tasks` has planned ones first. `unread`
-    counts runs with a damaged result.
+    The attempts of a task fill its `lines` in their order, the last takes those beyond the plan.
+    `tasks` has planned ones first. `unread` counts runs with a damaged result.
     """
 
     lines: tuple[Attempts, ...] = ()
@@ -193,11 +198,13 @@ def plan_progress(plan: Plan, runs: Iterable[RunFacts], competition: str) -> Pla
         if is_attempt(run) and run.competition == competition:
             done.setdefault(Task(run.subject, run.condition), []).append(run)
     planned: dict[Task, int] = defaultdict(int)
+    last = {line.task: number for number, line in enumerate(plan.lines)}
     lines = []
-    for task, attempts in plan.lines:
+    for number, (task, attempts) in enumerate(plan.lines):
         begin = planned[task]
         planned[task] += attempts
-        of_line = _attempts(task, attempts, done[task][begin : planned[task]])
+        end = None if number == last[task] else planned[task]
+        of_line = _attempts(task, attempts, done[task][begin:end])
         lines.append(replace(of_line, open_protests=protested[task]))
     tasks = tuple(
         replace(_attempts(task, planned[task], of_task), open_protests=protested[task])

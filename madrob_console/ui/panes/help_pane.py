@@ -31,12 +31,15 @@ decided or withdrawn; R replays the run, paused at the instant that it is about.
 History (h): Enter opens an earlier run with all its keys; x sets up the next run of the marked \
 team and condition; e packs the team's runs into a zip, official or practice as the marked one, \
 E all about the marked run; \
-/ filters (team:delft cond:5), v chooses which, o sorts, O turns the order.
-Plan (p): a row a team, a column a condition; 1/2 is one attempt done of two, 1!2 the same with \
-one that is not valid, +1 one out of plan, L the best level, > what is next. Enter proposes the \
-marked run, x sets it up, v changes what a cell says.
-Standings (s): Enter shows the runs behind a row; c changes mean, median, std, smallest, largest; \
-b all runs or the best, where the settings say how many; v official or practice.
+/ filters (team:delft cond:5); v shows official runs, practice, or those that are not final. \
+Behind the outcome !! waits for a decision, ! has a flag that changes a score, P is an open \
+protest, * is not signed.
+Plan (p): a row a team, a column a condition; 1/2 is one attempt done of two, > what is next, +1 \
+one out of plan, P an open protest. Enter proposes the marked run.
+Standings (s): the best run of each team, the leader of each condition first; practice runs only \
+where there are no others. Enter shows the runs behind a row, v mean, median, std, min, max. ~ is \
+not distinguishable from another team, ? is doubted.
+Lists: o turns the order, then sorts by the next column in view; left and right bring more columns.
 The line on top: the testbed; rec, the recording with its messages, size and what was dropped; \
 age, how old the newest message of the most silent topic is; the room on the disk; the time.
 A dim key is not possible now: press it and the line above the keys says why.

@@ -2,55 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from enum import StrEnum
+from collections.abc import Mapping
 from itertools import islice
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
-from rich.cells import cell_len
-from textual import events
-from textual.app import ComposeResult
-from textual.binding import Binding, BindingType
-from textual.containers import Vertical
 from textual.message import Message
 
 from madrob_console.archive.history import condition_words
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.requests import GivePlan
-from madrob_console.pages.competition import attempt_words, summary_words, task_words
+from madrob_console.pages.competition import (
+    attempt_words,
+    attempts_cell,
+    summary_words,
+    task_words,
+)
 from madrob_console.referee.competition_plan import Attempts, PlanProgress, Task, unknown_teams
-from madrob_console.ui.cells.lines import Label, Span, Tone
-from madrob_console.ui.cells.table import Grid, GridRow
-from madrob_console.ui.look.words import fitted
-from madrob_console.ui.panes.runs_pane import results_state
+from madrob_console.referee.records import listed
+from madrob_console.ui.cells.lines import Span, Tone
+from madrob_console.ui.cells.table import Column, Table
+from madrob_console.ui.panes.runs_pane import ListPane, number_column, results_state, text_column
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
     from madrob_console.ui.link import EngineLink
 
-KEYS = "Enter proposes, x sets up. {}; ! one invalid, + out of plan"
-ALL = "done/planned, L level"
+KEYS = "Enter proposes the marked team and condition, o sorts the teams"
+LEGEND = "> next  1/2 one of two done  + out of plan  P protest"
 NO_PLAN_WORDS = "no plan: name a file with lines `subject,condition,attempts` in [plan]"
 
-_LEAST_TEAM, _MOST_TEAM = 8, 24
 _THEN = 2
 """So many runs are named behind the next one."""
 _PROBLEMS = 2
 """So many lines that cannot be used are named; `madrob plan` names them all."""
+_HEADS = 3
+"""Columns before those of the conditions."""
 
 
-class CellView(StrEnum):
-    """What a cell says if there is no room for all."""
-
-    DONE = "done/planned"
-    VALID = "valid/planned"
-    LEVEL = "best level"
-
-
-class PlanPane(Vertical):
+class PlanPane(ListPane[int]):
     """A row a team, a column a condition; Enter proposes the marked one."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("v", "view", show=False)]
 
     class Chosen(Message):
         """The referee wants a team in a condition to be run next."""
@@ -60,205 +50,132 @@ class PlanPane(Vertical):
             self.task = task
 
     def __init__(self, reader: PlanReader) -> None:
-        super().__init__(id="plan")
         self._reader = reader
         self._version = -1
         self._teams: Mapping[int, str] = {}
-        self._view = CellView.DONE
-        self._subjects: Sequence[int] = ()
-        self._conditions: Sequence[int] = ()
         self._tasks: Mapping[Task, Attempts] = {}
+        self._next: Task | None = None
         self._goes_to_next = False
-        self._head = Label(id="plan-head")
-        self._problems = Label(tone=Tone.WARN, id="plan-problems")
-        self._grid = Grid()
-        self._about = Label(id="plan-about")
-        self._keys = Label()
-
-    def compose(self) -> ComposeResult:
-        yield self._head
-        yield self._problems
-        yield self._grid
-        yield self._about
-        yield self._keys
+        table = Table(self._columns(), str, fixed=_HEADS, marks_cells=True)
+        table.legend = LEGEND
+        super().__init__(table, id="plan")
+        self.keys.say(KEYS, Tone.DIM)
 
     @property
     def selected(self) -> Task | None:
-        if not self._subjects or not self._conditions:
-            return None
-        return Task(self._subjects[self._grid.row], self._conditions[self._grid.column])
+        subject = self.table.selected
+        return None if subject is None else Task(subject, int(self.table.marked.title))
 
     @property
     def copied(self) -> str:
         task = self.selected
         if task is None:
             return ""
-        following = self._reader.progress.next
-        attempts = self._tasks.get(task, Attempts(task))
-        is_next = following is not None and following.task == task
-        return about(attempts, self._teams) + ("; NEXT" if is_next else "")
+        words = about(self._tasks.get(task, Attempts(task)), self._teams)
+        return f"{words}; NEXT" if task == self._next else words
 
     def enter(self) -> None:
-        self.screen.set_focus(self._grid)
+        self.screen.set_focus(self.table)
         self._goes_to_next = True
         self.run_worker(self._reader.read(), exclusive=True)
 
     def show(self, snapshot: Snapshot) -> None:
         if (self._version, self._teams) != (self._reader.version, snapshot.teams.names):
             self._version, self._teams = self._reader.version, snapshot.teams.names
-            self._show_progress()
+            self._show_progress(self._reader.progress)
 
-    def on_resize(self, _event: events.Resize) -> None:
-        self._show_progress()
+    def words_about(self, _row: int) -> tuple[str, Tone]:
+        return self.copied, Tone.DIM
 
-    def on_grid_marked(self, event: Grid.Marked) -> None:
-        event.stop()
-        self._about.say(self.copied, Tone.DIM)
-
-    def on_grid_chosen(self, event: Grid.Chosen) -> None:
+    def on_table_chosen(self, event: Table.Chosen) -> None:
         event.stop()
         if (task := self.selected) is not None:
             self.post_message(self.Chosen(task))
 
-    def action_view(self) -> None:
-        order = list(CellView)
-        self._view = order[(order.index(self._view) + 1) % len(order)]
-        self._show_progress()
-
-    def _show_progress(self) -> None:
-        found, marked = self._reader.progress, self.selected
-        self._tasks = {attempts.task: attempts for attempts in found.tasks}
-        self._subjects = sorted({task.subject for task in self._tasks})
-        self._conditions = sorted({task.condition for task in self._tasks})
-        following = found.next
-        if self._goes_to_next and following is not None:
-            marked, self._goes_to_next = following.task, False
-        self._say_head(found)
-        width = self._grid.room.width
-        heads = self._heads(width - 1)
-        wide = self._rows(None)
-        fits = width >= cell_len(heads[0]) + 1 + len(self._conditions) * (1 + _widest(wide))
-        cells = wide if fits else self._rows(self._view)
-        protest = ", P protest open" if any(one.open_protests for one in found.tasks) else ""
-        self._keys.say(KEYS.format(ALL if fits else f"v: {self._view}") + protest, Tone.DIM)
-        task = None if following is None else following.task
-        titles = [f">{c}" if task and task.condition == c else str(c) for c in self._conditions]
-        rows = [
-            GridRow([Span(head, Tone.STRONG if head.startswith(">") else Tone.PLAIN)], spans)
-            for head, spans in zip(heads[1:], cells, strict=True)
-        ]
-        self._grid.empty = "" if found.lines else NO_PLAN_WORDS
-        self._grid.set_cells(heads[0], titles, rows)
-        if marked in self._tasks:
-            self._grid.mark(
-                self._subjects.index(marked.subject), self._conditions.index(marked.condition)
-            )
-
-    def _say_head(self, found: PlanProgress) -> None:
-        problems = [*unknown_teams((line.task for line in found.lines), self._teams)]
-        problems += found.problems[:_PROBLEMS]
-        if len(found.problems) > _PROBLEMS:
-            problems.append(f"and {len(found.problems) - _PROBLEMS} more: `madrob plan` names them")
-        if self._reader.problem:
-            problems.insert(0, self._reader.problem)
-        self._problems.display = bool(problems)
-        self._problems.say("; ".join(problems), Tone.WARN)
-        if not found.lines:
-            self._head.say("")
-            return
-        text = summary_words(found)
+    def _show_progress(self, found: PlanProgress) -> None:
+        marked, self._tasks = self.selected, {one.task: one for one in found.tasks}
         upcoming = [*islice(found.upcoming(), 1 + _THEN)]
+        self._next = upcoming[0].task if upcoming else None
+        if self._goes_to_next and self._next is not None:
+            marked, self._goes_to_next = self._next, False
+        unknown = unknown_teams((line.task for line in found.lines), self._teams)
+        problems = [*filter(None, (self._reader.problem, *unknown, *found.problems))]
+        said = [f"{listed(problems, _PROBLEMS)}."] if problems else []
+        said += [summary_words(found)] if found.lines else []
         if upcoming:
-            text += f" Next: {attempt_words(upcoming[0], self._teams)}."
+            said.append(f"Next: {attempt_words(upcoming[0], self._teams)}.")
         if then := [f"{each.task.subject} in {each.task.condition}" for each in upcoming[1:]]:
-            text += f" Then {', '.join(then)}."
-        self._head.say(text)
+            said.append(f"Then {', '.join(then)}.")
+        self.head.say(" ".join(said), Tone.WARN if problems else Tone.PLAIN)
+        self.table.empty = "" if found.lines else NO_PLAN_WORDS
+        self.table.set_columns(self._columns())
+        self.table.set_rows(sorted({task.subject for task in self._tasks}))
+        if marked is not None and marked in self._tasks:
+            place = [column.title for column in self.table.columns].index(str(marked.condition))
+            self.table.mark(self.table.rows.index(marked.subject), place)
 
-    def _heads(self, width: int) -> list[str]:
-        done = [self._total(subject) for subject in self._subjects]
-        names = [self._teams.get(subject, "") for subject in self._subjects]
-        numbers = max(map(len, done), default=0)
-        most = max((cell_len(name) for name in names), default=0)
-        # what the columns leave, but never so little that nobody can be told from others
-        left = width - numbers - 7 - len(self._conditions) * (1 + _widest(self._rows(None)))
-        room = min(_MOST_TEAM, most, max(_LEAST_TEAM, width // 6, left))
-        following = self._reader.progress.next
-        heads = [
-            f"{'>' if following and following.task.subject == subject else ' '}{subject:>3}"
-            f" {fitted(name, room)} {total:>{numbers}} "
-            for subject, name, total in zip(self._subjects, names, done, strict=True)
+    def _columns(self) -> list[Column[int]]:
+        heads: list[Column[int]] = [
+            number_column("subj", "subject", lambda subject: subject, 5),
+            text_column("team", "team", lambda subject: self._teams.get(subject, ""), 12, ample=30),
+            Column(
+                *("done", "attempts done of planned"),
+                lambda subject: Span("{}/{}".format(*self._total(subject))),
+                lambda subject: self._total(subject)[0],
+                7,
+                right=True,
+            ),
         ]
-        return [fitted("subj team" if room > 3 else "subj", 4 + room + numbers + 3), *heads]
+        conditions = sorted({task.condition for task in self._tasks})
+        return [*heads, *map(self._column, conditions)]
 
-    def _total(self, subject: int) -> str:
+    def _column(self, condition: int) -> Column[int]:
+        cells = {
+            task.subject: cell(attempts, is_next=task == self._next)
+            for task, attempts in self._tasks.items()
+            if task.condition == condition
+        }
+        return Column(
+            *(str(condition), f"condition {condition}"),
+            lambda subject: cells.get(subject, Span("")),
+            lambda subject: cells[subject].text if subject in cells else None,
+            max(3, *(len(span.text) for span in cells.values())),
+            right=True,
+        )
+
+    def _total(self, subject: int) -> tuple[int, int]:
+        """Attempts that are done of those that are planned."""
         of_team = [one for task, one in self._tasks.items() if task.subject == subject]
         planned = sum(one.planned for one in of_team)
-        return f"{planned - sum(one.left for one in of_team)}/{planned}"
-
-    def _rows(self, view: CellView | None) -> list[list[Span]]:
-        following = self._reader.progress.next
-        task = None if following is None else following.task
-        return [
-            [
-                cell(self._tasks.get(each), view, is_next=task == each)
-                for each in (Task(subject, condition) for condition in self._conditions)
-            ]
-            for subject in self._subjects
-        ]
+        return planned - sum(one.left for one in of_team), planned
 
 
-def cell(attempts: Attempts | None, view: CellView | None, *, is_next: bool) -> Span:
-    """What a cell of the grid says; all of it without a `view`.
-
-    `1/2` is one attempt done of two, `1!2` the same with one not valid, `+1` one out of plan;
-    `P` at the end: a protest is open.
-    """
-    if attempts is None:
-        return Span("")
-    of, done, valid = attempts.planned, attempts.done, attempts.valid
-    protested = "P" if attempts.open_protests else ""
-    sign = "/" if valid == done else "!"
-    level = "-" if attempts.best_level is None else f"{attempts.best_level}"
-    counts = f"{done}{sign}{of}" if of else f"+{done}"
-    texts = {
-        None: f"{counts}L{level}" if done else f"{counts}  ",
-        CellView.DONE: counts,
-        CellView.VALID: f"{valid}{sign}{of}" if of else f"+{valid}",
-        CellView.LEVEL: f"L{level}" if done else ".",
-    }
+def cell(attempts: Attempts, *, is_next: bool) -> Span:
+    """`attempts_cell` with the tone of how far they are; `>` marks the next attempt."""
     if is_next:
-        tone = Tone.NOTICE
-    elif protested:
+        return Span(f">{attempts_cell(attempts)}", Tone.NOTICE)
+    done, tone = attempts.done, Tone.GOOD if attempts.planned else Tone.WARN
+    if attempts.open_protests:
         tone = Tone.BAD
     elif attempts.left:
         tone = Tone.PLAIN if done else Tone.DIM
-    else:
-        tone = Tone.GOOD if 0 < of <= valid else Tone.WARN
-    return Span(texts[view] + protested, tone)
+    return Span(attempts_cell(attempts), tone)
 
 
 def about(attempts: Attempts, teams: Mapping[int, str]) -> str:
-    words = ", ".join(condition_words(attempts.task.condition))
-    told = [f"{task_words(attempts.task, teams)}: {words}"]
-    if attempts.open_protests:
-        told.insert(0, f"NOT FINAL, {attempts.open_protests} PROTEST open")
-    if attempts.planned:
-        told.append(f"{attempts.done} of {attempts.planned} attempts done")
-    elif attempts.done:
-        told.append(f"OUT OF PLAN, {attempts.done} done")
-    else:
-        told.append("not in the plan")
-    if attempts.done:
-        told.append(f"{attempts.valid} valid")
-    if attempts.best_level is not None:
-        told.append(f"best level {attempts.best_level}")
-    if attempts.left:
-        told.append(f"{attempts.left} left")
-    return "; ".join(told)
-
-
-def _widest(rows: Iterable[Iterable[Span]]) -> int:
-    return max((len(span.text) for row in rows for span in row), default=0)
+    """Attempts in words, first what is open."""
+    task, done = attempts.task, attempts.done - attempts.beyond
+    out = f"OUT OF PLAN, {done} done" if done else "not in the plan"
+    told = (
+        f"NOT FINAL, {attempts.open_protests} PROTEST open" if attempts.open_protests else "",
+        f"{task_words(task, teams)}: {', '.join(condition_words(task.condition))}",
+        f"{done} of {attempts.planned} attempts done" if attempts.planned else out,
+        f"{attempts.beyond} more than planned" if attempts.beyond else "",
+        f"{attempts.valid} valid" if done else "",
+        "" if attempts.best_level is None else f"best level {attempts.best_level}",
+        f"{attempts.left} left" if attempts.left else "",
+    )
+    return "; ".join(filter(None, told))
 
 
 # The progress of the competition's plan, as this screen knows it.

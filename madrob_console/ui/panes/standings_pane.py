@@ -2,248 +2,211 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, ClassVar
+from functools import cache, partial
 
-from textual.app import ComposeResult
-from textual.binding import Binding, BindingType
-
-from madrob_console.archive.history import VOID, RunSummary, condition_words, of_competition
-from madrob_console.pages.competition import SIGNS, how_testbeds_differ
-from madrob_console.pages.tally import ALIKE, Standing, standings, subjects_text
-from madrob_console.ui.cells.lines import Label, Span, Tone
+from madrob_console.archive.history import RunSummary, condition_words, of_competition
+from madrob_console.pages.competition import (
+    BY_BEST,
+    best_text,
+    how_testbeds_differ,
+    statistics_of,
+    statistics_text,
+)
+from madrob_console.pages.tally import (
+    ALIKE,
+    Standing,
+    counts,
+    leaders_first,
+    standings,
+    subjects_text,
+)
+from madrob_console.ui.cells.lines import Span, Tone
 from madrob_console.ui.cells.table import Column, Table
 from madrob_console.ui.panes.runs_pane import (
+    MISSING,
     Load,
     RunsPane,
-    Shown,
-    indicator_column,
     number_column,
+    protests_open,
     text_column,
 )
 from scoring.indicator_table import IndicatorName
-
-if TYPE_CHECKING:
-    from madrob_console.engine.snapshot import Snapshot
+from scoring.result import DOUBTED
 
 PRACTICE_BANNER = "PRACTICE runs: not official"
+FLAGS = "P protest  !! decide  ! scored otherwise"
+SIGNS = f"{DOUBTED} doubted  {ALIKE} not distinguishable"
+
+_WIDTH = 9
+"""Cells of an indicator with its signs."""
 
 
-class Statistic(StrEnum):
-    """Which number of an aggregate is shown; named as its attributes are."""
+class View(StrEnum):
+    """The best run of each team, or one of the statistics of `statistics_of`."""
 
+    BEST = "best runs"
     MEAN = "mean"
     MEDIAN = "median"
-    DEVIATION = "std (n - 1)"
-    SMALLEST = "smallest"
-    LARGEST = "largest"
+    STD = "std"
+    MIN = "min"
+    MAX = "max"
 
 
 @dataclass(frozen=True, slots=True)
 class Tables:
-    """The standings of all runs, made once; `of` has them by (official, only the best runs).
+    """The standings over the best run of each team and, made when first asked for, over all.
 
-    `damaged` and `others` count runs left out: damaged results, other competitions. `apart`
-    says in what the testbeds differ, by official; empty = in nothing.
+    `leaders` are the keys of the best of each condition. `notes` say what is left out or open.
     """
 
-    of: Mapping[tuple[bool, bool], Sequence[Standing]]
-    any_official: bool
-    damaged: int
-    apart: Mapping[bool, str] = field(default_factory=dict)
-    others: int = 0
+    best: Sequence[Standing] = ()
+    details: Callable[[], Sequence[Standing]] = tuple
+    leaders: Collection[str] = ()
+    official: bool = True
+    notes: Sequence[str] = ()
 
 
-class StandingsPane(RunsPane[Tables, Standing]):
-    """Official runs first; practice runs are never among them.
+class StandingsPane(RunsPane[Tables, Standing, View]):
+    """Official runs, or practice runs where there are no others.
 
-    `best` runs of a team in a condition enter when only the best do; 0 = no such view. Only
-    runs of `competition` enter: others have other teams of the same numbers.
+    `best` runs of a team in a condition enter its statistics; 0 = all. Only runs of `competition`
+    enter: others have other teams of the same numbers.
     """
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("v", "source", show=False),
-        Binding("c", "number", show=False),
-        Binding("b", "best", show=False),
-    ]
+    KEYS = "Enter shows its runs, v {}, o sorts, <- -> columns"
 
     def __init__(self, load: Load, best: int, competition: str) -> None:
-        super().__init__(load, Table(self._columns(), _key, fixed=3), id="standings")
         self._best = best
         self._competition = competition
-        self._only_best = best > 0
-        self._listed: Mapping[int, str] = {}
-        self._official: bool | None = None
-        self._statistic = Statistic.MEAN
         self._signs = 0
-        self._tables = Tables({}, any_official=False, damaged=0)
-        self._legend = Label(SIGNS, id="standings-legend")
-        self._legend.display = False
-        self._banner = Label(PRACTICE_BANNER, Tone.NOTICE, id="standings-banner")
+        table = Table([number_column("cond", "condition", _condition, 5)], _key, fixed=3)
+        super().__init__(load, table, Tables(), View.BEST, "standings")
 
-    def compose(self) -> ComposeResult:
-        yield self._banner
-        yield self.head
-        yield self.table
-        yield self.about
-        yield self._legend
-        best = f", b best {self._best}" if self._best else ""
-        yield Label(f"Enter its runs, v PRACTICE, c mean/std{best}, o O sort, <- -> columns")
-
-    def show(self, snapshot: Snapshot) -> None:
-        self._listed = snapshot.teams.names
-        super().show(snapshot)
+    @property
+    def official(self) -> bool:
+        return self.content.official
 
     def prepare(self, runs: Sequence[RunSummary]) -> Tables:
         every, runs = len(runs), of_competition(runs, self._competition)
-        made = {
-            (official, only_best): standings(
-                runs,
-                official=official,
-                best=self._best if only_best else 0,
-                listed=self._listed,
-            )
-            for official in (True, False)
-            for only_best in {False, self._best > 0}
-        }
+        official = any(run.official for run in runs) or not any(run.practice for run in runs)
+
+        def over(best: int) -> Sequence[Standing]:
+            return standings(runs, official=official, best=best, listed=self.teams)
+
+        ordered = leaders_first(over(1))
+        leaders = {(one.condition, one.ruleset): one for one in reversed(ordered)}
         damaged = sum(run.problem is not None for run in runs)
-        apart = {
-            official: how_testbeds_differ(
-                run for run in runs if (run.official if official else run.practice)
-            )
-            for official in (True, False)
-        }
-        return Tables(made, any(run.official for run in runs), damaged, apart, every - len(runs))
-
-    def show_content(self, content: Tables) -> None:
-        self._tables = content
-        self._show_rows()
-
-    def action_source(self) -> None:
-        self._official = not self.official
-        self._show_rows()
-
-    def action_number(self) -> None:
-        order = list(Statistic)
-        self._statistic = order[(order.index(self._statistic) + 1) % len(order)]
-        self._show_rows()
-
-    def action_best(self) -> None:
-        self._only_best = not self._only_best and self._best > 0
-        self._show_rows()
+        protests = sum(one.open_protests for one in ordered)
+        entering = (run for run in runs if (run.official if official else run.practice))
+        notes = (
+            "" if official else PRACTICE_BANNER,
+            f"{damaged} DAMAGED left out" if damaged else "",
+            f"{every - len(runs)} not of this competition" if every > len(runs) else "",
+            f"{protests_open(protests)}: NOT FINAL" if protests else "",
+            how_testbeds_differ(entering).rstrip("."),
+        )
+        keys = {_key(one) for one in leaders.values() if one.counted}
+        details = cache(partial(over, self._best))
+        return Tables(ordered, details, keys, official, [*filter(None, notes)])
 
     def words_about(self, row: Standing) -> tuple[str, Tone]:
         return about(row), Tone.WARN if row.open_protests else Tone.DIM
 
-    @property
-    def official(self) -> bool:
-        return self._tables.any_official if self._official is None else self._official
-
-    def _show_rows(self) -> None:
-        official = self.official
-        self._banner.display = not official
-        self.table.empty = "no official runs yet" if official else "no PRACTICE runs yet"
-        rows = self._tables.of.get((official, self._only_best), ())
-        of_mean = self._statistic is Statistic.MEAN
-        self._signs = max(
-            (len(row.signs(name, of_mean=of_mean)) for row in rows for name in IndicatorName),
-            default=0,
-        )
-        self._legend.display = self._signs > 0
-        self.table.set_rows(rows)
-        which = f"the best {self._best}" if self._only_best else "all"
-        text = f"{self._statistic} over {which} valid runs (exec s: completed ones)"
-        if self._tables.damaged:
-            text += f"; {self._tables.damaged} DAMAGED left out"
-        if self._tables.others:
-            text += f"; {self._tables.others} not of this competition"
-        if protests := sum(row.open_protests for row in rows):
-            text += f"; {protests} PROTEST{'S' if protests > 1 else ''} open: NOT FINAL"
-        if apart := self._tables.apart.get(official):
-            text += f". {apart}"
-        self.say(text)
+    def show_rows(self, *, from_top: bool = True) -> None:
+        tables, by_best = self.content, self.view is View.BEST
+        rows = tables.best if by_best else tables.details()
+        signs = (self._signs_of(row, name) for row in rows for name in IndicatorName)
+        self._signs = max(map(len, signs), default=0)
+        self.table.empty = "no official runs yet" if tables.official else "no runs yet"
+        self.table.legend = SIGNS if self._signs else FLAGS
+        self.table.strong = tables.leaders if by_best else ()
+        self.table.set_columns(self._columns())
+        self.table.set_rows(rows, from_top=from_top)
+        which = f"the best {self._best}" if self._best else "all"
+        over = f"{self.view} over {which} valid runs (exec s: completed ones)."
+        notes = "".join(f" {note}." for note in tables.notes)
+        tone = Tone.PLAIN if tables.official else Tone.NOTICE
+        self.say(f"{BY_BEST if by_best else over}{notes}", tone)
 
     def _columns(self) -> list[Column[Standing]]:
-        return [
-            number_column("subj", "subject", lambda s: s.subject, 4),
-            text_column("team", "team", lambda s: s.team, 8, ample=18),
-            number_column("cond", "condition", lambda s: s.condition, 5),
-            text_column(
-                "task", "task", lambda s: condition_words(s.condition).way, 20, comfort=True
-            ),
+        by_best = self.view is View.BEST
+        names = [*IndicatorName]
+        counted: list[Column[Standing]] = [
             number_column("compl", "completed runs", lambda s: s.completed, 6),
             number_column("timeo", "timed-out runs", lambda s: s.timeout, 6),
             number_column("inval", "invalid runs", lambda s: s.aborted, 6),
-            Column(
-                "!",
-                "runs with flags: ! weighs, !! is not decided; P: a protest is open",
-                _flags,
-                _flag_rank,
-                2,
-                falling=True,
-            ),
-            *(self._indicator(name) for name in IndicatorName),
-            text_column("door", "benchmark type", lambda s: condition_words(s.condition).door, 14),
             number_column("inter", "interrupted runs", lambda s: s.interrupted, 6),
             number_column("open", "runs without a result yet", lambda s: s.without_result, 6),
+        ]
+        if by_best:
+            names = [IndicatorName.CAPABILITY_LEVEL, IndicatorName.EXECUTION_TIME]
+            counted = [number_column("runs", "valid runs", lambda s: s.completed + s.timeout, 5)]
+        return [
+            number_column("cond", "condition", _condition, 5),
+            number_column("subj", "subject", lambda s: s.subject, 5),
+            text_column("team", "team", lambda s: s.team, 30 if by_best else 14, ample=40),
+            *map(self._indicator, names),
+            *counted,
+            Column("!", "what is open or flagged", _sign, _sign_rank, 2, falling=True),
+            text_column("task", "task", lambda s: condition_words(s.condition).way, 20),
+            text_column("door", "benchmark type", lambda s: condition_words(s.condition).door, 14),
             text_column("ruleset", "ruleset", lambda s: s.ruleset, 14),
             text_column("testbeds", "testbeds", lambda s: ", ".join(s.testbeds), 12),
         ]
 
     def _indicator(self, name: IndicatorName) -> Column[Standing]:
-        return indicator_column(
-            name, lambda standing: self._shown(standing, name), lambda: self._signs
-        )
+        by_best = self.view is View.BEST
 
-    def _shown(self, standing: Standing, name: IndicatorName) -> Shown:
-        of_mean = self._statistic is Statistic.MEAN
-        aggregate = standing.aggregates.get(name)
-        known = aggregate.uncertainty if aggregate is not None and of_mean else None
-        number = number_of(standing, name, self._statistic)
-        return Shown(number, known, standing.signs(name, of_mean=of_mean))
+        def cell(one: Standing) -> Span:
+            aggregate, signs = one.aggregates.get(name), self._signs_of(one, name)
+            told = statistics_text(aggregate, name, _WIDTH - self._signs)
+            text = best_text(one, name) if by_best else told.get(self.view, MISSING.text)
+            tone = Tone.WARN if DOUBTED in signs else Tone.PLAIN
+            return Span(f"{text}{signs:<{self._signs}}", tone)
 
+        def value(one: Standing) -> float | None:
+            view = View.MEAN if by_best else self.view
+            return statistics_of(one.aggregates.get(name), name).get(view)
 
-def _flags(standing: Standing) -> Span:
-    if standing.open_protests:
-        return Span("P!" if standing.flagged else "P", Tone.BAD)
-    if standing.undecided:
-        return Span("!!", Tone.BAD)
-    return Span("!", Tone.WARN) if standing.flagged else Span("")
+        title, meaning = name.spec.column, f"{name.words} ({name.spec.unit})"
+        falling = name.spec.higher_is_better
+        return Column(title, meaning, cell, value, _WIDTH, right=True, falling=falling)
 
-
-def _flag_rank(standing: Standing) -> float | None:
-    return (standing.open_protests * 1000 + standing.undecided) * 1000 + standing.flagged or None
+    def _signs_of(self, one: Standing, name: IndicatorName) -> str:
+        return one.signs(name, of_mean=self.view in (View.BEST, View.MEAN))
 
 
-def number_of(standing: Standing, name: IndicatorName, statistic: Statistic) -> float | None:
-    aggregate = standing.aggregates.get(name)
-    number: float | None = None if aggregate is None else getattr(aggregate, statistic.name.lower())
-    return number
+def _condition(standing: Standing) -> int:
+    return standing.condition
+
+
+def _sign(standing: Standing) -> Span:
+    sign = standing.flag_sign
+    return Span(sign, Tone.WARN if sign == "!" else Tone.BAD)
+
+
+def _sign_rank(standing: Standing) -> float | None:
+    return ("", "!", "!!", "P").index(standing.flag_sign) or None
 
 
 def about(standing: Standing) -> str:
-    counts = (
-        (standing.completed, "completed"),
-        (standing.timeout, "timeout"),
-        (standing.aborted, "INVALID"),
-        (standing.voided, VOID),
-        (standing.interrupted, "INTERRUPTED"),
-        (standing.without_result, "without a result yet"),
-        (standing.undecided, "UNDECIDED"),
-        (standing.flagged, "with flags"),
-    )
-    not_final = f"{standing.not_final_words}; " if standing.open_protests else ""
-    told = ", ".join(f"{count} {word}" for count, word in counts if count)
     task = ", ".join(condition_words(standing.condition))
-    apart = "".join(
-        f"; {name.words} {ALIKE} {subjects_text(subjects)}"
-        for name, subjects in standing.alike.items()
-    )
     called = "".join(f", also '{name}'" for name in standing.other_names)
+    told = [
+        *counts(standing),
+        f"{standing.undecided} UNDECIDED" if standing.undecided else "",
+        f"{standing.flagged} with flags" if standing.flagged else "",
+    ]
+    apart = [
+        f"{name.words} {ALIKE} {subjects_text(subjects)}"
+        for name, subjects in standing.alike.items()
+    ]
     team = standing.team or f"subject {standing.subject}"
-    return f"{not_final}{team}{called}: {task}; {told}; ruleset {standing.ruleset}{apart}"
+    counted = ", ".join(filter(None, told))
+    return "; ".join((f"{team}{called}: {counted}", task, f"ruleset {standing.ruleset}", *apart))
 
 
 def filter_for(standing: Standing) -> str:

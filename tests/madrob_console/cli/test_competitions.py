@@ -232,8 +232,31 @@ def test_it_prints_the_plan_in_its_order_with_what_is_done(
         "7 Ghent 5 pull, from CCW to CW Wind Ramp 0/2 0 -",
     ]
     out = lines.index("Out of plan:")
-    assert " ".join(lines[out + 1].split()) == "9 2 pull, from CCW to CW Constant Force 1 1 6"
+    assert " ".join(lines[out + 1].split()) == "9 2 pull, from CCW to CW Constant Force +1 1 6"
     assert all(len(line) <= 80 for line in lines[3:])
+
+
+def test_an_attempt_beyond_the_plan_is_told_apart(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in (3, 4):
+        write(folder / "runs", summary(3, 1, number, hour=10 + number))
+    assert plan(folder) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "3 Delft Walkers 1 pull, from CCW to CW No Force 2/2 1 4" in lines
+    assert "3 Delft Walkers 1 pull, from CCW to CW No Force 1/1 2 6" in lines
+    assert "1 more than planned: 3 Delft Walkers of the North Sea, condition 1." in lines
+
+
+def test_the_twenty_conditions_have_the_numbers_that_a_plan_needs(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["plan", "--conditions"]) == 0
+    rows = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert rows[0] == "no benchmark type opening side starting side task"
+    assert rows[1] == "1 No Force CCW CCW pull, from CCW to CW"
+    assert rows[7] == "7 Constant Force CW CCW push, from CCW to CW"
+    assert [row.split()[0] for row in rows[1:21]] == [str(number) for number in range(1, 21)]
 
 
 def test_json_says_the_same_to_programs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -247,6 +270,7 @@ def test_json_says_the_same_to_programs(folder: Path, capsys: pytest.CaptureFixt
         "condition": 1,
         "attempts": 2,
         "done": 2,
+        "beyond": 0,
         "valid": 1,
         "best_level": 4,
         "left": 0,

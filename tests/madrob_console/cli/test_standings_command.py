@@ -24,9 +24,9 @@ from madrob_console.pages.competition import CompetitionStandings, competition_s
 from madrob_console.pages.outputs import (
     COLUMNS,
     standings_csv,
+    standings_details,
     standings_html,
     standings_json,
-    standings_lines,
 )
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from scoring.indicator_table import IndicatorName
@@ -239,7 +239,7 @@ def test_a_team_is_one_row_with_the_name_of_the_list_and_its_other_names_are_a_r
     assert [run["team"] for run in told["left_out"]] == ["Delft Walkers"]
     (team,) = told["rulesets"][0]["overall"]
     assert (team["completed"], team["other_names"]) == (2, ["Team 3", "team 3", "Tm 3"])
-    assert any(line.startswith("3 Delft Walkers: ") for line in standings_lines(of))
+    assert any(line.startswith("3 Delft Walkers: ") for line in standings_details(of))
 
 
 def test_runs_that_count_are_listed_with_what_a_decision_on_them_hangs_on() -> None:
@@ -252,13 +252,13 @@ def test_runs_that_count_are_listed_with_what_a_decision_on_them_hangs_on() -> N
     said = words(of)
     assert "UNDECIDED: 1 of the valid runs wait for the referee." in said
     assert "1 false start UNDECIDED (handle touched)" in said.partition("with flags")[2]
-    (line,) = (line for line in standings_lines(of) if "handle touched" in line)
+    (line,) = (line for line in standings_details(of) if "handle touched" in line)
     assert line.startswith("  run 1 of subject 3")
     (flagged,) = document(of)["flagged"]
     assert (flagged["run_number"], flagged["flags"][0]["undecided"]) == (1, True)
     (rules,) = document(of)["rulesets"]
     assert [(team["flagged"], team["undecided"]) for team in rules["overall"]] == [(1, 1)]
-    assert not any("with flags" in line for line in standings_lines(found(timed(10.0))))
+    assert not any("with flags" in line for line in standings_details(found(timed(10.0))))
 
 
 def test_the_csv_says_how_many_of_a_teams_runs_are_flagged_and_wait_for_a_decision() -> None:
@@ -373,7 +373,7 @@ def test_the_digits_of_all_teams_are_aligned() -> None:
         summary(subject=2, values=values),
         timed(123.25, subject=31),
     )
-    text = list(standings_lines(of))
+    text = list(standings_details(of))
     table = text[text.index("mean") + 1 :][:3]
     assert [line.split()[:2] for line in table] == [
         ["1", "9.50"],
@@ -389,10 +389,27 @@ def test_the_digits_of_all_teams_are_aligned() -> None:
     assert "e-03" not in page
 
 
-def test_without_a_file_a_table_is_printed(
+def test_without_a_file_each_condition_is_a_table_that_its_leader_begins(
     results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    write(results, summary(4, outcome=Outcome.TIMEOUT, values={**VALUES, "capability_level": 3}))
     assert run(results) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "MADROB standings Autumn Cup" in lines
+    assert "Each team's best run: level, then time. The protocol makes no ranking." in lines
+    at = lines.index("Condition 7, Constant Force: push the door, from side CCW to side CW")
+    assert lines[at + 1 : at + 5] == [
+        "team level exec s runs",
+        "3 Team 3 6 10.00 3",
+        "2 Team 2 6 30.00 1",
+        "4 Team 4 3 timeout 1",
+    ]
+    assert "3 Team 3 6 40.00 1" in lines[at + 5 :]
+    assert "Runs that do not count: 2; --details gives the reasons." in lines
+
+
+def test_details_are_all_statistics(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(results, "--details") == 0
     said = capsys.readouterr().out
     assert "MADROB standings Autumn Cup" in said
     assert "Condition 7, Constant Force: push the door, from side CCW to side CW" in said
@@ -436,7 +453,7 @@ def test_the_settings_say_how_many_runs_count(
     results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "mine.toml").write_text("[competition]\nbest_runs = 1")
-    assert run(results, "--settings", tmp_path / "mine.toml") == 0
+    assert run(results, "--details", "--settings", tmp_path / "mine.toml") == 0
     assert "Over the best 1 valid official runs" in capsys.readouterr().out
     assert run(results, "--settings", tmp_path / "mine.toml", "--best", "0") == 0
     assert "Over all valid official runs." in capsys.readouterr().out
@@ -449,12 +466,12 @@ def test_the_list_of_teams_names_the_teams(
     teams.write_text("3,Delft Walkers\n")
     assert run(results, "--teams", teams) == 0
     out = capsys.readouterr().out
-    assert "3 Delft Walkers: " in out
-    assert "2 Team 2: " in out
+    assert "  3 Delft Walkers  " in out
+    assert "  2 Team 2  " in out
     settings = tmp_path / "madrob.toml"
     settings.write_text(f'[competition]\nteams_file = "{teams}"\n')
     assert run(results, "--settings", settings) == 0
-    assert "3 Delft Walkers: " in capsys.readouterr().out
+    assert "  3 Delft Walkers  " in capsys.readouterr().out
     assert run(results, "--teams", tmp_path / "none.csv") == 2
     assert "correct --teams" in capsys.readouterr().err
 

@@ -33,9 +33,9 @@ from madrob_console.messages.message_types import MessageTypes
 from madrob_console.pages.competition import CompetitionStandings, competition_standings
 from madrob_console.pages.outputs import (
     standings_csv,
+    standings_details,
     standings_html,
     standings_json,
-    standings_lines,
 )
 from madrob_console.pages.page import protests
 from madrob_console.referee.acts import (
@@ -88,7 +88,7 @@ def test_from_the_protest_over_the_replay_and_a_ruling_to_the_decision(desk: Des
     assert desk.document["protests"][0]["text"] == "we were through earlier"
     assert desk.document["issue"] == 2
     assert (desk.run_folder / "result_issue_1.json").exists()
-    assert "NOT FINAL: 1 PROTEST open" in "\n".join(standings_lines(found(desk)))
+    assert "NOT FINAL: 1 PROTEST open" in "\n".join(standings_details(found(desk)))
     # the referee looks at the instant in question
     deck = Deck(desk.run_folder)
     deck.do(Skip(0.0), JumpTo(Replay(desk.run_folder, MessageTypes()).instant("protest")))
@@ -104,7 +104,7 @@ def test_from_the_protest_over_the_replay_and_a_ruling_to_the_decision(desk: Des
     assert "protest 1 (step 4: cross the threshold) upheld (seen on video)" in [
         flag.words for flag in run.flags
     ]
-    assert "NOT FINAL" not in "\n".join(standings_lines(found(desk)))
+    assert "NOT FINAL" not in "\n".join(standings_details(found(desk)))
     assert desk.document["protests"][0]["answer"]["end"] == "upheld"
     assert desk.agrees()
 
@@ -129,7 +129,7 @@ def test_a_protest_against_a_run_that_does_not_count_makes_its_row_not_final(
     desk: Desk,
 ) -> None:
     desk.act(Void("robot unsafe"), CROSSED)
-    assert "NOT FINAL: 1 PROTEST open" in "\n".join(standings_lines(found(desk)))
+    assert "NOT FINAL: 1 PROTEST open" in "\n".join(standings_details(found(desk)))
 
 
 def test_past_its_deadline_a_protest_is_told_as_a_fault_and_nothing_happens(desk: Desk) -> None:

@@ -228,6 +228,15 @@ def test_best_runs_that_cannot_be_told_apart_are_marked(results: Path) -> None:
         assert ">30 +- 1<" in text
 
 
+def test_teams_of_one_level_stand_in_the_order_of_their_times(tmp_path: Path) -> None:
+    results = tmp_path / "results"
+    for subject, time in ((1, 13.84), (2, 12.22), (3, 13.85)):
+        write(results, of(subject, own={TIME: time}, team=f"Team {subject}"))
+    table = (publish(results) / "index.html").read_text().partition("<h2>Standings</h2>")[2]
+    places = [table.index(f"Team {subject}") for subject in (2, 1, 3)]
+    assert places == sorted(places)
+
+
 def test_a_run_that_goes_on_is_none_that_was_interrupted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -249,8 +258,10 @@ def test_a_run_that_goes_on_is_none_that_was_interrupted(
         row = next(csv.DictReader(file))
     assert (row["interrupted"], row["without_result"]) == ("0", "1")
     capsys.readouterr()
-    assert main(["standings", "--results", str(results)]) == BAD_INPUT
+    assert main(["standings", "--results", str(results), "--details"]) == BAD_INPUT
     assert "1 completed, 1 without a result yet" in capsys.readouterr().out
+    assert main(["standings", "--results", str(results)]) == BAD_INPUT
+    assert "Runs without a result yet: 1.\nRuns that do not count: 1;" in capsys.readouterr().out
     drive.engine.close()
 
 

@@ -13,9 +13,9 @@ from madrob_console.archive.history import RunSummary
 from madrob_console.pages.competition import NOTES, SIGNS, competition_standings, statistics_text
 from madrob_console.pages.outputs import (
     standings_csv,
+    standings_details,
     standings_html,
     standings_json,
-    standings_lines,
 )
 from madrob_console.pages.tally import overall, standings, subjects_text
 from scoring.indicator_table import IndicatorName
@@ -118,7 +118,7 @@ def test_the_json_has_the_same() -> None:
 
 
 def test_the_table_marks_means_and_says_what_the_signs_mean() -> None:
-    text = list(standings_lines(competition_standings(THREE, made=0.0)))
+    text = list(standings_details(competition_standings(THREE, made=0.0)))
     table = text[text.index("mean") + 1 :]
     assert max(map(len, table[:7])) <= 80
     assert [line.split()[1] for line in table[:3]] == ["10.0~", "10.9~", "15.0?"]
@@ -140,7 +140,7 @@ def test_the_page_names_the_teams_that_a_mean_does_not_differ_from() -> None:
 def test_whatever_a_file_says_the_standings_stay_readable(expanded: float) -> None:
     runs = [timed(subject, 10.0, expanded) for subject in (1, 1, 2)]
     of = competition_standings(runs, made=0.0)
-    text = list(standings_lines(of))
+    text = list(standings_details(of))
     table = text.index("mean")
     assert max(map(len, text[table : table + 6])) <= 80
     assert "10" in text[table + 1]
@@ -167,7 +167,7 @@ def test_all_statistics_have_the_digits_that_the_mean_s_uncertainty_leaves() -> 
 def test_what_is_shown_rounded_up_is_compared_unrounded_and_the_legend_says_so() -> None:
     runs = [timed(1, 10.0, 0.31), timed(2, 10.7, 0.31)]  # shown as +- 0.4, which would overlap
     of = competition_standings(runs, made=0.0)
-    text = list(standings_lines(of))
+    text = list(standings_details(of))
     assert text[text.index("+-") + 1].split()[1] == "0.4"
     assert alike(runs) == {}
     assert "unrounded +- overlap" in SIGNS

@@ -108,6 +108,7 @@ def test_an_aborted_run_has_used_up_its_attempt_and_may_be_repeated_within_the_p
         plan((A, 1), (B, 1)), run(A, outcome=Outcome.ABORTED), run(A, 1.0, run_number=2)
     )
     assert again.out_of_plan(A)
+    assert (again.lines[0].beyond, again.lines[0].valid, again.lines[0].left) == (1, 1, 0)
 
 
 @pytest.mark.parametrize(
@@ -152,7 +153,10 @@ def test_every_attempt_of_any_history_is_counted_once(of: Plan, runs: list[RunSu
     assert {one.task: one.planned for one in found.tasks if one.planned} == planned
     for task in planned:
         lines = [line for line in found.lines if line.task == task]
-        assert sum(line.done for line in lines) == min(counted[task], planned[task])
+        assert sum(line.done for line in lines) == counted[task]
+        within = [line.done - line.beyond for line in lines]
+        assert sum(within) == min(counted[task], planned[task])
+        assert not any(line.beyond for line in lines[:-1])
         for earlier, later in pairwise(lines):
             assert not (earlier.left and later.done)
     for one in (*found.tasks, *found.lines):

@@ -11,7 +11,6 @@ from rich.cells import cell_len
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.common.names import SourceKind
-from madrob_console.pages.competition import SIGNS
 from madrob_console.pages.tally import Aggregate
 from madrob_console.referee.acts import AcceptDoubts
 from madrob_console.referee.records import Voiding
@@ -239,7 +238,7 @@ async def test_the_history_marks_a_doubted_value_with_the_digits_that_it_has() -
 
     async with showing(HistoryPane(lambda: [run]), (160, 24)) as shown:
         row = next(" ".join(one.split()) for one in shown.rows() if "Team 3" in one)
-        assert " 6 17.43? 3.21 4.50 -? 1.88 0.0625 14.8" in row
+        assert " 6 17.43? 3.21 push, from CCW to CW 4.50 -? 1.88 0.0625 14.8" in row
 
 
 ALIKE = [
@@ -251,10 +250,10 @@ ALIKE = [
 async def test_the_standings_mark_teams_that_do_not_differ() -> None:
     async with showing(StandingsPane(lambda: ALIKE, 0, "Autumn Cup")) as shown:
         rows = [" ".join(row.split()) for row in shown.rows()]
-        assert any("17.43~ " in row and row.startswith("> 1 ") for row in rows)
+        assert any("17.43~ " in row and row.startswith("> 7 1 Team 1 6 ") for row in rows)
         assert any("17.44?~ " in row for row in rows)
         assert any("19.00 " in row for row in rows)
-        assert " ".join(SIGNS.split()) in " ".join(rows)
+        assert "? doubted ~ not distinguishable" in " ".join(rows)
         assert "execution time ~ 2;" in " ".join(rows)
 
 

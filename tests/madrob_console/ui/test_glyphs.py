@@ -35,13 +35,14 @@ from madrob_console.ui.cells.lines import (
     scale,
     width_of,
 )
-from madrob_console.ui.cells.table import GAP, ROOMY, Column, Table, in_order, lay_out
+from madrob_console.ui.cells.table import GAP, Column, Table, lay_out
 from madrob_console.ui.frame import frame_lines
 from madrob_console.ui.frame.frame_lines import SMALLEST, TinyClock, tiny_lines
 from madrob_console.ui.look.themes import LIKENESS, to_ascii, uses_ascii
-from madrob_console.ui.panes.runs_pane import Shown, indicator_column, number_text
+from madrob_console.ui.panes.runs_pane import indicator_column, number_text
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome, Step
+from tests.madrob_console.run_folders import summary
 from tests.madrob_console.ui.driver import DEFAULTS, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine, a_setup
 
@@ -492,20 +493,18 @@ def test_a_table_has_a_header_its_rows_and_says_where_it_is() -> None:
         "  c          1",
         "  d          2",
         "",
-        "  1-4 of 4, by name, ascending",
+        "  1-4 of 4, by name",
     ]
 
 
 def test_missing_values_come_last_whichever_way_it_sorts() -> None:
     table = a_table()
-    table.action_sort()
+    table.sort_by(table.columns[1])
     assert [row[0] for row in table.rows] == ["b", "d", "c", "a"]
     assert "num▼" in page(table)[0]
-    table.action_reverse()
+    table.sort_by(table.columns[1], falling=False)
     assert [row[0] for row in table.rows] == ["c", "b", "d", "a"]
     assert "num▲" in page(table)[0]
-    table.action_sort()
-    assert [row[0] for row in table.rows] == ["a", "b", "c", "d"]
 
 
 @given(st.lists(st.none() | st.integers(-3, 3)))
@@ -513,10 +512,10 @@ def test_sorting_keeps_every_row_and_the_order_of_equals(numbers: list[int | Non
     rows = [(f"{place:03}", number) for place, number in enumerate(numbers)]
     missing = [row for row in rows if row[1] is None]
     table = a_table(rows)
-    table.action_sort()
+    table.sort_by(table.columns[1])
     falling = sorted((row for row in rows if row[1] is not None), key=lambda row: -(row[1] or 0))
     assert list(table.rows) == [*falling, *missing]
-    table.action_reverse()
+    table.sort_by(table.columns[1], falling=False)
     rising = sorted((row for row in rows if row[1] is not None), key=lambda row: row[1] or 0)
     assert list(table.rows) == [*rising, *missing]
 
@@ -562,7 +561,7 @@ def test_an_empty_table_says_so() -> None:
     table = a_table([])
     table.empty = "no runs yet"
     assert page(table)[1] == "  no runs yet"
-    assert page(table)[-1] == "  none, by name, ascending"
+    assert page(table)[-1] == "  none, by name"
 
 
 def test_only_the_rows_in_view_are_drawn() -> None:
@@ -582,24 +581,21 @@ def test_only_the_rows_in_view_are_drawn() -> None:
 
 # ---------------------------------------------------------------- columns
 
-WIDTHS = st.lists(st.tuples(st.integers(3, 50), st.booleans()), min_size=1, max_size=12)
+WIDTHS = st.lists(st.tuples(st.integers(3, 50), st.integers(0, 30)), min_size=1, max_size=12)
 
 
-def columns_of(widths: list[tuple[int, bool]]) -> list[Column[Pair]]:
+def columns_of(widths: list[tuple[int, int]]) -> list[Column[Pair]]:
     return [
-        Column(
-            f"c{number}", "m", lambda p: Span(p[0]), lambda p: p[0], width, comfort=comfort,
-            ample=width + 3,
-        )
-        for number, (width, comfort) in enumerate(widths)
-    ]  # fmt: skip
+        Column(f"c{n}", "m", lambda p: Span(p[0]), lambda p: p[0], width, ample=width + more)
+        for n, (width, more) in enumerate(widths)
+    ]
 
 
 @given(WIDTHS, st.integers(0, 5), st.integers(10, 200))
-def test_every_column_can_be_brought_into_view(
-    widths: list[tuple[int, bool]], fixed: int, width: int
+def test_every_column_can_be_brought_into_view_and_ample_ones_take_what_is_left(
+    widths: list[tuple[int, int]], fixed: int, width: int
 ) -> None:
-    columns = in_order(columns_of(widths), width)
+    columns = columns_of(widths)
     seen = []
     for first in range(len(columns)):
         layout = lay_out(columns, fixed, first, width)
@@ -607,23 +603,11 @@ def test_every_column_can_be_brought_into_view(
         seen += shown
         assert shown == [column for column in columns if column in shown]
         assert layout.before + len(shown) + layout.after == len(columns)
-        assert 0 <= layout.first <= layout.last_first
         taken = sum(size for _, size in layout.shown) + GAP * (len(shown) - 1)
         assert taken <= width or len(shown) == 1
+        assert all(column.width <= size <= column.ample for column, size in layout.shown)
+        assert taken >= width or all(column.ample == size for column, size in layout.shown)
     assert set(seen) == set(columns)
-
-
-@given(WIDTHS, st.integers(10, 200))
-def test_comfort_comes_last_where_there_is_no_room(
-    widths: list[tuple[int, bool]], width: int
-) -> None:
-    columns = columns_of(widths)
-    order = in_order(columns, width)
-    if width >= ROOMY:
-        assert order == columns
-    else:
-        comforts = [column.comfort for column in order]
-        assert comforts == sorted(comforts)
 
 
 @given(
@@ -639,11 +623,33 @@ def test_whatever_is_in_a_table_its_lines_fit(rows: list[Pair], width: int, heig
 
 
 def test_the_last_line_counts_the_columns_out_of_view() -> None:
-    columns = columns_of([(20, False)] * 6)
+    columns = columns_of([(20, 3)] * 6)
     table = Table(columns, lambda pair: pair[0], fixed=1)
     table.set_rows(PAIRS)
-    assert page(table, 70)[-1].endswith("more columns  3 ->")
-    assert page(table, 200)[-1].endswith("ascending")
+    assert page(table, 70)[-1].endswith("columns 3 ->")
+    assert page(table, 200)[-1].endswith("by m")
+    table.legend = "! weighs"
+    assert page(table, 200)[-1].endswith("by m   ! weighs")
+    assert page(table, 40)[-1].endswith("columns 5 ->")
+
+
+def test_a_marked_cell_stands_in_brackets_and_is_brought_into_view() -> None:
+    table = Table(columns_of([(4, 0)] * 9), lambda pair: pair[0], fixed=1, marks_cells=True)
+    table.set_rows(PAIRS)
+    assert page(table, 24)[1] == "  a   [a   ]a    a"
+    table.mark(1, 8)
+    assert page(table, 24)[2] == "  b    b    b   [b   ]"
+    assert page(table, 24)[-1].endswith("<- 5 columns")
+    table.mark(99, 0)
+    assert page(table, 24)[4] == "  d   [d   ]d    d"
+    assert (table.selected, table.marked) == (("d", 2), table.columns[1])
+
+
+def test_rows_that_lead_are_strong() -> None:
+    table = a_table()
+    table.strong = {"b"}
+    tones = [[span.tone for span in line[2::2]] for line in table.page(40, 7)[1:5]]
+    assert [set(row) == {Tone.STRONG} for row in tones] == [False, True, False, False]
 
 
 def test_numbers_stand_on_the_right_and_long_texts_show_an_ellipsis() -> None:
@@ -673,20 +679,16 @@ def test_a_number_is_short_and_never_a_false_zero(value: float, shown: str) -> N
     assert number_text(value, 2, 7) == shown
 
 
-def indicator(name: IndicatorName) -> Column[Pair]:
-    return indicator_column(name, lambda pair: Shown(pair[1]))
-
-
 def test_an_indicator_column_says_what_it_is_and_in_which_unit() -> None:
-    column = indicator(IndicatorName.UNSAFETY_OF_DOOR_OPERATION)
+    column = indicator_column(IndicatorName.UNSAFETY_OF_DOOR_OPERATION)
     assert column.meaning == "unsafety of door operation (rad/s^2)"
-    assert column.cell(("a", None)) == Span("- ", Tone.DIM)
-    assert column.value(("a", None)) is None
+    assert column.cell(summary(values={})) == Span("- ", Tone.DIM)
+    assert column.value(summary(values={})) is None
 
 
 @pytest.mark.parametrize("name", list(IndicatorName))
 def test_a_title_leaves_room_for_its_arrow(name: IndicatorName) -> None:
-    column = indicator(name)
+    column = indicator_column(name)
     assert len(column.title) < column.width
 
 
@@ -698,10 +700,10 @@ class TableScreen(Screen[None]):
 
     def __init__(self) -> None:
         super().__init__()
-        columns = columns_of([(12, False)] * 9)
+        columns = columns_of([(12, 0)] * 9)
         self.table = Table(columns, lambda pair: pair[0], fixed=1)
         self.chosen: list[str] = []
-        self.marked: list[str | None] = []
+        self.marked: list[Pair | None] = []
 
     def compose(self) -> ComposeResult:
         yield self.table
@@ -709,8 +711,8 @@ class TableScreen(Screen[None]):
     def on_table_chosen(self, event: Table.Chosen) -> None:
         self.chosen.append(event.key)
 
-    def on_table_marked(self, event: Table.Marked) -> None:
-        self.marked.append(event.key)
+    def on_table_marked(self) -> None:
+        self.marked.append(self.table.selected)
 
 
 class TableApp(App[None]):
@@ -741,7 +743,7 @@ async def test_keys_and_mouse_move_choose_and_sort() -> None:
             assert table.selected == (f"{wanted:05}", wanted)
         await pilot.press("down", "enter")
         assert screen.chosen == ["00001"]
-        assert screen.marked[-1] == "00001"
+        assert screen.marked[-1] == ("00001", 1)
         await pilot.click(table, offset=(5, 4))
         assert table.selected == ("00003", 3)
         table.post_message(
@@ -760,9 +762,11 @@ async def test_keys_and_mouse_move_choose_and_sort() -> None:
         assert "c8" in header()
         await pilot.press("left")
         assert "c8" not in header()
-        await pilot.press(*["o"] * 8)
-        assert "c8▲" in header()
-        await pilot.press("O")
-        assert "c8▼" in header()
+        await pilot.press("o")
+        assert "c0▼" in header()
+        await pilot.press("o")
+        assert "c5▲" in header()  # the next in view
+        await pilot.press(*["o"] * 5)
+        assert "c7▼" in header()
         await pilot.press("o")
         assert "c0▲" in header()

@@ -15,7 +15,7 @@ from madrob_console.referee.records import RunSetup
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.dialog import Field
 from madrob_console.ui.link import ConsoleDefaults
-from madrob_console.ui.panes.plan_pane import CellView, about, cell
+from madrob_console.ui.panes.plan_pane import about, cell
 from madrob_console.ui.panes.team_picker import matching
 from scoring.protocol import Outcome
 from tests.madrob_console.run_folders import summary
@@ -275,11 +275,11 @@ async def test_the_pane_shows_teams_and_conditions_and_marks_what_is_next(
         await driver.answered()
         await driver.answered("f3", "p")
         rows = [" ".join(row.split()) for row in driver.rows()]
-        assert "subj team >1 2 7 20" in rows
-        assert "> 1 Walkers 1/2 [1/2L4]" in rows
-        assert "2 門の騎士 1/1 1!1L-" in rows
-        assert "3 Delft University Door O… 0/2 0/2" in rows
-        assert "9 0/0 +1L6" in rows
+        assert "subj▲ team done 1 2 7 20" in rows
+        assert "1 Walkers 1/2[>1/2]" in rows
+        assert "2 門の騎士 1/1 1/1" in rows
+        assert "3 Delft University Door Openers 0/2 0/2" in rows
+        assert "9 0/0 +1" in rows
         text = " ".join(rows)
         assert "2 of 5 attempts done, 3 left. Next: 1 Walkers, condition 1" in text
         assert "attempt 2 of 2. Then 3 in 20." in text
@@ -301,15 +301,11 @@ async def test_all_of_a_large_plan_can_be_seen_and_reached(
         await driver.answered("f3", "p")
         seen = set()
         for _ in range(20):
-            title = next(row for row in driver.rows() if row.lstrip().startswith("subj team"))
-            seen |= {int(word.strip(">")) for word in title.split()[2:]}
-            assert driver.text.count("0/2") >= 12 * 12  # all teams at once, most conditions
+            title = next(row for row in driver.rows() if row.lstrip().startswith("subj▲ team"))
+            seen |= {int(word) for word in title.split()[3:]}
+            assert driver.text.count("0/2") >= 12 * 10  # all teams at once, half the conditions
             await driver.press("right")
         assert seen == set(range(1, 21))
-        if "v: " in driver.text:
-            for words in ("v: valid/planned", "v: best level", "v: done/planned"):
-                await driver.press("v")
-                assert words in driver.text
         for _ in range(12):
             await driver.press("down")
         assert "12 Team number 12, condition 20" in " ".join(driver.text.split())
@@ -329,21 +325,23 @@ async def test_enter_on_a_cell_proposes_it_and_x_sets_it_up(
     assert "Draft of run 2 of subject 1, attempt 2 of 2" in " ".join(driver.text.split())
     await driver.answered("escape", "x")
     assert task(planned) == Task(1, 1)
-    await driver.answered("f3", "p", "end", "down", "down", "x")
+    await driver.answered("f3", "p", "right", "right", "end", "x")
     assert task(planned) == Task(3, 20)
 
 
-async def test_a_click_marks_a_cell_and_a_second_one_proposes_it(
+async def test_a_click_marks_a_cell_and_a_double_click_proposes_it(
     planned: FakeEngine, driver: Driver
 ) -> None:
     await driver.answered()
     await driver.answered("f3", "p")
     y, row = next((y, row) for y, row in enumerate(driver.rows()) if "3 Delft University" in row)
-    for times in (1, 2):
-        await driver.pilot.click(offset=(row.rindex("0/2") + 1, y))
-        await driver.answered()
-        assert driver.console.pane == ("plan" if times == 1 else "setup")
-        assert "3 Delft University Door Openers, condition 20" in driver.text or times == 2
+    await driver.pilot.click(offset=(row.rindex("0/2") + 1, y))
+    await driver.answered()
+    assert driver.console.pane == "plan"
+    assert "3 Delft University Door Openers, condition 20" in driver.text
+    await driver.pilot.click(offset=(row.rindex("0/2") + 1, y), times=2)
+    await driver.answered()
+    assert driver.console.pane == "setup"
     await driver.answered("enter")
     assert task(planned) == Task(3, 20)
 
@@ -365,19 +363,32 @@ async def test_without_a_plan_the_pane_says_how_to_make_one(driver: Driver) -> N
 
 
 @pytest.mark.parametrize(
-    ("attempts", "texts"),
+    ("attempts", "text"),
     [
-        (Attempts(Task(1, 1), 2), ("0/2  ", "0/2", "0/2", ".")),
-        (Attempts(Task(1, 1), 2, 1, 1, 6), ("1/2L6", "1/2", "1/2", "L6")),
-        (Attempts(Task(1, 1), 2, 2, 1, 0), ("2!2L0", "2!2", "1!2", "L0")),
-        (Attempts(Task(1, 1), 0, 1, 0), ("+1L-", "+1", "+0", "L-")),
-        (None, ("", "", "", "")),
+        (Attempts(Task(1, 1), 2), "0/2"),
+        (Attempts(Task(1, 1), 2, 1, 1, 6), "1/2"),
+        (Attempts(Task(1, 1), 2, 2, 1, 0, 1), "2/2P"),
+        (Attempts(Task(1, 1), 0, 1, 0), "+1"),
     ],
 )
-def test_a_cell_says_in_signs_what_the_line_below_says_in_words(
-    attempts: Attempts | None, texts: tuple[str, ...]
+def test_a_cell_says_one_thing(attempts: Attempts, text: str) -> None:
+    assert cell(attempts, is_next=False).text == text
+    assert cell(attempts, is_next=True).text == f">{text}"
+
+
+async def test_an_attempt_beyond_the_plan_is_none_of_those_that_were_planned(
+    planned: FakeEngine,
 ) -> None:
-    assert tuple(cell(attempts, view, is_next=False).text for view in (None, *CellView)) == texts
+    planned.history = [
+        summary(1, 1, run, hour=run, values={"capability_level": run}) for run in (1, 2, 3)
+    ]
+
+    async with driving(planned) as driver:
+        await driver.answered()
+        await driver.answered("f3", "p", "home", "left", "left")
+        assert "[2/2]" in driver.text
+        text = " ".join(driver.text.split())
+        assert "2 of 2 attempts done; 1 more than planned; 3 valid; best level 3" in text
 
 
 def test_the_line_below_says_all_of_a_cell() -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -13,6 +14,7 @@ from madrob_console.engine.snapshot import Pulse
 from madrob_console.engine.view import NO_STEPS
 from madrob_console.pages.tally import Aggregate
 from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
+from madrob_console.referee.flags import FlagWeight
 from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import RemovedEvidence, Voiding
 from madrob_console.referee.records import TestbedFault as Fault
@@ -381,6 +383,8 @@ def shown(lines: Sequence[Line]) -> str:
     return "\n".join("".join(span.text for span in row) for row in lines)
 
 
+CAUTION = replace(UNDECIDED_START, weight=FlagWeight.CAUTION, undecided=False)
+REMARK = replace(CAUTION, weight=FlagWeight.REMARK)
 WIDE = (120, 31)
 RUNS = (
     summary(1, 1, 1, hour=0, team="Delft", source="simulated"),
@@ -443,8 +447,9 @@ async def test_all_runs_are_shown_newest_first_and_marked_by_words(size: tuple[i
         (practice,) = (row for row in shown.rows() if " SIM " in row)
         assert " 1 Delft " in practice
         assert "門の騎士" in shown.text
-        assert "6   17.43    3.21" in shown.text
+        assert "6   17.43" in shown.text
         assert ("pull, from CW to CCW" in shown.text) == (size == WIDE)
+        assert ("P protest  * unsigned" in shown.text) == (size == WIDE)
 
 
 async def test_every_column_can_be_seen_on_a_small_screen() -> None:
@@ -479,20 +484,18 @@ def test_the_head_line_says_what_there_is() -> None:
     assert head_line(()) == "no runs in the results folder"
 
 
-async def test_v_shows_those_not_final_then_those_that_do_not_count() -> None:
+async def test_v_shows_official_runs_then_practice_then_those_that_are_not_final() -> None:
     async with showing(HistoryPane(Results().load)) as shown:
-        await shown.press("v")
-        assert teams(shown) == ["5", "2", "1", "1", "2", "1"]
-        assert "6 of 8 runs: not final" in shown.text
-        await shown.press("v")
-        assert teams(shown) == ["4"]
-        assert "1 of 8 runs: undecided" in shown.text
-        await shown.press("v")
-        assert teams(shown) == ["5", "2", "1", "1"]
-        assert "4 of 8 runs: invalid and interrupted" in shown.text
-        await shown.press("v")
-        assert teams(shown) == []
-        assert "0 of 8 runs: protest open" in shown.text
+        for view, numbers, following in (
+            ("official only", ["5", "2", "4", "1", "3", "2"], "practice only"),
+            ("practice only", ["1"], "not final"),
+            ("not final", ["5", "2", "1", "1", "2", "1"], "all runs"),
+        ):
+            assert f"v {view}" in shown.text
+            await shown.press("v")
+            assert teams(shown) == numbers
+            assert f"{len(numbers)} of 8 runs: {view} (Escape shows all)" in shown.text
+            assert f"v {following}" in shown.text
         await shown.press("v")
         assert len(teams(shown)) == 8
 
@@ -501,15 +504,14 @@ async def test_a_filter_is_typed_kept_with_enter_and_cleared_with_escape() -> No
 
     pane = HistoryPane(Results().load)
     async with showing(pane) as shown:
+        assert "/ filters: delft, cond:7" in shown.text
         await shown.press("slash", *"delft")
-        assert "filter delft" in shown.text
         assert teams(shown) == ["1", "1", "1"]
         await shown.press("space", *"inval", "enter")
         assert teams(shown) == ["1"]
-        assert "1 of 8 runs: filter 'delft inval' (Escape clears it)" in shown.text
-        assert "filter delft" not in shown.text
+        assert " delft inval" in shown.text
+        assert "1 of 8 runs: filtered (Escape shows all)" in shown.text
         await shown.press("slash", *"vo")
-        assert "filter vo" in shown.text
         assert "no run passes the filter" in shown.text
         assert pane.selected is None
         await shown.press("escape", "slash", *"foo", "colon")
@@ -534,7 +536,7 @@ async def test_an_empty_history_says_so_and_opens_nothing() -> None:
     async with showing(HistoryPane(Results(()).load)) as shown:
         assert "no runs in the results folder" in shown.text
         assert "no runs yet" in shown.text
-        await shown.press("enter", "o", "O", "right", "end", "pagedown", "v")
+        await shown.press("enter", "o", "o", "right", "end", "pagedown", "v")
         assert shown.app.sent == []
 
 
@@ -546,12 +548,13 @@ async def test_runs_of_a_team_can_be_asked_for() -> None:
         pane.look_for("subject:1 cond:1")
         await shown.settle()
         assert teams(shown) == ["1", "1", "1"]
-        assert "3 of 8 runs: filter 'subject:1 cond:1'" in shown.text
+        assert " subject:1 cond:1" in shown.text
+        assert "3 of 8 runs: filtered" in shown.text
 
 
 async def test_the_screen_answers_while_it_reads_and_shows_the_last_reading() -> None:
 
-    results = Results(RUNS[:1])
+    results = Results(RUNS[1:2])
     pane = HistoryPane(results.load)
     async with showing(pane) as shown:
         results.may_end.clear()
@@ -563,7 +566,7 @@ async def test_the_screen_answers_while_it_reads_and_shows_the_last_reading() ->
         await shown.pilot.press("down", "o", "v")
         assert "reading the results folder" in shown.text
         assert len(teams(shown)) == 1
-        await shown.pilot.press("v", "v", "v", "v")
+        await shown.pilot.press("v", "v", "v")
         results.may_end.set()
         await shown.settle()
         assert len(teams(shown)) == 3
@@ -635,11 +638,23 @@ async def test_a_team_has_its_name_in_the_list_and_what_was_recorded_is_a_remark
 
 
 @pytest.mark.parametrize(
-    ("outcome", "words"),
-    [(Outcome.COMPLETED, "completed P!!"), (Outcome.INTERRUPTED, "INTERRUP… P!!")],
+    ("told", "words"),
+    [
+        ({}, "completed *"),
+        ({"final": True}, "completed"),
+        ({"final": True, "flags": (REMARK,)}, "completed"),
+        ({"final": True, "flags": (CAUTION,)}, "completed !"),
+        ({"flags": (UNDECIDED_START,)}, "completed *!!"),
+        ({"flags": (UNDECIDED_START,), "protest_due": EPOCH}, "completed P"),
+        ({"flags": (CAUTION,), "voided": True}, "VOID"),
+        ({"flags": (CAUTION,), "outcome": Outcome.ABORTED}, "INVALID"),
+        ({"flags": (UNDECIDED_START,), "outcome": Outcome.INTERRUPTED}, "INTERRUP… *!!"),
+    ],
 )
-def test_signs_stand_apart_from_the_outcome_and_are_never_cut(outcome: Outcome, words: str) -> None:
-    run = summary(1, outcome=outcome, protest_due=EPOCH, flags=(UNDECIDED_START,))
+def test_signs_say_what_must_be_decided_and_what_changed_a_score(
+    told: dict[str, Any], words: str
+) -> None:
+    run = summary(1, **told)
     (column,) = (one for one in columns() if one.title == "outcome")
     shown = column.fit(column.cell(run).text, column.width)
     assert shown.rstrip() == words
