@@ -194,15 +194,11 @@ class ResultDocument(Result, Heading):
 
 def result_schema() -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of `result.json`; its `$id` ends with the format's number."""
-    (root,), parts = msgspec.json.schema_components([ResultDocument], ref_template="#/$defs/{name}")
+    root, parts = described_schema(ResultDocument, ResultDocument, Result, Heading)
     whole = parts[ResultDocument.__name__]
     del parts[IndicatorName.__name__]  # the keys of the indicators: each is named below
     for part in parts.values():
-        if part is whole:
-            _describe(whole, *(kind.__doc__ or "" for kind in (ResultDocument, Result, Heading)))
-            continue
-        _describe(part, part.get("description", ""))
-        if "properties" in part:  # the defaults are the program's: files say everything
+        if part is not whole and "properties" in part:  # the defaults are the program's
             part["required"] = [key for key in part["properties"] if key not in _ADDED]
             for key in part["properties"].values():
                 key.pop("default", None)
@@ -227,8 +223,21 @@ def result_schema() -> dict[str, Any]:
     }
 
 
-def schema_text() -> bytes:
-    return msgspec.json.format(msgspec.json.encode(result_schema()), indent=2) + b"\n"
+def described_schema(kind: type, *described_by: type) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The JSON schema of a type: its root and its parts, with what docstrings say of attributes.
+
+    `described_by` are the classes whose docstrings are about the type itself.
+    """
+    (root,), parts = msgspec.json.schema_components([kind], ref_template="#/$defs/{name}")
+    for name, part in parts.items():
+        docs = [one.__doc__ or "" for one in described_by]
+        _describe(part, *docs if name == kind.__name__ else [part.get("description", "")])
+    return root, parts
+
+
+def schema_text(schema: Mapping[str, Any] | None = None) -> bytes:
+    """A schema as a file has it; that of `result.json` if none is given."""
+    return msgspec.json.format(msgspec.json.encode(schema or result_schema()), indent=2) + b"\n"
 
 
 def _describe(part: dict[str, Any], *docs: str) -> None:

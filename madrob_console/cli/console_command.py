@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from enum import Enum, auto
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from madrob_console.config import Settings
+    from madrob_console.config.tables import ConsoleSettings
     from madrob_console.engine.requests import Role
     from madrob_console.engine.wire import EngineClient
     from madrob_console.ui.link import ConsoleDefaults
@@ -24,6 +26,19 @@ _KEYS = "F1 lists the keys, ^P finds every command."
 _PRACTICE = "Practice: Enter sets up, F7 zeroes the handle, F6 confirms the pose, F5 starts."
 _REPLAY = "A replay: nothing is recorded. Space pauses, j jumps to a time. F1 lists the keys."
 _FIRST_TIME = "No run yet. To practise: `madrob console --testbed simulated`. F1 lists the keys."
+
+
+class Shown(Enum):
+    """How a run is shown."""
+
+    SCREENS = auto()
+    WALL = auto()
+    PLAIN = auto()
+    JSON = auto()
+
+
+_LINES = (Shown.PLAIN, Shown.JSON)
+"""They need no terminal."""
 
 
 def add_command(commands: options.Commands) -> None:
@@ -97,23 +112,22 @@ def show(
     begin_at: float | None = None,
     *,
     named: str | None = None,
-    wall: bool = False,
+    shown: Shown = Shown.SCREENS,
 ) -> int:
-    """Show the screens for a referee or for a spectator.
+    """Show a run to a referee or to a spectator.
 
     A replay begins at `begin_at`, s from the start of its run, or paused at the event `named`.
-    `wall` shows the wall display.
     """
     with imports_kept():
-        from msgspec.structs import replace
-
         from madrob_console.cli.attaching import attach, demand_engine, owned_testbed
         from madrob_console.cli.running_engines import ask_which, engines_meant, mean
         from madrob_console.config import load_settings
         from madrob_console.engine.requests import Role
         from madrob_console.ui.terminal import check_terminal, run_console
 
-    check_terminal(os.environ, (sys.__stdin__, sys.__stdout__))
+    if shown not in _LINES:
+        instead = "run" if role is Role.REFEREE else "watch --plain"
+        check_terminal(os.environ, (sys.__stdin__, sys.__stdout__), instead)
     own = options.results_folder(arguments, load_settings(arguments.settings)).resolve()
     engines = engines_meant(arguments, own)
     elsewhere = role is Role.REFEREE and any(one.results != own for one in engines)
@@ -128,12 +142,7 @@ def show(
         begin_at = _check_replay(arguments, begin_at, named)
     if role is Role.WATCH:
         demand_engine(arguments, settings)
-    if arguments.teams is not None:
-        options.team_list(arguments, settings)
-    if arguments.plan is not None:
-        from madrob_console.referee.competition_plan import read_plan
-
-        read_plan(arguments.plan.expanduser(), "correct --plan")
+    _read_lists(arguments, settings)
 
     def open_client() -> EngineClient:
         client = attach(arguments, settings, role)
@@ -143,14 +152,29 @@ def show(
             _move(client, speed, begin_at, pause=named is not None)
         return client
 
-    look = replace(
+    if shown in _LINES:
+        from madrob_console.cli.spectator_lines import follow_engine, json_lines, plain_lines
+
+        return follow_engine(open_client, plain_lines if shown is Shown.PLAIN else json_lines)
+
+    return run_console(
+        open_client,
+        _defaults(arguments, settings, results),
+        _look(arguments, settings),
+        wall=shown is Shown.WALL,
+    )
+
+
+def _look(arguments: argparse.Namespace, settings: Settings) -> ConsoleSettings:
+    from msgspec.structs import replace
+
+    return replace(
         settings.console,
         theme=arguments.theme or settings.console.theme,
         ascii=arguments.ascii or settings.console.ascii,
         bell=settings.console.bell and not arguments.no_bell,
         mouse=settings.console.mouse and not arguments.no_mouse,
     )
-    return run_console(open_client, _defaults(arguments, settings, results), look, wall=wall)
 
 
 def _check_replay(
@@ -181,6 +205,16 @@ def _check_replay(
     if (refused := replay.control(JumpTo(at))) is not None:
         raise MadrobError(f"{option}: {refused}")
     return at
+
+
+def _read_lists(arguments: argparse.Namespace, settings: Settings) -> None:
+    """Refuse lists that are given and cannot be read, before anything is painted."""
+    if arguments.teams is not None:
+        options.team_list(arguments, settings)
+    if arguments.plan is not None:
+        from madrob_console.referee.competition_plan import read_plan
+
+        read_plan(arguments.plan.expanduser(), "correct --plan")
 
 
 def check_lists(client: EngineClient, arguments: argparse.Namespace, settings: Settings) -> None:

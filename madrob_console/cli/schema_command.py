@@ -1,24 +1,43 @@
-"""`madrob schema`: what `result.json` holds, for programs."""
+"""`madrob schema`: what `result.json` and the lines of `madrob watch --json` hold, for programs."""
 
 from __future__ import annotations
 
 import argparse
+from enum import StrEnum
 
 from madrob_console.cli import options
+from madrob_console.cli.parsing import one_of
+
+
+class Described(StrEnum):
+    """What a schema describes."""
+
+    RESULT = "result"
+    STATE = "state"
 
 
 def add_command(commands: options.Commands) -> None:
-    options.command(
+    parser = options.command(
         commands,
         "schema",
         main,
-        "the JSON schema of result.json",
-        examples=("madrob schema > result_schema.json",),
+        "the JSON schema of result.json, or of a line of `madrob watch --json`",
+        examples=("madrob schema > result_schema.json", "madrob schema state > state_schema.json"),
+    )
+    parser.add_argument(
+        "what",
+        nargs="?",
+        type=one_of(Described),
+        choices=list(Described),
+        default=Described.RESULT,
+        help="result.json, if not given",
     )
 
 
-def main(_arguments: argparse.Namespace) -> int:
-    from madrob_console.archive.result_document import schema_text
+def main(arguments: argparse.Namespace) -> int:
+    from madrob_console.archive.result_document import result_schema, schema_text
+    from madrob_console.engine.public_state import state_schema
 
-    print(schema_text().decode(), end="")
+    schema = state_schema() if arguments.what is Described.STATE else result_schema()
+    print(schema_text(schema).decode(), end="")
     return 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -18,6 +17,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.engine.evidence_client import EvidenceClient, EvidencePlace
 from madrob_console.engine.journal_writer import JournalKeeper, OpenJournal, Promise, Recording
+from madrob_console.engine.public_state import RefereeState
 from madrob_console.engine.replay import EngineContext
 from madrob_console.engine.snapshot import LogLine, RecorderView, Weight
 from madrob_console.messages.codec import (
@@ -169,25 +169,7 @@ class EventPublisher:
 
     def announce_state(self, run: Run) -> None:
         """Tell robot and testbed the state of the run (`/madrob/referee/state`)."""
-        setup = run.setup
-        condition = setup.condition if setup else None
-        content = {
-            "phase": run.phase,
-            "subject": setup.subject if setup else None,
-            "team": setup.team if setup else None,
-            "run_number": setup.run_number if setup else None,
-            "run_id": setup.run_id if setup else None,
-            "testbed": setup.testbed if setup else None,
-            "condition_number": condition.number if condition else None,
-            "benchmark_type": condition.benchmark_type if condition else None,
-            "opening_side": condition.opening_side if condition else None,
-            "starting_side": condition.starting_side if condition else None,
-            "start_time": run.start,
-            "timeout": setup.timeout if setup else None,
-            "outcome": run.outcome,
-            "void": run.voided is not None,
-        }
-        self._say(REFEREE_STATE_TOPIC, encode_text(self._types, json.dumps(content)))
+        self._say(REFEREE_STATE_TOPIC, encode_text(self._types, RefereeState.of(run).text))
 
     def announce_start_pose(self, pose: StartPose) -> None:
         """Tell the robot where it starts (`/madrob/referee/start_pose`)."""

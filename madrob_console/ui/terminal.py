@@ -90,19 +90,19 @@ def _rest() -> None:
     gc.set_threshold(young, middle, SELDOM)
 
 
-def check_terminal(environ: Mapping[str, str], streams: Iterable[TextIO | None] = ()) -> None:
-    """Raises MadrobError if TERM is `dumb` or not set, or a stream is a file or a pipe."""
+def check_terminal(
+    environ: Mapping[str, str], streams: Iterable[TextIO | None] = (), instead: str = "run"
+) -> None:
+    """Check that screens can be shown; `instead` is the command that prints lines.
+
+    Raises:
+        MadrobError: TERM is `dumb` or not set, or a stream is a file or a pipe.
+    """
     if not all(stream is not None and stream.isatty() for stream in streams):
-        raise MadrobError(
-            "input and output are no terminal: start it without `|`, `<` and `>`; use `madrob run`,"
-            " which prints plain lines, for a script"
-        )
+        raise MadrobError(f"no terminal: `madrob {instead}` prints plain lines, here or in a pipe")
     term = environ.get("TERM", "")
     if term in ("", "dumb", "unknown"):
-        raise MadrobError(
-            f"TERM is '{term}': this terminal cannot show screens; use `madrob run`, which prints"
-            " plain lines"
-        )
+        raise MadrobError(f"TERM is '{term}', no screens: `madrob {instead}` prints plain lines")
 
 
 def _ignore(_number: int, _frame: FrameType | None) -> None:

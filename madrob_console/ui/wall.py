@@ -5,9 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
+from itertools import product
 from typing import TYPE_CHECKING, ClassVar
 
+from rich.cells import cell_len
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
@@ -16,10 +18,10 @@ from madrob_console.archive.history import History, RunSummary, condition_words,
 from madrob_console.common.errors import MadrobError
 from madrob_console.pages.competition import SIGNS
 from madrob_console.pages.tally import Standing, standings
-from madrob_console.referee.flags import weighty
+from madrob_console.referee.flags import FlagWeight
 from madrob_console.referee.run import Phase
 from madrob_console.ui.app import MadrobApp
-from madrob_console.ui.cells.large_text import rows_of, width_of_large
+from madrob_console.ui.cells.large_text import large_text
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Span, Tone, View, line, width_of
 from madrob_console.ui.frame.console_screen import BUSY_PERIOD
 from madrob_console.ui.frame.frame_lines import WATCHING, source_badge
@@ -28,30 +30,28 @@ from madrob_console.ui.look.words import fitted, shortened, time_of_day
 from madrob_console.ui.panes.all_faults import banner
 from madrob_console.ui.panes.run_status import (
     clock_span,
-    in_large,
+    condition_text,
     phase_span,
     step_time,
     team_text,
+    who_text,
 )
 from madrob_console.ui.panes.runs_pane import number_text
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import UNSETTLED
-from scoring.result import DOUBTED, uncertainty_text
+from scoring.result import Uncertainty, uncertainty_text
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from madrob_console.config.tables import ConsoleSettings
     from madrob_console.engine.snapshot import Snapshot
     from madrob_console.engine.wire import EngineClient
-    from madrob_console.ui.link import ConsoleDefaults, EngineLink
+    from madrob_console.ui.link import ConsoleDefaults
 
 PAGE_TIME = 10.0
 """While nothing runs another page comes after so long, s."""
 
-_STATE_SHARE = 6
-_CLOCK_SHARE = 2
-"""State and team take one row of so many at most, the clock one of so many."""
+_BLANK_SHARE = 8
+"""One row of so many stays blank, between the blocks."""
 
 _BANDS = {
     Tone.GOOD: Tone.LIVE,
@@ -59,278 +59,239 @@ _BANDS = {
     Tone.BAD: Tone.ALARM,
     Tone.STRONG: Tone.CAP,
 }
-"""Tones of the band over the whole width, by the state's tone."""
-
 _WAITING = "the engine has ended: what you see is old; waiting for the next one"
-_NO_ENGINE = Span("NO ENGINE", Tone.BAD)
-
 _INDICATORS = (IndicatorName.CAPABILITY_LEVEL, IndicatorName.EXECUTION_TIME)
+
+# A page is made of blocks, each as large as the others leave it room.
 
 
 @dataclass(frozen=True, slots=True)
-class WallRuns:
-    """The last run with a result and all teams' standings by number, read once for many looks."""
+class Block:
+    """Cells of one size; dim ones are always in ordinary letters.
 
-    latest: RunSummary | None = None
-    standings: Sequence[Standing] = ()
+    Attributes:
+        cells: row by row.
+        columns: how many cells may be in a row, the most first.
+        left: how many columns begin at their left; the others end at their right.
+        ahead: by how much its size is ahead of that of other blocks; one that is behind (below 0)
+            stops growing with the last of those that are not.
+        names: whether the first column may stay in ordinary letters beside the smallest large ones.
+    """
 
-    @classmethod
-    def of(
-        cls, runs: Sequence[RunSummary], names: Mapping[int, str], *, practice: bool
-    ) -> WallRuns:
-        done = [
-            run
-            for run in runs
-            if run.outcome is not None
-            and run.problem is None
-            and (run.practice if practice else run.official)
+    cells: tuple[Span, ...]
+    columns: tuple[int, ...] = (1,)
+    left: int = 9
+    ahead: float = 0.0
+    names: bool = False
+
+
+@lru_cache(maxsize=256)
+def draw_block(block: Block, size: int, width: int) -> Sequence[Line]:
+    """Its rows in ordinary letters (size 0) or in large ones; none if those do not fit."""
+    lines: Sequence[Line] = ()
+    for columns, ordinary in product(block.columns, (0, 1)[: 1 + (block.names and size == 1)]):
+        drawn = [
+            _letters(cell, size if at % columns >= ordinary else 0)
+            for at, cell in enumerate(block.cells)
         ]
-        latest = max(done, key=lambda run: run.started, default=None)
-        return cls(latest, standings(runs, official=not practice, listed=names))
+        lines = [*_rows(block, drawn, columns, " " * max(2, 2 * size))]
+        grown = len(lines) * columns > len(block.cells)
+        if width_of(lines[0]) <= width and (grown or not size):
+            return lines
+    return () if size else lines
+
+
+def _rows(block: Block, drawn: Sequence[Sequence[str]], columns: int, gap: str) -> Iterator[Line]:
+    widths = [max(cell_len(cell[0]) for cell in drawn[at::columns]) for at in range(columns)]
+    for begin in range(0, len(drawn), columns):
+        row = drawn[begin : begin + columns]
+        for at in range(height := max(map(len, row))):
+            texts = [
+                cell[at] if len(cell) == height else cell[0] * (at == height // 2) for cell in row
+            ]
+            yield tuple(
+                Span(
+                    gap * (column > 0)
+                    + (fitted(text, width) if column < block.left else text.rjust(width)),
+                    block.cells[begin + column].tone,
+                )
+                for column, (text, width) in enumerate(zip(texts, widths, strict=True))
+            )
+
+
+def _letters(cell: Span, size: int) -> list[str]:
+    large = large_text(cell.text, size) if size and cell.tone is not Tone.DIM else None
+    return large or [cell.text]
+
+
+def lay_out(blocks: Sequence[Block], width: int, height: int) -> list[Line]:
+    """The blocks one below the other; the smallest one grows first, until none has room."""
+    drawn = [draw_block(block, 0, width) for block in blocks]
+    sizes = dict.fromkeys(range(len(blocks)), 0)
+    while any(blocks[at].ahead >= 0 for at in sizes):
+        at = min(sizes, key=lambda at: sizes[at] - blocks[at].ahead)
+        larger = draw_block(blocks[at], sizes[at] + 1, width)
+        rows = sum(map(len, drawn)) - len(drawn[at]) + len(larger)
+        if larger and rows <= height - height // _BLANK_SHARE:
+            drawn[at], sizes[at] = larger, sizes[at] + 1
+        else:
+            del sizes[at]
+    lines: list[Line] = []
+    for at, block in enumerate(drawn):
+        spare = height - len(lines) - sum(map(len, drawn[at:]))
+        lines += [line()] * (spare // (len(drawn) - at)) + [_centred(row, width) for row in block]
+    return lines[:height]
+
+
+def _centred(row: Line, width: int) -> Line:
+    """A row in the middle; a band fills the width."""
+    blank = max(0, width - width_of(row))
+    tone = row[0].tone if row[0].tone in _BANDS.values() else Tone.PLAIN
+    return line(Span(" " * (blank // 2), tone), *row, Span(" " * (blank - blank // 2), tone))
+
+
+def _band(text: str, tone: Tone, ahead: float = 0.0) -> Block:
+    return Block((Span(text, _BANDS[tone]),), ahead=ahead)
+
+
+def _text(text: str, width: int, tone: Tone = Tone.PLAIN, ahead: float = -0.5) -> list[Block]:
+    return [Block((Span(shortened(text, width), tone),), ahead=ahead)] if text else []
+
+
+# The pages.
 
 
 class Wall(View):
     """The run while one goes on; else in turn the run, the last result and the standings."""
 
-    runs = WallRuns()
+    runs: tuple[RunSummary | None, Sequence[Standing]] = (None, ())
     page = 0
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        height = self.room.height
         head = _head(snapshot, width)
-        room = max(0, height - len(head))
-        pages = [partial(self._run_page, snapshot)]
+        room = max(0, self.room.height - len(head))
+        latest, standing = self.runs
+        pages = [run_page(snapshot, width)]
         if not snapshot.run.active:
+            if latest is not None:
+                pages.append(result_page(latest, snapshot, width))
+            pages += standings_pages(standing, width, room)
             if snapshot.run.setup is None:
-                pages.clear()
-            if self.runs.latest is not None:
-                pages.append(partial(self._result_page, self.runs.latest, snapshot))
-            pages += self._standings_pages(room)
-        page = pages[self.page % len(pages)] if pages else partial(self._run_page, snapshot)
-        return [*head, *page(width, room)][:height]
-
-    def _run_page(self, snapshot: Snapshot, width: int, height: int) -> list[Line]:
-        run = snapshot.run
-        text, tone = banner(snapshot)
-        steps = wall_steps(snapshot, width)
-        foot = [line(Span(fitted(text, width), tone))] if text and tone is not Tone.PLAIN else []
-        stands = _NO_ENGINE if snapshot.pulse.gone else phase_span(run)
-        state = self._band(stands, width, height)
-        team = self._large(Span(team_text(run), Tone.STRONG), width, height // _STATE_SHARE)
-        left = height - len(state) - len(team) - len(steps) - len(foot) - 4
-        clock = self._large(clock_span(snapshot), width, max(height // _CLOCK_SHARE, left))
-        lines = [*state, line(), *_centred(clock, width), line(), *_centred(team, width)]
-        lines += _centred([line(_condition(snapshot))], width)
-        blank = height - len(lines) - len(steps) - len(foot)
-        return [*lines, *[line()] * max(0, blank), *foot, *steps]
-
-    def _result_page(
-        self, run: RunSummary, snapshot: Snapshot, width: int, height: int
-    ) -> list[Line]:
-        tone = Tone.GOOD if run.valid and not run.reason else Tone.BAD
-        state = self._band(Span(f"LAST RUN: {run.outcome_word.upper()}", tone), width, height)
-        name = snapshot.teams.names.get(run.subject) or run.team
-        who = Span(f"{run.subject} {name}".rstrip(), Tone.STRONG)
-        team = self._large(who, width, height // _STATE_SHARE)
-        task = ", ".join(filter(None, condition_words(run.condition)))
-        lines = [*state, line(), *_centred(team, width)]
-        lines += _centred([line(f"run {run.run_number}, condition {run.condition}: {task}")], width)
-        lines += [line(), *_centred(_values(run), width)]
-        if told := [flag.words for flag in weighty(run.flags)]:
-            text = shortened("; ".join(told), width)
-            lines += [line(), *_centred([line(Span(text, Tone.WARN))], width)]
-        if run.valid:
-            lines += [line(), *_centred([line(Span(run.closing, Tone.DIM))], width)]
-        return lines[:height]
-
-    def _standings_pages(self, height: int) -> Iterator[partial[list[Line]]]:
-        rows, room = self.runs.standings, max(1, height - 4)
-        for begin in range(0, len(rows), room):
-            part = f" {begin // room + 1} of {-(-len(rows) // room)}" if len(rows) > room else ""
-            title = f"STANDINGS{part}, by team: means of valid runs, no ranking"
-            yield partial(_standings, title, rows[begin : begin + room])
-
-    def _band(self, span: Span, width: int, height: int) -> list[Line]:
-        rows = self._large(span, width, height // _STATE_SHARE)
-        tone = _BANDS[span.tone]
-        return [line(Span(_middle(row, width), tone)) for row in rows]
-
-    def _large(self, span: Span, width: int, height: int) -> list[Line]:
-        size = 0
-        while rows_of(size + 1) <= height and width_of_large(span.text, size + 1) <= width:
-            size += 1
-        small = [line(Span(shortened(span.text, width), span.tone))]
-        return in_large(span, width, size, ascii_only=self.ascii_only) or small
+                pages = pages[1:] or pages
+        return [*head, *lay_out(pages[self.page % len(pages)], width, room)]
 
 
 def _head(snapshot: Snapshot, width: int) -> list[Line]:
-    clock = Span(f" {time_of_day(snapshot.time)} ", Tone.DIM)
-    badge = source_badge(snapshot, max(4, width - 22))
-    watching = Span(WATCHING, Tone.STRONG)
-    gap = max(0, width - width_of((badge, watching, clock)))
-    first = line(badge, watching, " " * gap, clock)
-    pulse = snapshot.pulse
-    words = _WAITING if pulse.gone else pulse.words
-    return [first, line(Span(fitted(f" {words}", width), Tone.ALARM))] if words else [first]
+    head = line(source_badge(snapshot, max(4, width - 22)), Span(WATCHING, Tone.STRONG))
+    clock = time_of_day(snapshot.time).rjust(max(0, width - width_of(head) - 1))
+    words = _WAITING if snapshot.pulse.gone else snapshot.pulse.words
+    fault = [line(Span(fitted(f" {words}", width), Tone.ALARM))] if words else []
+    return [line(*head, Span(clock, Tone.DIM)), *fault]
 
 
-def _condition(snapshot: Snapshot) -> str:
-    setup = snapshot.run.setup
-    if setup is None:
-        return "no run is set up"
-    condition = setup.condition
-    what = f"condition {condition.number}: {condition.way}, {condition.benchmark_type}"
-    return f"run {setup.run_number}, {what}"
-
-
-def wall_steps(snapshot: Snapshot, width: int) -> list[Line]:
-    """The six steps in as few rows as they need; times that may still change are marked."""
-    steps, start = snapshot.steps, snapshot.run.start
-    pending = next((record.step for record in steps if not record.done), None)
-    cells = []
-    for record in steps:
-        mark = "✓" if record.done else "x" if record.denied else " "
-        if record.step is pending and snapshot.run.phase is Phase.RUNNING:
-            mark = ">"
-        rough = snapshot.result is None and record.step in UNSETTLED
-        at = f" {step_time(record.final, start, rough=rough)}" if record.done else ""
-        tone = Tone.GOOD if record.done else Tone.STRONG if mark == ">" else Tone.DIM
-        cells.append(Span(f"{mark} {record.step} {record.step.text}{at}", tone))
-    each = 30
-    in_a_row = max(1, min(6, width // each))
-    while 6 % in_a_row:
-        in_a_row -= 1
-    each = width // in_a_row
-    padded = [Span(f"{shortened(text, each - 1):<{each}}", tone) for text, tone in cells]
-    return [tuple(padded[at : at + in_a_row]) for at in range(0, 6, in_a_row)]
-
-
-def _values(run: RunSummary) -> list[Line]:
-    rows, spread = [], any(map(uncertainty_text, run.uncertainties.values()))
-    for name in IndicatorName:
-        value = run.values.get(name)
-        spec = name.spec
-        known = run.uncertainties.get(name)
-        text = "-" if value is None else number_text(value, spec.decimals, 12, known)
-        rows.append(
-            line(
-                f"{name.words:>32}  ",
-                Span(f"{text:>12}", Tone.STRONG),
-                Span(f"{run.sign(name):<2}", Tone.WARN),
-                f"{uncertainty_text(known):<10}" if spread else "",
-                f"{spec.unit:<8}",
-            )
-        )
-    if run.doubts:
-        rows.append(line(Span(f"{'':>32}  {DOUBTED} doubted", Tone.WARN)))
-    return rows
-
-
-def _standings(title: str, rows: Sequence[Standing], width: int, _height: int) -> list[Line]:
-    task = 34 if width >= 110 else 0
-    numbers = [f"{'runs':>5}", *(f"{name.spec.column:>8}{'':3}" for name in _INDICATORS)]
-    team = max(10, width - 14 - task - sum(map(len, numbers)) - 4)
-    titles = f"{numbers[0]}  {''.join(numbers[1:])}"
-    head = f" {fitted('team', team)} {'condition':<9}{'':<{task}}  {titles}"
-    lines = [line(Span(fitted(f" {title}", width), Tone.CAP)), line(Span(head, Tone.DIM))]
-    for row in rows:
-        cells = [f"{row.counted:>5}"]
-        for name in _INDICATORS:
-            found = row.aggregates.get(name)
-            value = (
-                "-"
-                if found is None
-                else number_text(found.mean, name.spec.decimals, 8, found.uncertainty)
-            )
-            cells.append(f"{value:>8}{row.signs(name):<3}")
-        words = fitted(", ".join(condition_words(row.condition)), task - 2) + "  " if task else ""
-        values = f"{cells[0]}  {''.join(cells[1:])}"
-        text = f" {fitted(row.who, team)} {row.condition:>5}    {words}  {values}"
-        lines.append(line(fitted(text, width)))
-    if any(row.signs(name) for row in rows for name in _INDICATORS):
-        lines.append(line(Span(fitted(f" {SIGNS}", width), Tone.DIM)))
-    return lines
-
-
-def _middle(row: Line, width: int) -> str:
-    text = "".join(span.text for span in row)
-    gap = max(0, width - width_of(row))
-    return f"{' ' * (gap // 2)}{text}{' ' * (gap - gap // 2)}"
-
-
-def _centred(rows: Sequence[Line], width: int) -> list[Line]:
-    widest = max((width_of(row) for row in rows), default=0)
-    return [line(" " * max(0, (width - widest) // 2), *row) for row in rows]
-
-
-# The screen of the wall display.
-
-
-class WallScreen(Screen[None]):
-    """Only the wall display; it takes only the keys that leave. `load` is called in a thread."""
-
-    COMPONENT_CLASSES: ClassVar[set[str]] = TONE_CLASSES
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("q,escape,f10,ctrl+q,ctrl+c", "app.quit", show=False)
+def run_page(snapshot: Snapshot, width: int) -> list[Block]:
+    run = snapshot.run
+    what = f"run {run.setup.run_number}, {condition_text(run)}" if run.setup else who_text(run)
+    text, tone = banner(snapshot)
+    stands = Span("NO ENGINE", Tone.BAD) if snapshot.pulse.gone else phase_span(run)
+    return [
+        _band(*stands),
+        Block((clock_span(snapshot),), ahead=1.5),
+        *_text(team_text(run), width, Tone.STRONG, 0.5),
+        *_text(what, width),
+        *_text(text if tone is not Tone.PLAIN else "", width, tone),
+        Block((*step_cells(snapshot),), (6, 3, 2, 1), ahead=0.4),
     ]
-    AUTO_FOCUS = ""
 
-    def __init__(
-        self,
-        link: EngineLink,
-        load: Callable[[], Sequence[RunSummary]],
-        monotonic: Callable[[], float],
-    ) -> None:
-        super().__init__()
-        self._link = link
-        aside = partial(self.run_worker, thread=True, group="engine")
-        self._search = EngineSearch(link, monotonic, aside)
-        self._load = load
-        self._monotonic = monotonic
-        self._turned = monotonic()
-        self._read_of: object = None
-        self._wall = Wall()
 
-    def compose(self) -> ComposeResult:
-        yield self._wall
+def step_cells(snapshot: Snapshot) -> Iterator[Span]:
+    """The six steps: of what is done the time, s from the start, which is marked if rough."""
+    running = snapshot.run.phase is Phase.RUNNING
+    pending = next((record.step for record in snapshot.steps if not record.done), None)
+    for record in snapshot.steps:
+        step = record.step
+        if record.done:
+            rough = snapshot.result is None and step in UNSETTLED
+            at = step_time(record.final, snapshot.run.start, rough=rough)
+            yield Span(f"✓{step} {at}", Tone.GOOD)
+        elif running and step is pending:
+            yield Span(f">{step} {step.name}", Tone.WARN)
+        else:
+            yield Span(f"{'✗' if record.denied else '□'}{step} {step.name}")
 
-    def begin_polling(self) -> None:
-        self.set_interval(BUSY_PERIOD, self.poll)
-        self.poll()
 
-    def poll(self) -> None:
-        snapshot = self._link.snapshot()
-        if snapshot is None:
-            return
-        if snapshot.pulse.gone:
-            self._search.look_for_engine()
-        run = snapshot.run
-        if run.active:
-            self._wall.page, self._turned = 0, self._monotonic()
-        elif (now := self._monotonic()) - self._turned >= PAGE_TIME:
-            self._wall.page += 1
-            self._turned = now
-        seen = (snapshot.result, run.issue, run.closure, snapshot.teams, snapshot.practice)
-        if seen != self._read_of:
-            self._read_of = seen
-            self.run_worker(partial(self._read, snapshot), thread=True, exclusive=True)
-        self._wall.show(snapshot)
+def result_page(run: RunSummary, snapshot: Snapshot, width: int) -> list[Block]:
+    tone = Tone.GOOD if run.valid and not run.reason else Tone.BAD
+    team = snapshot.teams.names.get(run.subject) or run.team
+    task = ", ".join(filter(None, condition_words(run.condition)))
+    told = [flag.words for flag in run.flags if flag.weight is not FlagWeight.REMARK]
+    values, counts = [], []
+    for name in IndicatorName:
+        known = run.uncertainties.get(name)
+        number = _number(name, run.values.get(name), known, run.sign(name))
+        counts += [Span(f"{number} {name.spec.unit}", Tone.STRONG)] if name in _INDICATORS else []
+        values += [
+            Span(name.words),
+            Span(number),
+            Span(f"{uncertainty_text(known)} {name.spec.unit}".strip()),
+        ]
+    return [
+        _band(f"LAST RUN: {run.outcome_word.upper()}", tone),
+        *_text(f"{run.subject} {team}".rstrip(), width, Tone.STRONG, 0.5),
+        *_text(f"run {run.run_number}, condition {run.condition}: {task}", width),
+        *([Block((*counts[::-1],), (2, 1), ahead=1.5)] if run.valid else []),
+        Block((*values,), (3,)),
+        *_text("; ".join(told), width, Tone.WARN),
+        *_text(run.closing if run.valid else "", width),
+    ]
 
-    def _read(self, snapshot: Snapshot) -> None:
-        try:
-            runs = self._load()
-        except (MadrobError, OSError, MemoryError):
-            return  # what was read before stays; the referee's screens say what is wrong
-        self._wall.runs = WallRuns.of(runs, snapshot.teams.names, practice=snapshot.practice)
+
+def _number(name: IndicatorName, value: float | None, known: Uncertainty | None, sign: str) -> str:
+    text = "-" if value is None else number_text(value, name.spec.decimals, 12, known)
+    return f"{text}{sign}"
+
+
+def standings_pages(rows: Sequence[Standing], width: int, height: int) -> Iterator[list[Block]]:
+    room = max(1, height - height // _BLANK_SHARE - 5)
+    titles = ("team", "condition", "runs", *(name.spec.column for name in _INDICATORS))
+    signs = any(row.signs(name) for row in rows for name in _INDICATORS)
+    for begin in range(0, len(rows), room):
+        part = f" {begin // room + 1} of {-(-len(rows) // room)}" if len(rows) > room else ""
+        shown = rows[begin : begin + room]
+        cells = [cell for row in shown for cell in _standing(row)]
+        tasks = {f"{row.condition}: {', '.join(condition_words(row.condition))}" for row in shown}
+        yield [
+            _band(f"STANDINGS{part}", Tone.STRONG, -0.5),
+            *_text("by team: means of valid runs, no ranking", width, Tone.DIM),
+            Block((*(Span(title, Tone.DIM) for title in titles), *cells), (5,), 1, names=True),
+            *_text("; ".join(sorted(tasks)), width, Tone.DIM),
+            *_text(SIGNS if signs else "", width, Tone.DIM),
+        ]
+
+
+def _standing(row: Standing) -> Iterator[Span]:
+    yield from (Span(row.who), Span(f"{row.condition}"), Span(f"{row.counted}"))
+    for name in _INDICATORS:
+        found = row.aggregates.get(name)
+        mean, known = (None, None) if found is None else (found.mean, found.uncertainty)
+        yield Span(_number(name, mean, known, row.signs(name)), Tone.STRONG)
 
 
 # `madrob watch --big`: the app around the wall display.
 
 
-class WallApp(MadrobApp, inherit_bindings=False):
-    """The console's look and engine link, another screen, no keys; connects as a spectator."""
+class WallScreen(Screen[None]):
+    """The screen of the wall display; what it shows is its app's."""
 
-    BINDINGS: ClassVar[list[BindingType]] = []
+    COMPONENT_CLASSES: ClassVar[set[str]] = TONE_CLASSES
+
+
+class WallApp(MadrobApp, inherit_bindings=False):
+    """The console's look and engine link, as a spectator; its only keys leave."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("q,escape,f10,ctrl+q,ctrl+c", "quit", show=False)
+    ]
     COMMANDS = set()  # noqa: RUF012  textual's declaration
     ENABLE_COMMAND_PALETTE = False
 
@@ -342,15 +303,56 @@ class WallApp(MadrobApp, inherit_bindings=False):
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__(open_client, defaults, look, monotonic)
-        history = History(defaults.results)
-        self._wall = WallScreen(
-            self._link,
-            lambda: of_competition(history.refresh(), defaults.competition),
-            self._monotonic,
+        self._history = History(defaults.results)
+        self._competition = defaults.competition
+        self._search = EngineSearch(
+            self._link, monotonic, partial(self.run_worker, thread=True, group="engine")
         )
+        self._wall = Wall()
+        self._active = monotonic()
+        self._read_of: object = None
 
     def get_default_screen(self) -> Screen[None]:
-        return self._wall
+        return WallScreen()
+
+    def compose(self) -> ComposeResult:
+        yield self._wall
 
     async def show_engine(self) -> None:
-        self._wall.begin_polling()
+        self.set_interval(BUSY_PERIOD, self.poll)
+        self.poll()
+
+    def poll(self) -> None:
+        """Show the state, or the next page; `_active` is when a run went on, or was begun with."""
+        snapshot = self._link.snapshot()
+        assert snapshot is not None
+        run, wall = snapshot.run, self._wall
+        if snapshot.pulse.gone:
+            self._search.look_for_engine()
+        if run.active:
+            self._active = self._monotonic()
+        wall.page = int((self._monotonic() - self._active) / PAGE_TIME)
+        seen = (snapshot.result, run.issue, run.closure, snapshot.teams, snapshot.practice)
+        if seen != self._read_of:
+            self._read_of = seen
+            self.run_worker(partial(self._read, snapshot), thread=True, exclusive=True)
+        wall.show(snapshot)
+
+    def _read(self, snapshot: Snapshot) -> None:
+        try:
+            runs = of_competition(self._history.refresh(), self._competition)
+        except (MadrobError, OSError, MemoryError):
+            return  # what was read before stays; the referee's screens say what is wrong
+        practice = snapshot.practice
+        done = [
+            run
+            for run in runs
+            if run.outcome is not None
+            and run.problem is None
+            and (run.practice if practice else run.official)
+        ]
+        latest = max(done, key=lambda run: run.started, default=None)
+        self._wall.runs = (
+            latest,
+            standings(runs, official=not practice, listed=snapshot.teams.names),
+        )

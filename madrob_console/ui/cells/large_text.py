@@ -61,28 +61,15 @@ _LETTERS = {
     "(": ".# #. #. #. .#",
     ")": "#. .# .# .# #.",
     "_": "... ... ... ... ###",
+    "~": "..... .#..# #.##. ..... .....",
+    ">": "#.... .#... ..#.. .#... #....",
+    "✓": "....# ...#. ...#. #.#.. .#...",
+    "✗": "#...# .#.#. ..#.. .#.#. #...#",
+    "□": "##### #...# #...# #...# #####",
 }
 _CELLS = {(False, False): " ", (True, False): "▀", (False, True): "▄", (True, True): "█"}
 
 _GAP = " "
-
-# In ASCII a digit is made of bars, as on a pocket calculator: three rows of three cells.
-_BARS = {
-    "0": (" _ ", "| |", "|_|"),
-    "1": ("   ", "  |", "  |"),
-    "2": (" _ ", " _|", "|_ "),
-    "3": (" _ ", " _|", " _|"),
-    "4": ("   ", "|_|", "  |"),
-    "5": (" _ ", "|_ ", " _|"),
-    "6": (" _ ", "|_ ", "|_|"),
-    "7": (" _ ", "  |", "  |"),
-    "8": (" _ ", "|_|", "|_|"),
-    "9": (" _ ", "|_|", " _|"),
-    "?": (" _ ", " _|", " . "),
-    ":": (" ", ".", "."),
-    ".": (" ", " ", "."),
-    "-": ("   ", " _ ", "   "),
-}
 
 
 def rows_of(size: int) -> int:
@@ -90,18 +77,15 @@ def rows_of(size: int) -> int:
     return (HEIGHT * size + 1) // 2
 
 
-def large_text(text: str, size: int, *, ascii_only: bool = False) -> list[str] | None:
+def large_text(text: str, size: int) -> list[str] | None:
     """A text in large letters, `rows_of(size)` rows of one width; None if a letter has none.
 
-    Case does not matter. In size 1, the smallest, a point is as wide as a cell. `ascii_only`
-    draws with bars, which only make digits.
+    Case does not matter. In size 1, the smallest, a point is as wide as a cell.
     """
     plain = _capitals(text)
-    known = _BARS if ascii_only else _LETTERS
-    if not plain or any(letter not in known for letter in plain):
+    if not plain or any(letter not in _LETTERS for letter in plain):
         return None
-    draw = _bars if ascii_only else _points
-    letters = [draw(letter, size) for letter in plain]
+    letters = [_points(letter, size) for letter in plain]
     return [(_GAP * size).join(rows) for rows in zip(*letters, strict=True)]
 
 
@@ -128,17 +112,3 @@ def _points(letter: str, size: int) -> list[str]:
         "".join(_CELLS[pair] for pair in zip(upper, lower, strict=True))
         for upper, lower in zip(rows[::2], rows[1::2], strict=True)
     ]
-
-
-def _bars(letter: str, size: int) -> list[str]:
-    rows = rows_of(size)
-    half = (rows - 1) // 2  # of the rows below the uppermost bar
-    top, middle, bottom = _BARS[letter]
-    sides = str.maketrans("_.", "  ")
-    drawn = [top, *[middle.translate(sides)] * (half - 1), middle]
-    drawn += [*[bottom.translate(sides)] * (half - 1), bottom]
-    wide = [
-        f"{row[0]}{row[1] * (3 * size - 2)}{row[2]}" if len(row) == 3 else row.ljust(size)
-        for row in drawn
-    ]
-    return [*wide, *[" " * len(wide[0])] * (rows - len(wide))]

@@ -15,64 +15,57 @@ from madrob_console.ui.panes.live_pane import LEGEND
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
 
-_TEXT = """\
-Set-up (F2): Tab, Enter and arrows go through the fields, left and right change a choice. What \
-you see is set up as soon as you leave a field. / shows the list of teams, to look for one; \
-another name than the list's needs a reason, Del on the team takes the list's again. Then \
-F6 when the robot stands at its start pose, \
-and F5.
-Live (F3): the steps as the sensors, the referee and the rules have them. An incident is two \
-keys: i and its letter; after the stop it asks for its time. 1-6 confirm or deny a step, now or \
-until the result is final.
-Result (F4): the difference to the team's earlier runs stands beside each value. g shows the \
-figures: left and right move in time, + and - zoom, 0 shows all, Tab the next figure. f finalises \
-with the team's word, u re-issues a final result. P files a protest, which stays open until it is \
-decided or withdrawn; R replays the run, paused at the instant that it is about.
-History (h): Enter opens an earlier run with all its keys; x sets up the next run of the marked \
-team and condition; e packs the team's runs into a zip, official or practice as the marked one, \
-E all about the marked run; \
-/ filters (team:delft cond:5); v shows official runs, practice, or those that are not final. \
-Behind the outcome !! waits for a decision, ! has a flag that changes a score, P is an open \
-protest, * is not signed.
-Plan (p): a row a team, a column a condition; 1/2 is one attempt done of two, > what is next, +1 \
-one out of plan, P an open protest. Enter proposes the marked run.
-Standings (s): the best run of each team, the leader of each condition first; practice runs only \
-where there are no others. Enter shows the runs behind a row, v mean, median, std, min, max. ~ is \
-not distinguishable from another team, ? is doubted.
-Lists: o turns the order, then sorts by the next column in view; left and right bring more columns.
-The line on top: the testbed; rec, the recording with its messages, size and what was dropped; \
-age, how old the newest message of the most silent topic is; the room on the disk; the time.
-A dim key is not possible now: press it and the line above the keys says why.
-F8 and F9 ask for a reason and then for y. The clock runs on. Escape closes a question or goes \
-back to the pane before, and never does more. Keys typed within 0.3 s of a change that came by \
-itself are left out, but for F8 and F10.
-Letters type text while a text field has the focus; function keys and ^P (Ctrl+P) always work. \
-^P finds every command by its name, and the themes.
-Keys, answers, choices, rows and heads of columns can be clicked; a double click opens a row. \
-Shift and drag selects as your terminal does. y copies to your own machine (OSC 52); through tmux \
-at the other end of SSH that needs `set -g set-clipboard on`.
-To practise: `Run is` PRACTICE at the set-up, or `madrob console --testbed simulated`. Such runs \
-never count, and lie in a folder of their own."""
+_FIRST = """\
+A run: Enter sets up, F7 zeroes the handle, F6 confirms the pose, F5 starts.
+F8 aborts, F9 declares a timeout. Each asks why, then for y; the clock runs.
+1-6, then c or d, rules on a step. i marks an incident. z takes it back.
+Enter on a result or a run: the menu to sign, correct, void or protest.
+x sets up the next run. h lists all runs, p the plan, s the standings.
+In lists: v the other view, o sorts, / filters (team:delft cond:5).
+!! the referee has to decide, ! changes the score, ? is a doubted value.
+A key that is not possible now says why, on the line above the keys.
+Escape closes a question or goes back, and never does more.
+Practice never counts: `Run is` at the set-up, or a simulated testbed."""
+"""The most important lines: one row of 76 cells each, beside the scrollbar at 80 columns."""
+
+_MORE = """\
+Set-up: Tab, arrows and Enter go through the fields, left and right change a choice. / looks for a \
+team in the list. Another name than the list's needs a reason.
+Failing checks stand on top, each with the key that helps. Enter on one waives it, with a reason.
+Live: the steps as the sensors, the referee and the rules have them. ~ marks a time that may still \
+change.
+Figures: left and right move in time, + and - zoom, 0 shows all, Tab goes to the next figure.
+Top line: rec is the recording with its messages, size and drops; age is that of the newest \
+message of the most silent topic; then the free space of the disk and the time.
+Letters are text in a text field; function keys and Ctrl+P work everywhere. Keys pressed within \
+0.3 s of a change are ignored, except F8 and Escape.
+The mouse clicks on keys, answers, rows and heads of columns. Shift and drag selects text. Copying \
+uses OSC 52: tmux needs `set -g set-clipboard on`."""
+
+_KEY_WIDTH = 25
 
 
 class HelpText(Lines):
-    """All keys, those of a replay if `of_replay`, then how things hang together, the symbols."""
+    """All keys, those of a replay if `of_replay`, and the main lines; then all the rest."""
 
     of_replay = False
 
     def lines(self, width: int) -> Sequence[Line]:
-        rows = [
-            line(
-                Span(f"{key.cap if key.keys else f'Enter {key.cap}':>7}", Tone.CAP),
-                f"  {key.label:<13}",
-                Span(key.help, Tone.DIM),
-            )
-            for key in (
-                *(PLAYBACK_KEYS if self.of_replay else ()),
-                *(FUNCTION_KEYS + LETTER_KEYS + MENU),
-            )
+        keys = (PLAYBACK_KEYS if self.of_replay else ()) + FUNCTION_KEYS + LETTER_KEYS
+        cells = [
+            span
+            for key in keys
+            for span in (Span(f"{key.cap:>5} ", Tone.CAP), Span(f" {key.label:<{_KEY_WIDTH - 7}}"))
         ]
-        for text in _TEXT.splitlines():
+        across = 2 * max(1, width // _KEY_WIDTH)
+        rows = [line(*cells[at : at + across]) for at in range(0, len(cells), across)]
+        for text in _FIRST.splitlines():
+            rows += paragraph(text, width)
+        rows.append(line())
+        for key in keys + MENU:
+            cap = Span(f"{key.cap if key.keys else f'Enter {key.cap}':>7}", Tone.CAP)
+            rows.append(line(cap, f"  {key.label:<13}", Span(key.help, Tone.DIM)))
+        for text in _MORE.splitlines():
             rows += [line(), *paragraph(text, width)]
         rows += [line(), line(Span("Passage sensors", Tone.STRONG))]
         rows += [line(Span(f"{mark:>4}  ", Tone.STRONG), meaning) for mark, meaning in LEGEND]

@@ -59,7 +59,7 @@ class RunClock(View):
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         text, tone = clock_span(snapshot)
         size = clock_size(self.app.size)
-        rows = large_text(text[:-2], size, ascii_only=self.ascii_only)
+        rows = large_text(text[:-2], size)
         if rows is None or len(rows[0]) > width:
             rows = ["", text[:-2], *[""] * (rows_of(size) - 2)]
         return [line(Span(f"{row:>{width}}", tone)) for row in rows]
@@ -71,7 +71,7 @@ class RunTenths(View):
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         text, tone = clock_span(snapshot)
         size = clock_size(self.app.size)
-        rows = large_text(text[-2:], 1, ascii_only=self.ascii_only) or ["", text[-2:], ""]
+        rows = large_text(text[-2:], 1) or ["", text[-2:], ""]
         above = rows_of(size) - len(rows) - (size > 1 and HEIGHT * size % 2 == 0)
         return [*[line("")] * above, *(line(Span(f" {row}", tone)) for row in rows)]
 
@@ -105,19 +105,19 @@ class RunStatus(View):
         phase = phase_span(run, snapshot.result)
         unsaved = Span("  NOT ON DISK YET" if snapshot.pulse.unsaved else "", Tone.WARN)
         stands = line(phase, unsaved, *_time_left(snapshot))
-        who, condition = line(who_text(run)), line(Span(_condition(run), Tone.DIM))
+        who, condition = line(who_text(run)), line(Span(condition_text(run), Tone.DIM))
         if size == 1:
             return [stands, who, condition]
-        large = partial(in_large, width=width, size=size // 2, ascii_only=self.ascii_only)
+        large = partial(in_large, width=width, size=size // 2)
         team = Span(team_text(run) if size >= _LARGE_TEAM else "", Tone.STRONG)
         return [*large(phase), stands, *large(team), who, condition]
 
 
-def in_large(span: Span, width: int, size: int, *, ascii_only: bool) -> list[Line]:
+def in_large(span: Span, width: int, size: int) -> list[Line]:
     """A text in the largest letters up to a size that fit; no row if none do."""
     while size and width_of_large(span.text, size) > width:
         size -= 1
-    rows = large_text(span.text, size, ascii_only=ascii_only) if size else None
+    rows = large_text(span.text, size) if size else None
     return [line(Span(row, span.tone)) for row in rows or ()]
 
 
@@ -144,7 +144,7 @@ def who_text(run: Run) -> str:
 
 
 def what_text(run: Run) -> str:
-    return ", ".join(filter(None, (who_text(run), _condition(run))))
+    return ", ".join(filter(None, (who_text(run), condition_text(run))))
 
 
 def _time_left(snapshot: Snapshot) -> Line:
@@ -163,7 +163,7 @@ def _time_left(snapshot: Snapshot) -> Line:
     return line(f"  {minutes_text(snapshot.remaining)} left{of}")
 
 
-def _condition(run: Run) -> str:
+def condition_text(run: Run) -> str:
     if run.setup is None:
         return ""
     condition = run.setup.condition

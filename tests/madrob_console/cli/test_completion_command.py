@@ -164,14 +164,14 @@ def test_nothing_is_painted_before_the_command_line_is_known_to_be_good(
     assert "\x1b" not in told
 
 
-@pytest.mark.parametrize("command", ["console", "watch"])
-def test_screens_are_not_painted_into_a_pipe(command: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("command", "lines"), [("console", "run"), ("watch", "watch --plain")])
+def test_screens_are_not_painted_into_a_pipe(command: str, lines: str, tmp_path: Path) -> None:
     ran = subprocess.run(
         [*PROGRAM, command, "--results", str(tmp_path)], stdin=subprocess.DEVNULL,
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert (ran.returncode, ran.stdout) == (2, "")
-    assert ran.stderr.startswith("madrob: input and output are no terminal: ")
+    assert ran.stderr.startswith(f"madrob: no terminal: `madrob {lines}` prints plain lines")
     assert ran.stderr.count("\n") == 1
 
 

@@ -107,7 +107,7 @@ def test_the_error_output_may_go_elsewhere(tmp_path: Path) -> None:
 @pytest.mark.machine
 @pytest.mark.parametrize("term", ["dumb", "", "unknown"])
 def test_a_terminal_that_cannot_show_screens_is_refused(term: str) -> None:
-    with pytest.raises(MadrobError, match="use `madrob run`"):
+    with pytest.raises(MadrobError, match="`madrob run` prints plain lines"):
         check_terminal({"TERM": term} if term else {})
 
 

@@ -45,7 +45,7 @@ from madrob_console.ui.panes.result_pane import ResultDetails
 from madrob_console.ui.panes.runs_pane import HistoryPane
 from scoring.protocol import Outcome, Side, Step
 from tests.madrob_console.run_folders import summary, write
-from tests.madrob_console.ui.driver import DEFAULTS, LARGE, Driver, driving
+from tests.madrob_console.ui.driver import DEFAULTS, LARGE, SMALL, Driver, driving
 from tests.madrob_console.ui.fake_engine import FOLDER, FakeEngine, a_setup
 
 
@@ -515,3 +515,15 @@ def test_what_is_no_folder_of_pictures_counts_as_none(tmp_path: Path) -> None:
     assert pictures_in(str(tmp_path)) == 0
     (tmp_path / "pictures" / "index.json").touch()
     assert pictures_in(str(tmp_path)) == 1
+
+
+async def test_the_first_page_of_the_help_has_every_key_and_the_main_lines(
+    engine: FakeEngine,
+) -> None:
+    async with driving(engine, SMALL) as driver:
+        await driver.press("escape", "f1")
+        text = " ".join(driver.text.split())
+        for key in (*FUNCTION_KEYS, *LETTER_KEYS):
+            assert f"{key.cap} {key.label}" in text
+        for words in ("F8 aborts", "z takes it back", "Practice never counts"):
+            assert words in text

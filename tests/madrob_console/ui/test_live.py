@@ -26,7 +26,7 @@ from madrob_console.ui.look.words import ROUGH
 from madrob_console.ui.panes.all_faults import EvidenceLine
 from madrob_console.ui.panes.live_pane import Provisional
 from madrob_console.ui.panes.run_status import clock_span, step_lines
-from madrob_console.ui.wall import wall_steps
+from madrob_console.ui.wall import step_cells
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import Condition, Side, Step
@@ -555,9 +555,12 @@ def shown(snapshot: Snapshot) -> dict[str, str]:
         found |= dict(_INDICATOR.findall(text))
     settled = snapshot.result is not None
     table = step_lines(snapshot.steps, snapshot.run.start, NARROW, settled=settled)
-    for place, rows in (("step", table), ("wall", wall_steps(snapshot, NARROW))):
-        for text in texts(rows):
-            found |= {f"{place} {number}": time for number, time in _STEP.findall(text)}
+    for text in texts(table):
+        found |= {f"step {number}": time for number, time in _STEP.findall(text)}
+    for cell in step_cells(snapshot):
+        if cell.text.startswith("✓"):
+            number, time = cell.text[1:].split()
+            found[f"wall {number}"] = time
     return found
 
 
