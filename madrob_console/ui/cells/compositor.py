@@ -1,0 +1,63 @@
+"""A compositor that renders and writes changed cells only.
+
+Textual's own renders every visible widget whenever a cell of any of them changes, and writes a
+changed row from the left edge of its widget on.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.control import Control
+from textual._compositor import ChopsUpdate, Compositor
+from textual.geometry import Region
+from textual.strip import Strip
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
+Spans = list[tuple[int, int, int]]
+"""Row, first column and column after the last."""
+
+
+class CellsUpdate(ChopsUpdate):
+    """Changed spans of the screen with what they show now."""
+
+    def __init__(self, spans: Spans, strips: Sequence[Strip]) -> None:
+        super().__init__([{x: strip} for (_, x, _), strip in zip(spans, strips, strict=True)], spans, [])
+        self._strips = strips
+
+    def render_segments(self, console: Console) -> str:
+        return "".join(
+            f"{Control.move_to(x, y)}{strip.render(console)}"
+            for (y, x, _), strip in zip(self.spans, self._strips, strict=True)
+        )
+
+
+class CellCompositor(Compositor):
+    """In a screen's `__init__` it takes the place of Textual's compositor."""
+
+    def render_partial_update(self) -> ChopsUpdate | None:
+        spans = list(self._regions_to_spans(self._dirty_regions))
+        self._dirty_regions.clear()
+        return CellsUpdate(spans, [self._cells(*span) for span in spans]) if spans else None
+
+    def _cells(self, y: int, begin: int, end: int) -> Strip:
+        """What the widgets show on a row, from column `begin` to before `end`."""
+        found: dict[int, Strip] = {}
+        gaps = [(begin, end)]
+        for widget, seen, region in self.layers_visible[y]:  # the front one first
+            open_gaps: list[tuple[int, int]] = []
+            for left, right in gaps:
+                first, last = max(left, seen.x), min(right, seen.right)
+                if first >= last:
+                    open_gaps.append((left, right))
+                    continue
+                asked = Region(first - region.x, y - region.y, last - first, 1)
+                (found[first],) = widget.render_lines(asked)
+                open_gaps += [gap for gap in ((left, first), (last, right)) if gap[0] < gap[1]]
+            if not (gaps := open_gaps):
+                break
+        return Strip.join([found[x] for x in sorted(found)])
