@@ -29,6 +29,7 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.competition_plan import Task, unknown_teams
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.dialog import Drafts
+from madrob_console.ui.cells.compositor import CellCompositor
 from madrob_console.ui.cells.lines import TONE_CLASSES, Label, Tone, View
 from madrob_console.ui.frame.frame_lines import (
     FaultLine,
@@ -115,6 +116,7 @@ class ConsoleScreen(Screen[None]):
         wall: Callable[[], float],
     ) -> None:
         super().__init__()
+        self._compositor = CellCompositor()
         self._link = link
         self._ahead = ahead
         self._defaults = defaults
