@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rich.control import Control
-from textual._compositor import ChopsUpdate, Compositor
+from textual._compositor import ChopsUpdate, Compositor, ReflowResult
 from textual.geometry import Region
 from textual.strip import Strip
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rich.console import Console
+    from textual.geometry import Size
+    from textual.widget import Widget
 
 Spans = list[tuple[int, int, int]]
 """Row, first column and column after the last."""
@@ -38,6 +40,13 @@ class CellsUpdate(ChopsUpdate):
 
 class CellCompositor(Compositor):
     """In a screen's `__init__` it takes the place of Textual's compositor."""
+
+    def reflow(self, parent: Widget, size: Size) -> ReflowResult:
+        """Lays out; what is new on the screen is painted with the layout, and not once more."""
+        result = super().reflow(parent, size)
+        for widget in result.shown | result.resized:
+            widget._exchange_repaint_regions()
+        return result
 
     def render_partial_update(self) -> ChopsUpdate | None:
         spans = list(self._regions_to_spans(self._dirty_regions))
