@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, cast
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container
+from textual.reactive import reactive
 from textual.screen import Screen
 from textual.timer import Timer
 from textual.widgets import ContentSwitcher
@@ -46,6 +47,8 @@ from madrob_console.ui.panes.run_status import who_text
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from textual.widget import Widget
 
     from madrob_console.archive.history import RunSummary
     from madrob_console.engine.snapshot import Snapshot
@@ -106,6 +109,7 @@ class ConsoleScreen(Screen[None]):
         Binding("shift+tab", "app.focus_previous", show=False, priority=True),
     ]
     AUTO_FOCUS = ""
+    focused = reactive["Widget | None"](None, repaint=False)  # widgets show their focus themselves
 
     def __init__(
         self,
