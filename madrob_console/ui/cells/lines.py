@@ -97,6 +97,13 @@ def paragraph(text: str, width: int, tone: Tone = Tone.PLAIN, head: Line = ()) -
     return [(*head, Span(first, tone)), *(line(" " * indent, Span(row, tone)) for row in more)]
 
 
+class Unmarked(Widget):
+    """Looks alike with and without the focus: Textual would style it and all in it anew."""
+
+    def watch_has_focus(self, _has_focus: bool) -> None:
+        """Nothing is seen of it."""
+
+
 class Lines(Widget):
     """A widget made of lines of spans."""
 
@@ -164,8 +171,8 @@ class Lines(Widget):
     def on_resize(self, _event: events.Resize) -> None:
         self.redraw()
 
-    def watch_has_focus(self, has_focus: bool) -> None:
-        super().watch_has_focus(has_focus)
+    def watch_has_focus(self, _has_focus: bool) -> None:
+        """The focus is a tone, no style."""
         self.redraw()
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:

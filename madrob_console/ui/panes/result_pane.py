@@ -19,7 +19,7 @@ from madrob_console.referee.acts.after import DECIDED_BY
 from madrob_console.referee.flags import FlagKind, FlagWeight, common_reason, undecided, worst
 from madrob_console.referee.records import format_due, open_protests
 from madrob_console.referee.run import Phase
-from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph, plain, width_of
+from madrob_console.ui.cells.lines import Line, Span, Tone, Unmarked, View, line, paragraph, plain, width_of
 from madrob_console.ui.look.words import OUTCOMES, date_of, fitted
 from madrob_console.ui.panes.run_status import (
     FLAG_TONES,
@@ -351,7 +351,7 @@ _Shown = tuple[float | None, int, tuple[int, Condition] | None]
 """Start and issue of a result, and as which subject and condition it counts."""
 
 
-class ResultsPane(VerticalScroll):
+class ResultsPane(VerticalScroll, Unmarked):
     """Outcome, indicators, capability, marks, files, data quality; `load` may take a moment."""
 
     def __init__(self, load: Callable[[], Sequence[RunSummary]]) -> None:
