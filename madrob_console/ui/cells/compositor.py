@@ -11,30 +11,23 @@ from typing import TYPE_CHECKING
 from rich.control import Control
 from textual._compositor import ChopsUpdate, Compositor, ReflowResult
 from textual.geometry import Region
-from textual.strip import Strip
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from rich.console import Console
     from textual.geometry import Size
+    from textual.strip import Strip
     from textual.widget import Widget
-
-Spans = list[tuple[int, int, int]]
-"""Row, first column and column after the last."""
 
 
 class CellsUpdate(ChopsUpdate):
     """Changed spans of the screen with what they show now."""
 
-    def __init__(self, spans: Spans, strips: Sequence[Strip]) -> None:
-        super().__init__([{x: strip} for (_, x, _), strip in zip(spans, strips, strict=True)], spans, [])
-        self._strips = strips
-
     def render_segments(self, console: Console) -> str:
         return "".join(
             f"{Control.move_to(x, y)}{strip.render(console)}"
-            for (y, x, _), strip in zip(self.spans, self._strips, strict=True)
+            for (y, _, _), found in zip(self.spans, self.chops, strict=True)
+            for x, strip in found.items()
+            if strip is not None
         )
 
 
@@ -51,11 +44,11 @@ class CellCompositor(Compositor):
     def render_partial_update(self) -> ChopsUpdate | None:
         spans = list(self._regions_to_spans(self._dirty_regions))
         self._dirty_regions.clear()
-        return CellsUpdate(spans, [self._cells(*span) for span in spans]) if spans else None
+        return CellsUpdate([self._cells(*span) for span in spans], spans, []) if spans else None
 
-    def _cells(self, y: int, begin: int, end: int) -> Strip:
-        """What the widgets show on a row, from column `begin` to before `end`."""
-        found: dict[int, Strip] = {}
+    def _cells(self, y: int, begin: int, end: int) -> dict[int, Strip | None]:
+        """What the widgets show on a row by column, from `begin` to before `end`."""
+        found: dict[int, Strip | None] = {}
         gaps = [(begin, end)]
         for widget, seen, region in self.layers_visible[y]:  # the front one first
             open_gaps: list[tuple[int, int]] = []
@@ -69,4 +62,4 @@ class CellCompositor(Compositor):
                 open_gaps += [gap for gap in ((left, first), (last, right)) if gap[0] < gap[1]]
             if not (gaps := open_gaps):
                 break
-        return Strip.join([found[x] for x in sorted(found)])
+        return found

@@ -19,7 +19,17 @@ from madrob_console.referee.acts.after import DECIDED_BY
 from madrob_console.referee.flags import FlagKind, FlagWeight, common_reason, undecided, worst
 from madrob_console.referee.records import format_due, open_protests
 from madrob_console.referee.run import Phase
-from madrob_console.ui.cells.lines import Line, Span, Tone, Unmarked, View, line, paragraph, plain, width_of
+from madrob_console.ui.cells.lines import (
+    Line,
+    Span,
+    Tone,
+    Unmarked,
+    View,
+    line,
+    paragraph,
+    plain,
+    width_of,
+)
 from madrob_console.ui.look.words import OUTCOMES, date_of, fitted
 from madrob_console.ui.panes.run_status import (
     FLAG_TONES,
