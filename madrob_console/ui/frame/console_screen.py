@@ -29,8 +29,8 @@ from madrob_console.referee.acts import (
 )
 from madrob_console.referee.competition_plan import Task, unknown_teams
 from madrob_console.referee.run import Phase
-from madrob_console.ui.cells.dialog import Drafts
 from madrob_console.ui.cells.compositor import CellCompositor
+from madrob_console.ui.cells.dialog import Drafts
 from madrob_console.ui.cells.lines import TONE_CLASSES, Label, Tone, View
 from madrob_console.ui.frame.frame_lines import (
     FaultLine,
@@ -109,7 +109,7 @@ class ConsoleScreen(Screen[None]):
         Binding("shift+tab", "app.focus_previous", show=False, priority=True),
     ]
     AUTO_FOCUS = ""
-    focused = reactive["Widget | None"](None, repaint=False)  # widgets show their focus themselves
+    focused: reactive[Widget | None] = reactive(None, repaint=False)  # the widgets show it
 
     def __init__(
         self,
