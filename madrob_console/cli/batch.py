@@ -7,7 +7,6 @@ import os
 import time
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, ExitStack, closing
 from functools import partial
 from itertools import islice
@@ -80,6 +79,8 @@ def _parallel(
 def _results(
     chosen: AbstractContextManager[object], calls: Iterator[Any]
 ) -> Generator[Any, None, None]:
+    from concurrent.futures.process import BrokenProcessPool
+
     from joblib.externals.loky.backend.resource_tracker import ensure_running
     from joblib.parallel import Parallel, get_active_backend
 

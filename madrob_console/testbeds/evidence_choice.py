@@ -8,11 +8,14 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from madrob_console.common.clock import NS
-from recorder.bag import RawMessage
+
+if TYPE_CHECKING:
+    from recorder.bag import RawMessage
 
 TOPIC_PATTERN = r"(/([A-Za-z0-9_]|\*)+)+"
 """Regular expression of a full topic name with wildcards."""

@@ -61,6 +61,7 @@ def measure(benchmarks: Sequence[Benchmark], repeats: int) -> Iterator[Figure]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure; the exit code."""
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # what is installed is compiled
     arguments = _arguments(argv)
     modules = [import_module(f"tests.benchmarks.{name}") for name in arguments.names or NAMES]
     packages = dict.fromkeys(package for module in modules for package in module.PACKAGES)

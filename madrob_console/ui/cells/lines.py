@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from enum import StrEnum
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 from rich.cells import cell_len, chop_cells
@@ -76,7 +77,12 @@ def line(*parts: str | Span) -> Line:
 
 def width_of(spans: Line) -> int:
     """Width of a line, cells."""
-    return sum(cell_len(terminal_safe(span.text)) for span in spans)
+    return sum(_width(span.text) for span in spans)
+
+
+@lru_cache(4096)
+def _width(text: str) -> int:
+    return cell_len(terminal_safe(text))
 
 
 def plain(lines: Iterable[Line]) -> str:
@@ -91,6 +97,13 @@ def paragraph(text: str, width: int, tone: Tone = Tone.PLAIN, head: Line = ()) -
     return [(*head, Span(first, tone)), *(line(" " * indent, Span(row, tone)) for row in more)]
 
 
+class Unmarked(Widget):
+    """Looks alike with and without the focus: Textual would style it and all in it anew."""
+
+    def watch_has_focus(self, _has_focus: bool) -> None:
+        """Nothing is seen of it."""
+
+
 class Lines(Widget):
     """A widget made of lines of spans."""
 
@@ -98,7 +111,7 @@ class Lines(Widget):
 
     _drawn: tuple[Line, ...] = ()
     _for: int = 0
-    _base: Style | None = None
+    _base: tuple[Style, Color] | None = None
     _tones: dict[Tone, Style] = {}  # noqa: RUF012  each widget makes its own with its first style
 
     @property
@@ -158,8 +171,8 @@ class Lines(Widget):
     def on_resize(self, _event: events.Resize) -> None:
         self.redraw()
 
-    def watch_has_focus(self, has_focus: bool) -> None:
-        super().watch_has_focus(has_focus)
+    def watch_has_focus(self, _has_focus: bool) -> None:
+        """The focus is a tone, no style."""
         self.redraw()
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
@@ -167,15 +180,22 @@ class Lines(Widget):
 
     def render_lines(self, crop: Region) -> list[Strip]:
         """The rows in view; what was never laid out in this width is drawn only now."""
-        width = self.room.width
-        if self._for != width:
-            self._for, self._drawn = width, tuple(self.lines(width))
-        return super().render_lines(crop)
+        room = self.room
+        if self._for != room.width:
+            self._for, self._drawn = room.width, tuple(self.lines(room.width))
+        if room != self.outer_size:
+            return super().render_lines(crop)
+        filters, (_, background) = self.get_line_filters(), self._based
+        strips = []
+        for y in crop.line_range:  # nothing around them: what Textual would add is half the time
+            strip = self.render_line(y)
+            for line_filter in filters:
+                strip = strip.apply_filter(line_filter, background)
+            strips.append(strip.crop(crop.x, crop.right))
+        return strips
 
     def render_line(self, y: int) -> Strip:
-        if self._base is None:
-            self._base = self.rich_style
-        base, width = self._base, self._for
+        (base, _), width = self._based, self._for
         if y >= len(self._drawn):
             return Strip.blank(width, base)
         strip = Strip(
@@ -186,6 +206,13 @@ class Lines(Widget):
             strip = Strip([*strip.crop(0, width - 1), Segment("…", base)])
         return strip.adjust_cell_length(width, base)
 
+    @property
+    def _based(self) -> tuple[Style, Color]:
+        """Style and background of what has no tone."""
+        if self._base is None:
+            self._base = self.rich_style, self.background_colors[1]
+        return self._base
+
     def notify_style_update(self) -> None:
         super().notify_style_update()
         self._base = None
@@ -194,8 +221,7 @@ class Lines(Widget):
     def _toned(self, tone: Tone, base: Style) -> Style:
         style = self._tones.get(tone)
         if style is None:
-            _, background = self.background_colors
-            style = self._tones[tone] = base + self._style(tone, background)
+            style = self._tones[tone] = base + self._style(tone, self._based[1])
         return style
 
     def _style(self, tone: Tone, background: Color) -> Style:
@@ -204,6 +230,8 @@ class Lines(Widget):
         The tones are component classes of the screen, styled once: a set of them in each widget
         would take a third of the start.
         """
+        if not self.is_attached:  # removed, and still on the screen until the next layout
+            return Style()
         styles = self.screen.get_component_styles(f"tone--{tone}")
         color = styles.color
         if styles.auto_color:
@@ -233,16 +261,22 @@ class View(Lines):
 
 
 def changed_cells(before: Line, after: Line, y: int, width: int) -> Region:
-    old, new = _characters(before), _characters(after)
-    longest = max(len(old), len(new))
-    if longest > width or not _one_cell_each(old + new):
+    """The cells between the first and the last that differ; the whole row if any may be wide."""
+    same = 0
+    while before[same : same + 1] == after[same : same + 1] != ():
+        same += 1
+    old, new = _characters(before[same:]), _characters(after[same:])
+    first = width_of(before[:same])
+    end = first + max(len(old), len(new))
+    if end > width or not all(_is_narrow(char) for char, _ in (*old, *new)):
         return Region(0, y, width, 1)
-    pairs = list(zip(old, new, strict=False))
-    first = next((i for i, (a, b) in enumerate(pairs) if a != b), len(pairs))
-    end = longest
     if len(old) == len(new):
-        while end > first + 1 and old[end - 1] == new[end - 1]:
+        while old and old[-1] == new[-1]:
+            old.pop()
+            new.pop()
             end -= 1
+    pairs = zip(old, new, strict=False)
+    first += next((i for i, (a, b) in enumerate(pairs) if a != b), min(len(old), len(new)))
     return Region(first, y, max(1, end - first), 1)
 
 
@@ -250,8 +284,8 @@ def _characters(spans: Line) -> list[tuple[str, Tone]]:
     return [(char, span.tone) for span in spans for char in terminal_safe(span.text)]
 
 
-def _one_cell_each(characters: list[tuple[str, Tone]]) -> bool:
-    return all(char.isascii() or cell_len(char) == 1 for char, _ in characters)
+def _is_narrow(char: str) -> bool:
+    return char.isascii() or cell_len(char) == 1
 
 
 # One of a few values, on one line.

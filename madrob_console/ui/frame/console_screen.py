@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, cast
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container
+from textual.reactive import reactive
 from textual.screen import Screen
 from textual.timer import Timer
 from textual.widgets import ContentSwitcher
@@ -28,6 +29,7 @@ from madrob_console.referee.acts import (
 )
 from madrob_console.referee.competition_plan import unknown_teams
 from madrob_console.referee.run import Phase
+from madrob_console.ui.cells.compositor import CellCompositor
 from madrob_console.ui.cells.dialog import Drafts
 from madrob_console.ui.cells.lines import TONE_CLASSES, Label, Tone, View
 from madrob_console.ui.frame.frame_lines import (
@@ -46,6 +48,8 @@ from madrob_console.ui.panes.run_status import who_text
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from textual.widget import Widget
 
     from madrob_console.engine.snapshot import Snapshot
     from madrob_console.referee.acts.act import Ask
@@ -105,6 +109,7 @@ class ConsoleScreen(Screen[None]):
         Binding("shift+tab", "app.focus_previous", show=False, priority=True),
     ]
     AUTO_FOCUS = ""
+    focused: reactive[Widget | None] = reactive(None, repaint=False)  # the widgets show it
 
     def __init__(
         self,
@@ -115,6 +120,7 @@ class ConsoleScreen(Screen[None]):
         wall: Callable[[], float],
     ) -> None:
         super().__init__()
+        self._compositor = CellCompositor()
         self._link = link
         self._ahead = ahead
         self._defaults = defaults

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from textual.app import ComposeResult
 from textual.containers import VerticalScroll
 
-from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line, paragraph
+from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, Unmarked, line, paragraph
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, MENU, PLAYBACK_KEYS
 from madrob_console.ui.panes.live_pane import LEGEND
 
@@ -75,7 +75,7 @@ class HelpText(Lines):
         return rows
 
 
-class HelpPane(VerticalScroll):
+class HelpPane(VerticalScroll, Unmarked):
     """Arrows scroll."""
 
     def __init__(self) -> None:

@@ -12,7 +12,17 @@ from textual.containers import Horizontal, VerticalScroll
 from madrob_console.engine.snapshot import Weight
 from madrob_console.referee.checks import Freshness
 from madrob_console.referee.journal import Origin
-from madrob_console.ui.cells.lines import Line, Span, Tone, View, column, line, ruler, scale
+from madrob_console.ui.cells.lines import (
+    Line,
+    Span,
+    Tone,
+    Unmarked,
+    View,
+    column,
+    line,
+    ruler,
+    scale,
+)
 from madrob_console.ui.look.words import rough_text, time_of_day
 from madrob_console.ui.panes.all_faults import AllFaults, Banner, EvidenceLine
 from madrob_console.ui.panes.run_status import RunClock, RunStatus, RunTenths, StepTable
@@ -277,7 +287,7 @@ _SLOW = 3
 """Every third snapshot reaches what costs many bytes and need not be quick."""
 
 
-class LivePane(VerticalScroll):
+class LivePane(VerticalScroll, Unmarked):
     """Clock, steps, sensors, what is known so far, faults, log; arrows scroll what is too long."""
 
     def __init__(self) -> None:

@@ -26,7 +26,16 @@ from madrob_console.referee.flags import (
 )
 from madrob_console.referee.records import format_due, open_protests
 from madrob_console.referee.run import Phase
-from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph, plain
+from madrob_console.ui.cells.lines import (
+    Line,
+    Span,
+    Tone,
+    Unmarked,
+    View,
+    line,
+    paragraph,
+    plain,
+)
 from madrob_console.ui.look.words import OUTCOMES, date_of
 from madrob_console.ui.panes.run_status import (
     FLAG_TONES,
@@ -347,7 +356,7 @@ _Shown = tuple[float, int, int, Condition]
 """Start and issue of a result, and as which subject and condition it counts."""
 
 
-class ResultsPane(VerticalScroll):
+class ResultsPane(VerticalScroll, Unmarked):
     """Outcome, values, steps; details below them. `load` may take a moment."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("v", "turn", "Details", show=False)]
