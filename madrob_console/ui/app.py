@@ -142,6 +142,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         environ = os.environ.copy()
         os.environ.pop("NO_COLOR", None)  # textual makes it grey; the themes make it colourless
         super().__init__(driver_class=ButtonsDriver)
+        self.animation_level = "none"  # each frame would cross the line
         self._look = look or ConsoleSettings()
         self._environ = environ
         for theme in THEMES:

@@ -432,7 +432,7 @@ def _tiny_rows(snapshot: Snapshot, width: int, kept: int, most_rows: int) -> lis
     running = snapshot.run.phase is Phase.RUNNING and snapshot.remaining is not None
     fault = f"FAULT {snapshot.all_faults[0]}" if snapshot.all_faults else snapshot.notice or ""
     head = (
-        (2, phase_span(snapshot.run)),
+        (2, phase_span(snapshot.run, snapshot.result)),
         (0, clock_span(snapshot)),
         (3, Span("PRACTICE" if snapshot.practice else "", Tone.NOTICE)),
         (6, Span(f"{minutes_text(snapshot.remaining or 0.0)} left" if running else "")),
