@@ -193,7 +193,9 @@ def run_page(snapshot: Snapshot, width: int) -> list[Block]:
     run = snapshot.run
     what = f"run {run.setup.run_number}, {condition_text(run)}" if run.setup else who_text(run)
     text, tone = banner(snapshot)
-    stands = Span("NO ENGINE", Tone.BAD) if snapshot.pulse.gone else phase_span(run, snapshot.result)
+    stands = (
+        Span("NO ENGINE", Tone.BAD) if snapshot.pulse.gone else phase_span(run, snapshot.result)
+    )
     return [
         _band(*stands),
         Block((clock_span(snapshot),), ahead=1.5),

@@ -40,8 +40,8 @@ from madrob_console.ui.frame.frame_lines import (
     TinyClock,
     TopLine,
 )
-from madrob_console.ui.keys.dialogs import Copy, Press, RunMeant, ask_copy, ask_menu, ask_unfinished
-from madrob_console.ui.keys.key_table import MENU
+from madrob_console.ui.keys.dialogs import Copy, Press, RunMeant, ask_copy, ask_unfinished
+from madrob_console.ui.keys.key_table import MENU, ask_menu
 from madrob_console.ui.link import NOT_YET, EngineSearch
 from madrob_console.ui.look.words import PHASES, export_text
 from madrob_console.ui.panes.run_status import who_text

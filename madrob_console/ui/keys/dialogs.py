@@ -25,12 +25,9 @@ from madrob_console.referee.records import open_protests, seconds_of
 from madrob_console.referee.run import Run
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from madrob_console.archive.history import RunSummary
     from madrob_console.archive.run_journal import Unfinished
     from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.ui.keys.key_table import Key
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,27 +184,6 @@ def ask_copy(
 def _offer(copy: Copy) -> str:
     lines = copy.text.splitlines()
     return f"{copy.what}: {copy.text}" if len(lines) == 1 else copy.what
-
-
-def ask_menu(
-    title: str, lines: Sequence[tuple[Key, str | None]], hint: str = ""
-) -> Ask[Press] | str:
-    """Asks what to do; `lines` are keys of the menu, each with why it is not possible."""
-    options = tuple(
-        Option(key.cap, f"{key.label:<14} {key.help}", key.name)
-        for key, refused in lines
-        if refused is None
-    )
-    reasons: dict[str, list[str]] = {}
-    for key, refused in lines:
-        if refused is not None:
-            reasons.setdefault(refused, []).append(f"{key.cap} {key.label.lower()}")
-    if not options:
-        return next(iter(reasons), "there is no run to act on")
-    below = tuple(f"Not now: {', '.join(keys)}: {why}" for why, keys in reasons.items())
-    caps = {key.name: key.cap for key, _ in lines}
-    question = Pick(hint, options, below=below)
-    return Ask(title, (question,), lambda name: Press(name, caps[name]))
 
 
 def ask_abort(snapshot: Snapshot) -> Intent:

@@ -7,7 +7,7 @@ those that act.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -27,8 +27,9 @@ from madrob_console.engine.requests import (
     TakeOver,
 )
 from madrob_console.referee import acts
-from madrob_console.referee.acts.act import Ask
+from madrob_console.referee.acts.act import Ask, Option, Pick
 from madrob_console.ui.keys import dialogs
+from madrob_console.ui.keys.dialogs import Press
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
@@ -227,6 +228,27 @@ MENU = (
     ),
 )  # fmt: skip
 """The lines of the menu, by pane; first what decides an open question."""
+
+
+def ask_menu(
+    title: str, lines: Sequence[tuple[Key, str | None]], hint: str = ""
+) -> Ask[Press] | str:
+    """Asks what to do; `lines` are keys of the menu, each with why it is not possible."""
+    options = tuple(
+        Option(key.cap, f"{key.label:<14} {key.help}", key.name)
+        for key, refused in lines
+        if refused is None
+    )
+    reasons: dict[str, list[str]] = {}
+    for key, refused in lines:
+        if refused is not None:
+            reasons.setdefault(refused, []).append(f"{key.cap} {key.label.lower()}")
+    if not options:
+        return next(iter(reasons), "there is no run to act on")
+    below = tuple(f"Not now: {', '.join(keys)}: {why}" for why, keys in reasons.items())
+    caps = {key.name: key.cap for key, _ in lines}
+    question = Pick(hint, options, below=below)
+    return Ask(title, (question,), lambda name: Press(name, caps[name]))
 
 
 _PLAYED = _RUN
