@@ -16,11 +16,10 @@ if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
 
 _TEXT = """\
-Set-up (F2): Tab, Enter and arrows go through the fields, left and right change a choice. What \
-you see is set up as soon as you leave a field. / shows the list of teams, to look for one; \
-another name than the list's needs a reason, Del on the team takes the list's again. Then \
-F6 when the robot stands at its start pose, \
-and F5.
+Set-up (F2): Tab and arrows go through the fields, left and right change a choice, Enter sets up \
+what you see; F6 and F5 do so, too. The line "+ More" opens what seldom changes. / shows the list \
+of teams, to look for one; another name than the list's needs a reason. Tab goes to the checks, \
+where Enter waives one. Then F6 when the robot stands at its start pose, and F5.
 Live (F3): the steps as the sensors, the referee and the rules have them. An incident is two \
 keys: i and its letter; after the stop it asks for its time. 1-6 confirm or deny a step, now or \
 until the result is final.
