@@ -36,14 +36,15 @@ class CheckState(StrEnum):
 _ANOTHER_CLOCK = 10.0
 """s; larger offsets of stamps mean another clock (protocol section 3)."""
 
-_NO_ZERO = (
-    "this engine has none yet, and one of before may be of a sensor that was switched off since"
-)
+_NO_ZERO = "F7 zeroes the handle (not yet done since the engine started)"
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One pre-start check; it is not `waivable` where nothing would be detected."""
+    """One pre-start check; it is not `waivable` where nothing would be detected.
+
+    The `reason` of a failed one begins with what to do, a key if there is one, and stands alone.
+    """
 
     name: CheckName
     state: CheckState
@@ -166,15 +167,15 @@ def _waive(check: Check, waivers: tuple[Waiver, ...]) -> Check:
     waiver = next((w for w in waivers if w.check is check.name), None)
     if waiver is None:
         return check
-    return Check(check.name, CheckState.WAIVED, f"{check.reason} (waived: {waiver.reason})")
+    return Check(check.name, CheckState.WAIVED, f"waived, {waiver.reason} ({check.reason})")
 
 
-def _verdict(name: CheckName, ok: bool, reason: str) -> Check:
-    return Check(name, CheckState.OK if ok else CheckState.FAILED, reason)
+def _verdict(name: CheckName, ok: bool, good: str, failed: str) -> Check:
+    return Check(name, CheckState.OK, good) if ok else Check(name, CheckState.FAILED, failed)
 
 
 def _no_data(name: CheckName, what: str) -> Check:
-    return Check(name, CheckState.NO_DATA, f"no {what} now: check its topic")
+    return Check(name, CheckState.NO_DATA, f"look at the topic: no {what} comes now")
 
 
 def _team(r: Readings, setup: RunSetup | None) -> Iterator[Check]:
@@ -184,10 +185,11 @@ def _team(r: Readings, setup: RunSetup | None) -> Iterator[Check]:
     if r.teams.lacks(setup.subject):
         text = f"{setup.subject} is not in the list"
     elif setup.out_of_plan:
-        text = "out of plan"
+        text = "this run is out of plan"
     else:
         return
-    yield Check(CheckName.TEAM, CheckState.FAILED, f"{text}: F2 corrects it, w waives")
+    words = f"F2 corrects the team: {text} (Enter waives)"
+    yield Check(CheckName.TEAM, CheckState.FAILED, words)
 
 
 def _topics(r: Readings) -> Check:
@@ -201,41 +203,38 @@ def _topics(r: Readings) -> Check:
 def _door(r: Readings) -> Check:
     if r.angle is None:
         return _no_data(CheckName.DOOR, "door angle")
-    return _verdict(
-        CheckName.DOOR,
-        abs(r.angle) < r.closed_angle,
-        f"angle {r.angle:+.3f} rad, closed below {r.closed_angle:g}",
-    )
+    text = f"angle {r.angle:+.3f} rad, closed below {r.closed_angle:g}"
+    closed = abs(r.angle) < r.closed_angle
+    return _verdict(CheckName.DOOR, closed, text, f"close the door: {text}")
 
 
 def _handle(r: Readings, run: Run) -> Check:
     if r.force is None:
         return _no_data(CheckName.HANDLE, "handle force")
-    at_rest = abs(r.force) <= r.rest_force
     text = f"{r.force:+.2f} N from zero, at rest up to {r.rest_force:.2f} N"
-    remedy = "zero the handle" if run.handle_zero else f"zero the handle; {_NO_ZERO}"
-    return _verdict(CheckName.HANDLE, at_rest, text if at_rest else f"{text}: {remedy}")
+    remedy = f"F7 zeroes the handle, if nobody holds it: {text}" if run.handle_zero else _NO_ZERO
+    return _verdict(CheckName.HANDLE, abs(r.force) <= r.rest_force, text, remedy)
 
 
 def _zero(r: Readings) -> Iterator[Check]:
     """Why the handle zero is not reliable (protocol section 11)."""
     zero = r.zero
     if r.drift is not None:
-        text = f"at rest after the last run the force was {r.drift:+.2f} N off"
+        text = f"it was {r.drift:+.2f} N off after the last run"
     elif zero is not None and zero.number < FEWEST_SAMPLES:
         text = f"{zero.number} samples, {FEWEST_SAMPLES} needed"
     elif zero is not None and zero.span > r.rest_force:
         text = f"samples span {zero.span:.2f} N, steady up to {r.rest_force:.2f} N"
     else:
         return
-    yield Check(CheckName.HANDLE_ZERO, CheckState.FAILED, f"{text}: zero it again, F7")
+    yield Check(CheckName.HANDLE_ZERO, CheckState.FAILED, f"F7 zeroes the handle again: {text}")
 
 
 def _doorway(r: Readings) -> Check:
     if r.occupied is None:
         return _no_data(CheckName.DOORWAY, "reading of some passage sensor")
-    text = "sensors clear" if not r.occupied else f"something under {', '.join(r.occupied)}"
-    return _verdict(CheckName.DOORWAY, not r.occupied, text)
+    found = f"clear the doorway: something under {', '.join(r.occupied)}"
+    return _verdict(CheckName.DOORWAY, not r.occupied, "sensors clear", found)
 
 
 def _clock(r: Readings) -> Check:
@@ -243,38 +242,37 @@ def _clock(r: Readings) -> Check:
         return _no_data(CheckName.CLOCK, "time stamp")
     if (words := _another_clock(r)) is not None:
         return Check(CheckName.CLOCK, CheckState.FAILED, words, waivable=False)
-    return _verdict(
-        CheckName.CLOCK,
-        abs(r.skew) < r.largest_skew,
-        f"stamps differ by {abs(r.skew) * 1000:.0f} ms, limit {r.largest_skew * 1000:.0f} ms",
-    )
+    limit = f"limit {r.largest_skew * 1000:.0f} ms"
+    text = f"stamps differ by {abs(r.skew) * 1000:.0f} ms, {limit}"
+    same = abs(r.skew) < r.largest_skew
+    return _verdict(CheckName.CLOCK, same, text, f"set the clocks: {text}")
 
 
 def _another_clock(r: Readings) -> str | None:
     off, simulated = r.least_skew or 0.0, r.simulated_time
     close = min(1.0, abs(off) / 2)  # a simulation that runs fast leaves its last second behind
     if simulated is not None and abs(off - simulated) < close and abs(off) >= r.largest_skew:
-        return "stamps are of simulated time: end the engine, start with --use-sim-time"
+        return "start the engine again with --use-sim-time: stamps are of simulated time"
     if abs(off) <= _ANOTHER_CLOCK:
         return None
     if simulated is not None and abs(simulated) < r.largest_skew:
-        return "stamps are not of /clock: stamp by it, or start without --use-sim-time"
-    return "stamps are not of this clock (simulated time?): set it, or use --use-sim-time"
+        return "stamp by /clock, or leave out --use-sim-time: stamps of another clock"
+    return "set the clock, or use --use-sim-time: stamps are of another clock"
 
 
 def _disk(r: Readings) -> Check:
     if r.disk_free is None:
-        return Check(CheckName.DISK, CheckState.NO_DATA, "free space unknown: check the folder")
-    return _verdict(
-        CheckName.DISK,
-        r.disk_free >= r.disk_needed,
-        f"{format_size(r.disk_free)} free, {format_size(r.disk_needed)} needed",
-    )
+        return Check(
+            CheckName.DISK, CheckState.NO_DATA, "look at the results folder: free space unknown"
+        )
+    text = f"{format_size(r.disk_free)} free, {format_size(r.disk_needed)} needed"
+    enough = r.disk_free >= r.disk_needed
+    return _verdict(CheckName.DISK, enough, text, f"make room on the disk: {text}")
 
 
 def _recorder(r: Readings) -> Check:
     if r.recorder_problems is None:
-        silent = "no answer from the disk: look at the results folder"
+        silent = "look at the results folder: the disk does not answer"
         return Check(CheckName.RECORDER, CheckState.NO_DATA, silent)
     if r.recorder_problems:
         return Check(CheckName.RECORDER, CheckState.FAILED, "; ".join(r.recorder_problems))
@@ -289,18 +287,19 @@ def _evidence(r: Readings, run: Run) -> Iterator[Check]:
     yield Check(CheckName.EVIDENCE, state, text)
 
 
-_MAKE_ROOM = "make room by `madrob tidy`, or change `recording.budget` or `recording.least_room`"
+_MAKE_ROOM = "`madrob tidy` makes room for evidence"
+_OTHER_LIMITS = "(or change `recording.budget` or `recording.least_room`)"
 
 
 def _evidence_state(e: EvidenceReading, timeout: float) -> tuple[CheckState, str]:
     if not e.ros:
         return CheckState.OK, "none: a testbed simulated in this process has no ROS topics"
     if e.problem is not None:
-        return CheckState.FAILED, e.problem
+        return CheckState.FAILED, f"evidence: {e.problem}"
     if not e.ready:
-        return CheckState.NO_DATA, "not looked long enough yet: wait for it"
+        return CheckState.NO_DATA, "wait: the evidence's topics are not all seen yet"
     if e.left is None:
-        return CheckState.NO_DATA, "room for it is unknown: check the results folder"
+        return CheckState.NO_DATA, "look at the results folder: room for evidence unknown"
     good = CheckState.WARNING if e.notes or not e.topics else CheckState.OK
     sends = f"{e.notes}; " if e.notes else ""
     sends += f"{counted(e.topics - len(e.silent), 'topic')}, "
@@ -308,11 +307,11 @@ def _evidence_state(e: EvidenceReading, timeout: float) -> tuple[CheckState, str
         text = f"{sends}room for {format_size(e.left)}"
         if e.left or not e.least:
             return good, text
-        return CheckState.FAILED, f"{text}: {_MAKE_ROOM}"
+        return CheckState.FAILED, f"{_MAKE_ROOM}: {text} {_OTHER_LIMITS}"
     text = f"room for {format_duration(e.lasts)} at the rate of now"
     if e.lasts < e.least:
         needed = format_duration(e.least)
-        return CheckState.FAILED, f"{text}, {needed} needed: {_MAKE_ROOM}"
+        return CheckState.FAILED, f"{_MAKE_ROOM}: {text}, {needed} needed {_OTHER_LIMITS}"
     if e.lasts < timeout:
         run_takes = f"a run may take {format_duration(timeout)}"
         return CheckState.WARNING, f"{sends}{text}: {run_takes}"
@@ -326,8 +325,7 @@ def _referee(r: Readings) -> Check:
 
 
 def _pose(run: Run) -> Check:
-    text = "confirmed" if run.pose_confirmed else "not confirmed: look, then confirm it"
-    return _verdict(CheckName.POSE, run.pose_confirmed, text)
+    return _verdict(CheckName.POSE, run.pose_confirmed, "confirmed", "F6 confirms the start pose")
 
 
 # How alive a topic is: fresh, stale, lost (protocol section 3).

@@ -17,7 +17,7 @@ from textual.screen import Screen
 from madrob_console.archive.history import History, RunSummary, condition_words, of_competition
 from madrob_console.common.errors import MadrobError
 from madrob_console.pages.competition import SIGNS
-from madrob_console.pages.tally import Standing, standings
+from madrob_console.pages.tally import Standing, leaders_first, standings
 from madrob_console.referee.flags import FlagWeight
 from madrob_console.referee.run import Phase
 from madrob_console.ui.app import MadrobApp
@@ -264,7 +264,7 @@ def standings_pages(rows: Sequence[Standing], width: int, height: int) -> Iterat
         tasks = {f"{row.condition}: {', '.join(condition_words(row.condition))}" for row in shown}
         yield [
             _band(f"STANDINGS{part}", Tone.STRONG, -0.5),
-            *_text("by team: means of valid runs, no ranking", width, Tone.DIM),
+            *_text("each team's best run by level, then time; no ranking", width, Tone.DIM),
             Block((*(Span(title, Tone.DIM) for title in titles), *cells), (5,), 1, names=True),
             *_text("; ".join(sorted(tasks)), width, Tone.DIM),
             *_text(SIGNS if signs else "", width, Tone.DIM),
@@ -356,5 +356,7 @@ class WallApp(MadrobApp, inherit_bindings=False):
         latest = max(done, key=lambda run: run.started, default=None)
         self._wall.runs = (
             latest,
-            standings(runs, official=not practice, listed=snapshot.teams.names),
+            leaders_first(
+                standings(runs, official=not practice, best=1, listed=snapshot.teams.names)
+            ),
         )

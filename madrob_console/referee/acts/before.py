@@ -101,7 +101,7 @@ class Start(Act):
         if not blocks:
             return None
         more = f" (and {len(blocks) - 1} more)" if len(blocks) > 1 else ""
-        return f"{blocks[0].name}: {blocks[0].reason}{more}"
+        return f"{blocks[0].reason}{more}"
 
     def apply(self, situation: Situation, at: float) -> Run:
         return begin_countdown(situation.run, at)

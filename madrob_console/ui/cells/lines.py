@@ -433,15 +433,15 @@ class PushButton(Lines, can_focus=True):
 
     def __init__(self, label: str, *, id: str) -> None:  # noqa: A002 - textual's name
         super().__init__(id=id)
-        self._label = label
+        self.label = label
 
     def say(self, label: str) -> None:
-        self._label = label
+        self.label = label
         self.redraw()
 
     def lines(self, width: int) -> Sequence[Line]:
         tone = Tone.CURSOR if self.has_focus else Tone.STRONG
-        return [line(Span(f"[ {self._label} ]", tone))]
+        return [line(Span(f"[ {self.label} ]", tone))]
 
     def on_click(self) -> None:
         self.action_press()

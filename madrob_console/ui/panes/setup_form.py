@@ -1,35 +1,33 @@
-"""The fields of a run's set-up, the team's among them, and what is said of them."""
+"""The fields of a run's set-up, and what is said of them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from enum import Enum, StrEnum, auto
-from typing import TYPE_CHECKING, ClassVar, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar
 
-from rich.cells import cell_len
-from textual import events
+from msgspec import structs
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
-from textual.message import Message
-from textual.widget import Widget
+from textual.widgets import Input, Static
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.names import clean_name, terminal_safe
+from madrob_console.common.names import clean_name
+from madrob_console.config.tables import start_pose_on
 from madrob_console.pages.competition import task_words
-from madrob_console.referee.acts import Start
-from madrob_console.referee.acts.act import Ask
+from madrob_console.referee.acts import SetUp, Start
 from madrob_console.referee.competition_plan import PlanProgress, Task
 from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.records import RunSetup
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.dialog import Field, NumberField
-from madrob_console.ui.cells.lines import Choice, Label, Line, Lines, Span, Tone, line
-from madrob_console.ui.keys.dialogs import OtherName, ask_other_name
+from madrob_console.ui.cells.lines import Choice, Label, Line, PushButton, Span, Tone, line
+from madrob_console.ui.keys.dialogs import OtherName
 from madrob_console.ui.link import FIRST_CONDITION, ConsoleDefaults
-from madrob_console.ui.look.words import fitted, shortened
+from madrob_console.ui.look.words import shortened
 from madrob_console.ui.panes.figures_pane import TopView
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
@@ -44,293 +42,153 @@ OPEN = (Phase.IDLE, Phase.READY)
 """In these phases the fields are set up; in others they are a draft of the next run."""
 
 
-class Focus(Enum):
-    """Where keys go."""
+def state_words(
+    now: Snapshot, setup: RunSetup | str, plan: PlanProgress, problem: str
+) -> tuple[str, Tone]:
+    """What becomes of the fields, which say `setup` or what is wrong with them."""
+    run = now.run
+    if (refused := now.refusal(SetUp.name)) is not None:
+        return f"Nothing is set up now: {refused}.", Tone.WARN
+    if problem or isinstance(setup, str):
+        return f"x {problem or setup}", Tone.BAD
+    why = setup.team_reason
+    other = f" Other name than the list's: {why}." if why else ""
+    checked = setup == run.setup and run.phase in OPEN
+    planned = _planned(setup, plan, checked=checked)
+    if run.phase not in OPEN:
+        return f"Draft for subject {setup.subject}{planned}: Enter sets it up.{other}", Tone.PLAIN
+    if not checked:
+        return f"Not set up yet{planned}: Enter sets it up.{other}", Tone.WARN
+    then = "F5 starts." if now.refusal(Start.name) is None else "See the checks."
+    if not run.pose_confirmed:
+        then = "F6 confirms its pose."
+    what = f"Run {setup.run_number} of subject {setup.subject}{planned}"
+    return f"{what} is set up. {then}{other}", Tone.GOOD
 
-    FIELD = auto()
-    TEAM = auto()
-    BUTTON = auto()
-    ELSEWHERE = auto()
+
+def _planned(setup: RunSetup, plan: PlanProgress, *, checked: bool) -> str:
+    of = next((one for one in plan.tasks if one.task == task_of(setup)), None)
+    if setup.out_of_plan:
+        return "" if checked else ", OUT OF PLAN"
+    if setup.practice or of is None or not of.planned:
+        return ""
+    return f", attempt {of.done + 1} of {of.planned}" if of.left else ", an attempt repeated"
 
 
-@dataclass(frozen=True, slots=True)
-class SetupWords:
-    """Words about a set-up; `setup` is what the fields say, or what is wrong with them."""
-
-    snapshot: Snapshot
-    setup: RunSetup | str
-    plan: PlanProgress
-    focus: Focus
-
-    def state(self, problem: str) -> tuple[str, Tone]:
-        """What becomes of it; `problem` comes first, besides what is wrong with the fields."""
-        snapshot, setup, run = self.snapshot, self.setup, self.snapshot.run
-        if snapshot.playback is not None:
-            return "A replay: nothing is set up here. F3 shows the run.", Tone.WARN
-        if snapshot.pulse.gone:
-            return f"x {snapshot.pulse.gone}", Tone.BAD
-        if snapshot.right.only_watches:
-            return "This screen only watches. F3 shows the run.", Tone.PLAIN
-        if run.active:
-            return f"Not editable now: {run.phase}. F3 shows the run.", Tone.WARN
-        if problem or isinstance(setup, str):
-            return f"x {problem or setup}", Tone.BAD
-        checked = setup == run.setup and run.phase in OPEN  # the check `team` says the rest
-        team = self._team(setup, snapshot.teams, checked=checked)
-        planned = self._planned(setup, checked=checked)
-        what = f"un {setup.run_number} of subject {setup.subject}{planned}"
-        if run.phase not in OPEN:
-            return f"Draft of r{what}: {self._next_key}.{team}", Tone.PLAIN
-        if not checked:
-            told = f"Not set up yet{planned}: Enter, here or in a field."
-            return told + team, Tone.WARN
-        then = "F5 starts." if snapshot.refusal(Start.name) is None else "See the checks."
-        if not run.pose_confirmed:
-            then = "F6 confirms its pose."
-        return f"R{what} is set up. {then}{team}", Tone.GOOD
-
-    @property
-    def next(self) -> str:
-        """That x sets this up, if it is the plan's next run; else empty."""
-        following, setup = self.plan.next, self.setup
-        if following is None or isinstance(setup, str) or setup.practice:
-            return ""
-        if task_of(setup) != following.task:
-            return ""
-        task = task_words(following.task, self.snapshot.teams.names)
-        attempt = f"attempt {following.number} of {following.planned}"
-        return f"x: {task}, {attempt}. X repeats, p shows the plan."
-
-    @property
-    def _next_key(self) -> str:
-        if self.focus in (Focus.FIELD, Focus.TEAM):
-            return "Escape, then x sets it up"
-        return "x or Enter sets it up" if self.focus is Focus.BUTTON else "x sets it up"
-
-    def _team(self, setup: RunSetup, teams: TeamList, *, checked: bool) -> str:
-        here = self.focus is Focus.TEAM
-        if setup.team_reason:
-            clears = " Del takes the list's." if here else ""
-            return f" Other name than the list's: {setup.team_reason}.{clears}"
-        if teams.lacks(setup.subject) and (setup.practice or not checked):
-            return f" Subject {setup.subject} is not in the list of teams!"
-        return " Type to look for a team." if here else ""
-
-    def _planned(self, setup: RunSetup, *, checked: bool) -> str:
-        if setup.out_of_plan:
-            return "" if checked else ", OUT OF PLAN"
-        of = next((one for one in self.plan.tasks if one.task == task_of(setup)), None)
-        if setup.practice or of is None or not of.planned:
-            return ""
-        if not of.left:
-            return ", an attempt repeated"
-        return f", attempt {of.done + 1} of {of.planned}"
+def next_words(setup: RunSetup | str, plan: PlanProgress, names: Mapping[int, str]) -> str:
+    """That x sets this up, if it is the plan's next run; else empty."""
+    following = plan.next
+    if following is None or isinstance(setup, str) or setup.practice:
+        return ""
+    if task_of(setup) != following.task:
+        return ""
+    attempt = f"attempt {following.number} of {following.planned}"
+    return f"x: {task_words(following.task, names)}, {attempt}. p shows the plan."
 
 
 def task_of(setup: RunSetup) -> Task:
     return Task(setup.subject, setup.condition.number)
 
 
-# The team of a set-up, chosen from a list of teams.
+# The fields.
 
 
-class TeamLine(Lines, can_focus=True):
-    """The team's name. What is typed here looks for a team in the list."""
+class FoldLine(PushButton):
+    """One line for the fields that seldom change; pressing it shows or hides them."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("delete,backspace", "clear", show=False),
-    ]
-
-    class Typed(Message):
-        """The referee looks for a team."""
-
-        def __init__(self, text: str) -> None:
-            super().__init__()
-            self.text = text
-
-    class Cleared(Message):
-        """The list's name shall stand here again."""
-
-    _team = ""
-    _other = False
-
-    def say(self, name: str, *, other: bool) -> None:
-        """Shows a name, empty if the team is not in the list; `other`: it is not the list's."""
-        self._team, self._other = name, other
-        self.redraw()
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("right", "press", show=False)]
 
     def lines(self, width: int) -> Sequence[Line]:
-        mark = " OTHER" if self._other else ""
-        name, room = self._team or "(not in the list)", max(1, width - len(mark))
-        tone = Tone.PLAIN if self._team and not self._other else Tone.WARN
-        return [
-            line(
-                Span(
-                    name if cell_len(name) <= room else fitted(name, room),
-                    Tone.CURSOR if self.has_focus else tone,
-                ),
-                Span(mark, Tone.WARN),
-            )
-        ]
-
-    def check_consume_key(self, key: str, character: str | None) -> bool:
-        """No letter that is typed here is a key of the console."""
-        return character is not None and character.isprintable()
-
-    def on_key(self, event: events.Key) -> None:
-        if event.is_printable and event.character:
-            event.stop()
-            event.prevent_default()
-            self.post_message(self.Typed(event.character))
-
-    def on_paste(self, event: events.Paste) -> None:
-        event.stop()
-        self.post_message(self.Typed(terminal_safe(event.text.strip())))
-
-    def on_click(self, _event: events.Click) -> None:
-        self.post_message(self.Typed(""))
-
-    def action_clear(self) -> None:
-        self.post_message(self.Cleared())
+        return [line(Span(self.label, Tone.CURSOR if self.has_focus else Tone.PLAIN))]
 
 
 E_ = TypeVar("E_", bound=StrEnum)
-_OWN_POSE = "numbers below"
+Entry: TypeAlias = Field | Choice[Any]
 
-_WHO = ("Subject", "Team", "Referee", "Opening side", "Starting side", "Benchmark", "Condition")
-_HOW = ("Run is", "Start pose", "x, y, yaw", "Timeout", "Countdown", "Ruleset", "Lock by")
-_LISTED = "Team (/ list)"
-
-
-class FieldNames(Lines):
-    """The names of the fields beside them, one a row.
-
-    A widget for each would be a third of all on the screen, and each costs whoever presses F2.
-    """
-
-    def __init__(self, names: Sequence[str]) -> None:
-        super().__init__()
-        self._names = tuple(names)
-
-    def say(self, names: Sequence[str]) -> None:
-        self._names = tuple(names)
-        self.redraw()
-
-    def lines(self, width: int) -> Sequence[Line]:
-        return [line(Span(name, Tone.DIM)) for name in self._names]
+# The names beside the fields; a widget for each would be a third of all on the screen.
+_WHO = (
+    *("Subject", "Team (/ list)", "Run", "Run is"),
+    *("Opening side", "Starting side", "Benchmark", "Condition"),
+)
+_HOW = (
+    *("Start pose", "x, m", "y, m", "Yaw, deg"),
+    *("Timeout, s", "Countdown, s", "Ruleset", "Lock by", "Referee"),
+)
+_CONDITION = ("benchmark_type", "opening_side", "starting_side")
+_POSE = ("x", "y", "yaw")
+_NEXT = "run-number"
+"""Without a number the field means the next one."""
+_OWN_POSE = "x, y, yaw"
 
 
 class SetupForm(Horizontal):
-    """Fields and a view of the start pose; reads and writes `RunSetup`s, knows no rule."""
+    """Fields and a view of the start pose; reads and writes `RunSetup`s, knows no rule.
+
+    Attributes:
+        fields: by the names that their values have in a set-up, its condition and its start pose.
+        free_names: teams' names that were typed, by subject.
+        teams: the list of teams.
+        other: a name that differs from the one in the list.
+    """
 
     def __init__(self, defaults: ConsoleDefaults) -> None:
         super().__init__(id="setup-form")
-        self._poses = {preset.name: preset.pose for preset in defaults.poses}
-        condition = FIRST_CONDITION
+        self._defaults = defaults
+        self._presets = {preset.name: preset.pose for preset in defaults.poses}
         self.subject = NumberField(id="subject")
         self.team = Field(id="team")
-        self.listed = TeamLine(id="listed-team")
-        self._names = FieldNames(_WHO)
-        self._teams = NO_TEAMS
-        self._other: OtherName | None = None
-        self.use_list(NO_TEAMS)
-        self.run_number = NumberField(id="run-number")
+        self.run_number = NumberField(id=_NEXT)
+        self.practice = Choice([("official", False), ("PRACTICE", True)], False, id="practice")
+        self.opening = _choice(Side, "opening", str.upper)
+        self.starting = _choice(Side, "starting", str.upper)
+        self.benchmark = _choice(BenchmarkType, "benchmark")
+        self.preset = Choice(
+            [(name, name) for name in (_OWN_POSE, *self._presets)], "", id="preset"
+        )
         self.referee = Field(id="referee")
-        self.practice = Choice(
-            [("official", False), ("PRACTICE", True)], value=False, id="practice"
-        )
-        self.opening = _choice(Side, condition.opening_side, "opening", str.upper)
-        self.starting = _choice(Side, condition.starting_side, "starting", str.upper)
-        self.benchmark = _choice(BenchmarkType, condition.benchmark_type, "benchmark")
-        self.condition_label = Label("")
-        self.preset = Choice([(name, name) for name in (_OWN_POSE, *self._poses)], "", id="preset")
-        self.x, self.y, self.yaw = (
-            NumberField(id=name) for name in ("pose-x", "pose-y", "pose-yaw")
-        )
-        self.timeout = NumberField(id="timeout")
-        self.countdown = NumberField(id="countdown")
-        self.ruleset = _choice(RulesetName, defaults.run.ruleset, "ruleset")
-        self.lock_detection = _choice(LockDetection, defaults.run.lock_detection, "lock")
-        self.top_view = TopView()
+        self._who: dict[str, Entry] = {
+            "subject": self.subject,
+            "team": self.team,
+            "run_number": self.run_number,
+            "practice": self.practice,
+            "opening_side": self.opening,
+            "starting_side": self.starting,
+            "benchmark_type": self.benchmark,
+        }
+        self._how: dict[str, Entry] = {
+            **{name: NumberField(id=f"pose-{name}") for name in _POSE},
+            "timeout": NumberField(id="timeout"),
+            "countdown": NumberField(id="countdown"),
+            "ruleset": _choice(RulesetName, "ruleset"),
+            "lock_detection": _choice(LockDetection, "lock"),
+            "referee": self.referee,
+        }
+        self.fields = self._who | self._how
+        self.free_names: dict[int, str] = {}
+        self.other: OtherName | None = None
+        self.teams = NO_TEAMS
+        self._team_of = 0
+        self._condition_words = Label()
+        self._top_view = TopView()
 
     def compose(self) -> ComposeResult:
-        yield Horizontal(
-            self._names,
-            Vertical(
-                _row(self.subject, "  run ", self.run_number),
-                self.team,
-                self.listed,
-                self.referee,
-                self.opening,
-                self.starting,
-                self.benchmark,
-                self.condition_label,
-            ),
-            classes="who",
-        )
-        yield Horizontal(
-            FieldNames(_HOW),
-            Vertical(
-                self.practice,
-                self.preset,
-                _row(self.x, self.y, self.yaw),
-                _row(self.timeout, " s"),
-                _row(self.countdown, " s"),
-                self.ruleset,
-                self.lock_detection,
-            ),
-            classes="how",
-        )
-        yield self.top_view
+        who = Vertical(*self._who.values(), self._condition_words)
+        yield Horizontal(Static("\n".join(_WHO)), who, classes="who")
+        how = Vertical(self.preset, *self._how.values())
+        yield Horizontal(Static("\n".join(_HOW)), how, classes="how")
+        yield self._top_view
 
     @property
     def condition(self) -> Condition:
         return Condition(self.benchmark.value, self.opening.value, self.starting.value)
 
-    def load(self, setup: RunSetup) -> None:
-        condition = setup.condition
-        self.subject.value = str(setup.subject)
-        self.team.value = setup.team
-        self._other = None
-        if setup.team_reason:
-            self.take_name(OtherName(setup.subject, setup.team, setup.team_reason))
-        self.run_number.value = str(setup.run_number)
-        self.referee.value = setup.referee
-        self.practice.value = setup.practice
-        self.opening.value = condition.opening_side
-        self.starting.value = condition.starting_side
-        self.benchmark.value = condition.benchmark_type
-        self.timeout.value = f"{setup.timeout:g}"
-        self.countdown.value = f"{setup.countdown:g}"
-        self.ruleset.value = setup.ruleset
-        self.lock_detection.value = setup.lock_detection
-        self.show_pose(setup.start_pose)
-
-    def use_list(self, teams: TeamList) -> None:
-        self._teams = teams
-        there = bool(teams.names)
-        self._names.say([_LISTED if there and name == "Team" else name for name in _WHO])
-        if there and self.team.has_focus:  # before it goes: or any other field would get it
-            self.screen.set_focus(self.listed)
-        self.team.display, self.listed.display = not there, there
-        if self._other is not None:
-            self.take_name(self._other)
-        self.show_team()
-
-    def take_name(self, other: OtherName) -> None:
-        """Another name than the list's; the list's own takes an earlier one back."""
-        differs = self._teams.differs(other.subject, other.name)
-        self._other = other if differs else None
-        self.show_team()
-
-    def forget_name(self) -> None:
-        self._other = None
-        self.show_team()
-
-    def show_team(self) -> None:
-        other = self._named_otherwise()
-        name = self._teams.names.get(self.team_number, "") if other is None else other.name
-        self.listed.say(name, other=other is not None)
+    @property
+    def pose(self) -> StartPose | None:
+        """None while one of its numbers is none."""
+        try:
+            return StartPose(*(_value_of(self.fields[name]) for name in _POSE))
+        except MadrobError:
+            return None
 
     @property
     def team_number(self) -> int:
@@ -338,122 +196,126 @@ class SetupForm(Horizontal):
         text = self.subject.value.strip()
         return int(text) if text.isascii() and text.isdigit() and len(text) < 10 else 0
 
-    def _named_otherwise(self) -> OtherName | None:
-        other = self._other
-        return other if other is not None and other.subject == self.team_number else None
+    @property
+    def seldom_changed(self) -> str:
+        """The values that are folded into one line."""
+        said = {name: str(field.value).strip() for name, field in self._how.items()}
+        chosen = self.preset.value
+        pose = " ".join(said[name] for name in _POSE) if chosen == _OWN_POSE else chosen
+        values = (
+            *(f"pose {pose.replace(',', '')}", f"{said['timeout']} s"),
+            *(f"countdown {said['countdown']} s", said["ruleset"]),
+            *(f"lock by {said['lock_detection']}", said["referee"]),
+        )
+        return ", ".join(filter(None, values))
 
-    def ask_name(self, name: str) -> Ask[OtherName | str]:
-        subject = self.team_number
-        return ask_other_name(subject, self._teams.names.get(subject, ""), name)
+    def load(self, setup: RunSetup | None) -> None:
+        """Shows a set-up; without one what is proposed for the first run."""
+        known = self._defaults
+        setup = setup or RunSetup(
+            subject=1,
+            team=known.team,
+            run_number=1,
+            condition=FIRST_CONDITION,
+            start_pose=start_pose_on(FIRST_CONDITION.starting_side, known.poses),
+            referee=known.referee,
+            **structs.asdict(known.run),
+        )
+        self._team_of, self.other = setup.subject, None
+        if setup.team_reason:
+            self.other = OtherName(setup.subject, setup.team, setup.team_reason)
+        values = asdict(setup)
+        self.show_values(values | values["condition"] | values["start_pose"] | {"run_number": ""})
 
-    def show_names(self, setup: RunSetup) -> None:
-        """Shows the names as they were cleaned, so that nothing changes unseen."""
-        for field, name in ((self.team, setup.team), (self.referee, setup.referee)):
-            if field.value != name and not field.has_focus:  # who types goes on typing
-                field.value = name
+    def show_values(self, values: Mapping[str, Any]) -> None:
+        """Writes what has a field, and what follows from it; tells nobody of a change."""
+        with self.prevent(Input.Changed):
+            for name in values.keys() & self.fields.keys():
+                field, value = self.fields[name], values[name]
+                text = f"{value:g}" if isinstance(value, float) else str(value)
+                field.value = value if isinstance(field, Choice) else text
+            self.show_derived()
 
-    def show_pose(self, pose: StartPose) -> None:
-        for field, value in ((self.x, pose.x), (self.y, pose.y), (self.yaw, pose.yaw)):
-            field.value = f"{value:g}"
-        self.show_derived()
+    def use_list(self, teams: TeamList) -> None:
+        """With a list, the team's name is the list's and is not typed."""
+        self.teams = teams
+        if teams.names and self.team.has_focus:  # or what is typed next would go anywhere
+            self.screen.set_focus(self.subject)
+        self.team.disabled = bool(teams.names)
+        self.team.placeholder = "(not in the list)" if teams.names else ""
+        self.show_values({})
 
     def show_derived(self) -> None:
-        self.show_team()
-        condition = self.condition
+        """Shows what follows from the fields: the team's name, the condition, the start pose."""
+        subject, condition, pose = self.team_number, self.condition, self.pose
+        if subject != self._team_of:  # a name belongs to its subject
+            self.free_names[self._team_of] = self.team.value
+            self._team_of, self.other = subject, None
+            self.team.value = self.free_names.get(subject, "")
+        if self.other is not None and not self.teams.differs(subject, self.other.name):
+            self.other = None  # the list has it now, too
+        if self.teams.names:
+            listed = self.teams.names.get(subject, "")
+            self.team.value = listed if self.other is None else self.other.name
         way = condition.way.replace("from ", "")
-        self.condition_label.say(f"{condition.number}: {way}")
-        pose = self.pose()
-        self.top_view.show_setup(condition, pose if isinstance(pose, StartPose) else None)
-        names = (name for name, preset in self._poses.items() if preset == pose)
-        self.preset.value = next(names, _OWN_POSE)
+        self._condition_words.say(f"{condition.number}: {way}", Tone.DIM)
+        self._top_view.show_setup(condition, pose)
+        presets = (name for name, preset in self._presets.items() if preset == pose)
+        self.preset.value = next(presets, _OWN_POSE)
 
-    def pose(self) -> StartPose | str:
-        try:
-            return StartPose(
-                _number(self.x, "start pose x", "metres"),
-                _number(self.y, "start pose y", "metres"),
-                _number(self.yaw, "start pose yaw", "degrees"),
-            )
-        except MadrobError as error:
-            return str(error)
-
-    def take_condition(self, condition: Condition) -> None:
-        """Chooses a condition; the start pose follows its side."""
-        self.opening.value = condition.opening_side
-        self.starting.value = condition.starting_side
-        self.benchmark.value = condition.benchmark_type
+    def take_task(self, task: Task) -> None:
+        """Chooses a team and a condition, whose side the start pose follows."""
+        condition = Condition.from_number(task.condition)
+        self.show_values(asdict(condition) | {"subject": task.subject, "run_number": ""})
         self.follow_side()
-        self.show_derived()
 
     def take_preset(self) -> None:
-        if (pose := self._poses.get(self.preset.value)) is not None:
-            self.show_pose(pose)
+        if (pose := self._presets.get(self.preset.value)) is not None:
+            self.show_values(asdict(pose))
 
     def follow_side(self) -> None:
         """A preset pose changes over with the starting side; typed numbers stay."""
-        pose, side = self.pose(), self.starting.value
-        if pose not in self._poses.values() or (isinstance(pose, StartPose) and pose.side is side):
-            return
-        other = next((p for p in self._poses.values() if p.side is side), None)
-        if other is not None:
-            self.show_pose(other)
+        pose, side = self.pose, self.starting.value
+        if pose is not None and pose in self._presets.values() and pose.side is not side:
+            on_side = (preset for preset in self._presets.values() if preset.side is side)
+            self.show_values(asdict(next(on_side, pose)))
 
     def read(self) -> RunSetup | str:
-        """The set-up in the fields, or what is wrong with them, naming the field."""
+        """The set-up in the fields, or what is wrong with them, naming the field.
+
+        Run number 0 = none is typed.
+        """
         try:
-            pose = self.pose()
-            if isinstance(pose, str):
-                return pose
-            other = self._named_otherwise()
-            listed = self._teams.names.get(self.team_number, "") if other is None else other.name
-            typed = None if self._teams.names else clean_name(self.team.value, "team")
-            setup = RunSetup(
-                subject=_whole(self.subject, "subject"),
-                team=listed if typed is None else typed,
-                run_number=_whole(self.run_number, "run number"),
-                condition=self.condition,
-                start_pose=pose,
-                referee=clean_name(self.referee.value, "referee"),
-                timeout=_number(self.timeout, "timeout", "seconds"),
-                countdown=_number(self.countdown, "countdown", "seconds"),
-                ruleset=self.ruleset.value,
-                lock_detection=self.lock_detection.value,
-                practice=self.practice.value,
-                team_reason="" if other is None else other.reason,
-            )
+            values = {name: _value_of(field) for name, field in self.fields.items()}
         except MadrobError as error:
             return str(error)
-        return setup.problem() or setup
+        pose = StartPose(*(values.pop(name) for name in _POSE))
+        condition = Condition(*(values.pop(name) for name in _CONDITION))
+        reason = "" if self.other is None else self.other.reason
+        setup = RunSetup(condition=condition, start_pose=pose, team_reason=reason, **values)
+        return replace(setup, run_number=setup.run_number or 1).problem() or setup
 
 
-def _choice(
-    values: type[E_], value: E_, name: str, label: Callable[[str], str] = str
-) -> Choice[E_]:
-    return Choice([(label(v.value), v) for v in values], value, id=name)
+def _choice(values: type[E_], name: str, label: Callable[[str], str] = str) -> Choice[E_]:
+    first, *_ = values
+    return Choice([(label(value.value), value) for value in values], first, id=name)
 
 
-def _row(*parts: Widget | str) -> Widget:
-    widgets: list[Widget] = []
-    for part in parts:
-        widget = Label(part) if isinstance(part, str) else part
-        widget.add_class("unit" if isinstance(part, str) else "short")
-        widgets.append(widget)
-    return Horizontal(*widgets, classes="row")
-
-
-def _whole(field: Field, name: str) -> int:
-    text = field.value.strip()
-    if not (text.isascii() and text.isdigit() and len(text) < 10):
-        raise MadrobError(f"{name} '{shortened(text, 20)}': use a whole number")
-    return int(text)
-
-
-def _number(field: Field, name: str, unit: str) -> float:
-    text = field.value.strip()
+def _value_of(field: Entry) -> Any:  # noqa: ANN401 - each field has its own type
+    """What a field says; MadrobError names it."""
+    if isinstance(field, Choice):
+        return field.value
+    name, text = (field.id or "").replace("-", " "), field.value.strip()
+    if not isinstance(field, NumberField):
+        return clean_name(text, name)
+    if field.id == _NEXT and not text:
+        return 0
+    whole = field.id in ("subject", _NEXT)
     try:
-        value = float(text)
+        value = int(text) if whole else float(text)
     except ValueError:
         value = math.nan
     if not abs(value) < 1e9:
-        raise MadrobError(f"{name} '{shortened(text, 20)}': use a number of {unit}, as 1.5")
+        wanted = "a whole number" if whole else "a number, as 1.5"
+        raise MadrobError(f"{name} '{shortened(text, 20)}': use {wanted}")
     return value

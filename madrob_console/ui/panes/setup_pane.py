@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
-from msgspec.structs import asdict
-from textual import events
+from textual import events, work
 from textual.actions import SkipAction
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -16,9 +15,8 @@ from textual.message import Message
 from textual.widgets import Input
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.config.tables import start_pose_on
 from madrob_console.engine.requests import NextRunNumber, Perform
-from madrob_console.referee.acts import SetUp
+from madrob_console.referee.acts import SetUp, Waive
 from madrob_console.referee.acts.act import Ask
 from madrob_console.referee.checks import Check, CheckState
 from madrob_console.referee.competition_plan import Task
@@ -38,33 +36,40 @@ from madrob_console.ui.cells.lines import (
     paragraph,
     width_of,
 )
-from madrob_console.ui.keys.dialogs import OtherName
-from madrob_console.ui.link import FIRST_CONDITION, NOT_YET, ConsoleDefaults, EngineLink
-from madrob_console.ui.look.words import fitted, shortened, time_of_day
-from madrob_console.ui.panes.setup_form import OPEN, Focus, SetupForm, SetupWords, TeamLine, task_of
+from madrob_console.ui.keys.dialogs import OtherName, ask_other_name
+from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink
+from madrob_console.ui.look.words import shortened, time_of_day
+from madrob_console.ui.panes.setup_form import (
+    OPEN,
+    FoldLine,
+    SetupForm,
+    next_words,
+    state_words,
+    task_of,
+)
 from madrob_console.ui.panes.team_picker import TeamPicker
-from scoring.protocol import Condition
 
 if TYPE_CHECKING:
     from madrob_console.archive.history import RunSummary
     from madrob_console.engine.snapshot import Snapshot
     from madrob_console.ui.panes.plan_pane import PlanReader
 
-# The pre-start checks with their reasons.
+# The pre-start checks that want the referee's eye.
 
 
 _MARKS = {
-    CheckState.OK: ("✓", Tone.GOOD),
     CheckState.WARNING: ("!", Tone.WARN),
     CheckState.FAILED: ("x", Tone.BAD),
     CheckState.NO_DATA: ("?", Tone.BAD),
     CheckState.WAIVED: ("~", Tone.WARN),
 }
-_WAIVES = "w waives one (Escape leaves a field)"
 
 
 class CheckList(View, can_focus=True):
-    """One check a line; with the focus, up and down choose one and Enter waives it."""
+    """What does not pass, a row each, first what is in the way of a start; how many pass.
+
+    With the focus, up and down mark a check, which shows all its words; Enter waives it.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "move(-1)", show=False),
@@ -79,117 +84,86 @@ class CheckList(View, can_focus=True):
             super().__init__()
             self.check = check
 
-    class Left(Message):
-        """Up on the first check."""
-
-    _cursor = 0
+    _marked: CheckName | None = None
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+        title, told = Span("Checks  ", Tone.STRONG), self._told
         if snapshot.playback is not None:
-            return [line(Span("Checks  ", Tone.STRONG), "made on the day; F4 shows the waivers")]
+            return [line(title, "made on the day; F4 shows the waivers")]
         if snapshot.pulse.stale:
-            head = line(Span("Checks  ", Tone.STRONG))
-            lines = [line(*head, Span(f"old: of {time_of_day(snapshot.time)}", Tone.WARN))]
-            return [*lines, *(_faded(check, width) for check in snapshot.checks)]
-        over = snapshot.run.phase in (Phase.STOPPED, Phase.FINAL)
-        watches = snapshot.right.only_watches
-        how = "Enter waives the marked one" if self.has_focus else _WAIVES
-        lines = [_header(snapshot.checks, "" if watches else how, over=over)]
-        for number, check in enumerate(snapshot.checks):
-            at_cursor = self.has_focus and number == self._cursor
-            lines += _entry(check, width, str(number), at_cursor=at_cursor)
-        if snapshot.sides_problem is not None:
-            head = line(Span("  ! sides  ", Tone.WARN))  # no check: its words need the room
-            lines += paragraph(snapshot.sides_problem, width, head=head)
-        if snapshot.teams.problems and not watches:
-            first, *more = snapshot.teams.problems
-            rest = f" (and {len(more)} more: / shows them)" if more else ""
-            head = line(Span("  ! teams  ", Tone.WARN))
-            lines += paragraph(first + rest, width, head=head)
-        return lines
+            return [line(title, Span(f"old: of {time_of_day(snapshot.time)}", Tone.WARN))]
+        verdict, how = Span("all passed or waived", Tone.GOOD), ""
+        if blocking := sum(check.blocks for check in told):
+            verdict = Span(f"{blocking} of {len(snapshot.checks)} in the way of a start", Tone.BAD)
+            how = "" if snapshot.refusal(Waive.name) else "   Tab, then Enter on one waives it"
+        rows = [line(title, verdict, Span(how, Tone.DIM))]
+        for check in told:
+            rows += _rows(check, width, marked=self.has_focus and check is self._at(0))
+        rows.append(line(Span("  ✓ ", Tone.GOOD), f"{len(snapshot.checks) - len(told)} ok"))
+        sides, teams = snapshot.sides_problem, snapshot.teams.problems
+        notes = [] if snapshot.right.only_watches else [sides and f"sides: {sides}", *teams[:1]]
+        for note in filter(None, notes):
+            rows += paragraph(note, width, head=line(Span("  ! ", Tone.WARN)))
+        return rows
 
     def action_move(self, step: int) -> None:
-        """Chooses the next or previous check; above the first the focus goes back."""
-        checks = () if self._snapshot is None else self._snapshot.checks
-        if self._cursor + step < 0:
-            self.post_message(self.Left())
-            return
-        self._cursor = min(max(0, len(checks) - 1), self._cursor + step)
+        """Marks the next or previous check; above the first the focus goes back."""
+        moved = self._at(step)
+        if step < 0 and moved is self._at(0):
+            self.screen.focus_previous()
+        self._marked = None if moved is None else moved.name
         self.redraw()
+
+    def action_choose(self) -> None:
+        if (check := self._at(0)) is not None:
+            self.post_message(self.Chosen(check.name))
 
     def on_click(self, event: events.Click) -> None:
         """Marks the check under the mouse; a double click waives it."""
         if (hit := self.clicked(event)) is not None:
-            self._cursor = int(hit[0])
+            self._marked = CheckName(hit[0])
             self.redraw()
             if event.chain == 2:
                 self.action_choose()
 
-    def action_choose(self) -> None:
+    @property
+    def _told(self) -> list[Check]:
         checks = () if self._snapshot is None else self._snapshot.checks
-        if self._cursor < len(checks):
-            self.post_message(self.Chosen(checks[self._cursor].name))
+        told = [check for check in checks if check.state is not CheckState.OK]
+        return sorted(told, key=lambda check: not check.blocks)
 
-    def on_focus(self) -> None:
-        checks = () if self._snapshot is None else self._snapshot.checks
-        self._cursor = next((i for i, check in enumerate(checks) if check.blocks), 0)
-        self.redraw()
-
-
-def _header(checks: Sequence[Check], how: str, *, over: bool) -> Line:
-    """What stands in the way, and how it is waived; of a run that is `over` nothing can be."""
-    blocking = sum(check.blocks for check in checks)
-    verdict = (
-        Span(f"{blocking} of {len(checks)} in the way of a start", Tone.BAD)
-        if blocking
-        else Span("all passed or waived", Tone.GOOD)
-    )
-    if over:
-        return line(Span("Checks for the next run  ", Tone.STRONG), verdict)
-    return line(
-        Span("Checks  ", Tone.STRONG), verdict, Span(f"   {how}" if blocking else "", Tone.DIM)
-    )
+    def _at(self, step: int) -> Check | None:
+        """The check so many rows below the marked one, or the nearest to that."""
+        told = self._told
+        marked = next((i for i, check in enumerate(told) if check.name is self._marked), 0)
+        return told[min(max(0, marked + step), len(told) - 1)] if told else None
 
 
-def _faded(check: Check, width: int) -> Line:
-    return line(Span(shortened(f"  ? {check.name:<15} was {check.state}", width), Tone.DIM))
+def _rows(check: Check, width: int, *, marked: bool) -> list[Line]:
+    sign, tone = _MARKS[check.state]
+    head = line(Span("> " if marked else "  ", Tone.STRONG), Span(f"{sign} ", tone))
+    text = check.reason if check.blocks else f"{check.name}: {check.reason}"
+    row = (*head, Span(shortened(text, width - width_of(head))))
+    rows = paragraph(text, width, Tone.CURSOR, head) if marked else [row]
+    return [tuple(Target(*span, check.name) for span in row) for row in rows]
 
 
-def _entry(check: Check, width: int, click: str, *, at_cursor: bool) -> list[Line]:
-    mark, tone = _MARKS[check.state]
-    head = line(
-        Target("> " if at_cursor else "  ", Tone.STRONG, click),
-        Target(f"{mark} ", tone, click),
-        Target(f"{check.name:<15} ", Tone.CURSOR if at_cursor else Tone.PLAIN, click),
-        Target(f"{check.state:<6} ", tone, click),
-    )
-    if check.state is CheckState.OK:
-        return [(*head, Span(fitted(check.reason, max(10, width - width_of(head))), Tone.DIM))]
-    return paragraph(check.reason, width, head=head)
-
-
-_DRAFTED = (Phase.IDLE, Phase.STOPPED, Phase.FINAL)
-_ASKING = "asking"
+_SET_UP = "set up"
 """What waits for the engine; the latest replaces those before."""
-
-NEVER_OFFICIAL = "a simulated testbed's runs are never official"
 
 
 class SetupPane(Vertical):
-    """Sets a run up when a field is left, so that no change waits unseen.
+    """The set-up of the current run, or after a run a draft of the next one; Enter sets it up.
 
-    After a run the fields are a draft for the next one, set up only when asked for.
+    What is seen here is set up before F6 or F5 acts on it, too.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("up", "focus_step(-1)", show=False),
-        Binding("down", "focus_step(1)", show=False),
-        Binding("enter", "enter", show=False),
+        # before a field's own: what is typed next goes into the next one, however fast
+        Binding("up", "focus_step(-1)", show=False, priority=True),
+        Binding("down", "focus_step(1)", show=False, priority=True),
+        Binding("enter", "set_up", show=False),
         Binding("slash", "search", show=False),
-        # in a field, before its own: what is typed next goes into the next one, however fast
-        Binding("up", "leave_field(-1)", show=False, priority=True),
-        Binding("down", "leave_field(1)", show=False, priority=True),
-        Binding("enter", "leave_field(1)", show=False, priority=True),
     ]
 
     class NextRun(Message):
@@ -205,19 +179,12 @@ class SetupPane(Vertical):
     def __init__(self, link: EngineLink, defaults: ConsoleDefaults, plan: PlanReader) -> None:
         super().__init__(id="setup")
         self._plan = plan
-        self._last: RunSetup | None = None
         self._link = link
-        self._defaults = defaults
-        self._free_names: dict[int, str] = {}
         self._snapshot: Snapshot | None = None
-        self._proposed: tuple[int, int, bool] | None = None
-        self._team_of: int | None = None
-        self._on_its_way = False
+        self._on_its_way = self._chosen = self._number_used = False
         self._problem = ""
-        self._no_number = ""
-        self._letter = ""
-        self._untouched: RunSetup | str = ""
         self._form = SetupForm(defaults)
+        self._fold = FoldLine("", id="fold")
         self._button = PushButton("Set up this run", id="set-up")
         self._state = Label(id="setup-state")
         self._checks = CheckList()
@@ -226,16 +193,17 @@ class SetupPane(Vertical):
     def compose(self) -> ComposeResult:
         yield self._picker
         yield self._form
+        yield self._fold
         yield Horizontal(self._button, self._state, id="setup-row")
         yield self._checks
 
     def enter(self) -> None:
-        self._close_picker()
+        self.rest()
         self.screen.set_focus(self._form.subject)
 
     def rest(self) -> None:
         """Where letters are keys, Enter sets up and arrows go to the fields."""
-        self._close_picker()
+        self.remove_class("-picking")
         self.screen.set_focus(self._button)
 
     def follow(self, snapshot: Snapshot) -> None:
@@ -243,156 +211,155 @@ class SetupPane(Vertical):
         self.disabled = snapshot.run.active or snapshot.right.only_watches
         if before is None or snapshot.teams != before.teams:
             self._form.use_list(snapshot.teams)
-            self._picker.show_teams(snapshot.teams)
-        late = snapshot.simulated is not None and not self._form.practice.value
         if before is None:
-            self._load(snapshot)
-        elif late or (before.run.active and not snapshot.run.active):
-            self._form.practice.value |= late
-            if not late:
-                self._untouched = self._form.read()
-            self.propose_again()
-        if snapshot.run.phase in (Phase.STOPPED, Phase.FINAL):
-            self._last = snapshot.run.setup
+            self._form.load(snapshot.run.setup)
+        elif snapshot.run.setup != before.run.setup:  # what was typed for it is no draft any more
+            self._form.show_values({"run_number": ""})
+            self._chosen = False
+        simulated = snapshot.simulated is not None  # its runs are never official
+        self._form.practice.value |= simulated
+        self._form.practice.disabled = simulated
         if self._plan.is_old(snapshot):
-            self.run_worker(self._follow_plan(), group="plan", exclusive=True)
+            self.run_worker(self.propose_planned(), group="plan", exclusive=True)
 
     def show(self, snapshot: Snapshot) -> None:
         self.follow(snapshot)
-        run = snapshot.run
-        self._button.say("Set up this run" if run.phase in OPEN else "Set up the next run")
+        self._button.say(f"Set up {'this' if self._is_open else 'the next'} run")
         self._say_state()
         self._checks.show(snapshot)
 
-    def commit(self) -> None:
+    @property
+    def _is_open(self) -> bool:
+        """Whether the fields are set up now; else they are a draft of the next run."""
+        return self._snapshot is not None and self._snapshot.run.phase in OPEN
+
+    @work(group=_SET_UP, exclusive=True)
+    async def commit(self) -> None:
         """Sets the run up as the fields say; the keys go on until the engine has answered."""
-        self.run_worker(self._set_up(), group=_ASKING, exclusive=True)
+        await self._set_up()
 
     async def _set_up(self) -> str | None:
-        setup = await self.draft()
-        self._snapshot = self._link.snapshot()
-        if self._snapshot is None:
-            return NOT_YET
-        run = self._snapshot.run
-        if run.phase not in OPEN:
-            return None  # a draft for the next run
-        if isinstance(setup, str):
-            return setup
-        self._form.show_names(setup)
-        self._untouched = self._form.read()
-        problem = ""
-        if setup != run.setup or self._on_its_way:
-            self._on_its_way = True  # stays so where nobody waits for the answer any more
-            try:
-                refused = await self._link.answer(Perform.of(SetUp(setup)))
-            except MadrobError as error:
-                refused = str(error)
-            problem = refused or ""
-            self._on_its_way = False
-        if self._read() == setup:  # else it is about what nobody wants any more
+        seen, setup = self._form.read(), await self.draft()
+        now = self._link.snapshot()
+        if now is None or now.run.phase not in OPEN:
+            return None if now else NOT_YET
+        problem = setup if isinstance(setup, str) else await self._change(now.run.setup, setup)
+        if self._form.read() == seen:  # else it is about what nobody wants any more
+            if isinstance(seen, RunSetup):  # the names as they were cleaned
+                self._form.show_values({"team": seen.team, "referee": seen.referee})
             self._problem = problem
+            self._say_state()
         return problem or None
+
+    async def _change(self, before: RunSetup | None, setup: RunSetup) -> str:
+        """Sets the run up unless it is like that; what the engine refuses, empty if nothing."""
+        if setup == before and not self._on_its_way:
+            return ""
+        self._on_its_way = True  # stays so where nobody waits for the answer any more
+        try:
+            refused = await self._link.answer(Perform.of(SetUp(setup)))
+        except MadrobError as error:
+            refused = str(error)
+        self._on_its_way = False
+        return refused or ""
 
     async def commit_edits(self) -> str | None:
         """Before an act on a run that is set up: what has been typed since counts."""
-        snapshot = self._link.snapshot()
-        if snapshot is None or snapshot.run.phase not in OPEN:
+        now = self._link.snapshot()
+        meant = OPEN if self.display else (Phase.READY,)
+        if now is None or now.run.phase not in meant:
             return None
-        if snapshot.run.phase is Phase.READY or self.display:  # what is seen is meant
-            self.workers.cancel_group(self, _ASKING)
-            return await self._set_up()
-        draft = await self.draft()
-        return draft if isinstance(draft, str) else None
+        self.workers.cancel_group(self, _SET_UP)
+        return await self._set_up()
 
     def remember_referee(self, name: str) -> None:
         if not self._form.referee.value.strip():
-            self._form.referee.value = name
+            self._form.show_values({"referee": name})
 
     def take_name(self, other: OtherName) -> None:
-        self._form.take_name(other)
+        self._form.other = other
+        self._form.show_values({})
         self.commit()
 
     def propose_like(self, run: RunSummary) -> None:
         """Proposes the team and the condition of an earlier run, with the next run number."""
-        self._free_names.setdefault(run.subject, run.team)
+        self._form.free_names.setdefault(run.subject, run.team)
         self.propose(Task(run.subject, run.condition))
 
     def propose(self, task: Task) -> None:
         """Proposes a team in a condition, with the next run number; the plan changes it no more."""
-        self._form.subject.value = str(task.subject)
-        self._form.take_condition(Condition.from_number(task.condition))
-        self._proposed, self._untouched = None, ""
+        self._form.take_task(task)
+        self._chosen = True
 
     def propose_same(self) -> None:
-        """Proposes the team and the condition of the run that ended last."""
-        if self._last is not None:
-            self.propose(task_of(self._last))
+        """Proposes the team and the condition of the current run."""
+        if self._snapshot is not None and self._snapshot.run.setup is not None:
+            self.propose(task_of(self._snapshot.run.setup))
 
     async def propose_planned(self) -> None:
         """Proposes what the plan has next, unless somebody has chosen anything else."""
-        if self._snapshot is not None and self._snapshot.plan.lines:
-            await self._plan.read()
-            await self._take_planned()
-
-    async def _follow_plan(self) -> None:
-        await self._plan.read()
         now = self._snapshot
-        if now is not None and now.playback is None and now.run.phase in _DRAFTED:
-            await self._take_planned()
-
-    async def _take_planned(self) -> None:
-        following, now = self._plan.progress.next, self._snapshot
-        if now is not None and now.run.setup is not None and self._form.practice.value:
-            return  # who practises goes on with the same: that is not planned
-        if following is not None and self._form.read() == self._untouched:
+        if now is None or not (now.plan.lines or self._plan.progress.lines):
+            return
+        await self._plan.read()
+        now, following = self._snapshot, self._plan.progress.next
+        if now is None or following is None or self._chosen or now.playback is not None:
+            return
+        over = now.run.phase in (Phase.STOPPED, Phase.FINAL) and not self._form.practice.value
+        if over or now.run.phase is Phase.IDLE:  # who practises goes on with the same
             self.propose(following.task)
-            await self._propose()
-            self._untouched = self._form.read()
+            self._chosen = False
 
     @property
     def next_words(self) -> str:
         """What x sets up, if that is the plan's next run; empty while that is not known."""
         now = self._snapshot
-        if now is None or now.result is None or self._plan.behind:
+        if now is None or now.result is None or self._plan.behind or self._chosen:
             return ""
-        return self._words(now).next if self._form.read() == self._untouched else ""
+        return next_words(self._read(), self._plan.progress, now.teams.names)
 
     async def draft(self) -> RunSetup | str:
         """The set-up in the fields with the next run number, or what is wrong with it."""
         if not self._plan.version and self._snapshot is not None and self._snapshot.plan.lines:
             await self._plan.read()
-        await self._propose()
+        self._form.show_values({})  # a key that comes at once: a name belongs to its subject
         setup = self._read()
-        if isinstance(setup, RunSetup):
-            self._free_names[setup.subject] = setup.team
-        return setup
+        if isinstance(setup, str) or (setup.run_number and not self._number_used):
+            return setup
+        wanted = NextRunNumber(setup.subject, setup.condition.number, setup.practice)
+        try:
+            number = await self._link.answer(wanted)
+        except MadrobError as error:
+            return str(error)
+        self._number_used = False
+        return replace(setup, run_number=max(number, setup.run_number))
+
+    def propose_again(self, *, only_later: bool = False) -> None:
+        """After a start that was refused a later number is taken, if its own is used now."""
+        self._number_used = only_later
 
     def on_input_changed(self, _event: Input.Changed) -> None:
-        self._problem = self._letter = ""
-        self._form.show_derived()
-        self._say_state()
-
-    def on_input_blurred(self, _event: Input.Blurred) -> None:
-        """A field that is left counts, if something was typed."""
-        if self._form.read() != self._untouched:
-            self.commit()
-
-    def on_descendant_focus(self) -> None:
-        self._letter = ""
-        self._say_state()
+        self._take_change()
 
     def on_choice_changed(self, event: Choice.Changed) -> None:
-        practice = self._form.practice
-        simulated = self._snapshot is not None and self._snapshot.simulated is not None
-        if event.choice is practice and simulated and not practice.value:
-            practice.value, self._problem = True, NEVER_OFFICIAL
-            return
-        if event.choice is self._form.preset:
-            self._form.take_preset()
-        elif event.choice is self._form.starting:
-            self._form.follow_side()
+        form = self._form
+        if event.choice is form.preset:
+            form.take_preset()
+        elif event.choice is form.starting:
+            form.follow_side()
+        self._take_change()
+
+    def _take_change(self) -> None:
+        self._problem, self._chosen = "", True
         self._form.show_derived()
-        self.commit()
+        self._say_state()
+
+    def on_descendant_focus(self) -> None:
+        self._problem = ""
+        self._say_state()
+
+    def on_input_submitted(self, _event: Input.Submitted) -> None:
+        self.action_set_up()
 
     def on_number_field_refused(self, event: NumberField.Refused) -> None:
         """Says it below the fields; a slash asks for the list, from there, too."""
@@ -401,148 +368,65 @@ class SetupPane(Vertical):
             self.action_search()
             return
         what = f"{event.field}: '{event.letter}' is no number"
-        self._letter = f"{what}. Escape, then letters are keys."
+        self._problem = f"{what}. Escape, then letters are keys."
         self._say_state()
 
-    def on_team_line_typed(self, event: TeamLine.Typed) -> None:
-        if self.has_class("-picking"):
-            self._picker.type(event.text)
+    def on_push_button_pressed(self, _event: PushButton.Pressed) -> None:
+        if self._fold.has_focus:
+            self.toggle_class("-unfolded")
+            self._say_state()
         else:
-            self.action_search()
-            self._picker.type(event.text.lstrip(" /"))
-
-    def on_team_line_cleared(self, _event: TeamLine.Cleared) -> None:
-        self._form.forget_name()
-        self.commit()
-
-    def action_search(self) -> None:
-        self.add_class("-picking")
-        self._picker.open(self._form.team_number)
-
-    def on_team_picker_named(self, event: TeamPicker.Named) -> None:
-        self.rest()
-        self.post_message(self.Naming(self._form.ask_name(event.name)))
+            self.action_set_up()
 
     def on_team_picker_picked(self, event: TeamPicker.Picked) -> None:
         self.rest()
-        if event.subject is not None:
-            self._form.subject.value = str(event.subject)
+        if event.other is not None:
+            subject, names = self._form.team_number, self._form.teams.names
+            ask = ask_other_name(subject, names.get(subject, ""), event.other)
+            self.post_message(self.Naming(ask))
+        elif event.subject is not None:
+            self._form.other = None
+            self._form.show_values({"subject": event.subject})
             self.commit()
 
-    def _close_picker(self) -> None:
-        self.remove_class("-picking")
+    def action_search(self) -> None:
+        self.add_class("-picking")
+        self._picker.open(self._form.teams, self._form.team_number)
 
-    def on_push_button_pressed(self, _event: PushButton.Pressed) -> None:
-        if self._snapshot is not None and self._snapshot.run.phase in OPEN:
+    def action_set_up(self) -> None:
+        if self._is_open:
             self.commit()
         else:
             self.post_message(self.NextRun())
 
-    def on_check_list_left(self, _event: CheckList.Left) -> None:
-        self.action_focus_step(-1)
-
-    def action_enter(self) -> None:
-        self.commit()
-        self.action_focus_step(1)
-
-    def action_leave_field(self, step: int) -> None:
-        """Goes to another field; what the old one says counts. SkipAction if none has the focus."""
-        if not isinstance(self.screen.focused, Input) or self.has_class("-picking"):
-            raise SkipAction
-        self.commit()
-        self.action_focus_step(step)
-
     def action_focus_step(self, step: int) -> None:
+        """Goes to another field; SkipAction where arrows move in a list."""
+        if self.has_class("-picking") or self._checks.has_focus:
+            raise SkipAction
         (self.screen.focus_next if step > 0 else self.screen.focus_previous)()
 
     def _read(self) -> RunSetup | str:
-        setup = self._form.read()
-        if isinstance(setup, str):
+        """The set-up in the fields; run number 0 = the next one, which the engine knows."""
+        setup, now = self._form.read(), self._snapshot
+        if isinstance(setup, str) or now is None:
             return setup
-        task, run = task_of(setup), None if self._snapshot is None else self._snapshot.run
+        number, task = setup.run_number, task_of(setup)
         out = not setup.practice and self._plan.progress.out_of_plan(task)
-        if run is not None and run.phase is Phase.READY and run.setup is not None:
-            # when the plan changes what is set up stays within it, or comes into it
-            out &= run.setup.out_of_plan or task_of(run.setup) != task
-        return replace(setup, out_of_plan=out)
-
-    def _load(self, snapshot: Snapshot) -> None:
-        setup = snapshot.run.setup
-        shown = setup or self._first_setup()
-        self._form.load(shown)
-        self._form.practice.value |= snapshot.simulated is not None
-        self._untouched, self._team_of = self._form.read(), shown.subject
-        if setup is not None:
-            self._free_names[setup.subject] = setup.team
-            self._proposed = (setup.subject, setup.condition.number, setup.practice)
-        if setup is None or not (snapshot.run.active or snapshot.run.phase in OPEN):
-            self.propose_again()
-
-    def _first_setup(self) -> RunSetup:
-        known = self._defaults
-        return RunSetup(
-            subject=1,
-            team=known.team,
-            run_number=1,
-            condition=FIRST_CONDITION,
-            start_pose=start_pose_on(FIRST_CONDITION.starting_side, known.poses),
-            referee=known.referee,
-            **asdict(known.run),
-        )
-
-    def propose_again(self, *, only_later: bool = False) -> None:
-        """Proposes the next run number again; `only_later` keeps a chosen one unless it is used."""
-
-        async def propose() -> None:
-            untouched = self._form.read() == self._untouched
-            await self._propose(only_later=only_later)
-            if untouched:
-                self._untouched = self._form.read()
-
-        self._proposed = None
-        self.run_worker(propose(), group=_ASKING, exclusive=True)
-
-    @property
-    def _wanted(self) -> tuple[int, int, bool] | None:
-        """Subject, condition, whether practice; None if the subject is no number."""
-        text = self._form.subject.value.strip()
-        good = text.isascii() and text.isdigit()
-        form = self._form
-        return (int(text), form.condition.number, form.practice.value) if good else None
-
-    async def _propose(self, *, only_later: bool = False) -> None:
-        wanted, form = self._wanted, self._form
-        if wanted is None or wanted == self._proposed:
-            return
-        if wanted[0] != self._team_of:
-            self._team_of, form.team.value = wanted[0], self._free_names.get(wanted[0], "")
-            form.forget_name()
-        typed = form.run_number.value
-        problem, proposed = "", typed
-        try:
-            number = await self._link.answer(NextRunNumber(*wanted))
-            used = not typed.isdecimal() or int(typed) < number
-            proposed = str(number) if used or not only_later else typed
-        except MadrobError as error:
-            problem = str(error)
-        if wanted == self._wanted:  # else another one is asked for
-            # what was not answered is asked again, with the next key that needs it
-            self._proposed, self._no_number = None if problem else wanted, problem
-            if form.run_number.value == typed:
-                form.run_number.value = proposed
+        ready = now.run.setup if now.run.phase is Phase.READY else None
+        if ready is not None and task_of(ready) == task:
+            out &= ready.out_of_plan  # when the plan changes it stays within it, or comes into it
+            if ready.practice is setup.practice:
+                number = number or ready.run_number
+        return replace(setup, run_number=number, out_of_plan=out)
 
     def _say_state(self) -> None:
-        if self._snapshot is not None:
-            words = self._words(self._snapshot)
-            told = self._problem or self._no_number
-            wrong = words.setup if isinstance(words.setup, str) else told
-            self._state.say(*words.state(self._letter or wrong))
-
-    def _words(self, snapshot: Snapshot) -> SetupWords:
-        focused = self.screen.focused
-        focus = Focus.FIELD if isinstance(focused, Input) else Focus.ELSEWHERE
-        if focused is self._form.listed:
-            focus = Focus.TEAM
-        elif focused is self._button:
-            focus = Focus.BUTTON
-        return SetupWords(snapshot, self._read(), self._plan.progress, focus)
+        if (now := self._snapshot) is None:
+            return
+        setup = self._read()
+        if isinstance(setup, str) and not isinstance(self.screen.focused, Input):
+            self.add_class("-unfolded")  # what is wrong may be among the folded ones
+        known = isinstance(setup, RunSetup) and setup.run_number
+        self._form.run_number.placeholder = str(known or "next")
+        sign = "- Less" if self.has_class("-unfolded") else "+ More"
+        self._fold.say(f"{sign}: {self._form.seldom_changed}")
+        self._state.say(*state_words(now, setup, self._plan.progress, self._problem))

@@ -134,7 +134,7 @@ def test_checks_stand_in_the_way_until_they_are_waived(drive: Drive) -> None:
     drive.wait(1.5)
     refusal = drive.engine.perform(Start())
     assert refusal is not None
-    assert refusal.startswith("handle at rest")
+    assert refusal.startswith("F7 zeroes the handle")
     drive.act(Waive(CheckName.HANDLE, "spring is warm"), ConfirmPose())
     drive.act(Start())
     drive.finish()
@@ -164,10 +164,10 @@ def test_an_engine_that_was_started_again_says_why_it_wants_a_zero_again(tmp_pat
     first.engine.close()
     again = Drive(tmp_path)
     again.wait(1.5)
-    assert "zero the handle; this engine has none yet" in handle(again)
+    assert handle(again) == "F7 zeroes the handle (not yet done since the engine started)"
     again.act(ZeroHandle())
     again.wait(0.1)
-    assert "zero the handle" not in handle(again)
+    assert "zeroes the handle" not in handle(again)
 
 
 def test_a_false_start_is_shown_and_decided(drive: Drive) -> None:

@@ -374,7 +374,9 @@ def test_too_little_room_blocks_a_start_and_can_be_waived(tmp_path: Path) -> Non
     drive = Watched(results, budget=6_000_000 * 600)
     drive.prepare(make_setup())
     said = drive.check(CheckName.EVIDENCE)
-    assert said.startswith("failed: room for 10 min at the rate of now, 60 min needed")
+    assert said.startswith(
+        "failed: `madrob tidy` makes room for evidence: room for 10 min at the rate of now, 60 min"
+    )
     assert "evidence" in str(drive.engine.perform(Start()))
     drive.act(Waive(CheckName.EVIDENCE, "the last run of the day"), Start())
     drive.finish()
@@ -418,7 +420,9 @@ def test_evidence_of_earlier_runs_counts_against_the_budget(tmp_path: Path) -> N
     first.engine.close()
     second = Watched(results, budget=6_000_000 * 7200)
     second.prepare(make_setup(run_number=2))
-    assert second.check(CheckName.EVIDENCE).startswith("failed: room for 30 min")
+    assert second.check(CheckName.EVIDENCE).startswith(
+        "failed: `madrob tidy` makes room for evidence: room for 30 min"
+    )
 
 
 FOUR = (COMES, *(EvidenceTopicView(topic, "a/msg/B", 0.0, 0.0) for topic in ("/a", "/b", "/c")))
@@ -427,9 +431,15 @@ FOUR = (COMES, *(EvidenceTopicView(topic, "a/msg/B", 0.0, 0.0) for topic in ("/a
 @pytest.mark.parametrize(
     ("status", "said"),
     [
-        (WitnessStatus(unseen=("/camera/**",)), "no data: not looked long enough yet"),
+        (
+            WitnessStatus(unseen=("/camera/**",)),
+            "no data: wait: the evidence's topics are not all seen yet",
+        ),
         (WitnessStatus(ready=True), "warning: 0 topics, room for "),  # all are excluded
-        (WitnessStatus(ready=True, topics=(COMES,), problem="it hangs"), "failed: it hangs"),
+        (
+            WitnessStatus(ready=True, topics=(COMES,), problem="it hangs"),
+            "failed: evidence: it hangs",
+        ),
         (
             WitnessStatus(
                 ready=True, topics=(replace(COMES, rate=0.0, byte_rate=0.0),), silent=(LEFT,)
@@ -491,8 +501,10 @@ def test_without_any_camera_a_run_starts_and_only_too_little_room_is_in_its_way(
     drive.prepare(make_setup())
     said = drive.check(CheckName.EVIDENCE)
     if not budget:
-        assert said.startswith("failed: nobody publishes /camera/**; 0 topics, room for 0 ")
-        assert "madrob tidy" in said
+        words = (
+            "failed: `madrob tidy` makes room for evidence: nobody publishes /camera/**; 0 topics"
+        )
+        assert said.startswith(words)
     else:
         assert said.startswith("warning: ")
         drive.start(make_setup())

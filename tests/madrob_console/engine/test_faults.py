@@ -360,7 +360,9 @@ def test_a_clock_that_is_5_s_off_from_before_the_start_ends_no_run_and_is_marked
     for topic in drive.topics():
         drive.faulty.spoil(topic, fault)
     drive.set_up()
-    assert re.search(r"^failed: stamps differ by 5\d{3} ms", drive.check(CheckName.CLOCK))
+    assert re.search(
+        r"^failed: set the clocks: stamps differ by 5\d{3} ms", drive.check(CheckName.CLOCK)
+    )
     drive.act(Waive(CheckName.TOPICS, "no time server"), Waive(CheckName.CLOCK, "no time server"))
     drive.begin()
     result = drive.result()
@@ -456,19 +458,21 @@ class Before(NamedTuple):
 @pytest.mark.parametrize(
     "before",
     [
-        Before(DOOR, 0.4, CheckName.DOOR, r"angle \+0\.400 rad", EventName.DOOR_OPENS),
+        Before(
+            DOOR, 0.4, CheckName.DOOR, r"close the door: angle \+0\.400 rad", EventName.DOOR_OPENS
+        ),
         Before(
             HANDLE,
             20.0,
             CheckName.HANDLE,
-            r"\+14\.\d+ N from zero, at rest up to 0.98 N: zero the handle",
+            r"F7 zeroes the handle, if nobody holds it: \+14\.\d+ N from zero, at rest up to 0",
             EventName.HANDLE_IS_TOUCHED,
         ),
         Before(
             STRIP,
             1.0,
             CheckName.DOORWAY,
-            "something under cw 0, cw 1, cw 2, cw 3",
+            "clear the doorway: something under cw 0, cw 1, cw 2, cw 3",
             EventName.APPROACHES_CW,
         ),
     ],

@@ -149,7 +149,7 @@ def test_a_disk_with_too_little_room_is_a_fault_as_long_as_nobody_waived_it(
     monkeypatch.setattr("madrob_console.engine.start_checks.free_space", lambda _root: 2_200_000)
     drive = Drive(tmp_path, disk_needed=5_000_000)
     drive.wait(LOOKED)
-    said = "2.2 MB free, 5.0 MB needed"
+    said = "make room on the disk: 2.2 MB free, 5.0 MB needed"
     assert f"disk space: {said}" in drive.engine.snapshot().all_faults
     drive.prepare(make_setup())
     assert drive.check(CheckName.DISK) == f"failed: {said}"
@@ -170,7 +170,7 @@ def test_a_disk_that_hangs_is_no_recorder_that_is_ready(tmp_path: Path) -> None:
         drive.act(SetUp(make_setup()))
         until_said(drive, READY)
         with disk.stalled():
-            until_said(drive, "no data: no answer from the disk: look at the results folder")
+            until_said(drive, "no data: look at the results folder: the disk does not answer")
         until_said(drive, READY)
         drive.engine.close()
 
@@ -389,10 +389,9 @@ def test_a_handle_that_drifted_is_to_be_zeroed_before_the_next_run(tmp_path: Pat
     drive.wait(2.1)
     assert drive.check(CheckName.HANDLE).startswith("ok")
     said = drive.check(CheckName.HANDLE_ZERO)
-    assert said.startswith("failed: at rest after the last run the force was -1.")
-    assert said.endswith(" N off: zero it again, F7")
+    assert said.startswith("failed: F7 zeroes the handle again: it was -1.")
     drive.act(ConfirmPose())
-    assert (drive.engine.perform(Start()) or "").startswith("handle zero: at rest after the last")
+    assert (drive.engine.perform(Start()) or "").startswith("F7 zeroes the handle again")
     drive.act(ZeroHandle())
     assert not asked_for_a_zero(drive)
     drive.act(Start())
@@ -442,8 +441,8 @@ def test_a_zero_of_an_unsteady_force_stands_in_the_way_of_a_start(tmp_path: Path
     drive.wait(0.5)
     drive.act(ZeroHandle())
     said = drive.check(CheckName.HANDLE_ZERO)
-    assert said.startswith("failed: samples span 1.")
-    assert said.endswith(" N, steady up to 0.98 N: zero it again, F7")
+    assert said.startswith("failed: F7 zeroes the handle again: samples span 1.")
+    assert said.endswith(" N, steady up to 0.98 N")
     drive.faulty.fake(HANDLE, shifted(14.0))
     drive.wait(0.5)
     refused = drive.engine.perform(ZeroHandle())

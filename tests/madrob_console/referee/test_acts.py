@@ -118,7 +118,7 @@ DOUBTED = {
 }
 """Indicators of a result, some doubted for the same reason."""
 ONE_SAMPLE: Doubts = {IndicatorName.TIME_TO_HANDLE: ("the touch rests on 1 sample",)}
-FAILED = Check(CheckName.DOOR, CheckState.FAILED, "angle +0.500 rad")
+FAILED = Check(CheckName.DOOR, CheckState.FAILED, "close the door: angle +0.500 rad")
 
 PROTEST = Protest(1, 130.0, "Graz", "it was slower", "step 4", None, 3730.0, "", "R. Eferee")
 
@@ -305,9 +305,11 @@ def test_two_answers_to_a_question_never_have_the_same_key() -> None:
 
 
 def test_start_needs_every_check_and_says_which_fails() -> None:
-    assert Start().refusal(situation(READY, FAILED)) == "door closed: angle +0.500 rad"
-    unknown = replace(FAILED, state=CheckState.NO_DATA, reason="no door angle now")
-    assert Start().refusal(situation(READY, unknown)) == "door closed: no door angle now"
+    assert Start().refusal(situation(READY, FAILED)) == "close the door: angle +0.500 rad"
+    unknown = replace(FAILED, state=CheckState.NO_DATA, reason="look at the topic: no angle")
+    assert Start().refusal(situation(READY, unknown)) == "look at the topic: no angle"
+    two = Start().refusal(situation(READY, FAILED, unknown))
+    assert two == "close the door: angle +0.500 rad (and 1 more)"
     waived = replace(FAILED, state=CheckState.WAIVED)
     assert Start().refusal(situation(READY, waived)) is None
 

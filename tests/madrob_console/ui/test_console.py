@@ -287,7 +287,7 @@ async def test_a_teams_file_with_broken_lines_says_so_at_the_set_up(engine: Fake
         await driver.press("f2", "9", "enter")
         await driver.press("f6")
         text = " ".join(driver.text.split())
-        assert "x team failed 9 is not in the list: F2 corrects it, w waives" in text
+        assert "x F2 corrects the team: 9 is not in the list (Enter waives)" in text
         assert "Subject 9 is not in the list" not in text  # said once
 
 

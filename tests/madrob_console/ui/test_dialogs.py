@@ -222,7 +222,7 @@ async def test_after_an_abort_the_next_run_is_one_key_away(
 async def test_finalising_asks_for_the_name_where_none_was_set(
     driver: Driver, engine: FakeEngine
 ) -> None:
-    await driver.press("tab", "tab", "tab", "backspace")
+    await driver.press(*["tab"] * 7, "enter", "shift+tab", "backspace")
     await driver.run()
     await driver.finish()
     await driver.press("enter", "f", "a", "enter", "enter")

@@ -175,7 +175,7 @@ async def test_a_key_hands_in_its_act(
         (
             after_set_up,
             {
-                "f5": "start pose: not confirmed",
+                "f5": "F6 confirms the start pose",
                 "f8": "the run has not started",
                 "f9": "the run has not started",
                 "1": "the run has not started",
@@ -362,12 +362,11 @@ async def test_the_form_is_filled_by_the_mouse(driver: Driver, engine: FakeEngin
     assert isinstance(driver.app.focused, Input)
     await driver.press("escape")
     await click(driver, "CCW >", "Opening side")
+    await click(driver, "Set up this run")
     setup = engine.run.setup
     assert setup is not None
     assert setup.condition.opening_side is Side.CW
-    await click(driver, "Set up this run")
-    assert isinstance(engine.acts[-1], SetUp)
-    await click(driver, "start pose", times=2)
+    await click(driver, "F6 confirms the start pose", times=2)
     assert "Waive 'start pose' for this run" in driver.text
 
 
