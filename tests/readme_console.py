@@ -20,7 +20,7 @@ INSTALLING = 900.0
 LONGEST_RUN = 120.0
 
 SCRIPT: tuple[tuple[str, float, str], ...] = (
-    ("all fresh and at rate", INSTALLING, ENTER),
+    ("2 of 9 in the way", INSTALLING, ENTER),
     ("Run 1 of subject 1 is set up", 10.0, F7),
     ("Done: zero the handle", 10.0, F6),
     ("all passed or waived", 10.0, F5),
@@ -28,7 +28,6 @@ SCRIPT: tuple[tuple[str, float, str], ...] = (
     ("✓ 3 open the door", LONGEST_RUN, ""),
     ("COMPLETED", LONGEST_RUN, ""),
     ("capability level            6 ", 10.0, F10),
-    ("the history (h) opens it later", 10.0, "y"),
 )
 """What to wait for on the screen, for how many seconds at most, and the keys to press then."""
 

@@ -38,7 +38,7 @@ def live_system(repeats: int) -> list[Figure]:
 
 def _cost() -> Cost:
     with console(("--testbed", "ros", "--domain", str(DOMAIN)), blind=False) as wire:
-        wire.wait_for("all fresh and at rate", timeout=STARTING)
+        wire.wait_for("2 of 9 in the way", timeout=STARTING)
         start_run(wire)
         return wire.cost()
 

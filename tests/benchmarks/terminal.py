@@ -80,7 +80,7 @@ def simulated_runs(repeats: int) -> list[Figure]:
         for size in LIVE_BYTES:
             bare[size].append(bare_cost(size))
             with console(SIMULATED, size, blind=False) as wire:
-                wire.wait_for("all fresh and at rate", timeout=STARTING)
+                wire.wait_for("2 of 9 in the way", timeout=STARTING)
                 idle[size].append(wire.cost())
                 start_run(wire)
                 live[size].append(wire.cost())

@@ -129,18 +129,15 @@ READING = 1.0
 
 def start_a_run(terminal: Terminal) -> None:
     """From the first screen to a countdown, by keys; again from the result of a run."""
-    ready, result = "all fresh and at rate", "f finalises it"
+    ready, result, done = "2 of 9 in the way", "not final: Enter", "is set up"
     if terminal.wait_for(ready, result, timeout=STARTING) == result:
-        question = "Set up the next run?"
         terminal.send("x")
-        if terminal.wait_for(question, "is left out: ") != question:
+        if terminal.wait_for(done, "is left out: ", timeout=STARTING) != done:
             time.sleep(READING)
             terminal.send("x")
-            terminal.wait_for(question)
-        terminal.send("y")
-        terminal.wait_for(ready, timeout=STARTING)
-    terminal.send(ENTER)
-    terminal.wait_for("is set up", timeout=STARTING)
+    else:
+        terminal.send(ENTER)
+    terminal.wait_for(done, timeout=STARTING)
     terminal.send(F7)
     terminal.wait_for("Done: zero the handle", timeout=STARTING)
     terminal.send(F6)

@@ -30,7 +30,7 @@ Practice never counts: `Run is` at the set-up, or a simulated testbed."""
 
 _MORE = """\
 Set-up: Tab and arrows go through the fields, left and right change a choice. / looks for a team \
-in the list; another name than the list's needs a reason. The line "+ More" opens what seldom changes.
+in the list; another name than the list's needs a reason. "+ More" opens what seldom changes.
 Failing checks stand on top, each with the key that helps. Enter on one waives it, with a reason.
 Live: the steps as the sensors, the referee and the rules have them. ~ marks a time that may still \
 change.

@@ -32,7 +32,7 @@ LONGEST_RUN = 60.0
 TEAMS = {1: "Delft", 2: "門ロボット", 3: "Bots & Co", 4: "Zürich"}
 PULL, PUSH = 1, 6
 """Conditions: no force from CCW to CW, the door opens towards CCW or towards CW."""
-WORDS = {"a": "acknowledged", "p": "protested", "b": "absent"}
+WORDS = {"a": "acknowledged", "b": "absent"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +57,9 @@ class Planned:
 MORNING = (
     Planned(1, PULL, 1, "a"),
     Planned(2, PULL, 1, "", outcome=Outcome.ABORTED),
-    Planned(3, PULL, 1, "p"),
+    Planned(3, PULL, 1, "a"),
     Planned(4, PULL, 1, "b"),
-    Planned(1, PUSH, 1, "p", denied=4),
+    Planned(1, PUSH, 1, "b", denied=4),
     Planned(2, PUSH, 1, "a"),
     Planned(3, PUSH, 1, "a", outcome=Outcome.TIMEOUT),
     Planned(4, PUSH, 1, "a"),
@@ -158,7 +158,7 @@ def window(tmp_path: Path, results: Path) -> Iterator[Tmux]:
 @pytest.mark.needs("tmux")
 def test_a_competition_morning(window: Tmux, results: Path) -> None:
     referee = Referee(window)
-    referee.see("all fresh and at rate", timeout=STARTING)
+    referee.see("2 of 9 in the way", timeout=STARTING)
     before: Planned | None = None
     for planned in MORNING:
         set_up(referee, planned, before)
@@ -168,6 +168,7 @@ def test_a_competition_morning(window: Tmux, results: Path) -> None:
         if planned.word:
             finalise(referee, planned.word)
         if planned.issues > 1:
+            referee.press("Enter", "What do you want to do")
             referee.press("u", "Re-issue the final result")
             referee.press("2", "Re-issue the result?")
             referee.press("y", f"issue {planned.issues}, not final")
@@ -188,12 +189,12 @@ def set_up(referee: Referee, planned: Planned, before: Planned | None) -> None:
     done = f"Run {planned.run} of subject {planned.subject} is set up"
     if before is None:
         referee.press("Enter", done)
-        referee.press("F7", "Done: zero the handle", "✓ handle at rest")
+        referee.press("F7", "Done: zero the handle", "1 of 9 in the way of a start")
     else:
-        referee.press("F2", "Draft of run")
+        referee.press("F2", "Draft for subject")
         referee.write(str(planned.subject), f"Subject {planned.subject}")
         if planned.condition != before.condition:
-            referee.go_on(4)  # over run number, team and referee
+            referee.go_on(5)  # over team, run number, practice and opening side
             referee.press("Right", f"{planned.condition}: push")
         referee.press("F3", "step sensors referee")
         referee.press("x", done, TEAMS[planned.subject], f"{planned.condition}: pu")
@@ -235,9 +236,7 @@ def start(referee: Referee) -> None:
 def deny(referee: Referee, step: int) -> None:
     """Overrule the sensors on the results screen; the capability follows."""
     referee.press(str(step), f"Step {step}: ", "Sensors: ")
-    referee.press("d", "seen by the referee")
-    referee.press("1", "Is that right?")
-    referee.press("y", f"Done: step {step} denied (seen by the referee)", f" {step - 1} steps")
+    referee.press("d", f"Done: step {step} denied (seen by the referee)", f" {step - 1} steps")
 
 
 def finalise(referee: Referee, word: str) -> None:
@@ -246,7 +245,8 @@ def finalise(referee: Referee, word: str) -> None:
     The testbed goes by the clock of this machine: where that is busy its stamps jitter, and the
     result is doubted. A referee reads that, and signs it as it is.
     """
-    referee.press_until("f", "Finalise the result")  # not before the result is written
+    referee.press("Enter", "What do you want to do")
+    referee.press("f", "Finalise the result")
     if referee.reads("Sign it all the same?", "What does the team say?"):
         referee.press("y", "What does the team say?")
     referee.press(word, "Note (Enter for none):")
@@ -360,14 +360,18 @@ def test_r_replays_the_marked_run_on_the_same_terminal_and_comes_back(tmp_path: 
             tmux.press(key)
             tmux.wait_for(words)
         time.sleep(READING)
-        tmux.press("R")
+        for key in ("Enter", "R"):
+            tmux.press(key)
+            time.sleep(READING)
         tmux.wait_for("PAUSED 1x 0:06.50", timeout=STARTING)
         time.sleep(READING)
         tmux.press("F10")
         tmux.wait_for("1 PROTEST open")
         shutil.rmtree(results / "practice")
         time.sleep(READING)
-        tmux.press("R")
+        for key in ("Enter", "R"):
+            tmux.press(key)
+            time.sleep(READING)
         tmux.wait_for("says why", timeout=STARTING)
         time.sleep(READING)
         tmux.press("F10")

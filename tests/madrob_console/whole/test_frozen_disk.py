@@ -439,7 +439,7 @@ def test_a_screen_says_that_the_disk_is_silent_and_abort_works(tmp_path: Path) -
                 terminal.wait_for(SILENT, timeout=0.1)
             shown = terminal.screen()
         assert hall.wait_for_result(folder)["outcome"] == "aborted"
-        terminal.wait_for("f finalises it")
+        terminal.wait_for("not final: Enter")
         assert not any(SILENT in line or "NOT ON DISK" in line for line in terminal.screen())
     print(f"\naborted on the screen {1000 * took:.0f} ms after the key, the disk being frozen:")
     print("\n".join(line for line in shown if SILENT in line or "NOT ON DISK" in line))
@@ -456,7 +456,7 @@ def test_a_start_that_the_disk_holds_up_is_refused_on_the_screen_and_never_comes
         hall_on(disk) as hall,
         hall.console(columns=120, lines=40) as terminal,
     ):
-        terminal.wait_for("all fresh and at rate", timeout=STARTING)
+        terminal.wait_for("2 of 9 in the way", timeout=STARTING)
         terminal.send(ENTER)
         terminal.wait_for("is set up", timeout=STARTING)
         terminal.send(F7)

@@ -91,7 +91,7 @@ def test_spectators_see_the_run_and_their_keys_do_nothing(hall: Hall) -> None:
 @pytest.mark.parametrize("big", [(), ("--big",)])
 def test_spectators_find_the_engine_that_is_started_again(hall: Hall, big: tuple[str, ...]) -> None:
     with hall.console() as terminal:
-        terminal.wait_for("all fresh and at rate", timeout=STARTING)
+        terminal.wait_for("2 of 9 in the way", timeout=STARTING)
         with hall.console("watch", *big) as spectator:
             spectator.wait_for("WATCHING", timeout=STARTING)
             hall.kill_engine()
@@ -146,7 +146,7 @@ def test_after_kill_9_of_the_engine_the_run_is_reported_and_scored_as_interrupte
 def test_an_engine_started_twice_is_one_engine(hall: Hall) -> None:
     with hall.console() as one, hall.console() as other:
         for terminal in (one, other):
-            terminal.wait_for("all fresh and at rate", timeout=60.0)
+            terminal.wait_for("2 of 9 in the way", timeout=60.0)
         (line,) = hall.status()
         assert line.startswith("SIMULATED nominal: pid ")
 
@@ -194,12 +194,10 @@ def test_killed_at_random_moments_a_console_loses_no_run(request: pytest.Fixture
                 os.kill(terminal.pid, signal.SIGKILL)
             began = time.monotonic()
             with hall.console() as terminal:
-                terminal.wait_for(f"run {number + 1} of subject 1", timeout=30.0)
+                terminal.wait_for(f"run {number + 1} of team 1", timeout=30.0)
                 attached.append(time.monotonic() - began)
                 result = hall.wait_for_result(folder)
                 terminal.send(F10)
-                terminal.wait_for("Leave?")
-                terminal.send("y")
                 terminal.wait_exit()
             assert result["outcome"] == "completed"
             assert read_bag(folder).complete
@@ -338,12 +336,10 @@ def test_a_cut_connection_loses_no_run(server: SshServer, request: pytest.Fixtur
                 os.kill(terminal.pid, signal.SIGKILL)
             began = time.monotonic()
             with server.console(hall) as terminal:
-                terminal.wait_for(f"run {number} of subject 1", timeout=30.0)
+                terminal.wait_for(f"run {number} of team 1", timeout=30.0)
                 attached.append(time.monotonic() - began)
                 result = hall.wait_for_result(folder)
                 terminal.send(F10)
-                terminal.wait_for("Leave?")
-                terminal.send("y")
                 assert terminal.wait_exit() == 0
             assert result["outcome"] == "completed"
             assert result["indicators"]["capability_level"]["value"] == 6
