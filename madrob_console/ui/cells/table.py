@@ -76,7 +76,7 @@ def lay_out(
 
     `fixed` of them stay in view on the left; fewer if nothing else would fit. `first` is the
     first of the others that is wanted in view. Ample columns take what is left, and those that
-    are fixed half of what a usual terminal does not have.
+    are fixed a sixth of what a usual terminal does not have.
     """
     sizes = {column: column.width for column in columns}
 
@@ -93,7 +93,7 @@ def lay_out(
     widest = max(sizes.values())
     while fixed and taken(columns[:fixed]) + widest > width:
         fixed -= 1
-    grow(columns[:fixed], min((width - USUAL) // 2, width - taken(columns[:fixed]) - widest))
+    grow(columns[:fixed], min((width - USUAL) // 6, width - taken(columns[:fixed]) - widest))
     others = columns[fixed:]
     room = width - taken(columns[:fixed]) + GAP
     last_first = len(others) - 1
@@ -180,7 +180,7 @@ class Table(Lines, Generic[Row], can_focus=True):
         """Other columns, for the rows that are set next; the order stays if it can."""
         same = next((column for column in columns if column.title == self._by.title), None)
         self.columns, self._by = columns, same or columns[0]
-        self._place = min(self._place, len(columns) - 1)
+        self._place = min(max(self._fixed, self._place), len(columns) - 1)
         if same is None:
             self._falling = self._by.falling
 

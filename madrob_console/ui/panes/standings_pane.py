@@ -98,6 +98,7 @@ class StandingsPane(RunsPane[Tables, Standing, View]):
 
         ordered = leaders_first(over(1))
         leaders = {(one.condition, one.ruleset): one for one in reversed(ordered)}
+        rulesets = {one.ruleset for one in ordered}
         damaged = sum(run.problem is not None for run in runs)
         protests = sum(one.open_protests for one in ordered)
         entering = (run for run in runs if (run.official if official else run.practice))
@@ -106,6 +107,7 @@ class StandingsPane(RunsPane[Tables, Standing, View]):
             f"{damaged} DAMAGED left out" if damaged else "",
             f"{every - len(runs)} not of this competition" if every > len(runs) else "",
             f"{protests_open(protests)}: NOT FINAL" if protests else "",
+            f"{len(rulesets)} rulesets: do not compare them" if len(rulesets) > 1 else "",
             how_testbeds_differ(entering).rstrip("."),
         )
         keys = {_key(one) for one in leaders.values() if one.counted}

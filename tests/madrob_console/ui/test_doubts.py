@@ -236,7 +236,7 @@ async def test_the_history_marks_a_doubted_value_with_the_digits_that_it_has() -
         name: value for name, value in VALUES.items() if name != PASSAGE
     })  # fmt: skip
 
-    async with showing(HistoryPane(lambda: [run]), (160, 24)) as shown:
+    async with showing(HistoryPane(lambda: [run]), (180, 24)) as shown:
         row = next(" ".join(one.split()) for one in shown.rows() if "Team 3" in one)
         assert " 6 17.43? 3.21 push, from CCW to CW 4.50 -? 1.88 0.0625 14.8" in row
 

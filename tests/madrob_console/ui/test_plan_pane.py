@@ -346,6 +346,18 @@ async def test_a_click_marks_a_cell_and_a_double_click_proposes_it(
     assert task(planned) == Task(3, 20)
 
 
+async def test_a_plan_that_is_done_marks_its_first_cell(planned: FakeEngine) -> None:
+    planned.plan = plan((1, 1, 1), (2, 7, 1))
+    planned.history = [summary(1, 1, 1), summary(2, 7, 1, hour=1)]
+
+    async with driving(planned) as driver:
+        await driver.answered()
+        await driver.answered("f3", "p")
+        assert "2 of 2 attempts done, 0 left." in driver.text
+        assert "[1/1]" in driver.text
+        assert "1 Walkers, condition 1: " in driver.text
+
+
 async def test_lines_that_cannot_be_used_are_said(planned: FakeEngine) -> None:
     planned.plan = Plan(planned.plan.lines, ("plan.csv line 9: condition '21' is no number",))
 

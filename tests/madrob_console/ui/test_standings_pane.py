@@ -92,11 +92,18 @@ async def test_each_condition_begins_with_the_team_that_leads_it() -> None:
         assert strong[2:7] == [True, False, False, False, False]
 
 
+async def test_each_ruleset_has_a_leader_of_its_own_and_they_are_not_compared() -> None:
+    pane = pane_of((*OFFICIAL, timed(2, 1.0, team="門の騎士", ruleset="eurobench-2020")))
+    async with showing(pane) as shown:
+        assert "2 rulesets: do not compare them." in " ".join(shown.text.split())
+        assert pane.table.strong == {"2/7/eurobench-2020", "1/7/protocol"}
+
+
 async def test_v_shows_counts_and_means_over_all_valid_runs() -> None:
-    async with showing(pane_of((*OFFICIAL, *PRACTICE)), (120, 30)) as shown:
+    async with showing(pane_of((*OFFICIAL, *PRACTICE)), (140, 30)) as shown:
         await shown.press("v")
         rows = [" ".join(row.split()) for row in shown.rows()]
-        assert "> 7 1 Delft 30.00 3.21 4.50 12.25 1.875 0.0625 14.75 6.00 3" in rows
+        assert "> 7 1 Delft 30.00 3.21 4.50 12.25 1.875 0.0625 14.75 6.00 3 1" in rows
         assert "mean over all valid runs (exec s: completed ones)." in rows
         assert "Delft: 3 completed, 1 timeout; push, from CCW to CW, Constant Force" in shown.text
 
