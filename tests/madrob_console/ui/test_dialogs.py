@@ -275,7 +275,8 @@ async def test_with_nothing_undecided_the_list_stands_above_the_teams_word(
     await driver.press("enter", "a", "1", "5", "d", "enter", "f")
     for words in (
         "Before it is final: completed, steps that count:",
-        "step 5 denied; 1 incident (fall); 1 false start accepted",
+        "- step 5 denied; 1 false start accepted; SIMULATED: not an official result;",
+        "1 incident (fall)",
         "What does the team say?",
         "> n nothing yet: do not finalise",
         "b absent",
