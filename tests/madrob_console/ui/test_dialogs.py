@@ -253,7 +253,7 @@ async def test_what_is_undecided_is_seen_before_a_result_is_final(
     await with_a_false_start(driver)
     await driver.press("enter", "f")
     for words in (
-        "Before it is final: completed, steps that count: none",
+        "Before it is final: completed, steps that count: 1, 2, 3, 4, 5, 6",
         f"! {SIGNED_SO}",
         "1 incident (fall)",
         "> n no: decide first",
