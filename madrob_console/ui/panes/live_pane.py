@@ -283,8 +283,9 @@ class Provisional(View):
         return rows
 
 
-_SLOW = 3
-"""Every third snapshot reaches what costs many bytes and need not be quick."""
+_SLOW = (Provisional, EvidenceLine, LogView)
+"""They cost many bytes and need not be quick: they take the first of `_EVERY` snapshots."""
+_EVERY = 3
 
 
 class LivePane(VerticalScroll, Unmarked):
@@ -292,40 +293,28 @@ class LivePane(VerticalScroll, Unmarked):
 
     def __init__(self) -> None:
         super().__init__(id="live")
-        self._quick: tuple[View, ...] = (
-            RunClock(),
-            RunTenths(),
-            RunStatus(),
-            Banner(),
-            StepTable(),
-            Passage(),
-            DoorGauge(),
-            HandleGauge(),
-            AllFaults(),
-        )
-        self._slow: tuple[View, ...] = (Provisional(), EvidenceLine(), LogView())
+        self._views: Sequence[View] = ()
         self._count = 0
 
     def compose(self) -> ComposeResult:
-        clock, tenths, summary, banner, steps, passage, door, handle, faults = self._quick
-        so_far, evidence, log = self._slow
-        yield Horizontal(clock, tenths, summary, classes="row")
-        yield banner
-        yield Horizontal(steps, passage, classes="row")
-        yield Horizontal(door, handle, classes="row")
-        yield so_far
-        yield evidence
-        yield faults
-        yield log
+        yield Horizontal(RunClock(), RunTenths(), RunStatus(), classes="row")
+        yield Banner()
+        yield Horizontal(StepTable(), Passage(), classes="row")
+        yield Horizontal(DoorGauge(), HandleGauge(), classes="row")
+        yield from (Provisional(), EvidenceLine(), AllFaults(), LogView())
+
+    def on_mount(self) -> None:
+        self._views = list(self.query(View))
 
     def enter(self) -> None:
+        """Takes the focus, and shows all at once with the next snapshot."""
+        self._count = 0
         self.scroll_home(animate=False)
         self.screen.set_focus(self)
 
     def show(self, snapshot: Snapshot) -> None:
-        for view in self._quick:
-            view.show(snapshot)
-        if self._count % _SLOW == 0:
-            for view in self._slow:
-                view.show(snapshot)
+        all_of_them = self._count % _EVERY == 0
         self._count += 1
+        for view in self._views:
+            if all_of_them or not isinstance(view, _SLOW):
+                view.show(snapshot)

@@ -28,7 +28,7 @@ from madrob_console.ui.cells.lines import Choice, Label, Line, PushButton, Span,
 from madrob_console.ui.keys.dialogs import OtherName
 from madrob_console.ui.link import FIRST_CONDITION, ConsoleDefaults
 from madrob_console.ui.look.words import shortened
-from madrob_console.ui.panes.figures_pane import TopView
+from madrob_console.ui.panes.top_view import TopView
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
 

@@ -130,7 +130,7 @@ def test_the_screens_import_nothing_slow() -> None:
 @pytest.mark.machine
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("columns", "lines", "most"), [(80, 24, 8_000), (120, 36, 10_000), (160, 50, 12_000)]
+    ("columns", "lines", "most"), [(80, 24, 4_500), (120, 36, 5_000), (160, 50, 5_500)]
 )
 def test_a_live_run_is_light_on_the_line(columns: int, lines: int, most: float) -> None:
     with Terminal([*PROGRAM, "--running"], columns, lines, cwd=ROOT) as terminal:

@@ -38,8 +38,8 @@ from madrob_console.ui.frame.frame_lines import (
 )
 from madrob_console.ui.keys.dialogs import Leave, ask_leave
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS
-from madrob_console.ui.panes.figures_pane import SCALES, TopView, top_view
 from madrob_console.ui.panes.result_pane import ResultHead
+from madrob_console.ui.panes.top_view import SCALES, TopView, top_view
 from scoring.protocol import BenchmarkType, Condition, Side, StartPose
 from tests.madrob_console.ui.driver import Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine, a_setup
