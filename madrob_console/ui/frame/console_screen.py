@@ -28,6 +28,7 @@ from madrob_console.referee.acts import (
     WithdrawProtest,
 )
 from madrob_console.referee.competition_plan import unknown_teams
+from madrob_console.referee.records import cause_of
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.compositor import CellCompositor
 from madrob_console.ui.cells.dialog import Drafts
@@ -474,9 +475,10 @@ class ConsoleScreen(Screen[None]):
             return
         started = now.run.phase is Phase.RUNNING is not before.run.phase
         stopped = before.run.active and not now.run.active
-        known = {*before.all_faults, now.pulse_words if before.pulse.words else None}
+        known = {*before.all_faults, now.pulse_words or "" if before.pulse.words else ""}
+        new = {*map(cause_of, now.all_faults)} - {*map(cause_of, known)}
         taken = now.notice is not None and now.notice != before.notice
-        if started or stopped or taken or set(now.all_faults) - known:
+        if started or stopped or taken or new:
             cast("ConsoleApp", self.app).ring()
 
     def _follow(self, before: Snapshot | None, now: Snapshot) -> None:

@@ -84,7 +84,7 @@ def banner(snapshot: Snapshot) -> tuple[str, Tone]:
     if (false_start := run.undecided_false_start) is not None:
         at = "" if run.start is None else f" at {false_start.time - run.start:.1f} s"
         again = "r restarts the countdown, " if run.phase is Phase.COUNTDOWN else ""
-        how = "" if silent else f": {again}a accepts it with a reason"
+        how = "" if silent else f": Enter, then {again}a accepts it"
         return f" FALSE START: {false_start.event.words}{at}{how} ", Tone.ALARM
     if writing := snapshot.pulse.writing:
         how = "; F8 withdraws it" if snapshot.refusal(Abort.name) is None else ""

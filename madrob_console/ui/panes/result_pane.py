@@ -22,6 +22,7 @@ from madrob_console.referee.flags import (
     common_reason,
     doubted_words,
     undecided,
+    untold_remarks,
     weighty,
 )
 from madrob_console.referee.records import format_due, open_protests
@@ -323,10 +324,8 @@ def quality_lines(result: Result, run: Run, width: int) -> Iterator[Line]:
     for one in result.quality.signals:
         poor = one.gaps or one.dropped or one.shifted or not one.samples
         yield _quality_row(one.signal.value, one.cells(), Tone.WARN if poor else Tone.PLAIN)
-    told = run.remarks()  # they stand among the marks
-    for text in result.quality.remarks:
-        if text not in told:
-            yield from paragraph(text, width, Tone.WARN)
+    for text in untold_remarks(run, result.quality):
+        yield from paragraph(text, width, Tone.WARN)
     if (evidence := run.evidence) is None:
         return
     gone = run.evidence_removed(date_of)
