@@ -40,14 +40,14 @@ MOST = 3
 LEAST_KEYS = 50
 GAPS = 0.12, 0.35  # s between two keys, drawn anew so that they meet every phase of the redrawing
 
-FORM, FOOTER, CHECKS, LIVE = b"Opening side", b"F10", b"Checks", b"sensors  referee"
+FORM, FOOTER, CHECKS, LIVE = b"Opening side", b"F10", b"Checks", b"ruling (sensors)"
 """What only the set-up form, the footer, the list of checks and the live pane say."""
 CLOCK = b"clock"
 F2, F3 = "\x1bOQ", "\x1bOR"
 PANE_KEYS = (
     ("F2, the set-up", F2, FORM),
     ("F3, the live pane", F3, LIVE),
-    ("?, the help", "?", b"this page"),
+    ("?, the help", "?", b"F9 declares a timeout"),
     ("?, back", "?", LIVE),
 )
 """Keys that change the pane, and what comes."""
