@@ -287,7 +287,7 @@ def test_a_figure_says_which_it_is_of_which_run_and_what_it_explains(
     rows = drawn(number)
     assert rows[0].startswith(title.format(all=len(FIGURES)))
     assert rows[0].endswith("0.00 to 15.00 s, all")
-    run = "run 1 of subject 1 Door Bots, condition 1: No Force, pull, from CCW to CW"
+    run = "run 1 of subject 1 Door Bots, condition 1: pull, from CCW to CW, No Force"
     assert rows[1] == run
     assert rows[2] == finding
     assert heading in rows

@@ -80,7 +80,7 @@ async def test_after_each_result_x_goes_to_the_next_run_of_the_plan(
     while planned.snapshot().plan.lines and len(ran) < 5:
         ran.append(task(planned))
         await end(driver)
-        await driver.answered("f", "a", "enter", "x")
+        await driver.answered("enter", "f", "a", "enter", "x")
         assert planned.run.phase is Phase.READY
     assert ran == [Task(1, 1), Task(2, 7), Task(1, 1), Task(3, 20), Task(3, 20)]
 
@@ -101,7 +101,7 @@ async def test_what_has_used_up_no_attempt_is_set_up_again(
     await driver.answered()
     await driver.press("f2", "enter")
     await end(driver, outcome, source)
-    await driver.answered("x", "y")
+    await driver.answered("x")
     assert planned.run.phase is Phase.READY
     assert task(planned) == following
 
@@ -114,10 +114,11 @@ async def test_who_practises_goes_on_with_the_same_team_and_condition(planned: F
         await driver.press("f2", "enter")
         assert task(planned) == Task(1, 1)
         await end(driver, source="simulated")
-        await driver.answered("p", "down", "x", "y")
+        await driver.answered("p", "down", "enter")
+        await driver.answered("enter")
         assert task(planned) == Task(2, 1)
         await end(driver, source="simulated")
-        await driver.answered("x", "y")
+        await driver.answered("x")
         assert planned.run.setup is not None
         assert task(planned) == Task(2, 1)
         assert planned.run.setup.practice
@@ -201,7 +202,7 @@ async def test_after_a_result_the_screen_says_what_x_sets_up(planned: FakeEngine
         await end(driver)
         await driver.press("down")  # the message of the result goes with the next key
         assert hint in driver.text
-        await driver.answered("x", "y")
+        await driver.answered("x")
         await driver.press("f3")
         assert hint not in driver.text
 
@@ -234,7 +235,7 @@ async def test_what_the_referee_has_chosen_is_not_changed_by_the_plan(
     await driver.press("f2", "3", "tab", "escape")
     planned.plan = plan((2, 2, 1), (1, 1, 1))
     await driver.answered()
-    await driver.answered("x", "y")
+    await driver.answered("x")
     assert planned.run.setup is not None
     assert planned.run.setup.subject == 3
 
@@ -245,7 +246,7 @@ async def test_a_plan_that_changes_is_followed_at_once(planned: FakeEngine, driv
     await end(driver)
     planned.plan = plan((1, 1, 1), (3, 5, 1))
     await driver.answered()
-    await driver.answered("x", "y")
+    await driver.answered("x")
     assert task(planned) == Task(3, 5)
 
 
@@ -314,18 +315,19 @@ async def test_all_of_a_large_plan_can_be_seen_and_reached(
         assert task(engine) == Task(12, 20)
 
 
-async def test_enter_on_a_cell_proposes_it_and_x_sets_it_up(
+async def test_enter_on_a_cell_proposes_it_and_again_sets_it_up(
     planned: FakeEngine, driver: Driver
 ) -> None:
     await driver.answered()
     await driver.press("f2", "enter")
     await end(driver)
-    await driver.answered("f", "a", "enter", "p", "up", "left", "enter")
+    await driver.answered("enter", "f", "a", "enter", "p", "up", "left", "enter")
     assert planned.run.phase is Phase.FINAL  # nothing is set up yet
     assert "Draft for subject 1, attempt 2 of 2: Enter sets it up." in " ".join(driver.text.split())
-    await driver.answered("escape", "x")
+    await driver.answered("enter")
     assert task(planned) == Task(1, 1)
-    await driver.answered("f3", "p", "right", "right", "end", "x")
+    await driver.answered("f3", "p", "right", "right", "end", "enter")
+    await driver.answered("enter")
     assert task(planned) == Task(3, 20)
 
 
@@ -615,7 +617,7 @@ async def test_another_name_stays_for_the_next_run_of_the_team(
     await driver.press("enter", "enter", "1", "f6", "f5")
     await driver.let_pass(6.0)
     await driver.finish()
-    await driver.press("f", "a", "enter", "x")
+    await driver.press("enter", "f", "a", "enter", "x")
     assert setup_of(engine).run_number == 2
     assert setup_of(engine).team == "Runners"
     assert setup_of(engine).team_reason == "the list is wrong"

@@ -83,7 +83,7 @@ async def test_a_result_that_the_disk_refuses_is_called_so_wherever_it_is_met(
 
 @pytest.mark.parametrize("size", [SMALL, LARGE])
 async def test_a_result_is_shown_whole(running: Driver, engine: FakeEngine) -> None:
-    await running.press("i", "c", "n", *"dent", "enter")
+    await running.press("i", "c", "i", "n", *"dent", "enter")
     for step in Step:
         engine.do_step(step)
     await running.finish()
@@ -176,7 +176,7 @@ async def test_before_a_result_the_pane_says_so(driver: Driver) -> None:
 
 async def test_nothing_of_an_old_result_stays_behind_an_abort(driver: Driver) -> None:
     await finished(driver)
-    await driver.press("x", "y", "f4")
+    await driver.press("x", "f4")
     assert "No result yet" in driver.text
     assert "execution time" not in driver.text
 
@@ -185,7 +185,7 @@ async def test_another_result_begins_at_its_top(driver: Driver, engine: FakeEngi
     await finished(driver)
     await driver.press("pagedown", "pagedown")
     assert "COMPLETED" not in driver.text
-    await driver.press("x", "y", "f6", "f5")
+    await driver.press("x", "f6", "f5")
     await driver.let_pass(6.0)
     await driver.finish()
     assert "COMPLETED" in driver.text
@@ -224,9 +224,9 @@ async def test_what_a_decision_hangs_on_is_seen_first(driver: Driver) -> None:
         "1 false start UNDECIDED (handle touched)",
         "step 4 denied",
         "1 testbed fault",
-        "1 incident (fall)",
     ):
         assert words in shown
+    assert "1 incident (fall)" not in shown  # for information: among the marks
     assert shown.index("UNDECIDED") < shown.index("run 1 of subject 1")
     assert "not final: Enter decides; v details" in shown
     assert "all six steps done" not in shown
@@ -250,7 +250,7 @@ async def test_a_reason_that_all_indicators_have_stands_there_once(
 @pytest.mark.parametrize("size", [LARGE])
 async def test_a_result_that_was_signed_with_something_undecided_says_so(driver: Driver) -> None:
     await with_flags(driver)
-    await driver.press("f", "y", "a", "enter")
+    await driver.press("enter", "f", "y", "a", "enter")
     assert "1 false start UNDECIDED (handle touched); step 4 denied" in driver.text
     assert "acknowledged by the team, signed Ada with what is undecided" in driver.text
     assert "Enter" not in " ".join(driver.rows()[:20])
@@ -268,7 +268,7 @@ async def test_the_headline_has_the_colour_of_the_heaviest_flag(
     await with_flags(driver)
     headline = "ENDED, valid (3 of 6 steps count: the referee denied step 4)"
     assert toned(driver)[headline] is Tone.BAD
-    await driver.press("a", "1")
+    await driver.press("enter", "a", "1")
     assert toned(driver)[headline] is Tone.WARN
     assert "1 false start accepted" not in toned(driver)  # for information: among the marks
     engine.run = replace(engine.run, rulings=(), incidents=(), faults=(), decided=())

@@ -59,7 +59,7 @@ async def test_enter_sets_up_from_every_field_choice_and_the_button(
     await driver.press("f6", "f5")
     await driver.let_pass(6.0)
     await driver.finish()
-    await driver.press("f", "a", "enter", "f2", *where, "enter")
+    await driver.press("enter", "f", "a", "enter", "f2", *where, "enter")
     assert setup_of(engine).run_number == 2
     assert phase(engine) is Phase.READY
 
@@ -321,7 +321,7 @@ async def test_the_last_runs_settings_are_the_next_runs_proposal(
     await fill(driver, "Knockers")
     await driver.run()
     await driver.finish()
-    await driver.press("f", "a", "enter", "f2")
+    await driver.press("enter", "f", "a", "enter", "f2")
     assert "Draft for subject 1: Enter sets it up." in driver.text
     assert phase(engine) is Phase.FINAL
     await driver.press("enter")

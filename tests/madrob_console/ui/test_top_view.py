@@ -399,8 +399,9 @@ def test_the_keys_move_a_replay_and_nothing_else() -> None:
         assert "'x' is no time" in driver.text
         await driver.press("escape")
         await driver.press("f1")
-        assert "to a time of the run" in driver.text
-        await driver.press("g", "plus")  # zooms
+        assert "j  Jump" in driver.text
+        driver.console.show_pane("figures")
+        await driver.press("plus")  # zooms
         assert engine.commands[-1] == JumpTo(65.0)
         engine.playback = None
         await driver.press("f3", "space", "full_stop", "plus", "j")
