@@ -134,7 +134,7 @@ async def test_one_key_repeats_the_team_and_condition_and_says_that_it_is_out_of
         await driver.answered()
         await driver.press("f2", "enter")
         await end(driver)
-        await driver.answered("X", "y")
+        await driver.answered("enter", "X")
         setup = planned.run.setup
         assert setup is not None
         assert (task(planned), setup.run_number, setup.out_of_plan) == (Task(1, 1), 2, True)
@@ -156,7 +156,7 @@ async def test_a_run_out_of_plan_that_the_plan_takes_in_needs_no_waiver(
         await driver.answered()
         await driver.press("f2", "enter")
         await end(driver)
-        await driver.answered("X", "y")
+        await driver.answered("enter", "X")
         await driver.press("f6", "f5")
         assert planned.run.start is None  # out of plan
         planned.plan = plan((1, 1, 2), (2, 7, 1))
@@ -173,7 +173,7 @@ async def test_an_aborted_attempt_is_repeated_within_the_plan(
     await driver.answered()
     await driver.press("f2", "enter")
     await end(driver, Outcome.ABORTED)
-    await driver.answered("X")
+    await driver.answered("enter", "X")
     assert "Run 2 of subject 1, attempt 2 of 2 is set up." in " ".join(driver.text.split())
     assert planned.run.setup is not None
     assert (task(planned), planned.run.setup.out_of_plan) == (Task(1, 1), False)
@@ -186,7 +186,7 @@ async def test_a_repeated_attempt_is_called_that(planned: FakeEngine) -> None:
         await driver.answered()
         await driver.press("f2", "enter")
         await end(driver, Outcome.ABORTED)
-        await driver.answered("X")
+        await driver.answered("enter", "X")
         assert planned.run.setup is not None
         assert not planned.run.setup.out_of_plan
         assert "an attempt repeated is set up" in " ".join(driver.text.split())

@@ -294,7 +294,7 @@ async def test_a_testbed_that_says_late_that_it_is_simulated_makes_the_next_set_
         await driver.press("f6")
         engine.simulated, engine.label = "nominal", "SIMULATED over ROS domain 0"
         await driver.settle()
-        assert driver.rows()[0].startswith(" ~~ SIMULATED over ROS domain 0 ~~ ")
+        assert driver.rows()[0].startswith(" ~~ SIMULATED over ROS")
         assert not setup_of(engine).practice
         await driver.press("f5")  # what the form shows counts; its pose is not confirmed
         assert setup_of(engine).practice
@@ -416,7 +416,7 @@ async def test_a_team_shows_as_it_is(engine: FakeEngine, name: str) -> None:
         cleaned = setup_of(engine).team
         assert f"run 1 of subject 1 {cleaned}" in driver.text
         engine.say(f"note: {name}")
-        await driver.press("n", *name, "enter")
+        await driver.press("i", "n", *name, "enter")
         await driver.finish()
         assert f"run 1 of subject 1 {cleaned}" in driver.text
 
