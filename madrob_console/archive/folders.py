@@ -1,4 +1,4 @@
-"""Runs on disk: folder names, run numbers, paths, duplicates, shards (protocol section 10).
+"""Runs on disk: folder names, run numbers, paths, duplicates (protocol section 10).
 
 A results folder holds one folder a run and `run_numbers.jsonl`, the numbers ever given out: a run
 number is never used again, even when its folder is gone. Its sub-folder `practice` has the same
@@ -9,7 +9,6 @@ from the results folder: `subject_...` or `practice/subject_...`.
 from __future__ import annotations
 
 import errno
-import hashlib
 import os
 import re
 from collections.abc import Iterable, Iterator
@@ -379,48 +378,6 @@ def _runs_below(top: Path) -> Iterator[RunPath]:
 
 def _is_bag(names: Iterable[str]) -> bool:
     return any(name == "metadata.yaml" or name.endswith((".mcap", ".db3")) for name in names)
-
-
-# Shards of many runs: together they hold every run once.
-
-
-_FORM = re.compile(r"([0-9]{1,7})/([0-9]{1,7})", re.ASCII)
-
-
-@dataclass(frozen=True, slots=True)
-class Shard:
-    """Share `number` (from 1) of `count` shares of the runs.
-
-    The name of a run alone (of its folder, bag or files) decides its share. So machines with other
-    paths, and tasks that start hours apart, agree. All copies of a run are in one share, and shares
-    are about equally large.
-    """
-
-    number: int
-    count: int
-
-    def __str__(self) -> str:
-        return f"{self.number}/{self.count}"
-
-    def __contains__(self, run: RunPath) -> bool:
-        digest = hashlib.sha256(run.own_name.encode(errors="surrogateescape")).digest()
-        return int.from_bytes(digest[:8]) % self.count == self.number - 1
-
-    @property
-    def folder_name(self) -> str:
-        return f"shard_{self.number}_of_{self.count}"
-
-    @classmethod
-    def parse(cls, text: str) -> Shard:
-        match = _FORM.fullmatch(text)
-        if match is None or not 1 <= int(match[1]) <= int(match[2]):
-            raise MadrobError(f"'{text}': give i/n, from 1/n to n/n")
-        return cls(int(match[1]), int(match[2]))
-
-
-def shared_out(runs: Iterable[RunPath], shard: Shard | None) -> list[RunPath]:
-    """In their order; None = all of them."""
-    return [run for run in runs if shard is None or run in shard]
 
 
 # Duplicates of a run: which of its places counts (protocol section 2).

@@ -45,7 +45,7 @@ MOST_PICTURES = 200
 WORKING_TIME = 60.0
 """Time to find and decode, s; what is left then has no picture."""
 
-_LONGEST_NAME = 36  # of what happened, and of a camera: whole names stay below 100, as zips want
+_LONGEST_NAME = 36  # of what happened, and of a camera: a file's name has 255 at most
 _LARGEST_INDEX = 4_000_000
 _LARGEST_PICTURE = 1_000_000
 _NOT_PLAIN = re.compile(r"[^0-9A-Za-z]+")

@@ -6,12 +6,11 @@ import argparse
 import os
 import time
 import warnings
-from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing
+from collections.abc import Callable, Generator, Sequence
+from contextlib import ExitStack, closing
 from functools import partial
-from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from madrob_console.cli import options
 from madrob_console.cli.options import results_folder, team_names
@@ -22,90 +21,63 @@ from madrob_console.common.names import SourceKind
 
 if TYPE_CHECKING:
     from madrob_console.archive.collection import Collection
-    from madrob_console.archive.folders import RunPath, Shard
+    from madrob_console.archive.folders import RunPath
     from madrob_console.config import Settings
     from madrob_console.pages.competition import CompetitionStandings
 
-DEFAULT_BACKEND = "loky"
-
 WORTH_A_PROCESS = 10
 """By default a process gets at least this many items: it needs a second to start."""
-
-_BLOCK = 256
-"""Items handed at once to a backend that does not return results one by one."""
 
 _Item = TypeVar("_Item")
 _Done = TypeVar("_Done")
 
 
 def in_order(
-    work: Callable[[_Item], _Done],
-    items: Sequence[_Item],
-    jobs: int | None = None,
-    backend: str | None = None,
+    work: Callable[[_Item], _Done], items: Sequence[_Item], jobs: int | None = None
 ) -> Generator[_Done, None, None]:
     """Do the work on every item; yield the results in the order of the items, as they get ready.
 
     Few items, or one job, are worked on in this process, without joblib. Closing the generator
     ends the work in progress. `work`, its argument and its result must be importable by name.
-    `jobs` None = as many as there are cores and enough to do, or as the backend has. `backend` is
-    joblib's name of it; None = processes on this machine.
+    `jobs` None = as many as there are cores and enough to do.
     """
-    here = backend is None and jobs is None and _worthwhile(items) == 1
-    if len(items) < 2 or jobs == 1 or here:
+    count = len(items) // WORTH_A_PROCESS if jobs is None else min(jobs, len(items))
+    if jobs is None and count > 1:
+        from joblib import cpu_count
+
+        count = min(count, cpu_count())
+    if count < 2:
         return (work(item) for item in items)
-    return _parallel(work, items, jobs, DEFAULT_BACKEND if backend is None else backend)
+    return _in_processes(work, items, count)
 
 
-def _worthwhile(items: Sequence[object]) -> int:
-    return max(1, len(items) // WORTH_A_PROCESS)
-
-
-def _parallel(
-    work: Callable[[_Item], _Done], items: Sequence[_Item], jobs: int | None, backend: str
+def _in_processes(
+    work: Callable[[_Item], _Done], items: Sequence[_Item], count: int
 ) -> Generator[_Done, None, None]:
-    import joblib
-
-    count = jobs or -1
-    if backend == DEFAULT_BACKEND:
-        count = min(jobs or joblib.cpu_count(), len(items) if jobs else _worthwhile(items))
-    try:
-        chosen = joblib.parallel_config(backend=backend, n_jobs=count)
-    except (ValueError, ImportError) as error:
-        raise MadrobError(f"--backend {backend}: {' '.join(str(error).split())}") from None
-    return _results(chosen, (joblib.delayed(work)(item) for item in items))
-
-
-def _results(
-    chosen: AbstractContextManager[object], calls: Iterator[Any]
-) -> Generator[Any, None, None]:
     from concurrent.futures.process import BrokenProcessPool
 
+    from joblib import Parallel, delayed
     from joblib.externals.loky.backend.resource_tracker import ensure_running
-    from joblib.parallel import Parallel, get_active_backend
 
-    with chosen, warnings.catch_warnings():
+    with warnings.catch_warnings():
         warnings.filterwarnings("ignore", module=r"joblib\.")  # results that nobody waits for
+        # of the folders that it cleans up after Ctrl+C
+        os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker:UserWarning")
+        ensure_running()  # or its start would let Ctrl+C through to the workers
         try:
-            if get_active_backend()[0].supports_return_generator:
-                # of the folders that it cleans up after Ctrl+C
-                os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker:UserWarning")
-                ensure_running()  # or its start would let Ctrl+C through to the workers
-                with ExitStack() as stack:
-                    with children_spared():
-                        results = Parallel(return_as="generator", batch_size=1)(calls)
-                        stack.callback(results.close)  # it kills what still works
-                    yield from results
-                return
-            while block := list(islice(calls, _BLOCK)):
-                yield from Parallel()(block)
+            with ExitStack() as stack:
+                with children_spared():
+                    parallel = Parallel(n_jobs=count, return_as="generator", batch_size=1)
+                    results = parallel(delayed(work)(item) for item in items)
+                    stack.callback(results.close)  # it kills what still works
+                yield from results
         except BrokenProcessPool:
             raise MadrobError(
                 "a worker process died: make memory free, or use --jobs 1 to see at which run"
             ) from None
 
 
-# How the work on many runs is shared: processes here, a cluster, or one shard.
+# How the work on many runs is shared: processes here, or a cluster.
 
 
 def add_sharing_options(parser: argparse.ArgumentParser, done: str) -> None:
@@ -118,40 +90,17 @@ def add_sharing_options(parser: argparse.ArgumentParser, done: str) -> None:
         "same madrob-console and see the same paths; needs the extra `cluster`. A scheduler is "
         "trusted like a shell: it can run anything as you; use tls:// where others reach it",
     )
-    parser.add_argument(
-        "--shard",
-        type=_shard,
-        metavar="I/N",
-        default=None,
-        help="only share I of N of the runs, for arrays of Slurm or Kubernetes: which one a run is "
-        "in follows from the name of its folder, and all shares together are every run once",
-    )
-
-
-def _shard(text: str) -> Shard:
-    from madrob_console.archive.folders import Shard
-
-    try:
-        return Shard.parse(text)
-    except MadrobError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def runs_of(arguments: argparse.Namespace) -> list[RunPath]:
-    from madrob_console.archive.folders import all_runs_at, shared_out
+    from madrob_console.archive.folders import all_runs_at
 
-    if arguments.scheduler is not None:
-        for name in ("jobs", "backend"):
-            if getattr(arguments, name) is not None:
-                arguments.parser.error(f"--{name}: not allowed with --scheduler, which has workers")
     paths: list[Path] = arguments.paths
-    if arguments.scheduler is not None:  # workers have another working directory
-        paths = [path.absolute() for path in paths]
-    if arguments.shard is not None:  # one task of many would say so, and the others be content
-        for path in paths:
-            if not path.exists():
-                raise MadrobError(f"{path}: no such file or directory: every share needs all paths")
-    return shared_out(all_runs_at(paths), arguments.shard)
+    if arguments.scheduler is not None:
+        if arguments.jobs is not None:
+            arguments.parser.error("--jobs: not allowed with --scheduler, which has workers")
+        paths = [path.absolute() for path in paths]  # workers have another working directory
+    return all_runs_at(paths)
 
 
 def shared(
@@ -169,11 +118,11 @@ def shared(
     small.
     """
     if arguments.scheduler is None or not runs:
-        jobs, backend = arguments.jobs, arguments.backend
+        jobs = arguments.jobs
         if at_once is None:
-            return in_order(work, runs, jobs, backend)
+            return in_order(work, runs, jobs)
         blocks = [runs[begin : begin + at_once] for begin in range(0, len(runs), at_once)]
-        return _one_by_one(partial(in_order, work, jobs=jobs, backend=backend), blocks)
+        return _one_by_one(partial(in_order, work, jobs=jobs), blocks)
     from madrob_console.cli.cluster import on_cluster
 
     named = [*(path.absolute() for path in arguments.paths), runs[0].path, runs[-1].path]

@@ -341,12 +341,6 @@ def add_jobs(parser: argparse.ArgumentParser, done: str) -> None:
         metavar="N",
         help=f"runs {done} at once; as many as there are cores if not given",
     )
-    parser.add_argument(
-        "--backend",
-        default=None,
-        metavar="NAME",
-        help="joblib's backend for the jobs: loky (processes here) if not given",
-    )
 
 
 run_number = whole_within(1, 999)

@@ -76,7 +76,7 @@ def add_command(commands: options.Commands) -> None:
             "madrob score --ruleset all my_run           # all rulesets side by side",
             "madrob score --check ~/madrob_runs          # do the stored results hold?",
             "madrob score --write eurobench-2020 published ~/madrob_runs",
-            "madrob score --output tables --shard 2/8 ~/madrob_runs",
+            "madrob score --output tables ~/madrob_runs",
             "madrob score --reissue 'rules of May' --ruleset robust-2026 --dry-run ~/madrob_runs",
         ),
     )
@@ -113,7 +113,7 @@ def add_command(commands: options.Commands) -> None:
         metavar="FOLDER",
         help="write tables of the results into a new folder: runs, indicators, events, steps as "
         "`madrob table` has them, and unreadable, a row with the reason for each run that cannot "
-        "be read; a shard has a folder of its own in it, shard_I_of_N",
+        "be read",
     )
     either.add_argument(
         "--reissue",
@@ -176,8 +176,7 @@ def _chosen(runs: list[RunPath], arguments: argparse.Namespace) -> list[RunPath]
     for run, competition in found:
         if competition is None:
             complain(f"note: {run.name}: does not say of which competition it is, left out")
-    if arguments.shard is None:  # a share may have none
-        demand_competition(arguments.competition, {name for _, name in found if name is not None})
+    demand_competition(arguments.competition, {name for _, name in found if name is not None})
     return [run for run, competition in found if competition == arguments.competition]
 
 

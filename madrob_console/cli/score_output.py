@@ -8,10 +8,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from madrob_console.archive.folders import JOURNAL_FILE, RunPath, Shard
+from madrob_console.archive.folders import JOURNAL_FILE, RunPath
 from madrob_console.archive.result_document import MANUAL_START
 from madrob_console.cli.batch import lost_words, shared
 from madrob_console.cli.output import BAD_INPUT, Complaints, Tell, name_twins, progress
@@ -74,7 +73,7 @@ def write_tables(
 
     kind = arguments.format or TableFormat.CSV
     check_writable(kind)
-    folder = _folder(arguments.output.absolute(), arguments.shard)
+    folder = arguments.output.absolute()
     with ExitStack() as stack:
         bad = stack.enter_context(Complaints())
         tell = stack.enter_context(progress("runs"))
@@ -89,18 +88,6 @@ def write_tables(
         _write(runs, made, writers, bad, tell)
     print(terminal_safe(f"{folder}: {len(runs)} runs, {bad.count} of them cannot be read"))
     return BAD_INPUT if bad.count else 0
-
-
-def _folder(output: Path, shard: Shard | None) -> Path:
-    if shard is None:
-        return output
-    others = sorted(path.name for path in output.glob("shard_*_of_*"))
-    if alien := [name for name in others if not name.endswith(f"_of_{shard.count}")]:
-        raise MadrobError(
-            f"{output / alien[0]}: is a share of another division, runs would be there twice; "
-            "move it away or choose another folder"
-        )
-    return output / shard.folder_name
 
 
 def _write(

@@ -193,7 +193,7 @@ def _samples(arguments: argparse.Namespace) -> int:
     write = partial(write_samples, output=output, rules=arguments.ruleset, kind=arguments.format)
     to_write = [run for run in runs if chosen[run.own_name] is run]
     with (
-        closing(in_order(write, to_write, arguments.jobs, arguments.backend)) as results,
+        closing(in_order(write, to_write, arguments.jobs)) as results,
         progress("runs") as tell,
         Complaints() as bad,
     ):

@@ -1,4 +1,4 @@
-"""Zips that every system can unpack, and bags in them."""
+"""Zips that lead nobody out of their folder, and bags in them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import hashlib
 import os
 import re
 import time
-import unicodedata
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -21,55 +20,36 @@ from madrob_console.common.names import terminal_safe
 from recorder.bag import METADATA_FILE, is_evidence, is_left_of_evidence
 from recorder.survey import listing
 
-# File names that every system can unpack; a run's folder may hold any name.
+# File names that are safe to unpack; a run's folder may hold any name.
 
 
-LONGEST_FILE_NAME = 100
-"""Longest name of a file or folder, characters."""
+LONGEST_PATH = 400
+"""Longest path in an archive, characters: folders in folders have no end."""
 
-LONGEST_PATH = 200
-"""Longest path in an archive, characters; Windows takes 260, with where it is unpacked."""
-
-_FORBIDDEN = re.compile(r'[<>:"/\\|?*]')  # by Windows; `C:` and `..\` lead out of the folder there
-_RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³])\s*(\..*)?$")  # devices there
+_UNSAFE = re.compile(r"[/\\:]")  # `C:` and `..\` lead out of the folder on some systems
 
 
-def portable_names(names: Iterable[str]) -> dict[str, str]:
+def safe_names(names: Iterable[str]) -> dict[str, str]:
     """Names in an archive for the files and folders of one folder.
 
-    Nearly all stay as they are. What some system does not take for a name becomes `_`. Of
-    two that some system cannot tell apart one gets a number: rather one that changes anyway,
-    or has more capitals.
+    Nearly all stay as they are. What leads out of the folder or steers a terminal goes or becomes
+    `_`. Of two that are then alike one gets a number: the one that changes anyway.
     """
     found: dict[str, str] = {}
     taken: set[str] = set()
-    for name in sorted(names, key=_claim):
-        path = PurePosixPath(_portable(name))
+    for name in sorted(names, key=lambda name: (_safe(name) != name, name)):
+        path = PurePosixPath(_safe(name))
         called, number = str(path), 1
-        while _as_compared(called) in taken:
+        while called in taken:
             number += 1
             called = f"{path.stem}_{number}{path.suffix}"
-        taken.add(_as_compared(called))
+        taken.add(called)
         found[name] = called
     return found
 
 
-def _claim(name: str) -> tuple[bool, int, str]:
-    return _portable(name) != name, sum(map(str.isupper, name)), name
-
-
-def _portable(name: str) -> str:
-    safe = _FORBIDDEN.sub("_", unicodedata.normalize("NFC", terminal_safe(name)))
-    path = PurePosixPath(safe.strip(" .") or "_")
-    if len(path.name) > LONGEST_FILE_NAME:
-        suffix = path.suffix if len(path.suffix) <= LONGEST_FILE_NAME // 4 else ""
-        path = PurePosixPath(path.stem[: LONGEST_FILE_NAME - len(suffix)].rstrip(" .") + suffix)
-    return f"_{path}" if _RESERVED.match(path.name) else path.name
-
-
-def _as_compared(name: str) -> str:
-    """The name as compared by systems that ignore case and how a letter is composed."""
-    return unicodedata.normalize("NFC", unicodedata.normalize("NFKC", name).casefold())
+def _safe(name: str) -> str:
+    return _UNSAFE.sub("_", terminal_safe(name)).strip(" .") or "_"
 
 
 SUMS_FILE = "SHA256SUMS"
@@ -109,7 +89,7 @@ class Archive:
         """Adds the files of a folder and returns their names in the archive.
 
         What cannot be read is a problem. Links are not followed; hidden files are temporary.
-        Names are made portable, see `portable_names`. `called` is the folder's name in the
+        Names are made safe, see `safe_names`. `called` is the folder's name in the
         archive, if not its own. `without` tells which file names are left out. `instead` has
         content by name in the archive, added in place of files.
 
@@ -189,7 +169,7 @@ class Archive:
         called = {str(folder): named}
         for path, folders, files, number in _walk(folder, tell):
             under = called[path]
-            names = self._portable(under, (*folders, *files))
+            names = self._safe(under, (*folders, *files))
             folders[:] = sorted(name for name in folders if name in names)
             links = (name for name in folders if Path(path, name).is_symlink())
             self.problems.extend(f"{under}/{name}: is a link" for name in links)
@@ -197,7 +177,7 @@ class Archive:
             for name in sorted(name for name in files if name in names):
                 yield _Found(names[name], name, number)
 
-    def _portable(self, under: str, names: Iterable[str]) -> dict[str, str]:
+    def _safe(self, under: str, names: Iterable[str]) -> dict[str, str]:
         found = {}
         texts = []
         for name in names:
@@ -209,12 +189,12 @@ class Archive:
                 self.problems.append(f"{under}/{name}: its name is no text")
             else:
                 texts.append(name)
-        for name, portable in portable_names(texts).items():
-            path = f"{under}/{portable}"
+        for name, safe in safe_names(texts).items():
+            path = f"{under}/{safe}"
             if len(path) > LONGEST_PATH:
                 self.problems.append(f"{under}/{name}: too many folders, one in another")
                 continue
-            if portable != name:
+            if safe != name:
                 self.renamed.append(f"{path}: was {name}")
             found[name] = path
         return found

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from typing import TypeVar
 
 from madrob_console.common.errors import MadrobError
@@ -25,7 +25,6 @@ from madrob_console.testbeds.ros.connection import (
     Connection,
     RosObject,
     in_namespace,
-    load_message_class,
 )
 from madrob_console.testbeds.ros.intake import (
     LossCounter,
@@ -34,9 +33,10 @@ from madrob_console.testbeds.ros.intake import (
     arrival,
     can_take,
     offered_by_all,
+    other_version,
+    same_version,
 )
-from madrob_console.testbeds.ros.types import TypeWords, foreign_class, prefixes
-from madrob_console.testbeds.ros.watches import NAMELESS
+from madrob_console.testbeds.ros.types import Definition, installed_type, prefixes
 from recorder.bag import Durability, RawMessage, Topic, topic_problem
 
 # A topic of the evidence, from discovery to its messages.
@@ -83,7 +83,7 @@ class EvidenceIntake:
         name: str,
         limit: TopicLimit,
         largest: int,
-        words: TypeWords,
+        installed: Callable[[str], tuple[RosObject, Definition]],
         *,
         direct: bool,
         named: bool = False,
@@ -93,7 +93,7 @@ class EvidenceIntake:
         self._node = node
         self._limit = limit
         self._largest = largest
-        self._words = words
+        self._installed = installed
         self._direct = direct
         self._topic: Topic | None = None
         self._handover: QosSwitch | None = None
@@ -104,7 +104,6 @@ class EvidenceIntake:
         self._problem = ""
         self._largest_seen = 0
         self._too_large = 0
-        self._unknown = ""
         self._kept: deque[RawMessage] = deque(maxlen=_KEPT)
         self._size: int | None = None
         self._meter = FlowMeter(time.monotonic())
@@ -155,22 +154,18 @@ class EvidenceIntake:
     def _prepare(self, info: RosObject) -> bool:
         if self._topic is not None:
             return True
-        type_hash = str(info.topic_type_hash)
-        type_hash = type_hash if type_hash.startswith("RIHS") else ""
-        definition = self._words.find(self.type, type_hash, _node_of(info))
-        if definition is None:
+        try:
+            message_class, definition = self._installed(self.type)
+        except MadrobError as error:
+            self._problem = f"not recorded: {terminal_safe(str(error))}"
             return False
-        topic = Topic(self.name, self.type, definition.text, definition.type_hash or type_hash)
+        if not same_version(info, definition.type_hash):
+            self._problem = f"not recorded: {other_version(self.type)}"
+            return False
+        topic = Topic(self.name, self.type, definition.text, definition.type_hash)
         if (refused := topic_problem(topic)) is not None:
             self._problem = terminal_safe(refused)
             return False
-        try:
-            message_class = _class_of(self.type)
-        except MadrobError as error:
-            self._problem = str(error)
-            return False
-        if not definition.text:
-            self._unknown = f"nobody knows what {self.type} is made of: its bytes are recorded"
         self._topic = topic
         self._handover = QosSwitch(
             self._node,
@@ -265,7 +260,7 @@ class EvidenceIntake:
             rate,
             byte_rate,
             self.lost,
-            problem or self._silence.problem(self._now) or self._unknown,
+            problem or self._silence.problem(self._now),
             self.kept_for_late,
             self._silence.pauses(self._now),
         )
@@ -281,19 +276,6 @@ class EvidenceIntake:
             self._handover.close()
         self._handover, self._topic = None, None
         self._kept.clear()
-
-
-def _node_of(info: RosObject) -> str:
-    if info.node_name in NAMELESS:
-        return ""
-    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-
-
-def _class_of(type_name: str) -> RosObject:
-    try:
-        return load_message_class(type_name)
-    except MadrobError:
-        return foreign_class(type_name)
 
 
 def _depth(size: int, depth: int) -> int:
@@ -331,8 +313,7 @@ class EvidenceIntakes:
         self._connection = connection = Connection(domain)
         self._direct = can_take()
         self._node = connection.node(name, spun=not self._direct)
-        asks = connection.node("types", beside=self._node)
-        self._words = TypeWords(asks, prefixes(environment))
+        self._installed = cache(partial(installed_type, prefixes=prefixes(environment)))
         self._intakes: dict[str, EvidenceIntake] = {}
         self.left_over: tuple[str, ...] = ()
         self.unseen: tuple[str, ...] = ()
@@ -355,7 +336,7 @@ class EvidenceIntakes:
                     name,
                     self._choice.limit(name),
                     self._choice.largest,
-                    self._words,
+                    self._installed,
                     direct=self._direct,
                     named=name in self._choice.topics,
                 )
@@ -372,7 +353,7 @@ class EvidenceIntakes:
                 self._intakes.pop(name).close()
 
     def rest(self, duration: float) -> None:
-        if self._direct and not self._words.pending:
+        if self._direct:
             time.sleep(duration)
         else:
             self._connection.spin(duration)

@@ -343,6 +343,19 @@ class LossCounter:
             self.restart()
 
 
+def same_version(info: RosObject, type_hash: str) -> bool:
+    """Whether publisher and console have the same fields in the type, as far as both tell."""
+    theirs = str(info.topic_type_hash)
+    return not type_hash or not theirs.startswith("RIHS") or theirs == type_hash
+
+
+def other_version(type_name: str) -> str:
+    return (
+        f"its publisher has another version of {type_name}: "
+        "install the same version of the package on both machines"
+    )
+
+
 class Intake:
     """A testbed topic, from its discovery on. One thread, except for the properties."""
 
@@ -386,7 +399,9 @@ class Intake:
 
     def discover(self) -> None:
         infos = self._node.get_publishers_info_by_topic(in_namespace(self.name))
-        usable = [i for i in infos if i.topic_type == self.type and self._same_version(i)]
+        usable = [
+            i for i in infos if i.topic_type == self.type and same_version(i, self._type_hash)
+        ]
         misfits = [i for i in infos if i not in usable]
         self._problem = self._misfit(misfits[0], alone=not usable) if misfits else None
         self._found_type = self.type if usable or not infos else infos[0].topic_type
@@ -423,20 +438,12 @@ class Intake:
             return str(error)
         return None
 
-    def _same_version(self, info: RosObject) -> bool:
-        """Whether publisher and console have the same fields in the type, as far as both tell."""
-        theirs = str(info.topic_type_hash)
-        return not self._type_hash or not theirs.startswith("RIHS") or theirs == self._type_hash
-
     def _misfit(self, info: RosObject, *, alone: bool) -> str:
         if not alone:
             other = "another version of it" if info.topic_type == self.type else info.topic_type
             return f"another publisher sends {other}: stop that one"
         if info.topic_type == self.type:
-            return (
-                f"its publisher has another version of {self.type}: "
-                "install the same version of the package on both machines"
-            )
+            return other_version(self.type)
         return f"its type is {info.topic_type}, not {self.type}: correct the settings"
 
     def _listen(self, qos: Qos, publishers: int) -> None:

@@ -49,38 +49,15 @@ def no_joblib(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("backend", ["threading", "sequential"])
 def test_results_come_in_the_order_of_the_items(backend: str) -> None:
-    done = in_order(SlowerFirst(), range(20), jobs=4, backend=backend)
-    assert list(done) == [-number for number in range(20)]
-
-
-def test_a_backend_that_somebody_registered_can_be_named() -> None:
-    used = []
-
-    class Cluster(joblib._parallel_backends.ThreadingBackend):  # type: ignore[misc]
-        def configure(self, *arguments: object, **named: object) -> int:
-            used.append(self)
-            return int(super().configure(*arguments, **named))
-
-    joblib.register_parallel_backend("a cluster", Cluster)
-    assert list(in_order(abs, [-1, -2], backend="a cluster")) == [1, 2]
-    assert used
-
-
-@pytest.mark.parametrize("name", ["no such thing", "dask", ""])
-def test_a_backend_that_is_not_there_is_named_on_one_line(name: str) -> None:
-    with pytest.raises(MadrobError, match=f"--backend {name}: ") as refused:
-        in_order(abs, [1, 2], backend=name)
-    assert "\n" not in str(refused.value)
+    with joblib.parallel_config(backend):
+        done = list(in_order(SlowerFirst(), range(20), jobs=4))
+    assert done == [-number for number in range(20)]
 
 
 @pytest.mark.usefixtures("no_joblib")
 @pytest.mark.parametrize(("count", "jobs"), [(0, None), (1, 8), (30, 1), (WORTH_A_PROCESS, None)])
 def test_one_item_one_job_or_few_items_need_no_process(count: int, jobs: int | None) -> None:
     assert list(in_order(abs, range(count), jobs)) == list(range(count))
-
-
-def test_a_backend_that_is_named_serves_few_items_too() -> None:
-    assert list(in_order(abs, [-1, -2], backend="loky")) == [1, 2]
 
 
 def test_a_result_is_there_before_the_next_item_is_begun() -> None:
@@ -91,10 +68,11 @@ def test_a_result_is_there_before_the_next_item_is_begun() -> None:
 
 
 def test_leaving_early_says_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    done = in_order(SlowerFirst(), range(20), jobs=2, backend="threading")
-    assert isinstance(done, Iterator)
-    assert next(done) == 0
-    del done
+    with joblib.parallel_config("threading"):
+        done = in_order(SlowerFirst(), range(20), jobs=2)
+        assert isinstance(done, Iterator)
+        assert next(done) == 0
+        del done
     assert capfd.readouterr().err == ""
 
 

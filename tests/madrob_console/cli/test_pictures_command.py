@@ -13,7 +13,7 @@ from PIL import Image
 
 from madrob_console.archive.run_journal import journal_held
 from madrob_console.cli.main import main
-from madrob_console.export.zip_file import portable_names
+from madrob_console.export.zip_file import safe_names
 from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
@@ -80,7 +80,7 @@ def test_in_the_folder_of_the_run_names_are_such_that_a_zip_keeps_them_whole(
     assert main(["pictures", str(bare), *wanted, "--output", str(output)]) == 0
     names = [item.name for item in output.iterdir()]
     assert len(names) == 4
-    assert portable_names(names) == {name: name for name in names}
+    assert safe_names(names) == {name: name for name in names}
     assert all(re.search(r"_\d+_ms(_later|_earlier)?[.]jpg$", name) for name in names)
     assert all(name.startswith(("01_at_5_250_s_", "02_benchmark_start_")) for name in names)
     made = capsys.readouterr().out

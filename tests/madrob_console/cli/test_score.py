@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import joblib
 import pytest
 
 from madrob_console.archive.folders import runs_at
@@ -158,14 +159,9 @@ def test_the_same_is_printed_however_the_work_is_shared(
     (results / "subject_003_cond_001_run_000_20231114_221323").mkdir()
     assert score("--jobs", "1", results) == 2
     alone = capsys.readouterr()
-    assert score("--jobs", "2", "--backend", "threading", results) == 2
+    with joblib.parallel_config("threading"):
+        assert score("--jobs", "2", results) == 2
     assert capsys.readouterr() == alone
-
-
-def test_an_unknown_backend_is_refused_before_anything_is_printed(
-    results: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert "--backend moon: " in refusal(capsys, "--json", "--backend", "moon", results)
 
 
 @pytest.mark.parametrize("jobs", ["0", "-1", "many", "1.5"])
@@ -398,9 +394,8 @@ def test_processes_give_what_one_process_gives(
         copy_run(tmp_path, number, Scenario.NOMINAL if number % 2 else Scenario.TOUCH_ONLY)
     assert score("--jobs", "1", tmp_path) == 0
     alone = capsys.readouterr().out
-    for sharing in (("--jobs", "3"), ("--backend", "multiprocessing", "--jobs", "2")):
-        assert score(*sharing, tmp_path) == 0
-        assert capsys.readouterr().out == alone
+    assert score("--jobs", "3", tmp_path) == 0
+    assert capsys.readouterr().out == alone
 
 
 def test_run_folders_that_somebody_renamed_are_scored_under_their_names(

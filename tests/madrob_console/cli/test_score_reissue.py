@@ -34,7 +34,6 @@ from tests.madrob_console.recorded_runs import (
     appealed,
     completed,
     copy_run,
-    publish,
     recorded,
     without_digests,
 )
@@ -357,13 +356,6 @@ def test_the_report_of_a_run_that_a_console_works_on_is_left_to_it(tmp_path: Pat
     assert "issue 2" in (folder / "report.html").read_text()
 
 
-def test_shards_re_issue_every_run_once(tmp_path: Path) -> None:
-    folders = [copy_run(tmp_path, number) for number in range(1, 5)]
-    for shard in ("1/3", "2/3", "3/3"):
-        assert reissue(tmp_path, *ROBUST, "--shard", shard) == 0
-    assert [result(folder)["issue"] for folder in folders] == [2] * 4
-
-
 TABLES = [table.name for table in RUN_TABLES]
 
 
@@ -413,30 +405,6 @@ def test_a_run_that_cannot_be_read_is_one_row_with_its_reason(
     assert len(frame(tmp_path / "out/runs.csv")) == 2  # each run once
 
 
-def test_shards_are_the_whole_together(tmp_path: Path) -> None:
-    root = tmp_path / "results"
-    root.mkdir()
-    for number in range(1, 7):
-        publish(recorded(Scenario.NOMINAL), root / f"hall_{number}")
-        for path in (root / f"hall_{number}").iterdir():
-            path.rename(path.with_name(path.name.replace("run_001", f"run_{number:03d}")))
-    (root / "subject_009_cond_001_run_001_20231114_221323").mkdir()
-    score(root, "--output", tmp_path / "whole", "--jobs", 1)
-    for number in (1, 2, 3):
-        score(root, "--output", tmp_path / "parts", "--shard", f"{number}/3", "--jobs", 1)
-    assert len(list((tmp_path / "parts").iterdir())) == 3
-    for name in (*TABLES, "unreadable"):
-        whole = frame(tmp_path / f"whole/{name}.csv")
-        parts = pd.concat(map(frame, sorted((tmp_path / "parts").glob(f"*/{name}.csv"))))
-        keys = [str(name) for name in whole]
-        pd.testing.assert_frame_equal(
-            parts.sort_values(keys).reset_index(drop=True),
-            whole.sort_values(keys).reset_index(drop=True),
-            check_dtype=False,  # that of a table without rows
-        )
-        assert len(whole) > 0
-
-
 def test_a_path_that_is_no_text_is_one_in_tables_and_json(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -449,28 +417,6 @@ def test_a_path_that_is_no_text_is_one_in_tables_and_json(
     capsys.readouterr()
     assert score(root, "--json") == 0
     assert "hall \ufffd" in json.loads(capsys.readouterr().out)["runs"][0]["path"]
-
-
-@pytest.mark.parametrize("number", [1, 2, 3])
-def test_every_share_says_that_a_path_is_missing(
-    number: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    target = tmp_path / "out"
-    assert score(tmp_path / "nope", "--output", target, "--shard", f"{number}/3") == 2
-    assert "nope: no such file or directory" in capsys.readouterr().err
-    assert not target.exists()
-
-
-def test_a_division_into_other_shards_does_not_get_beside_the_first(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    run = recorded(Scenario.TOUCH_ONLY)
-    assert score(run, "--output", tmp_path, "--shard", "1/2") == 0
-    capsys.readouterr()
-    assert score(run, "--output", tmp_path, "--shard", "1/3") == 2
-    assert "is a share of another division" in capsys.readouterr().err
-    assert score(run, "--output", tmp_path, "--shard", "1/2") == 2
-    assert "is there already" in capsys.readouterr().err
 
 
 def test_tables_are_there_whole_or_not_at_all(
@@ -501,9 +447,7 @@ def test_all_rulesets_stand_below_each_other_and_every_table_tells_them_apart(
         (["--format", "csv"], "--format: only with --output"),
         (["--dry-run"], "--dry-run: only with --reissue"),
         (["--check", "--ruleset", "protocol"], "--ruleset: not allowed with --check"),
-        (["--shard", "3/2"], "--shard: '3/2': give i/n"),
         (["--scheduler", "tcp://a:1", "--jobs", "2"], "--jobs: not allowed with --scheduler"),
-        (["--scheduler", "tcp://a:1", "--backend", "loky"], "--backend: not allowed with"),
         (["--reissue", " "], "--reissue: give a reason"),
         (["--reissue", "x", "--ruleset", "all"], "--reissue: with one ruleset, not all"),
         (["--reissue", "x", "--json"], "--json: not allowed with --reissue"),

@@ -300,24 +300,40 @@ def test_on_a_slow_disk_the_account_is_in_the_end_what_is_in_the_file(
     assert any(one.lost.get(EvidenceLoss.DISK) for one in account.topics)
 
 
-def test_types_that_are_not_installed_are_recorded_with_what_their_publisher_says(
-    ros_domain: int, tmp_path: Path, peer: Peer
-) -> None:
-    from madrob_console.testbeds.ros.intake import qos_profile
-    from madrob_console.testbeds.ros.types import foreign_class
+WITHOUT_POSES = (
+    sys.executable,
+    "-P",
+    "-c",
+    """
+import sys
+sys.modules["geometry_msgs"] = None  # as if it were not installed
+from madrob_console.engine.evidence_worker import main
+main()
+""",
+)
 
-    data = b"\x00\x01\x00\x00" + bytes(range(200))
-    foreign = foreign_class("hall_msgs/msg/Secret")
-    unknown = peer.own.create_publisher(foreign, "/hall/secret", qos_profile(KEPT, 10))
-    unknown.publish(data)
-    with hall(tmp_path, ros_domain, "/hall/**") as here:
-        here.comes("/hall/secret", rate=0.1)
+
+def test_a_topic_whose_type_is_not_installed_is_named_and_no_other_pays(
+    ros_domain: int, tmp_path: Path
+) -> None:
+    pose = Stream(Kind.POSE, "/camera/pose", reliable=True)
+    with (
+        cameras(CAMERAS),
+        cameras(pose),
+        hall(tmp_path, ros_domain, command=WITHOUT_POSES) as here,
+    ):
+        here.comes(*CAMERAS.topics)
+        here.until(lambda status: any(one.topic == pose.topic for one in status.topics))
         with here.recording():
-            here.until(lambda _: here.topic("/hall/secret").messages)
-        (message,) = here.recorded()
-        told = here.topic("/hall/secret")
-    assert (message.type, message.data) == ("hall_msgs/msg/Secret", data)
-    assert "nobody knows what hall_msgs/msg/Secret is made of" in told.problem
+            here.until(lambda _: here.topic().messages >= 40)
+        account = here.status.account
+        counts = Counter(message.topic for message in here.recorded())
+    (named,) = (one for one in account.topics if one.topic == pose.topic)
+    assert "not recorded: geometry_msgs/msg/PoseStamped is not installed here: " in named.problem
+    assert "source the workspace that has geometry_msgs" in named.problem
+    assert counts == {one.topic: one.messages for one in account.topics if one.messages}
+    assert set(counts) == set(CAMERAS.topics)
+    assert all(one.lost == {} and not one.problem for one in account.topics if one != named)
 
 
 def test_of_publishers_that_go_wrong_each_is_named_and_no_other_topic_pays(

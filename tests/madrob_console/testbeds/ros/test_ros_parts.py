@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.common.clock import NS, SimulationClock
+from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, referee_topics
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
@@ -22,7 +23,7 @@ from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
 from madrob_console.testbeds.ros.intake import LossCounter, QosSwitch
 from madrob_console.testbeds.ros.neighbours import DEPTH, TOO_MANY, Replies
 from madrob_console.testbeds.ros.ros_source import Mailbox
-from madrob_console.testbeds.ros.types import Definition, TypeWords, find_definition, prefixes
+from madrob_console.testbeds.ros.types import find_definition, installed_type, prefixes
 from madrob_console.testbeds.ros.watches import console_name, door_parameters, second_referee
 from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, CallAnswer, info_text
 from recorder.bag import Durability, RawMessage, Reliability
@@ -30,7 +31,7 @@ from scoring.protocol import BenchmarkType, Condition, Side, StartPose
 from tests.madrob_console import said
 from tests.madrob_console.ros_peer import BEST_EFFORT, BOOL, KEPT, TYPES, Peer, Taker, source, truth
 
-INSTALLED = prefixes({"AMENT_PREFIX_PATH": ""})[0] / "share"
+INSTALLED = Path(sys.prefix) / "share"
 
 
 @given(st.lists(st.booleans(), min_size=1), st.integers(1, 1000), st.data())
@@ -144,6 +145,11 @@ def test_a_type_that_no_workspace_has_is_not_found(workspace: Path) -> None:
     assert find_definition("Door", [workspace]) is None
 
 
+def test_a_type_without_its_definition_is_refused_with_the_remedy(workspace: Path) -> None:
+    with pytest.raises(MadrobError, match=r"Bool has no [.]msg file here: install its package"):
+        installed_type(BOOL, [workspace])
+
+
 @pytest.mark.parametrize("text", ["", "{", '{"type_hashes": [{}]}', '{"type_hashes": 3}'])
 def test_a_damaged_hash_file_leaves_the_hash_unknown(workspace: Path, text: str) -> None:
     (workspace / "share/madrob_msgs/msg/Handle.json").write_text(text)
@@ -152,9 +158,10 @@ def test_a_damaged_hash_file_leaves_the_hash_unknown(workspace: Path, text: str)
     assert definition.type_hash == ""
 
 
-def test_packages_are_looked_for_where_ros_says_or_beside_python() -> None:
-    assert prefixes({"AMENT_PREFIX_PATH": "/a:/b"}) == (Path("/a"), Path("/b"))
-    assert prefixes({}) == (Path(sys.prefix),)
+def test_packages_are_looked_for_where_ros_says_and_then_beside_python() -> None:
+    beside = Path(sys.prefix)
+    assert prefixes({"AMENT_PREFIX_PATH": "/a:/b"}) == (Path("/a"), Path("/b"), beside)
+    assert prefixes({}) == (beside,)
 
 
 def test_every_installed_definition_is_understood_and_hashed_alike() -> None:
@@ -397,99 +404,6 @@ def test_an_engine_that_follows_simulated_time_says_so_and_whether_it_is_there(p
         peer.until(silent)
 
 
-TYPE, HASH = "hall_msgs/msg/Gripper", "RIHS01_" + "5" * 64
-SOURCES = {
-    TYPE: "std_msgs/Header header\nhall_msgs/Force force\n",
-    "hall_msgs/msg/Force": "float64 newton\n",
-}
-PREFIXES = (Path(sys.prefix),)
-
-
-def serve(peer: Peer, *, encoding: str = "msg") -> list[RosObject]:
-    """As the nodes of ROS 2 tell what their types are made of."""
-    service = load_module("type_description_interfaces.srv").GetTypeDescription
-    source = load_module("type_description_interfaces.msg").TypeSource
-    asked: list[RosObject] = []
-
-    def answer(request: RosObject, response: RosObject) -> RosObject:
-        asked.append(request)
-        response.successful = request.type_name == TYPE
-        response.type_sources = [
-            source(type_name=name, encoding=encoding, raw_file_contents=text)
-            for name, text in SOURCES.items()
-        ]
-        return response
-
-    name = f"{peer.own.get_fully_qualified_name()}/get_type_description"
-    peer.own.create_service(service, name, answer)
-    return asked
-
-
-def found(peer: Peer, type_name: str = TYPE, type_hash: str = HASH) -> Definition:
-    words = TypeWords(peer.node("asks"), PREFIXES)
-    who = peer.own.get_fully_qualified_name()
-    told: list[Definition] = []
-
-    def look() -> bool:
-        definition = words.find(type_name, type_hash, who)
-        if definition is not None:
-            told.append(definition)
-        return definition is not None
-
-    peer.until(look)
-    assert not words.pending
-    return told[0]
-
-
-def test_a_type_that_only_its_publisher_knows_is_told_by_its_node(peer: Peer) -> None:
-    asked = serve(peer)
-    definition = found(peer)
-    assert definition.type_hash == HASH
-    assert definition.text.startswith(SOURCES[TYPE])
-    assert f"MSG: hall_msgs/Force\n{SOURCES['hall_msgs/msg/Force']}" in definition.text
-    assert [(one.type_name, one.type_hash) for one in asked] == [(TYPE, HASH)]
-
-
-def test_a_type_that_nobody_knows_has_no_words_after_a_while(peer: Peer) -> None:
-    assert found(peer) == Definition("", HASH)
-
-
-def test_who_publishes_a_type_is_asked_as_soon_as_ros_knows_its_name(peer: Peer) -> None:
-    serve(peer)
-    words = TypeWords(peer.node("asks"), PREFIXES)
-    assert words.find(TYPE, HASH, "") is None
-    who = peer.own.get_fully_qualified_name()
-    peer.until(lambda: words.find(TYPE, HASH, who))
-    definition = words.find(TYPE, HASH, who)
-    assert definition is not None
-    assert definition.text.startswith(SOURCES[TYPE])
-
-
-def test_a_type_whose_publisher_stays_without_a_name_has_no_words_after_a_while(
-    peer: Peer,
-) -> None:
-    words = TypeWords(peer.node("asks"), PREFIXES)
-    peer.until(lambda: words.find(TYPE, HASH, "") == Definition("", HASH))
-    assert not words.pending
-
-
-def test_what_is_no_message_definition_is_not_taken_for_one(peer: Peer) -> None:
-    serve(peer, encoding="idl")
-    assert found(peer) == Definition("", HASH)
-
-
-def test_an_installed_type_is_known_at_once_and_another_version_of_it_is_asked_for(
-    peer: Peer,
-) -> None:
-    words = TypeWords(peer.node("asks"), PREFIXES)
-    installed = words.find("std_msgs/msg/Bool", "", "/nobody")
-    assert installed is not None
-    assert "bool data" in installed.text
-    assert words.find("std_msgs/msg/Bool", installed.type_hash, "/nobody") == installed
-    assert words.find("std_msgs/msg/Bool", HASH, "/nobody") is None
-    assert words.pending
-
-
 SUDDEN_CW = Condition(BenchmarkType.SUDDEN_FORCE, opening_side=Side.CW, starting_side=Side.CCW)
 NO_FORCE_CCW = Condition(BenchmarkType.NO_FORCE, opening_side=Side.CCW, starting_side=Side.CCW)
 
@@ -709,6 +623,35 @@ def test_a_type_stays_while_it_is_recorded_and_changes_between_runs(
     peer.until(changed)
     peer.until(lambda: not here.looked("/hall/state"))
     assert {flow.type for flow in here.intakes.flows()} == {HEADER}
+    here.intakes.close()
+
+
+def test_evidence_of_another_version_of_its_type_is_named_and_not_recorded(
+    ros_domain: int, peer: Peer, workspace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = workspace / "share/std_msgs/msg"
+    folder.mkdir(parents=True)
+    (folder / "Header.msg").write_text("string frame_id\n")
+    (folder / "Header.json").write_text(
+        f'{{"type_hashes": [{{"type_name": "{HEADER}", "hash_string": "RIHS01_00"}}]}}'
+    )
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(workspace))
+    other, good = peer.publisher("/hall/other", HEADER), peer.publisher("/hall/good", BOOL)
+    here = Listening(ros_domain, "/hall/**")
+
+    def heard() -> bool:
+        other.publish(load_message_class(HEADER)())
+        good.publish(truth(True))
+        here.look()
+        return bool(here.taken.get("/hall/good")) and bool(here.problem("/hall/other"))
+
+    peer.until(heard)
+    assert here.problem("/hall/good") == ""
+    assert here.problem("/hall/other") == (
+        f"not recorded: its publisher has another version of {HEADER}: "
+        "install the same version of the package on both machines"
+    )
+    assert "/hall/other" not in here.taken
     here.intakes.close()
 
 
