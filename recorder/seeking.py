@@ -114,12 +114,10 @@ class ChunkTable:
                     if begin_ns <= place.log_ns <= end_ns:
                         yield place
 
-    def spread(self, channel: int, most: int) -> Iterator[MessagePlace]:
-        """The messages of at most `most` chunks, evenly over the recording."""
-        chunks = self._of_channel.get(channel, [])
-        step = max(1.0, len(chunks) / most)
-        for number in range(min(most, len(chunks))):
-            yield from self._entries(chunks[int(number * step)], channel)
+    def first(self, channel: int) -> Iterator[MessagePlace]:
+        """The messages of the first chunk that has any."""
+        for chunk in self._of_channel.get(channel, ())[:1]:
+            yield from self._entries(chunk, channel)
 
     def head(self, place: MessagePlace, size: int) -> bytes:
         """Read only these bytes if the chunk is not packed. DamageError without a message."""
@@ -373,9 +371,9 @@ class Seeker:
         """The messages between two log times (ns since the epoch), by log time."""
         return self._found(name, lambda table, channel: table.places(channel, begin_ns, end_ns))
 
-    def spread(self, name: str, most: int) -> list[Found]:
-        """Messages evenly over the whole bag, by log time; `most` chunks of each file are read."""
-        return self._found(name, lambda table, channel: table.spread(channel, most))
+    def first(self, name: str) -> list[Found]:
+        """The messages of the first chunk of each file, by log time."""
+        return self._found(name, lambda table, channel: table.first(channel))
 
     def head(self, found: Found, size: int) -> bytes:
         try:

@@ -17,7 +17,6 @@ from madrob_console.archive.folders import PICTURES_FOLDER, PICTURES_INDEX
 from madrob_console.archive.nearest_frames import (
     FARTHEST,
     SIDE,
-    Camera,
     CameraFrame,
     Cameras,
     has_evidence,
@@ -52,21 +51,10 @@ _NOT_PLAIN = re.compile(r"[^0-9A-Za-z]+")
 
 
 class CameraEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """A camera in the index.
-
-    Attributes:
-        clock_offset: how far it is ahead of the testbed's clock at the first moment, s; null =
-            too few stamps.
-        clock_spread: how far that may be off for what varies, s; a constant delay is not in it.
-        clock_drift: how much it gains on the testbed's clock, s/s.
-    """
+    """A camera in the index."""
 
     topic: str
     type: str
-    clock_offset: float | None = None
-    clock_spread: float | None = None
-    clock_drift: float | None = None
-    clock_steps: int | None = None
 
 
 class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -78,10 +66,8 @@ class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
         since_start: s.
         file: beside the index; empty = there is none.
         width, height: of the file, pixels.
-        stamp: of the frame's header; null = it has none.
-        log_time: when the frame was logged.
-        difference: how much later the frame is than the moment, by the testbed's clock, s.
-        clock: how its time follows from the camera's clock, in words.
+        log_time: when the frame was received.
+        difference: how much later than the moment that was, s.
         scale: what the grey of the picture stands for; empty = an ordinary picture.
     """
 
@@ -94,10 +80,8 @@ class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
     file: str = ""
     width: int = 0
     height: int = 0
-    stamp: float | None = None
     log_time: float | None = None
     difference: float | None = None
-    clock: str = ""
     scale: str = ""
     problem: str = ""
 
@@ -207,7 +191,7 @@ class _Maker:
     def __init__(self, cameras: Cameras, side: int, monotonic: Callable[[], float]) -> None:
         self._cameras = cameras
         self._side = side
-        self._names = _file_names([camera.topic for camera in cameras.cameras])
+        self._names = _file_names([camera.name for camera in cameras.topics])
         self._monotonic = monotonic
         self._until = monotonic() + WORKING_TIME
         self._made: dict[tuple[int, int, int], tuple[Jpeg, str] | str] = {}
@@ -222,14 +206,13 @@ class _Maker:
                 f"{self._left_out} pictures were not made: at most {MOST_PICTURES}, and "
                 f"{WORKING_TIME:g} s of work; `madrob pictures` makes single ones"
             )
-        first = moments[0].time if moments else 0.0
-        described = tuple(_described(camera, first) for camera in self._cameras.cameras)
+        described = tuple(CameraEntry(topic=c.name, type=c.type) for c in self._cameras.topics)
         index = PictureIndex(cameras=described, pictures=tuple(entries), problems=tuple(problems))
         return RunPictures(index, self._files)
 
     def _at(self, number: int, moment: Moment) -> Iterator[PictureEntry]:
-        time = self._cameras.of_testbed(moment.time) if moment.logged else moment.time
-        for camera in self._cameras.cameras:
+        log = moment.time if moment.logged else self._cameras.log_time(moment.time)
+        for camera in self._cameras.topics:
             if len(self._files) >= MOST_PICTURES or self._monotonic() > self._until:
                 self._left_out += 1
                 continue
@@ -239,10 +222,10 @@ class _Maker:
                 words=moment.words,
                 time=moment.time,
                 since_start=moment.since_start,
-                topic=camera.topic,
+                topic=camera.name,
             )
             try:
-                frame = self._cameras.nearest(camera, time)
+                frame = self._cameras.nearest(camera, log)
             except RecorderError as error:
                 yield msgspec.structs.replace(entry, problem=terminal_safe(str(error)))
                 continue
@@ -251,10 +234,8 @@ class _Maker:
     def _of_frame(self, entry: PictureEntry, frame: CameraFrame) -> PictureEntry:
         known = msgspec.structs.replace(
             entry,
-            stamp=frame.stamp,
             log_time=frame.log,
             difference=frame.difference,
-            clock=frame.clock_words,
         )
         made = self._picture(frame)
         if isinstance(made, str):
@@ -286,17 +267,13 @@ class _Maker:
             picture, scale = decoded(message, self._side)
             return jpeg(picture, most), scale
         except (PictureError, RecorderError) as error:
-            return terminal_safe(str(error)).removeprefix(f"{frame.camera.topic}: ")
+            return terminal_safe(str(error)).removeprefix(f"{frame.found.topic.name}: ")
 
 
 def nothing_near(entry: PictureEntry) -> str:
     if entry.file:
         return ""
     return entry.problem or f"no frame within {FARTHEST:g} s"
-
-
-def caption_words(entry: PictureEntry) -> str:
-    return "; ".join(filter(None, (entry.scale, entry.clock)))
 
 
 def is_far(entry: PictureEntry) -> bool:
@@ -329,20 +306,6 @@ def named_by_distance(made: RunPictures) -> RunPictures:
 
 def _ms(entry: PictureEntry) -> int:
     return round(1000 * (entry.difference or 0.0))
-
-
-def _described(camera: Camera, at: float) -> CameraEntry:
-    clock = camera.clock
-    if clock is None:
-        return CameraEntry(topic=camera.topic, type=camera.type)
-    return CameraEntry(
-        topic=camera.topic,
-        type=camera.type,
-        clock_offset=clock.offset(at),
-        clock_spread=clock.spread(at),
-        clock_drift=clock.drift,
-        clock_steps=clock.camera.steps,
-    )
 
 
 def _file_names(topics: Sequence[str]) -> dict[str, str]:

@@ -27,7 +27,6 @@ from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
 from madrob_console.testbeds.ros_domain import domain_id
 
 if TYPE_CHECKING:
-    from madrob_console.common.names import RemoteService
     from madrob_console.messages.codec import TopicMapping
 
 OLDEST_PYTHON = (3, 11)
@@ -43,22 +42,22 @@ def doctor(  # noqa: PLR0913  what it looks at
     disk_space: int,
     listen: float = 2.0,
     environment: Mapping[str, str] = os.environ,
-    services: Collection[RemoteService] = (),
+    abort: bool = False,
     lists: Callable[[], Iterator[Finding]] = lambda: iter(()),
     evidence: Callable[[], Iterator[Finding]] = lambda: iter(()),
 ) -> Iterator[Finding]:
     """Check everything the console needs, one after the other; never raises.
 
     `domain` None = `ROS_DOMAIN_ID`, or 0. `disk_space` is in bytes. `listen` is how long to listen
-    to the testbed, s, once it is found; 0 = not. Looking for it takes 3 s at most. `services` are
-    what other programs of the ROS domain may call. `lists` and `evidence` check the competition's
-    lists and what would be recorded beside the testbed's topics.
+    to the testbed, s, once it is found; 0 = not. Looking for it takes 3 s at most. `abort` is
+    whether other programs of the ROS domain may abort. `lists` and `evidence` check the
+    competition's lists and what would be recorded beside the testbed's topics.
     """
 
     def testbed() -> Iterator[Finding]:
         from madrob_console.cli.doctor_ros import look_at_ros
 
-        return look_at_ros(mappings, domain, listen, environment, services)
+        return look_at_ros(mappings, domain, listen, environment, abort=abort)
 
     checks: tuple[tuple[str, Callable[[], Iterator[Finding]]], ...] = (
         ("python", look_at_python),

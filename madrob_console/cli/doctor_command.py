@@ -56,7 +56,7 @@ def main(arguments: argparse.Namespace) -> int:
         settings.results.root,
         domain=options.ros_domain(arguments, settings),
         disk_space=settings.checks.disk_space,
-        services=settings.ros.services,
+        abort=settings.ros.abort,
         lists=lambda: look_at_lists(teams, settings.plan.source),
         evidence=lambda: _evidence(arguments, settings),
     ):

@@ -10,7 +10,7 @@ import shutil
 import sys
 import time
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import IntEnum
@@ -20,10 +20,11 @@ from typing import BinaryIO
 
 from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.names import RemoteService, terminal_safe
+from madrob_console.common.names import terminal_safe
 from madrob_console.messages.codec import TopicMapping
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.ros import RosSource
+from madrob_console.testbeds.ros.abort_service import SERVICE_PACKAGE, SERVICE_REMEDY
 from madrob_console.testbeds.ros.connection import (
     REMEDY,
     SHARED_MEMORY,
@@ -31,7 +32,6 @@ from madrob_console.testbeds.ros.connection import (
     load_module,
     load_rclpy,
 )
-from madrob_console.testbeds.ros.neighbours import NEEDED_BY_SERVICES, SERVICES_REMEDY
 from madrob_console.testbeds.ros.watches import DOOR_NODE, SET_PARAMETERS
 from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.source import TopicStatus
@@ -136,7 +136,8 @@ def look_at_ros(
     domain: int | None,
     listen: float,
     environment: Mapping[str, str],
-    services: Collection[RemoteService] = (),
+    *,
+    abort: bool = False,
 ) -> Iterator[Finding]:
     yield from look_at_installation(environment)
     try:
@@ -151,7 +152,7 @@ def look_at_ros(
     yield from look_at_shared_memory()
     try:
         with overheard() as lines:
-            found = list(_look_inside(mappings, number, listen, environment, services))
+            found = list(_look_inside(mappings, number, listen, environment, abort=abort))
         yield from found
         yield from (Finding(Severity.WARNING, "ros says", line) for line in lines)
     except MadrobError as error:
@@ -163,14 +164,15 @@ def _look_inside(
     number: int,
     listen: float,
     environment: Mapping[str, str],
-    services: Collection[RemoteService],
+    *,
+    abort: bool,
 ) -> Iterator[Finding]:
     try:
         load_rclpy()
         utilities = load_module("rclpy.utilities")
         rmw = utilities.get_rmw_implementation_identifier()
         yield Finding(Severity.OK, "middleware", str(rmw))
-        yield from look_at_messages(services)
+        yield from look_at_messages(abort=abort)
         if listen > 0:
             yield from look_at_testbed(mappings, number, listen, environment)
     except MadrobError as error:
@@ -178,19 +180,18 @@ def _look_inside(
 
 
 _MESSAGES = {
-    "diagnostic_msgs": "/diagnostics is not published",
-    "std_srvs": "no service can be offered (setting `ros.services`)",
+    "std_srvs": "nobody can abort over ROS (setting `ros.abort`)",
     "tf2_msgs": "`madrob testbed` publishes no /tf_static",
 }
 """Optional message packages, each with what does not work without it."""
 
 
-def look_at_messages(services: Collection[RemoteService]) -> Iterator[Finding]:
+def look_at_messages(*, abort: bool) -> Iterator[Finding]:
     for package, lacks in _MESSAGES.items():
         if importlib.util.find_spec(package) is not None:
             continue
-        if services and package == NEEDED_BY_SERVICES:
-            yield Finding(Severity.ERROR, package, f"no engine starts: {SERVICES_REMEDY}")
+        if abort and package == SERVICE_PACKAGE:
+            yield Finding(Severity.ERROR, package, f"no engine starts: {SERVICE_REMEDY}")
         else:
             yield Finding(Severity.OK, package, f"not installed: {lacks}")
 

@@ -132,6 +132,7 @@ def serve(arguments: argparse.Namespace) -> int:
             from madrob_console.engine.scoring_process import ScoringProcess
             from madrob_console.engine.server import EngineServer
             from madrob_console.engine.server_socket import raise_handles
+            from madrob_console.engine.service import begin_abort_over_ros
 
         raise_handles()
         fallen = _fallen_threads()
@@ -152,7 +153,8 @@ def serve(arguments: argparse.Namespace) -> int:
         )
         local = LocalEngine(engine, reporting, lambda: fallen.problem)
         try:
-            _attend(local, engine, settings)
+            if settings.ros.abort:
+                engine.source.offer_abort(lambda: begin_abort_over_ros(local))
             server = EngineServer(
                 local,
                 engine.source.label,
@@ -188,12 +190,6 @@ def _follow_lists(
     changed = reporting.publish
     stack.callback(ListWatch(teams, engine.hear_of_teams, changed=changed).close)
     stack.callback(ListWatch(plan, engine.hear_of_plan, changed=changed).close)
-
-
-def _attend(local: LocalEngine, engine: Engine, settings: Settings) -> None:
-    from madrob_console.engine.service import Attendant
-
-    engine.source.attend(Attendant(local, settings.ros.services, settings.checks.rate))
 
 
 def _idle_time(arguments: argparse.Namespace, settings: Settings, kind: SourceKind) -> float:

@@ -12,7 +12,7 @@ from madrob_console.cli.output import raw
 PAGES = {
     "referee": "a run from set-up to signature, keys, protests, words",
     "testbed": "topics, settings, cameras, engine, service, security",
-    "robots": "what the referee publishes over ROS, services",
+    "robots": "what the referee publishes over ROS, abort",
     "data": "files, tables, scoring again, several testbeds, Python",
     "organiser": "teams, plan, standings, web pages, zips",
 }

@@ -29,8 +29,8 @@ def add_command(commands: options.Commands) -> None:
         main,
         "what the cameras saw: the nearest frame of each at every event, or at one instant",
         "Without --at it makes the folder `pictures` of the run anew, as a report does. Each line "
-        "says how far a frame is from what was asked for (-12 ms: it is earlier), and how the "
-        "camera's clock stands against the testbed's.",
+        "says how far a frame is from what was asked for, by its time of reception (-12 ms: it is "
+        "earlier).",
         examples=(
             "madrob pictures my_run",
             "madrob pictures my_run --at door_opens --at 12.5 --camera '*front*' --width 1920",
@@ -67,7 +67,6 @@ def add_command(commands: options.Commands) -> None:
 def main(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.archive.run_pictures import (
-            caption_words,
             difference_words,
             nothing_near,
         )
@@ -86,7 +85,8 @@ def main(arguments: argparse.Namespace) -> int:
                 bad.add_complaint(f"{run}: {entry.topic} at {entry.since_start:.2f} s: {why}", run)
                 continue
             path = folder / f"{begin}{entry.file}"
-            print(terminal_safe(f"{path}: {difference_words(entry)}; {caption_words(entry)}"))
+            told = "; ".join(filter(None, (difference_words(entry), entry.scale)))
+            print(terminal_safe(f"{path}: {told}"))
     return 0 if made.files else BAD_INPUT
 
 

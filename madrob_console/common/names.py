@@ -93,14 +93,6 @@ class SourceKind(StrEnum):
     REPLAY = "replay"
 
 
-class RemoteService(StrEnum):
-    """Services that other programs may call over ROS, by the name of the service."""
-
-    START = "start"
-    ABORT = "abort"
-    DECLARE_TIMEOUT = "declare_timeout"
-
-
 class Scenario(StrEnum):
     """Behaviour of a simulated robot."""
 

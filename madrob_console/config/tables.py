@@ -10,7 +10,7 @@ import msgspec
 from msgspec import Meta, inspect
 from msgspec.structs import asdict, force_setattr
 
-from madrob_console.common.names import RemoteService, SourceKind, ThemeName, clean_name
+from madrob_console.common.names import SourceKind, ThemeName, clean_name
 from madrob_console.referee.checks import SensorLimits
 from madrob_console.referee.competition_plan import (
     MOST_ATTEMPTS,
@@ -274,10 +274,7 @@ class SourceSetting(SettingsTable, frozen=True):
 class RosSettings(SettingsTable, frozen=True):
     """[ros]: what other programs of the ROS domain may do."""
 
-    services: Annotated[
-        tuple[RemoteService, ...],
-        Meta(description=f"what may be called as services: {', '.join(RemoteService)}"),
-    ] = ()
+    abort: Annotated[bool, Meta(description="abort the run by the service `~/abort`")] = False
 
 
 class TopicSetting(SettingsTable, frozen=True):

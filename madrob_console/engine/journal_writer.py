@@ -394,7 +394,6 @@ class Recording:
             size=stats.file_bytes,
             dropped=sum(stats.dropped.values()),
             problem=problem,
-            queued=stats.queued_bytes,
         )
 
     def _problem_of_folder(self) -> str | None:

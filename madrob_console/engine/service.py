@@ -1,4 +1,4 @@
-"""What other programs hear of the engine: systemd, ROS services, `/diagnostics`.
+"""What other programs hear of the engine: systemd, and who aborts over ROS.
 
 The service manager is told by datagrams (sd_notify(3)). The watchdog hears of the core: a core
 that hangs is ended and started again; a disk that hangs is no reason.
@@ -17,26 +17,20 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import CancelledError, Future
 from contextlib import suppress
-from dataclasses import replace
 from enum import IntEnum
 from typing import TYPE_CHECKING, TextIO
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.names import RemoteService, terminal_safe
+from madrob_console.common.names import terminal_safe
 from madrob_console.engine.requests import NO_ANSWER, Perform
-from madrob_console.engine.snapshot import Snapshot, TopicView
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.engine.wire import EngineClient, given_up
-from madrob_console.referee.acts import Abort, Act, DeclareTimeout, Start
-from madrob_console.referee.checks import CheckState, Freshness
+from madrob_console.referee.acts import Abort, Act
 from madrob_console.referee.journal import Origin
-from madrob_console.referee.records import CheckName
-from madrob_console.testbeds.source import CallAnswer, Diagnosis, Level, LookForAnswer
+from madrob_console.testbeds.source import CallAnswer, LookForAnswer
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
-
     from madrob_console.engine.engine_thread import LocalEngine
-    from madrob_console.referee.records import format_size
 
 HANGING = 2
 """A core that has not moved for longer hangs, s: the watchdog gets no more signs of life."""
@@ -172,155 +166,27 @@ def _is_journal(environment: Mapping[str, str]) -> bool:
     return environment.get("JOURNAL_STREAM") == f"{found.st_dev}:{found.st_ino}"
 
 
-# The state as `/diagnostics`, for ROS programs.
-#
-# Nothing is judged here: words and faults are those of the screens.
+# The abort that other programs of a testbed may call.
 
 
-_ENGINE = "engine"
-_LEVELS = {
-    Freshness.FRESH: Level.WARN,
-    Freshness.STALE: Level.WARN,
-    Freshness.LOST: Level.STALE,
-    Freshness.NEVER: Level.ERROR,
-}
+def begin_abort_over_ros(engine: LocalEngine) -> LookForAnswer:
+    """Have the run aborted as the key does it, with the origin `remote`.
 
-
-def diagnoses(snapshot: Snapshot, rate: float) -> tuple[Diagnosis, ...]:
-    """Health of engine, recorder, disk and each topic; `rate` is the expected one, Hz."""
-    topics = tuple(_topic(view, rate) for view in snapshot.topics)
-    told = (_recorder(snapshot), _disk(snapshot), *topics)
-    if snapshot.pulse.stale:  # what is known of them is old
-        words = str(snapshot.pulse.words)
-        told = tuple(replace(one, level=Level.STALE, message=words) for one in told)
-    return (_engine(snapshot), *told)
-
-
-def failure(words: str) -> Diagnosis:
-    return Diagnosis(_ENGINE, Level.ERROR, words)
-
-
-def _engine(snapshot: Snapshot) -> Diagnosis:
-    pulse, setup = snapshot.pulse, snapshot.run.setup
-    values = {
-        "phase": str(snapshot.run.phase),
-        "core silent, s": str(pulse.core),
-        "testbed": snapshot.label,
-        "subject": "" if setup is None else str(setup.subject),
-        "run": "" if setup is None else str(setup.run_number),
-    }
-    if pulse.stale:
-        return Diagnosis(_ENGINE, Level.ERROR, str(pulse.words), values)
-    faults = [fault for fault in snapshot.faults if not fault.startswith("recorder: ")]
-    level = Level.WARN if faults else Level.OK
-    return Diagnosis(_ENGINE, level, "; ".join(faults) or str(snapshot.run.phase), values)
-
-
-def _recorder(snapshot: Snapshot) -> Diagnosis:
-    recorder = snapshot.recorder
-    lost = sum(view.lost or 0 for view in snapshot.topics)
-    values = {
-        "messages": str(recorder.messages),
-        "bytes": str(recorder.size),
-        "queue, bytes": str(recorder.queued),
-        "dropped": str(recorder.dropped),
-        "lost on the way": str(lost),
-    }
-    faults = [f for f in snapshot.faults if f.startswith("recorder: ")]
-    words = "; ".join(fault.removeprefix("recorder: ") for fault in faults)
-    level = Level.ERROR if faults else Level.OK
-    return Diagnosis("recorder", level, words or recorder.state, values)
-
-
-def _disk(snapshot: Snapshot) -> Diagnosis:
-    silent, free = snapshot.pulse.disk, snapshot.disk_free
-    values = {
-        "free, bytes": "" if free is None else str(free),
-        "silent, s": str(silent),
-        "lines waiting": str(snapshot.pulse.unwritten),
-    }
-    if silent:
-        return Diagnosis("disk", Level.ERROR, f"silent for {silent} s", values)
-    check = next((check for check in snapshot.checks if check.name is CheckName.DISK), None)
-    if check is not None:
-        return Diagnosis("disk", _CHECKED[check.state], check.reason, values)
-    if free is None:
-        return Diagnosis("disk", Level.STALE, "free space unknown", values)
-    return Diagnosis("disk", Level.OK, f"{format_size(free)} free", values)
-
-
-_CHECKED = {
-    CheckState.OK: Level.OK,
-    CheckState.WARNING: Level.WARN,
-    CheckState.FAILED: Level.ERROR,
-    CheckState.NO_DATA: Level.STALE,
-    CheckState.WAIVED: Level.WARN,
-}
-
-
-def _topic(view: TopicView, rate: float) -> Diagnosis:
-    values = {
-        "rate, Hz": "" if view.rate is None else f"{view.rate:.1f}",
-        "age, s": "" if view.age is None else f"{view.age:.3f}",
-        "expected, Hz": "" if view.optional else f"{rate:g}",
-        "received": str(view.received),
-        "lost": "" if view.lost is None else str(view.lost),
-        "publishers": str(view.publishers),
-    }
-    if view.problem is None:
-        absent = view.freshness is Freshness.NEVER
-        words = f"{view.freshness} (optional)" if absent else str(view.freshness)
-        return Diagnosis(view.topic, Level.OK, words, values)
-    return Diagnosis(view.topic, _LEVELS[view.freshness], view.problem, values)
-
-
-# Answers to other programs of a testbed: services that they call, topics that they hear.
-
-
-_WHY = "called over ROS"
-
-_ACTS: dict[RemoteService, Act] = {
-    RemoteService.START: Start(),
-    RemoteService.ABORT: Abort(_WHY),
-    RemoteService.DECLARE_TIMEOUT: DeclareTimeout(_WHY),
-}
-"""A call is an act like any other: same checks, same refusals, same queue."""
-
-
-class Attendant:
-    """Has calls carried out as acts of the origin `remote`. From any thread; never waits.
-
-    `rate` is the required rate of the testbed's topics, Hz.
+    From any thread; never waits. The answer comes in time, whatever core and disk do.
     """
+    act = Abort("called over ROS")
+    request = Perform.of(act)
+    answer = engine.begin_request(request, origin=Origin.REMOTE)
+    ends = time.monotonic() + request.timeout
 
-    def __init__(
-        self, engine: LocalEngine, services: Collection[RemoteService], rate: float
-    ) -> None:
-        self.services = services
-        self._engine = engine
-        self._rate = rate
+    def look() -> CallAnswer | None:
+        if answer.done():
+            return _answered(act, answer)
+        if time.monotonic() < ends:
+            return None
+        return CallAnswer(success=False, message=f"{act.name}: {given_up(answer)}")
 
-    def call(self, service: RemoteService) -> LookForAnswer:
-        """Have an act done; the answer comes in time, whatever core and disk do."""
-        act = _ACTS[service]
-        request = Perform.of(act)
-        answer = self._engine.begin_request(request, origin=Origin.REMOTE)
-        ends = time.monotonic() + request.timeout
-
-        def look() -> CallAnswer | None:
-            if answer.done():
-                return _answered(act, answer)
-            if time.monotonic() < ends:
-                return None
-            return CallAnswer(success=False, message=f"{act.name}: {given_up(answer)}")
-
-        return look
-
-    def diagnose(self) -> Sequence[Diagnosis]:
-        try:
-            return diagnoses(self._engine.snapshot(), self._rate)
-        except MadrobError as error:
-            return (failure(str(error)),)
+    return look
 
 
 def _answered(act: Act, answer: Future[str | None]) -> CallAnswer:

@@ -105,7 +105,6 @@ class RecorderView:
     Attributes:
         state: `closed`, `recording`, `failed` or `finished`.
         messages, size, dropped: written, bytes on disk, not written.
-        queued: bytes on their way to the file.
     """
 
     state: str
@@ -113,7 +112,6 @@ class RecorderView:
     size: int = 0
     dropped: int = 0
     problem: str | None = None
-    queued: int = 0
 
 
 @dataclass(frozen=True, slots=True)

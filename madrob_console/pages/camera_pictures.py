@@ -11,7 +11,6 @@ from madrob_console.archive.folders import PICTURES_FOLDER
 from madrob_console.archive.run_pictures import (
     PictureEntry,
     RunPictures,
-    caption_words,
     difference_words,
     is_far,
     nothing_near,
@@ -42,9 +41,7 @@ _SIDES = ((20_000, 480), (9_000, 320), (0, 240))  # from so many bytes for each:
 _TOLD = (
     "The frame of each camera that is nearest to what happened, and how far it is from it: -12 ms "
     "is earlier; one that is far off says LATER or EARLIER. Nothing is scored from pictures. "
-    "Cameras have clocks of their own; how far one is ahead of the testbed's (+) is estimated from "
-    "stamps and reception, and put right. A delay that is always there, as between lens and stamp, "
-    "looks like a clock that is off."
+    "The time of a frame is that of its reception: what it shows was a little earlier."
 )
 
 Anchors = Mapping[tuple[float, str], str]
@@ -130,7 +127,8 @@ def _figure(entry: PictureEntry, shown: RunPictures, share: int, *, beside: bool
 def _caption(entry: PictureEntry) -> Iterator[Content]:
     far = {"class_": "far"} if is_far(entry) else {}
     yield element("b", difference_words(entry), **far), " ", _named(entry.topic)
-    yield element("small", caption_words(entry))
+    if entry.scale:
+        yield element("small", entry.scale)
 
 
 def _embedded(entry: PictureEntry, data: bytes, share: int) -> Markup | None:
@@ -159,7 +157,7 @@ def _embedded(entry: PictureEntry, data: bytes, share: int) -> Markup | None:
 def _spoken(entry: PictureEntry) -> str:
     ms = round(1000 * abs(entry.difference or 0.0))
     far = f"{ms} ms {'before' if (entry.difference or 0.0) < 0 else 'after'} it" if ms else "at it"
-    return f"Camera {entry.topic} at {entry.since_start:.2f} s, {entry.words}; taken {far}."
+    return f"Camera {entry.topic} at {entry.since_start:.2f} s, {entry.words}; received {far}."
 
 
 # The meanings of words on a page: the indicators by the protocol, the phases of a run.

@@ -17,7 +17,7 @@ from madrob_console.messages.codec import (
     referee_topics,
 )
 from madrob_console.messages.message_types import MessageError, MessageTypes
-from madrob_console.testbeds.source import SILENT, Announcement, Outside, TopicStatus
+from madrob_console.testbeds.source import SILENT, Announcement, BeginAbort, TopicStatus
 from recorder.bag import RawMessage, Topic
 from recorder.errors import RecorderError
 from recorder.reader import Bag, read_bag
@@ -138,8 +138,8 @@ class RecordedBag:
     def publish(self, message: RawMessage) -> None:
         """Does nothing: a replay has no listeners."""
 
-    def attend(self, outside: Outside) -> None:
-        """Does nothing: no other programs ask."""
+    def offer_abort(self, begin_abort: BeginAbort) -> None:
+        """Does nothing: no other programs call."""
 
     def close(self) -> None:
         self._messages, self._next = iter(()), None

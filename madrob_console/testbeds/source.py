@@ -5,9 +5,8 @@ All three hand over the same `RawMessage`s, so that everything behind a source i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
-from enum import IntEnum
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import msgspec
@@ -17,7 +16,6 @@ from madrob_console.common.names import SourceKind, terminal_safe
 from recorder.bag import RawMessage
 
 if TYPE_CHECKING:
-    from madrob_console.common.names import RemoteService
     from recorder.bag import Topic
     from scoring.protocol import Condition
 
@@ -78,8 +76,8 @@ class Source(Protocol):
         """Publishes on one of the console's own topics (protocol section 3); never waits."""
         ...
 
-    def attend(self, outside: Outside) -> None:
-        """Lets other programs of the testbed call and query the console, where there are any."""
+    def offer_abort(self, begin_abort: BeginAbort) -> None:
+        """Lets other programs of the testbed abort the run, where there are any."""
         ...
 
     def close(self) -> None: ...
@@ -143,28 +141,9 @@ def simulated_in(text: str) -> str | None:
     return terminal_safe(info.scenario[:_LONGEST_SCENARIO]).strip() or _UNNAMED
 
 
-# Requests and news for programs around a testbed.
+# The call of a program around a testbed.
 #
-# The testbed's source carries them; an engine's owner answers.
-
-
-class Level(IntEnum):
-    """Health of a part; the numbers are those of `diagnostic_msgs/msg/DiagnosticStatus`."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
-    STALE = 3
-
-
-@dataclass(frozen=True, slots=True)
-class Diagnosis:
-    """Health of one part of the console or of its testbed; `message` as the screens word it."""
-
-    name: str
-    level: Level
-    message: str
-    values: Mapping[str, str] = field(default_factory=dict)
+# The testbed's source carries it; an engine's owner answers.
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,13 +157,5 @@ class CallAnswer:
 LookForAnswer: TypeAlias = Callable[[], CallAnswer | None]
 """Returns the answer of a call, None while there is none; never waits."""
 
-
-class Outside(Protocol):
-    """Answers programs other than the screens. Called from any thread; never waits."""
-
-    @property
-    def services(self) -> Collection[RemoteService]: ...
-
-    def call(self, service: RemoteService) -> LookForAnswer: ...
-
-    def diagnose(self) -> Sequence[Diagnosis]: ...
+BeginAbort: TypeAlias = Callable[[], LookForAnswer]
+"""Has the run aborted. Called from any thread; never waits."""

@@ -19,6 +19,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, TopicMapping, referee_topics
 from madrob_console.messages.message_types import MessageTypes
+from madrob_console.testbeds.ros.abort_service import AbortService
 from madrob_console.testbeds.ros.connection import (
     Connection,
     RosObject,
@@ -26,7 +27,6 @@ from madrob_console.testbeds.ros.connection import (
     load_message_class,
 )
 from madrob_console.testbeds.ros.intake import Intake, arrivals, can_take, qos_profile
-from madrob_console.testbeds.ros.neighbours import Neighbours
 from madrob_console.testbeds.ros.types import prefixes
 from madrob_console.testbeds.ros.watches import (
     DoorParameters,
@@ -35,7 +35,7 @@ from madrob_console.testbeds.ros.watches import (
     console_name,
 )
 from madrob_console.testbeds.ros_domain import domain_id
-from madrob_console.testbeds.source import SILENT, Announcement, Outside, TopicStatus
+from madrob_console.testbeds.source import SILENT, Announcement, BeginAbort, TopicStatus
 from recorder.bag import RawMessage, Topic
 from scoring.protocol import Condition
 
@@ -142,7 +142,7 @@ class RosSource:
         self._mailbox = Mailbox()
         self._connection: Connection | None = None
         self._console: RosObject = None
-        self._neighbours: Neighbours | None = None
+        self._abort_service: AbortService | None = None
         self._publishers: dict[str, RosObject] = {}
         self._door: DoorParameters | None = None
         self._referees: RefereeWatch | None = None
@@ -251,15 +251,15 @@ class RosSource:
         if publisher := self._publishers.get(message.topic):
             publisher.publish(message.data)
 
-    def attend(self, outside: Outside) -> None:
-        if self._connection is not None and self._speaks and self._neighbours is None:
-            self._neighbours = Neighbours(self._console, outside)
+    def offer_abort(self, begin_abort: BeginAbort) -> None:
+        if self._connection is not None and self._speaks and self._abort_service is None:
+            self._abort_service = AbortService(self._console, begin_abort)
 
     def close(self) -> None:
         """Leaves the ROS domain; messages that arrived before can still be taken."""
-        if self._neighbours is not None:
-            self._neighbours.close()
-            self._neighbours = None
+        if self._abort_service is not None:
+            self._abort_service.close()
+            self._abort_service = None
         self._stop.set()
         thread, connection = self._thread, self._connection
         if thread is None or connection is None:

@@ -36,7 +36,7 @@ from madrob_console.messages.message_types import (
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.sensor_model import RANGE_MAX, RANGE_MIN, Reading
 from madrob_console.testbeds.simulated.testbed import RefereeState, SimulatedTestbed, parse_state
-from madrob_console.testbeds.source import Announcement, Outside, TopicStatus
+from madrob_console.testbeds.source import Announcement, BeginAbort, TopicStatus
 from recorder.bag import Durability, Qos, RawMessage, Topic
 from scoring.protocol import SENSORS_PER_STRIP, Condition, Signal, Strip
 
@@ -330,7 +330,7 @@ class SimulatedSource:
             pose = self._types.decode(message.type, message.data).pose
             self.testbed.set_start_distance(abs(pose.position.x))
 
-    def attend(self, outside: Outside) -> None:
+    def offer_abort(self, begin_abort: BeginAbort) -> None:
         """Does nothing: it belongs to its engine."""
 
     def heed(self, state: RefereeState) -> None:

@@ -103,7 +103,6 @@ def test_each_event_and_each_incident_has_the_nearest_frame_of_each_camera(run: 
         assert entry.problem == ""
         assert entry.difference is not None
         assert abs(entry.difference) < 0.05
-        assert entry.clock.startswith("camera clock +0.1")
         with Image.open(run / PICTURES_FOLDER / entry.file) as picture:
             assert picture.format == "JPEG"
             assert picture.size == (entry.width, entry.height) == (160, 120)
@@ -156,11 +155,10 @@ def test_the_page_has_small_pictures_with_words_for_who_cannot_see_them(run: Pat
     assert "What the cameras saw" in page
     pictures = re.findall(r'<img src="data:image/jpeg;base64,[^"]+" alt="([^"]+)"', page)
     assert len(pictures) == len(index_of(run).pictures)
-    assert re.fullmatch(
-        rf"Camera {FRONT} at 0\.00 s, run starts; taken [0-9]+ ms (before|after) it\.", pictures[0]
-    )
+    words = rf"Camera {FRONT} at 0\.00 s, run starts; received [0-9]+ ms (before|after) it\."
+    assert re.fullmatch(words, pictures[0])
     assert re.search(r"[-+][0-9]+ ms</b> <bdi>/camera/front", page)
-    assert "against the testbed&#x27;s" in page
+    assert "The time of a frame is that of its reception" in page
     assert '<a href="#moment-1">run starts</a>' in page
     for target in re.findall(r'href="(pictures/[^"]+)"', page):
         assert (run / target).is_file()

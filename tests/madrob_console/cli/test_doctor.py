@@ -43,7 +43,6 @@ from madrob_console.cli.doctor_ros import (
     look_at_messages,
     overheard,
 )
-from madrob_console.common.names import RemoteService
 from madrob_console.engine.engine_lock import runtime_folder
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.referee.competition_plan import PlanSource
@@ -437,17 +436,14 @@ def test_the_report_ends_with_a_verdict() -> None:
     assert not usable([good, warning, error])
 
 
-@pytest.mark.parametrize(
-    ("services", "severity"), [((), Severity.OK), ((RemoteService.ABORT,), Severity.ERROR)]
-)
-def test_the_type_of_services_may_be_missing_where_none_is_allowed(
-    services: tuple[RemoteService, ...], severity: Severity, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("abort", "severity"), [(False, Severity.OK), (True, Severity.ERROR)])
+def test_the_type_of_the_service_may_be_missing_where_nobody_may_abort(
+    abort: bool, severity: Severity, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
-    found = by_subject(look_at_messages(services))
+    found = by_subject(look_at_messages(abort=abort))
     assert found["std_srvs"].severity is severity
-    assert found["diagnostic_msgs"].severity is Severity.OK
-    assert "ros.services" in found["std_srvs"].text
+    assert "ros.abort" in found["std_srvs"].text
 
 
 HALL = Stream(Kind.JPEG, count=2, rate=20, size=50_000, reliable=True)

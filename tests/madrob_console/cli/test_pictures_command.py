@@ -50,9 +50,7 @@ def test_each_camera_s_frame_at_an_instant_becomes_a_file_that_is_printed(
         if ms:
             side = "_later" if ms > 0 else "_earlier"
         assert path.endswith(f"_{abs(ms)}_ms{side}.jpg")
-        assert re.fullmatch(
-            r"[-+]?\d+ ms; camera clock \+0\.1\d\d s \+- 0\.0\d\d s against the testbed's", told
-        )
+        assert re.fullmatch(r"[-+]?\d+ ms", told)
         with Image.open(path) as picture:
             picture.load()
     assert len(list(output.iterdir())) == 2
@@ -204,9 +202,9 @@ def test_a_depth_camera_is_shown_with_its_distances_as_caption(
     add_evidence(bare, frames)
     assert main(["pictures", str(bare), "--at", "5", "--output", str(tmp_path / "frames")]) == 0
     path, _, told = capsys.readouterr().out.partition(": ")
-    assert re.search(r"^[-+]?\d+ ms; depth 0[.]4 to 6[.]1 m; camera clock ", told)
+    assert re.search(r"^[-+]?\d+ ms; depth 0[.]4 to 6[.]1 m$", told.strip())
     with Image.open(path) as picture:
         assert (picture.mode, picture.size) == ("L", (64, 48))
     assert main(["report", str(bare)]) == 0
     page = (bare / "report.html").read_text()
-    assert page.count("<small>depth 0.4 to 6.1 m; camera clock ") == page.count("<img ") > 0
+    assert page.count("<small>depth 0.4 to 6.1 m</small>") == page.count("<img ") > 0

@@ -18,7 +18,7 @@ from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from madrob_console.testbeds.source import Announcement, Outside, TopicStatus
+from madrob_console.testbeds.source import Announcement, BeginAbort, TopicStatus
 from recorder.bag import RawMessage, Topic
 from recorder.reader import read_bag
 from scoring.protocol import Condition
@@ -121,8 +121,8 @@ class FaultySource:
     def announcement(self) -> Announcement:
         return replace(self._source.announcement, simulated_time=self.simulated_time)
 
-    def attend(self, outside: Outside) -> None:
-        self._source.attend(outside)
+    def offer_abort(self, begin_abort: BeginAbort) -> None:
+        self._source.offer_abort(begin_abort)
 
     @property
     def other_referee(self) -> str | None:

@@ -26,8 +26,6 @@ from madrob_console.engine.engine_thread import LocalEngine
 from madrob_console.engine.reports import Reporting
 from madrob_console.engine.requests import ExportTeam, OpenRun, Role
 from madrob_console.engine.server_socket import AGAIN, FallenThreads, LogOnce
-from madrob_console.engine.service import diagnoses
-from madrob_console.engine.snapshot import Pulse, Snapshot
 from madrob_console.pages.page import report_html
 from madrob_console.pages.surroundings import Surroundings
 from madrob_console.referee.acts import (
@@ -45,12 +43,10 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.checks import blocking
 from madrob_console.referee.records import TeamWord
 from madrob_console.testbeds.simulated import Scenario
-from madrob_console.testbeds.source import Diagnosis, Level
 from madrob_console.ui.keys.key_table import KEYS
 from scoring.protocol import Step
 from tests.madrob_console.archive.frames import film
 from tests.madrob_console.engine.drive import Drive, OfficialDrive, make_setup
-from tests.madrob_console.engine.faulty_source import FaultyDrive
 from tests.madrob_console.engine.served import Served, simulated
 from tests.madrob_console.engine_process import EngineProcess
 from tests.madrob_console.pages.competition_runs import put_recorded
@@ -404,67 +400,6 @@ def test_an_engine_makes_reports_when_no_run_goes_on_even_as_its_last_deed(tmp_p
     assert cut_off.exists()
     assert all("</html>" in path.read_text() for path in tmp_path.rglob("report.html"))
     assert not [p for p in tmp_path.rglob(".*") if p.parent != tmp_path]
-
-
-DOOR = "/madrob/door/angle"
-
-
-def told(snapshot: Snapshot) -> dict[str, Diagnosis]:
-    return {diagnosis.name: diagnosis for diagnosis in diagnoses(snapshot, 50.0)}
-
-
-@pytest.fixture
-def snapshot(tmp_path: Path) -> Snapshot:
-    """Of a healthy testbed."""
-    drive = Drive(tmp_path)
-    drive.wait(3.0)
-    snapshot = drive.engine.snapshot()
-    drive.engine.close()
-    return snapshot
-
-
-def test_where_all_is_well_everything_is_ok_and_has_its_numbers(snapshot: Snapshot) -> None:
-    heard = told(snapshot)
-    assert {diagnosis.level for diagnosis in heard.values()} == {Level.OK}
-    assert heard["engine"].message == heard["engine"].values["phase"] == "idle"
-    assert heard["recorder"].message == "closed"
-    assert heard["disk"].message.endswith("needed")  # the pre-start check's words
-    door = heard[DOOR]
-    assert door.message == "fresh"
-    assert float(door.values["rate, Hz"]) == pytest.approx(50, abs=1)
-    assert door.values["expected, Hz"] == "50"
-    assert heard["/madrob/door/locked"].message == "never seen (optional)"
-
-
-def test_a_topic_that_falls_silent_is_stale_in_the_words_of_the_screens(tmp_path: Path) -> None:
-    drive = FaultyDrive(tmp_path)
-    drive.wait(3.0)
-    drive.faulty.replace_data(DOOR, [])
-    drive.wait(3.0)
-    snapshot = drive.engine.snapshot()
-    heard = told(snapshot)
-    view = next(view for view in snapshot.topics if view.topic == DOOR)
-    assert (heard[DOOR].level, heard[DOOR].message) == (Level.STALE, view.problem)
-    assert heard["engine"].level is Level.OK  # what the topic says is not said again
-    drive.engine.close()
-
-
-def test_what_is_wrong_with_engine_recorder_and_disk_is_an_error_of_its_own(
-    snapshot: Snapshot,
-) -> None:
-    recorder = replace(snapshot.recorder, state="failed", dropped=3, queued=77)
-    faults = ("recorder: disk full", "recorder: 3 messages dropped", "another referee: ada")
-    snapshot = replace(snapshot, recorder=recorder, faults=faults, pulse=Pulse(disk=4))
-    heard = told(snapshot)
-    assert heard["recorder"].level is Level.ERROR
-    assert heard["recorder"].message == "disk full; 3 messages dropped"
-    assert heard["recorder"].values["queue, bytes"] == "77"
-    assert (heard["disk"].level, heard["disk"].message) == (Level.ERROR, "silent for 4 s")
-    assert (heard["engine"].level, heard["engine"].message) == (Level.WARN, "another referee: ada")
-    hung = told(replace(snapshot, pulse=Pulse(core=3)))["engine"]
-    assert hung.level is Level.ERROR
-    assert hung.message == "the engine has not moved for 3 s: what you see is old"
-    assert hung.values["core silent, s"] == "3"
 
 
 NO_HANDLES = OSError(24, "Too many open files")

@@ -1,4 +1,4 @@
-"""Other programs of a ROS domain: what they may call, what they hear, how they name things."""
+"""Other programs of a ROS domain: how they abort a run, and how they name things."""
 
 from __future__ import annotations
 
@@ -10,31 +10,29 @@ import pytest
 
 from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.names import RemoteService
-from madrob_console.config import Settings
 from madrob_console.engine.core import Engine
 from madrob_console.engine.disk import DiskThreads, InlineDisk
 from madrob_console.engine.engine_config import EngineConfig
 from madrob_console.engine.engine_thread import LocalEngine
 from madrob_console.engine.requests import Perform
-from madrob_console.engine.service import Attendant
+from madrob_console.engine.service import begin_abort_over_ros
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, REFEREE_STATE_TOPIC
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import SetUp, Start, Waive
 from madrob_console.referee.checks import blocking
-from madrob_console.referee.journal import Origin, read_journal
+from madrob_console.referee.journal import Entry, Origin, read_journal
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.ros import RosSource
+from madrob_console.testbeds.ros.abort_service import DEPTH
 from madrob_console.testbeds.ros.connection import RosObject, load_module
-from madrob_console.testbeds.ros.neighbours import TOO_MANY
+from madrob_console.testbeds.source import CallAnswer, LookForAnswer
 from scoring.protocol import Outcome
 from tests.madrob_console import said
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.held_disk import HeldDisk
-from tests.madrob_console.ros_peer import BOOL, KEPT, Peer, Taker, latch, source, truth
+from tests.madrob_console.ros_peer import BOOL, KEPT, Peer, Taker, latch, truth
 from tests.watching import until
 
-START, ABORT, TIMEOUT = RemoteService
 GUIDE = Path(__file__).parents[4] / "madrob_console" / "guide" / "robots.md"
 BUSY = 2.0
 """s more than the promised 0.2 s that a call may take beside other programs."""
@@ -50,9 +48,12 @@ class Hall:
         config = EngineConfig(results, DEFAULT_MAPPINGS, disk_needed=0)
         keepers = DiskThreads(self.disk, InlineDisk(), monotonic=time.monotonic)
         self.engine = LocalEngine(Engine(self.source, clock, config, types, keepers=keepers))
-        self.source.attend(Attendant(self.engine, tuple(RemoteService), 50.0))
-        self._clients: dict[RemoteService, RosObject] = {}
+        self.source.offer_abort(self.begin_abort)
+        self._client: RosObject = None
         self._number = 0
+
+    def begin_abort(self) -> LookForAnswer:
+        return begin_abort_over_ros(self.engine)
 
     @property
     def phase(self) -> Phase:
@@ -67,20 +68,28 @@ class Hall:
         while blocks := blocking(self.engine.snapshot().checks):
             assert self.engine.send_request(Perform.of(Waive(blocks[0].name, "no testbed"))) is None
 
-    def call(self, service: RemoteService) -> RosObject:
-        """A call, and the answer to come."""
-        if service not in self._clients:
-            trigger = load_module("std_srvs.srv").Trigger
-            name = f"{self.source._console.get_fully_qualified_name()}/{service}"
-            client = self._clients[service] = self.peer.own.create_client(trigger, name)
-            self.peer.until(client.service_is_ready)
-        client = self._clients[service]
-        return client.call_async(client.srv_type.Request())
+    def start(self) -> None:
+        self.make_ready()
+        assert self.engine.send_request(Perform.of(Start())) is None
+        until(lambda: self.phase is Phase.RUNNING)
 
-    def answer(self, service: RemoteService) -> tuple[bool, str]:
-        answer = self.call(service)
+    def call(self) -> RosObject:
+        """A call, and the answer to come."""
+        if self._client is None:
+            trigger = load_module("std_srvs.srv").Trigger
+            name = f"{self.source._console.get_fully_qualified_name()}/abort"
+            self._client = self.peer.own.create_client(trigger, name)
+            self.peer.until(self._client.service_is_ready)
+        return self._client.call_async(self._client.srv_type.Request())
+
+    def answer(self) -> tuple[bool, str]:
+        answer = self.call()
         self.peer.until(answer.done)
         return answer.result().success, answer.result().message
+
+    def remote_lines(self) -> list[Entry]:
+        lines, _ = read_journal(Path(self.engine.snapshot().folder or "") / "journal.jsonl")
+        return [line for line in lines if line.origin is Origin.REMOTE]
 
     def close(self) -> None:
         self.disk.come_back()
@@ -99,102 +108,53 @@ def hall(tmp_path: Path, peer: Peer) -> Iterator[Hall]:
 def test_a_call_has_the_checks_and_words_of_the_key_and_its_own_origin_in_the_journal(
     hall: Hall,
 ) -> None:
-    for service in (START, ABORT):
-        assert hall.answer(service) == (False, f"Refused: {service}: no run is set up yet")
-    hall.make_ready()
-    assert hall.answer(START) == (True, "Done: start")
-    until(lambda: hall.phase is Phase.RUNNING)
-    assert hall.answer(START) == (False, "Refused: start: a run is going on")
-    assert hall.answer(TIMEOUT) == (True, "Done: declare timeout")
+    assert hall.answer() == (False, "Refused: abort: no run is set up yet")
+    hall.start()
+    assert hall.answer() == (True, "Done: abort")
     until(lambda: hall.phase is Phase.STOPPED)
-    assert hall.answer(ABORT) == (
-        False,
-        "Refused: abort: the run has stopped: void it instead",
-    )
-    snapshot = hall.engine.snapshot()
-    assert snapshot.run.outcome is Outcome.TIMEOUT
-    assert snapshot.run.outcome_reason == "called over ROS"
-    lines, _ = read_journal(Path(snapshot.folder or "") / "journal.jsonl")
-    called = [line for line in lines if line.origin is Origin.REMOTE]
-    assert [(line.what, line.referee) for line in called] == [
-        ("start", ""),
-        ("declare timeout", ""),
-    ]
-    assert called[0].id
+    assert hall.answer() == (False, "Refused: abort: the run has stopped")
+    run = hall.engine.snapshot().run
+    assert (run.outcome, run.outcome_reason) == (Outcome.ABORTED, "called over ROS")
+    assert [(line.what, line.referee) for line in hall.remote_lines()] == [("abort", "")]
 
 
-def test_an_abort_is_done_at_once_in_a_flood_of_calls_which_is_refused_in_words(
-    hall: Hall,
-) -> None:
-    hall.make_ready()
-    assert hall.engine.send_request(Perform.of(Start())) is None
-    until(lambda: hall.phase is Phase.RUNNING)
-    assert not hall.answer(START)[0]
-    flood = [hall.call(START) for _ in range(150)]
+def test_a_flood_of_calls_aborts_at_once_and_is_answered(hall: Hall) -> None:
+    hall.start()
     called = time.monotonic()
-    abort = hall.call(ABORT)
+    flood = [hall.call() for _ in range(150)]
     until(lambda: hall.phase is Phase.STOPPED)
     took = time.monotonic() - called
-    hall.peer.until(abort.done)
-    assert abort.result().success
     assert took < 0.2 + BUSY
-    hall.peer.until(lambda: any(a.done() and a.result().message == TOO_MANY for a in flood))
-    assert not any(answer.result().success for answer in flood if answer.done())
+    hall.peer.until(lambda: any(answer.done() for answer in flood))
+    assert hall.answer() == (False, "Refused: abort: the run has stopped")
+    assert len(hall.remote_lines()) == 1
     assert hall.engine.snapshot().pulse.core == 0
     print(f"stopped {took:.3f} s after the call")
 
 
-def test_a_start_that_the_disk_does_not_answer_holds_up_neither_diagnostics_nor_an_abort(
+def test_no_flood_of_refusals_takes_the_place_of_the_answer_to_an_abort_that_was_done(
     hall: Hall,
 ) -> None:
-    heard = hall.peer.listen("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+    service = hall.source._abort_service
+    assert service is not None
+    service.close()  # so that no reply is sent
+    for done, calls in ((False, 3 * DEPTH), (True, 1), (False, DEPTH)):
+        service._callers = [f"{done}"] * calls
+        service._answer(CallAnswer(success=done, message=""))
+    assert [caller for caller, _ in service._replies] == ["True", *["False"] * DEPTH]
+
+
+def test_a_start_that_the_disk_does_not_answer_holds_up_no_abort(hall: Hall) -> None:
     hall.make_ready()
     hall.disk.held = True
-    start = hall.call(START)
-    hall.peer.until(lambda: hall.engine._engine.writing)
-    before = len(heard)
-    hall.peer.until(lambda: len(heard) > before)
+    start = hall.engine.begin_request(Perform.of(Start()))
+    until(lambda: hall.engine._engine.writing)
     assert not start.done()
-    assert hall.answer(ABORT) == (True, "Done: abort")
-    hall.peer.until(start.done)
-    assert start.result().message == (
-        "Refused: start: aborted before the countdown began: called over ROS: it is withdrawn"
-    )
-    assert hall.answer(START) == (
-        False,
-        "Refused: start: the disk did not take it within 2 s: it is withdrawn",
+    assert hall.answer() == (True, "Done: abort")
+    assert start.result(BUSY) == (
+        "aborted before the countdown began: called over ROS: it is withdrawn"
     )
     assert hall.phase is Phase.READY
-
-
-def test_diagnostics_say_each_second_what_the_screens_say(hall: Hall) -> None:
-    heard = hall.peer.listen("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
-    publisher = hall.peer.publisher("/madrob/door/locked", BOOL)
-    hall.peer.until(publisher.get_subscription_count)
-    publisher.publish(truth(True))
-    hall.peer.until(lambda: len(heard) > 1)
-    snapshot = hall.engine.snapshot()
-    told = {status.name: status for status in heard[-1].status}
-    assert set(told) == {
-        "madrob: engine",
-        "madrob: recorder",
-        "madrob: disk",
-        *(f"madrob: {view.topic}" for view in snapshot.topics),
-    }
-    for view in snapshot.topics:
-        status = told[f"madrob: {view.topic}"]
-        assert status.level == (b"\0" if view.optional else b"\2")
-        assert view.optional or status.message == view.problem
-    stamps = [a.header.stamp.sec + a.header.stamp.nanosec / 1e9 for a in heard[:2]]
-    assert 0.5 < stamps[1] - stamps[0] < 1.5 + BUSY
-
-
-@pytest.mark.parametrize("allowed", [Settings().ros.services, (ABORT,)])
-def test_what_is_not_allowed_cannot_be_called(hall: Hall, allowed: tuple[RemoteService]) -> None:
-    with Taker(source()) as other:
-        other.source.attend(Attendant(hall.engine, allowed, 50.0))
-        offered = [s.srv_name for s in other.source._console.services]
-    assert offered == [f"~/{service}" for service in allowed]
 
 
 @pytest.mark.parametrize(("namespace", "called"), [("", "madrob"), ("/hall2", "hall2")])
@@ -204,7 +164,8 @@ def test_a_service_has_the_name_of_the_guide_where_the_node_is_given_one(
     ros_args = ["-r", "__node:=referee", *(["-r", f"__ns:={namespace}"] if namespace else [])]
     named = RosSource((latch(),), MessageTypes(), SystemClock(), ros_args=ros_args)
     with Taker(named):
-        named.attend(Attendant(hall.engine, (ABORT,), 50.0))
+        assert not list(named._console.services)
+        named.offer_abort(hall.begin_abort)
         (service,) = named._console.services
         assert service.service_name == f"/{called}/referee/abort"
     assert f"`/{called}/referee/abort`" in GUIDE.read_text()

@@ -21,11 +21,10 @@ from madrob_console.testbeds.ros import RosSource, evidence_intake
 from madrob_console.testbeds.ros.connection import RosObject, load_message_class, load_module
 from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
 from madrob_console.testbeds.ros.intake import LossCounter, QosSwitch
-from madrob_console.testbeds.ros.neighbours import DEPTH, TOO_MANY, Replies
 from madrob_console.testbeds.ros.ros_source import Mailbox
 from madrob_console.testbeds.ros.types import find_definition, installed_type, prefixes
 from madrob_console.testbeds.ros.watches import console_name, door_parameters, second_referee
-from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, CallAnswer, info_text
+from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, info_text
 from recorder.bag import Durability, RawMessage, Reliability
 from scoring.protocol import BenchmarkType, Condition, Side, StartPose
 from tests.madrob_console import said
@@ -504,38 +503,6 @@ def test_an_answer_without_results_is_no_confirmation(peer: Peer) -> None:
 
 def _plain(value: object) -> object:
     return value if isinstance(value, str | bool) else list(value)  # type: ignore[call-overload]
-
-
-DONE = CallAnswer(success=True, message="Done: abort")
-
-
-def told(replies: Replies) -> list[tuple[object, str]]:
-    """Everything that is owed."""
-    owed = []
-    while (one := replies.take_reply()) is not None:
-        owed.append((one[0], one[1].message))
-    return owed
-
-
-@pytest.mark.pure
-def test_no_flood_of_refusals_takes_the_place_of_the_answer_to_an_abort_that_was_done() -> None:
-    replies = Replies()
-    replies.refuse("first")
-    replies.answer("abort", DONE)
-    for number in range(2 * DEPTH):
-        replies.refuse(number)
-    owed = told(replies)
-    assert owed[0] == ("abort", "Done: abort")
-    assert owed[1:] == [(number, TOO_MANY) for number in range(DEPTH, 2 * DEPTH)]
-
-
-@pytest.mark.pure
-def test_answers_come_in_the_order_in_which_they_were_there() -> None:
-    replies = Replies()
-    for caller in ("one", "two"):
-        replies.answer(caller, DONE)
-    assert replies.answers == 2
-    assert [caller for caller, _ in told(replies)] == ["one", "two"]
 
 
 HEADER = "std_msgs/msg/Header"
