@@ -1,4 +1,4 @@
-"""`madrob publish`: a competition's pages, for a web server, a hall's screen and every phone."""
+"""`madrob publish`: a competition's pages, for a web server and every phone."""
 
 from __future__ import annotations
 
@@ -29,10 +29,9 @@ def add_command(commands: options.Commands) -> None:
         "a competition's pages in a folder: overview, teams, conditions, runs, tables",
         "The pages open from a file and from any web server, run no script and load nothing from "
         "elsewhere. Only what has changed is written, each file whole; only files that this "
-        "command wrote are removed. hall.html is for a screen in the hall: it is loaded again by "
-        "itself. With setting `results.publish` the engine does this after each result. Exit code "
-        f"2 when a run cannot be read (the rest is there), {os.EX_TEMPFAIL} when the disk refuses "
-        "or another writes there.",
+        "command wrote are removed. With setting `results.publish` the engine does this after each "
+        f"result. Exit code 2 when a run cannot be read (the rest is there), {os.EX_TEMPFAIL} when the "
+        "disk refuses or another writes there. A screen in the hall shows `madrob watch --big`.",
         examples=(
             "madrob publish ~/site",
             "madrob publish /var/www/html/doors hall_a hall_b    # one competition in two halls",

@@ -51,7 +51,6 @@ from madrob_console.pages.markup import Markup, link
 from madrob_console.pages.outputs import standings_csv, standings_json
 from madrob_console.pages.shared_sections import date_text
 from madrob_console.pages.site_content import (
-    HALL,
     PLAN,
     SiteContent,
     beside,
@@ -60,7 +59,7 @@ from madrob_console.pages.site_content import (
     result_beside,
     team_place,
 )
-from madrob_console.pages.site_frame import condition_link, hall_page, team_link, ways
+from madrob_console.pages.site_frame import condition_link, team_link, ways
 from madrob_console.pages.site_pages import (
     condition_page,
     overview_page,
@@ -365,9 +364,9 @@ def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
     if content.plan is not None:
         files.append(SiteFile.of(PLAN, plan_page(content, content.plan)))
     written = date_text(content.standings.made)
-    for name, make in ((HALL, hall_page), (INDEX_PAGE, overview_page)):
-        # that it is later now is alone no reason to write it again
-        files.append(SiteFile.of(name, make(content, written), make(content, "")))
+    # that it is later now is alone no reason to write it again
+    pages = overview_page(content, written), overview_page(content, "")
+    files.append(SiteFile.of(INDEX_PAGE, *pages))
     return files, without
 
 

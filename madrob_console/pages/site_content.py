@@ -23,7 +23,7 @@ from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import distinguishable
 
-HALL, PLAN = "hall.html", "plan.html"
+PLAN = "plan.html"
 
 ORDER = (
     "Ordered by capability level first, then completed before failed, then by the execution time "

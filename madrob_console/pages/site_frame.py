@@ -1,15 +1,12 @@
-"""The frame of a site's pages, small multiples, and the hall's screen."""
+"""The frame of a site's pages, and small multiples."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import islice
 
 from madrob_console.archive.folders import INDEX_PAGE
 from madrob_console.archive.history import PROTEST_OPEN, RunSummary, condition_words
-from madrob_console.pages.competition import SIGNS, summary_words
 from madrob_console.pages.markup import (
     NOTHING,
     SKIP,
@@ -17,28 +14,24 @@ from madrob_console.pages.markup import (
     Markup,
     element,
     link,
-    listed,
     page,
     said,
-    section,
     skip_link,
     table,
     themed,
 )
 from madrob_console.pages.shared_sections import NONE, PRACTICE_STANDINGS
 from madrob_console.pages.site_content import (
-    HALL,
     NONE_ALIKE,
     PLAN,
     Alike,
-    BestRuns,
     SiteContent,
     beside,
     condition_place,
     drawable,
     team_place,
 )
-from madrob_console.pages.tally import ALIKE, Overall
+from madrob_console.pages.tally import ALIKE
 from madrob_console.referee.flags import FlagKind, weighty
 from scoring.figures.team_drawings import (
     FAILED,
@@ -303,164 +296,3 @@ def _title(name: IndicatorName) -> Content:
 
 def _unit_and_direction(name: IndicatorName) -> str:
     return f", {unit_text(name.spec.unit)}; {name.spec.better} is better"
-
-
-# The hall's screen: read from some metres away, without scrolling.
-
-
-REFRESH = 15
-"""Least time between reloads of the screen, s."""
-
-_LEAF_TIME = 10
-"""Time of each leaf where not all teams fit, s; all have been shown at a reload."""
-
-_TEAMS, _CONDITIONS = 12, 4  # of a leaf: so many can be read from 6 m
-_LATEST, _LATEST_ALONE, _NEXT = 4, 7, 2
-
-
-@dataclass(frozen=True, slots=True)
-class _Leaf:
-    ruleset: str
-    found: BestRuns
-    teams: Sequence[Overall]
-    conditions: Sequence[int]
-
-    @property
-    def words(self) -> Iterator[str]:
-        everyone, every = [team.subject for team in self.found.teams], self.found.conditions
-        if len(self.teams) < len(everyone):
-            yield f"teams {_part([team.subject for team in self.teams], everyone)}"
-        if len(self.conditions) < len(every):
-            yield f"conditions {_part(self.conditions, every)}"
-        if self.ruleset:
-            yield f"ruleset {self.ruleset}"
-
-
-def _part(some: Sequence[int], every: Sequence[int]) -> str:
-    """Which of them it is, counted from 1: `13-24 of 40`."""
-    first, last = every.index(some[0]) + 1, every.index(some[-1]) + 1
-    return f"{first if first == last else f'{first}-{last}'} of {len(every)}"
-
-
-def hall_page(content: SiteContent, written: str) -> str:
-    """The page of a screen in the hall: it reloads by itself, and its leaves turn."""
-    leaves = list(_leaves(content))
-    lasting = max(REFRESH, _LEAF_TIME * len(leaves) if len(leaves) > 1 else 0)
-    shown = [_leaf(content, leaf, number, len(leaves)) for number, leaf in enumerate(leaves)]
-    parts = (
-        element("div", shown or element("p", "No run counts yet."), class_="leaves"),
-        element("div", _plan(content), section("Latest results", _latest(content))),
-    )
-    return site_page(
-        content,
-        HALL,
-        said(content.standings.title or "Results"),
-        element("div", parts, class_="hall"),
-        title="Hall",
-        head=(
-            element("meta", http_equiv="refresh", content=str(lasting)),
-            element("style", _turning(len(leaves))) if len(leaves) > 1 else NOTHING,
-        ),
-        lines=(f"As of {written}. This page is loaded again every {lasting} s.",),
-    )
-
-
-def _leaves(content: SiteContent) -> Iterator[_Leaf]:
-    groups = content.standings.groups
-    for group in groups:
-        found = BestRuns.of(content, group)
-        for first in range(0, len(found.teams), _TEAMS):
-            for column in range(0, max(1, len(found.conditions)), _CONDITIONS):
-                yield _Leaf(
-                    group.ruleset if len(groups) > 1 else "",
-                    found,
-                    found.teams[first : first + _TEAMS],
-                    found.conditions[column : column + _CONDITIONS],
-                )
-
-
-def _turning(leaves: int) -> Markup:
-    """The style that shows one leaf after the other on a screen, without a script."""
-    return Markup(
-        f"@keyframes leaf {{ 0% {{ visibility: visible }} {100 / leaves:.4f}% "
-        "{ visibility: hidden } }\n"
-        "@media screen and (min-width: 60rem) { .leaf { visibility: hidden; "
-        f"animation: leaf {leaves * _LEAF_TIME}s step-end infinite }} }}\n"
-    )
-
-
-def _leaf(content: SiteContent, leaf: _Leaf, number: int, leaves: int) -> Markup:
-    found = leaf.found
-
-    def row(team: Overall) -> Iterator[Content]:
-        badge = (element("strong", "NOT FINAL"), " ") if team.open_protests else NOTHING
-        yield badge, team_link(content, HALL, team.subject)
-        for condition in leaf.conditions:
-            run = found.of_team[team.subject].get(condition)
-            alike = run and IndicatorName.EXECUTION_TIME in found.alike.get(run.folder, ())
-            yield NONE if run is None else _words(run, ALIKE if alike else "")
-
-    part = ", ".join(leaf.words)
-    heads = (condition_link(content, HALL, condition) for condition in leaf.conditions)
-    caption = (
-        element("b", f"Standings: {part}. " if part else "Standings. "),
-        "Level, and time in s if completed. ",
-        SIGNS.partition(":")[0],
-    )
-    return element(
-        "div",
-        table(("team", *heads), map(row, leaf.teams), class_="runs", caption=caption),
-        class_="leaf",
-        style=f"animation-delay: {number * _LEAF_TIME}s" if leaves > 1 else "",
-    )
-
-
-def _words(run: RunSummary, alike: str = "") -> Iterator[Content]:
-    if run.valid:
-        yield element("b", _number(run, IndicatorName.CAPABILITY_LEVEL)), " "
-    if run.valid and run.outcome is Outcome.COMPLETED:
-        yield _number(run, IndicatorName.EXECUTION_TIME) + alike
-    else:
-        yield element("small", run.outcome_word)
-
-
-def _number(run: RunSummary, name: IndicatorName) -> str:
-    value, known = run.values.get(name), run.uncertainties.get(name)
-    if value is None:
-        return NONE
-    text = f"{value:.2f}" if known is None and not name.spec.counts else value_text(value, known)
-    return text + run.sign(name)
-
-
-def _plan(content: SiteContent) -> Content:
-    plan = content.plan
-    if plan is None or not plan.planned:
-        return NOTHING
-    done = plan.planned - plan.left
-    bar = element(
-        "progress", value=str(done), max=str(plan.planned), aria_label="Attempts of the plan done"
-    )
-    upcoming = [
-        (
-            element("span", team_link(content, HALL, one.task.subject)),
-            condition_link(content, HALL, one.task.condition),
-        )
-        for one in islice(plan.upcoming(), _NEXT)
-    ]
-    following = (element("p", "Next:"), listed(upcoming, "")) if upcoming else NOTHING
-    return section("Plan", element("p", summary_words(plan)), bar, following)
-
-
-def _latest(content: SiteContent) -> Content:
-    planned = content.plan is not None and content.plan.planned
-    entries = [
-        (
-            element("span", team_link(content, HALL, run.subject)),
-            condition_link(content, HALL, run.condition),
-            ": ",
-            *_words(run),
-            element("strong", " NOT FINAL") if run.protest_due is not None else NOTHING,
-        )
-        for run in islice(reversed(content.runs), _LATEST if planned else _LATEST_ALONE)
-    ]
-    return listed(entries, "None yet.")

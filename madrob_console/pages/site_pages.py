@@ -45,7 +45,6 @@ from madrob_console.pages.shared_sections import (
     task_text,
 )
 from madrob_console.pages.site_content import (
-    HALL,
     ORDER,
     PLAN,
     TEAMS_ORDER,
@@ -245,8 +244,7 @@ def _more(content: SiteContent) -> Markup:
         element("li", link(beside(INDEX_PAGE, name), name), f": {words}")
         for name, words in DOWNLOADS.items()
     ]
-    hall = ("The hall's screen, which follows by itself: ", link(HALL, HALL), ".")
-    return section("Downloads", element("ul", tables, class_="columns"), element("p", hall))
+    return section("Downloads", element("ul", tables, class_="columns"))
 
 
 # The page of a condition: all teams beside each other.

@@ -39,13 +39,11 @@ from madrob_console.pages.publish import (
     write_site,
 )
 from madrob_console.pages.site_content import (
-    HALL,
     SiteContent,
     alike_among,
     condition_place,
     team_place,
 )
-from madrob_console.pages.site_frame import REFRESH
 from scoring.protocol import Outcome
 from scoring.result import Uncertainty
 from tests.madrob_console.engine.drive import OfficialDrive, make_setup
@@ -141,39 +139,8 @@ def test_every_page_has_its_landmarks_one_title_and_captions(results: Path) -> N
         assert set(page.found("scope")) <= {"row", "col"}
 
 
-def test_only_the_page_of_the_hall_is_loaded_again_by_itself(results: Path) -> None:
-    again = [
-        page.path.name for page in pages(publish(results)) if "refresh" in page.found("http-equiv")
-    ]
-    assert again == ["hall.html"]
-    assert REFRESH >= 5
-
-
-@pytest.mark.parametrize(("teams", "lasting"), [(12, REFRESH), (30, 60)])
-def test_no_team_and_no_condition_is_left_out_on_the_screen_of_the_hall(
-    tmp_path: Path, teams: int, lasting: int
-) -> None:
-    """They turn where there are more than can be read, and all were there when it is reloaded."""
-    (tmp_path / "plan.csv").write_text("subject,condition,attempts\n1,1,2\n")
-    for subject in range(1, teams + 1):
-        for condition in (1, 2, 3, 4) if teams == 12 else (1, 2, 3, 4, 7):
-            write(tmp_path / "results", of(subject, 1, condition))
-    site = publish(tmp_path / "results")
-    text, page = (site / HALL).read_text(), Page(site / HALL)
-    assert f'content="{lasting}"' in text
-    named = [link for link in page.found("href") if link.startswith("teams/")]
-    assert {f"teams/{n:03d}.html" for n in range(1, teams + 1)} <= set(named)
-    leaves = re.findall('<div class="leaf"', text)
-    if teams == 12:
-        assert len(leaves) == 1
-        assert "@keyframes" not in text
-        return
-    assert len(leaves) * 10 == lasting
-    delays = [int(found) for found in re.findall(r"animation-delay: (\d+)s", text)]
-    assert delays == list(range(0, lasting, 10))
-    assert f"animation: leaf {lasting}s step-end infinite" in text
-    for words in ("teams 1-12 of 30", "teams 25-30 of 30", "conditions 5 of 5"):
-        assert words in text
+def test_no_page_is_loaded_again_by_itself(results: Path) -> None:
+    assert not any("refresh" in page.found("http-equiv") for page in pages(publish(results)))
 
 
 def test_teams_stand_by_level_first_and_no_failed_run_is_on_top(site: Path) -> None:
@@ -439,7 +406,7 @@ def test_a_new_result_touches_its_own_pages_alone(site: Path, results: Path) -> 
     publish(results)
     after = stamps(site)
     changed = {name for name in after if after[name] != before.get(name)}
-    assert {"index.html", "hall.html", "teams/002.html", "conditions/07.html"} <= changed
+    assert {"index.html", "teams/002.html", "conditions/07.html"} <= changed
     assert not {"teams/001.html", "teams/003.html", "conditions/12.html"} & changed
     runs = {name for name in changed if name.startswith("runs/")}
     assert all(name.startswith("runs/subject_002_") for name in runs)
@@ -483,9 +450,9 @@ def put(folder: Path, files: list[SiteFile]) -> Written:
 
 def test_a_file_of_somebody_else_is_not_overwritten(tmp_path: Path) -> None:
     put(tmp_path / "site", [page("index.html", "old")])
-    (tmp_path / "site/hall.html").write_text("mine")
+    (tmp_path / "site/plan.html").write_text("mine")
     with pytest.raises(SiteRefusedError, match="move it away"):
-        put(tmp_path / "site", [page("index.html", "new"), page("hall.html", "new")])
+        put(tmp_path / "site", [page("index.html", "new"), page("plan.html", "new")])
     assert (tmp_path / "site/index.html").read_text() == "old"
 
 
