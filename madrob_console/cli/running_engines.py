@@ -10,7 +10,9 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib import resources
 from pathlib import Path
+from string import Template
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
@@ -273,12 +275,6 @@ def _console_options(arguments: argparse.Namespace, owned: Owned) -> tuple[str, 
 # `madrob engine unit`: the systemd service of an engine.
 
 
-WATCHDOG = 15
-"""Timeout after which the service manager restarts an engine whose core hangs, s."""
-
-ENDING = 120
-"""Time for a stopped engine to close its recording and write the result, s."""
-
 _ROS_ENVIRONMENT = (
     *("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "ROS_DISTRO", "ROS_VERSION"),
     *("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY"),
@@ -293,87 +289,44 @@ def print_unit(arguments: argparse.Namespace) -> int:
     owned = owned_testbed(arguments, settings)
     if owned.kind is SourceKind.REPLAY:
         raise MadrobError("a replay needs no service: use --testbed ros or simulated")
-    print("\n".join(unit_lines(arguments, settings, owned, os.environ)))
+    print(_unit(arguments, settings, owned, os.environ), end="")
     return 0
 
 
-def unit_lines(
+def _unit(
     arguments: argparse.Namespace, settings: Settings, owned: Owned, environment: Mapping[str, str]
-) -> Iterator[str]:
-    name = f"madrob-{owned.stem.replace('_', '-')}"
+) -> str:
+    """`engine.service`, filled in."""
     testbed = _testbed(arguments, settings, owned)
-    madrob = command_line()
-    yield from _head(name, arguments, system=arguments.system)
-    yield "[Unit]"
-    yield f"Description=MADROB referee engine, {owned.words}"
-    if arguments.system:
-        yield "Wants=network-online.target"
-        yield "After=network-online.target"
-    yield "StartLimitIntervalSec=0"
-    yield ""
-    yield "[Service]"
-    if arguments.system:
-        yield f"User={getpass.getuser()}"
-    yield "Type=notify"
     idle = "inf" if arguments.idle_time is None else f"{arguments.idle_time:g}"
     teams = options.team_source(arguments, settings).file if arguments.teams else None
     listed = [] if teams is None else [f"--teams={teams}"]
     plan = options.plan_source(arguments, settings).file if arguments.plan else None
     listed += [] if plan is None else [f"--plan={plan}"]
-    serve = [
-        *madrob,
-        "engine",
-        "serve",
-        *testbed,
-        *listed,
-        f"--idle-time={idle}",
-        *ros_words(arguments),
-    ]
-    yield f"ExecStart={_quoted(serve)}"
-    yield f"ExecStop={_quoted([*madrob, 'engine', 'stop', '--force', *testbed])}"
-    yield "Restart=on-failure"
-    yield "RestartSec=2"
-    yield f"RestartPreventExitStatus={BAD_INPUT}"
-    yield f"WatchdogSec={WATCHDOG}"
-    yield f"TimeoutStopSec={ENDING}"
-    yield "KillMode=mixed"
-    yield "OOMPolicy=continue"
-    yield f"RuntimeDirectory={name}"
-    yield "RuntimeDirectoryMode=0700"
-    yield f"Environment=XDG_RUNTIME_DIR=%t/{name}"
-    if owned.kind is SourceKind.ROS:
-        for variable, value in _ros_environment(environment):
-            yield f"Environment={_quoted([f'{variable}={value}'])}"
-    yield ""
-    yield "[Install]"
-    yield f"WantedBy={'multi-user' if arguments.system else 'default'}.target"
+    options_of_serve = [*testbed, *listed, f"--idle-time={idle}", *ros_words(arguments)]
+    madrob, system = _command_line(), arguments.system
+    ros = _ros_environment(environment) if owned.kind is SourceKind.ROS else ()
+    template = resources.files("madrob_console") / "cli" / "engine.service"
+    return Template(template.read_text(encoding="utf-8")).substitute(
+        name=f"madrob-{owned.stem.replace('_', '-')}",
+        testbed=owned.words,
+        network="Wants=network-online.target\nAfter=network-online.target" if system else "",
+        user=f"User={getpass.getuser()}" if system else "",
+        serve=_quoted([*madrob, "engine", "serve", *options_of_serve]),
+        stop=_quoted([*madrob, "engine", "stop", "--force", *testbed]),
+        ros="\n".join(f"Environment={_quoted([f'{name}={value}'])}" for name, value in ros),
+        target="multi-user" if system else "default",
+        taken=TAKEN,
+        bad_input=BAD_INPUT,
+    )
 
 
-def command_line() -> list[str]:
+def _command_line() -> list[str]:
     """This `madrob`, with its absolute path."""
     script = Path(sys.executable).with_name("madrob")
     if script.is_file():
         return [str(script)]
     return [sys.executable, "-P", "-m", "madrob_console.cli.main"]
-
-
-def _head(name: str, arguments: argparse.Namespace, *, system: bool) -> Iterator[str]:
-    words = [word for word in sys.argv[1:] if word != "--system"]
-    again = shlex.join(["madrob", *words]) if words[:1] == ["engine"] else "madrob engine unit"
-    if system:
-        yield "# As root, once; the engine is that of its user, whose consoles find it:"
-        yield f"#   {again} --system | sudo tee /etc/systemd/system/{name}.service"
-        yield f"#   sudo systemctl daemon-reload && sudo systemctl enable --now {name}"
-        yield f"#   journalctl -u {name} -f"
-    else:
-        yield "# As its user, once; with lingering it runs without a login, from boot on:"
-        yield "#   mkdir -p ~/.config/systemd/user"
-        yield f"#   {again} > ~/.config/systemd/user/{name}.service"
-        yield f"#   systemctl --user daemon-reload && systemctl --user enable --now {name}"
-        yield "#   loginctl enable-linger"
-        yield f"#   journalctl --user -u {name} -f"
-    yield f"# Exit code {TAKEN}: the engine of a console has the testbed; this one follows it."
-    yield ""
 
 
 def _ros_environment(environment: Mapping[str, str]) -> Iterator[tuple[str, str]]:

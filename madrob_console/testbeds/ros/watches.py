@@ -42,7 +42,7 @@ from scoring.protocol import Condition, Side
 from scoring.rest import braking_table, door_controller_mode
 
 _OURS = re.compile(r"console_(?P<host>\w+)_(?P<pid>\d+)_(?P<machine>[0-9a-f]{6})", re.ASCII)
-NAMELESS = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_", "")
+_NAMELESS = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_", "")
 
 _REMEDY = "end it, or use another ROS domain"
 
@@ -117,7 +117,7 @@ def _is_gone(name: str) -> bool:
 
 
 def _in_words(namespace: str, name: str) -> str:
-    if name in NAMELESS:
+    if name in _NAMELESS:
         return "a program that has not told its name"  # yet: names come after publishers
     full = terminal_safe(f"{namespace.rstrip('/')}/{name}")[:100]
     found = _OURS.fullmatch(name)

@@ -72,6 +72,18 @@ sys.exit(main(["testbed", "--scenario", "nominal"]))
 """
 
 
+@pytest.mark.parametrize(
+    ("settings", "offered"), [("", []), ("[ros]\nabort = true\n", ["std_srvs/srv/Trigger"])]
+)
+def test_an_engine_offers_an_abort_only_where_the_settings_allow_it(
+    settings: str, offered: list[str], peer: Peer, tmp_path: Path
+) -> None:
+    with EngineProcess(tmp_path / "results", None, settings=settings):
+        peer.until(lambda: peer.own.get_publishers_info_by_topic(REFEREE_STATE_TOPIC))
+        found = dict(peer.own.get_service_names_and_types())
+    assert [types for name, (types,) in found.items() if name.endswith("/abort")] == offered
+
+
 @pytest.mark.slow
 def test_a_run_over_dds_is_completed_recorded_whole_and_scored_the_same_again(
     ros_domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
