@@ -482,7 +482,7 @@ def test_what_a_package_index_shows_has_the_screen_and_needs_no_file_of_ours() -
         text += piece.partition(part["end-before"])[0] if "end-before" in part else piece
     for change in shown["substitutions"]:
         text = re.sub(change["pattern"], change["replacement"], text)
-    assert "F5START" in fenced(text, "text")[0]
+    assert "F8 ABORT" in fenced(text, "text")[0]
     assert [match["target"] for match in _LINK.finditer(text) if "://" not in match["target"]] == []
 
 

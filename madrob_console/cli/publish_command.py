@@ -31,7 +31,7 @@ def add_command(commands: options.Commands) -> None:
         "elsewhere. Only what has changed is written, each file whole; only files that this "
         "command wrote are removed. With setting `results.publish` the engine does this after each "
         f"result. Exit code 2 when a run cannot be read (the rest is there), {os.EX_TEMPFAIL} when "
-        "the disk refuses or another writes there. A screen in the hall shows `madrob watch --big`.",
+        "the disk refuses or another writes there. A screen in a hall shows `madrob watch --big`.",
         examples=(
             "madrob publish ~/site",
             "madrob publish /var/www/html/doors hall_a hall_b    # one competition in two halls",

@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 PERIOD = 0.25
 """Between two looks at the state, s."""
 
-Lines = Callable[["Snapshot | None", "Snapshot"], Iterator[str]]
+StateLines = Callable[["Snapshot | None", "Snapshot"], Iterator[str]]
 """The lines for a state and the one before, which is None at first."""
 
 
-def follow_engine(open_client: Callable[[], EngineClient], lines: Lines) -> int:
+def follow_engine(open_client: Callable[[], EngineClient], lines: StateLines) -> int:
     """Print a run's lines, and those of the next engine when this one has ended, until Ctrl+C.
 
     Raises:
@@ -149,8 +149,8 @@ def _phase_event(before: Snapshot, now: Snapshot) -> Iterator[tuple[float, str]]
             condition = setup.condition
             task = f"{condition.number}: {condition.way}, {condition.benchmark_type}"
             yield now.time, f"{who} is set up in condition {task}"
-        case Phase.COUNTDOWN if start is not None:
-            yield now.time, f"the countdown of {who} begins: {start - now.time:.0f} s"
+        case Phase.COUNTDOWN if setup is not None:
+            yield now.time, f"the countdown of {who} begins: {setup.countdown:g} s"
         case Phase.RUNNING if start is not None:
             yield start, f"{who} starts"
         case Phase.STOPPED if before.run.active:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from scoring.result import Result
 
 
-class RefereeState(msgspec.Struct, frozen=True, kw_only=True):
+class PublishedState(msgspec.Struct, frozen=True, kw_only=True):
     """Where the run stands, as `/madrob/referee/state` has it.
 
     Attributes:
@@ -56,10 +56,10 @@ class RefereeState(msgspec.Struct, frozen=True, kw_only=True):
     void: bool
 
     @classmethod
-    def of(cls, run: Run) -> RefereeState:
+    def of(cls, run: Run) -> PublishedState:
         setup = run.setup
         condition = setup.condition if setup else None
-        return RefereeState(
+        return PublishedState(
             phase=run.phase,
             subject=setup.subject if setup else None,
             team=setup.team if setup else None,
@@ -146,7 +146,7 @@ class PublicResult(msgspec.Struct, frozen=True):
         )
 
 
-class SpectatorState(RefereeState, frozen=True, kw_only=True):
+class SpectatorState(PublishedState, frozen=True, kw_only=True):
     """A line of `madrob watch --json`.
 
     Attributes:
@@ -175,7 +175,7 @@ class SpectatorState(RefereeState, frozen=True, kw_only=True):
     def of_snapshot(cls, snapshot: Snapshot) -> SpectatorState:
         run, result = snapshot.run, snapshot.result
         return cls(
-            **msgspec.structs.asdict(RefereeState.of(run)),
+            **msgspec.structs.asdict(PublishedState.of(run)),
             time=snapshot.time,
             engine=EngineState.of(snapshot.pulse),
             source=snapshot.label,
@@ -203,7 +203,7 @@ def _rounded(duration: float | None) -> float | None:
 
 def state_schema() -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of a line of `madrob watch --json`."""
-    root, parts = described_schema(SpectatorState, SpectatorState, RefereeState)
+    root, parts = described_schema(SpectatorState, SpectatorState, PublishedState)
     schema = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": "urn:madrob:state:1",

@@ -17,7 +17,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.engine.evidence_client import EvidenceClient, EvidencePlace
 from madrob_console.engine.journal_writer import JournalKeeper, OpenJournal, Promise, Recording
-from madrob_console.engine.public_state import RefereeState
+from madrob_console.engine.public_state import PublishedState
 from madrob_console.engine.replay import EngineContext
 from madrob_console.engine.snapshot import LogLine, RecorderView, Weight
 from madrob_console.messages.codec import (
@@ -169,7 +169,7 @@ class EventPublisher:
 
     def announce_state(self, run: Run) -> None:
         """Tell robot and testbed the state of the run (`/madrob/referee/state`)."""
-        self._say(REFEREE_STATE_TOPIC, encode_text(self._types, RefereeState.of(run).text))
+        self._say(REFEREE_STATE_TOPIC, encode_text(self._types, PublishedState.of(run).text))
 
     def announce_start_pose(self, pose: StartPose) -> None:
         """Tell the robot where it starts (`/madrob/referee/start_pose`)."""

@@ -190,7 +190,7 @@ MENU = (
         acts.FileProtest.name, acts.FileProtest.ask_questions, where=_RESULTS,
     ),
     Key(
-        "reissue", "", "u", "Re-issue", "open a final result again; the old issue stays",
+        "reissue", "", "u", "Re-issue", "change a final result; the old issue stays",
         acts.Reissue.name, acts.Reissue.ask_questions, where=_RESULTS,
     ),
     Key(

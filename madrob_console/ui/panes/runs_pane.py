@@ -267,7 +267,7 @@ _CLOSING_TONES = {
 _OUTCOME = 13
 """Cells of the outcome with its signs; `completed *!!` has so many."""
 
-LEGEND = "!! decide  ! scored otherwise  P protest  * unsigned"
+LEGEND = "!! decide  ! scored otherwise  P protest  * not final"
 
 
 def columns(name: Callable[[RunSummary], str] = attrgetter("team")) -> list[Column[RunSummary]]:

@@ -44,7 +44,7 @@ _WIDTH = 9
 """Cells of an indicator with its signs."""
 
 
-class View(StrEnum):
+class StandingsView(StrEnum):
     """The best run of each team, or one of the statistics of `statistics_of`."""
 
     BEST = "best runs"
@@ -69,7 +69,7 @@ class Tables:
     notes: Sequence[str] = ()
 
 
-class StandingsPane(RunsPane[Tables, Standing, View]):
+class StandingsPane(RunsPane[Tables, Standing, StandingsView]):
     """Official runs, or practice runs where there are no others.
 
     `best` runs of a team in a condition enter its statistics; 0 = all. Only runs of `competition`
@@ -83,7 +83,7 @@ class StandingsPane(RunsPane[Tables, Standing, View]):
         self._competition = competition
         self._signs = 0
         table = Table([number_column("cond", "condition", _condition, 5)], _key, fixed=3)
-        super().__init__(load, table, Tables(), View.BEST, "standings")
+        super().__init__(load, table, Tables(), StandingsView.BEST, "standings")
 
     @property
     def official(self) -> bool:
@@ -118,7 +118,7 @@ class StandingsPane(RunsPane[Tables, Standing, View]):
         return about(row), Tone.WARN if row.open_protests else Tone.DIM
 
     def show_rows(self, *, from_top: bool = True) -> None:
-        tables, by_best = self.content, self.view is View.BEST
+        tables, by_best = self.content, self.view is StandingsView.BEST
         rows = tables.best if by_best else tables.details()
         signs = (self._signs_of(row, name) for row in rows for name in IndicatorName)
         self._signs = max(map(len, signs), default=0)
@@ -134,7 +134,7 @@ class StandingsPane(RunsPane[Tables, Standing, View]):
         self.say(f"{BY_BEST if by_best else over}{notes}", tone)
 
     def _columns(self) -> list[Column[Standing]]:
-        by_best = self.view is View.BEST
+        by_best = self.view is StandingsView.BEST
         names = [*IndicatorName]
         counted: list[Column[Standing]] = [
             number_column("compl", "completed runs", lambda s: s.completed, 6),
@@ -160,7 +160,7 @@ class StandingsPane(RunsPane[Tables, Standing, View]):
         ]
 
     def _indicator(self, name: IndicatorName) -> Column[Standing]:
-        by_best = self.view is View.BEST
+        by_best = self.view is StandingsView.BEST
 
         def cell(one: Standing) -> Span:
             aggregate, signs = one.aggregates.get(name), self._signs_of(one, name)
@@ -170,7 +170,7 @@ class StandingsPane(RunsPane[Tables, Standing, View]):
             return Span(f"{text}{signs:<{self._signs}}", tone)
 
         def value(one: Standing) -> float | None:
-            view = View.MEAN if by_best else self.view
+            view = StandingsView.MEAN if by_best else self.view
             return statistics_of(one.aggregates.get(name), name).get(view)
 
         title, meaning = name.spec.column, f"{name.words} ({name.spec.unit})"
@@ -178,7 +178,7 @@ class StandingsPane(RunsPane[Tables, Standing, View]):
         return Column(title, meaning, cell, value, _WIDTH, right=True, falling=falling)
 
     def _signs_of(self, one: Standing, name: IndicatorName) -> str:
-        return one.signs(name, of_mean=self.view in (View.BEST, View.MEAN))
+        return one.signs(name, of_mean=self.view in (StandingsView.BEST, StandingsView.MEAN))
 
 
 def _condition(standing: Standing) -> int:

@@ -223,7 +223,7 @@ def test_standings_plan_and_export_take_several_folders(
         next(Path("a").glob(f"{SAME_NAME}*")), Path("b") / f"{SAME_NAME}_20200101_000000"
     )
     every = ["a", "merged", "b"]
-    assert main(["standings", *every]) == 0
+    assert main(["standings", "--details", *every]) == 0
     said = capsys.readouterr().out
     assert "3 Team 3: 4 completed; on Hall A, Hall B" in said
     assert "TWICE: " in said

@@ -19,7 +19,7 @@ import pytest
 
 from madrob_console.cli.main import main
 from madrob_console.cli.spectator_lines import json_lines, plain_lines
-from madrob_console.engine.public_state import RefereeState, SpectatorState, state_schema
+from madrob_console.engine.public_state import PublishedState, SpectatorState, state_schema
 from madrob_console.engine.snapshot import Pulse, Snapshot
 from madrob_console.referee.acts import (
     Abort,
@@ -306,7 +306,7 @@ def test_the_guide_has_the_keys_of_the_state(told: Told) -> None:
     named = re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE)
     told.drive.whole_run(make_setup())
     state = json.loads(SpectatorState.of_snapshot(told.drive.engine.snapshot()).text)
-    robots = json.loads(RefereeState.of(told.drive.engine.run).text)
+    robots = json.loads(PublishedState.of(told.drive.engine.run).text)
     assert [*robots, *named] == [*state, *state["result"]]
     for key in state["steps"][0]:
         assert f"`{key}`" in text

@@ -309,7 +309,7 @@ def test_a_start_is_judged_again_when_it_would_take_effect(
     hall.submit(Start())
     hall.pass_time(STEP)
     assert hall.told[0] is not None
-    assert hall.told[0].startswith("topics: ")
+    assert "messages/s missing: it is withdrawn" in hall.told[0]
     assert hall.engine.run.phase is Phase.READY
     (folder,) = hall.results.glob("practice/subject_*")
     assert hall.journal(folder)[-1].what == "withdrawn"

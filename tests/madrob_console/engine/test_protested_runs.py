@@ -142,7 +142,7 @@ def test_past_its_deadline_a_protest_is_told_as_a_fault_and_nothing_happens(desk
     (protest,) = before.protests
     late = f"OVERDUE since {time_words(protest.due)}"
     fault = next(fault for fault in desk.engine.snapshot().faults if "protest" in fault)
-    assert fault == f"protest 1 (step 4: cross the threshold): {late}, decide it (P)"
+    assert fault == f"protest 1 (step 4: cross the threshold): {late}, decide it"
     desk.wait(2.0)
     assert fault in desk.engine.snapshot().faults  # a new one rings the bell
     assert desk.engine.run == before

@@ -336,7 +336,7 @@ def test_a_disk_that_was_pulled_out_before_the_start_refuses_it_in_one_line(
         again.prepare(setup_of(Stop.ELAPSED, 2))
         refused = again.engine.perform(Start())
         assert refused == (
-            f"recorder: {results / 'practice'}: Input/output error; choose another results folder"
+            f"{results / 'practice'}: Input/output error; choose another results folder"
         )
         again.engine.close()
 
