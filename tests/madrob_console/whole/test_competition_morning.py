@@ -194,9 +194,9 @@ def set_up(referee: Referee, planned: Planned, before: Planned | None) -> None:
         referee.press("F2", "Draft for subject")
         referee.write(str(planned.subject), f"Subject {planned.subject}")
         if planned.condition != before.condition:
-            referee.go_on(5)  # over team, run number, practice and opening side
+            referee.go_on(2)  # over the run number
             referee.press("Right", f"{planned.condition}: push")
-        referee.press("F3", "step sensors referee")
+        referee.press("F3", "ruling (sensors)")
         referee.press("x", done, TEAMS[planned.subject], f"{planned.condition}: pu")
     referee.press("F6", "Done: confirm the start pose", "all passed or waived")
 
