@@ -107,7 +107,7 @@ def _events(before: Snapshot, now: Snapshot) -> Iterator[tuple[float, str]]:
     if before.pulse.stale != now.pulse.stale or before.pulse.gone != now.pulse.gone:
         yield now.time, now.pulse.gone or now.pulse.words or "the engine answers again"
     if _run_id(now) != _run_id(before) and now.run.phase is not Phase.READY:
-        yield now.time, _standing(now)
+        yield now.time, f"an earlier run is opened: {_who(now)}" if now.opened else _standing(now)
     else:
         yield from _run_events(before, now)
     seen = before.log[-1].number if before.log else -1
@@ -115,9 +115,10 @@ def _events(before: Snapshot, now: Snapshot) -> Iterator[tuple[float, str]]:
         decision = line.origin in (Origin.REFEREE, Origin.REMOTE) or line.weight is Weight.ALARM
         if line.number > seen and decision and line.text.partition(":")[0] not in _TOLD:
             yield line.time, line.text
-    for fault in _without(now.faults, before.faults):
+    faults, known = (*now.faults, *now.topic_faults), (*before.faults, *before.topic_faults)
+    for fault in _without(faults, known):
         yield now.time, f"fault: {fault}"
-    for fault in _without(before.faults, now.faults):
+    for fault in _without(known, faults):
         yield now.time, f"over: {fault}"
 
 

@@ -192,7 +192,7 @@ class SpectatorState(PublishedState, frozen=True, kw_only=True):
                 )
                 for record in snapshot.steps
             ),
-            faults=snapshot.faults,
+            faults=(*snapshot.faults, *snapshot.topic_faults),
             result=PublicResult.of(result, snapshot) if result else None,
         )
 

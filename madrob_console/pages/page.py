@@ -418,7 +418,7 @@ def _summary(scored: Scored) -> Iterator[Content]:
     if run.closure is None:
         yield f"The result is not final{issue}."
     else:
-        yield f"The result is final{issue}; {run.closure.team_word} by the team."
+        yield f"The result is final{issue}; {run.closure.team_word.told}."
 
 
 def _foot(scored: Scored, software: str) -> Markup:

@@ -155,6 +155,11 @@ class TeamWord(StrEnum):
     PROTESTED = "protested"
     ABSENT = "absent"
 
+    @property
+    def told(self) -> str:
+        """In words that follow `final`: `acknowledged by the team`."""
+        return "the team was absent" if self is TeamWord.ABSENT else f"{self} by the team"
+
 
 @dataclass(frozen=True, slots=True)
 class Waiver:

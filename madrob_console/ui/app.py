@@ -417,13 +417,14 @@ class MadrobApp(App[None], inherit_bindings=False):
         words = done_text(act) + ("; z takes it back" if act.undoable else "")
         if isinstance(act, SetUp) and now is not None and now.run.unsigned:
             words += "; the result before is not final: h opens it"
-        if not await self._awaited.carry_out(Perform.of(act), words, durable=durable):
+        done = await self._awaited.carry_out(Perform.of(act), words, durable=durable)
+        self._console.drafts.settle(name, refused=not done)
+        if not done:
             if isinstance(act, Start):  # its number may be used now
                 self._console.panes.setup.propose_again(only_later=True)
             elif isinstance(act, Abort):
                 self.run_worker(self._void_instead(act.reason), group="keys")  # it is answered
             return
-        self._console.drafts.drop(name)
         if act.signature:
             self._console.panes.setup.remember_referee(act.signature)
         if name in ("next", "again"):
@@ -466,13 +467,12 @@ class MadrobApp(App[None], inherit_bindings=False):
         if not isinstance(intent, Ask):
             self._ahead.closed()
         name = dialog.name or ""
-        if not isinstance(intent, Act | Ask | str):
-            self._console.drafts.drop(name)  # only an act may be refused, and asked for again
         await self._awaited.soon(self._do(intent, name, name), name)
 
     async def on_dialog_closed(self, event: Dialog.Closed) -> None:
         if event.dialog in self._console.dialogs:
             await self._console.close(event.dialog)
+            self._console.drafts.typed.clear()
             self._ahead.closed()
             self._console.say("Closed: nothing was done.")
 

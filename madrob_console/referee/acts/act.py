@@ -31,7 +31,10 @@ T_co = TypeVar("T_co", covariant=True)
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """One answer; a `value` of None does nothing, and a `free` one asks for a text instead."""
+    """One answer; a `value` of None does nothing, and a `free` one asks for a text instead.
+
+    The one without a label is not listed: the words beside the options tell of its key.
+    """
 
     key: str
     label: str

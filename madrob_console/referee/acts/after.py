@@ -37,6 +37,7 @@ _TEAM = Pick(
         Option("n", "nothing yet: do not finalise", None),
         Option("a", "acknowledged", TeamWord.ACKNOWLEDGED),
         Option("b", "absent", TeamWord.ABSENT),
+        Option("p", "it protests: close this, then P files it", None),
     ),
 )
 _SIGN = "sign"
@@ -95,7 +96,7 @@ class Finalise(Act):
             word, note, by = (*answers[bool(waiting) :], referee)[:3]
             return cls(TeamWord(word), by, note, left)
 
-        return Ask("Finalise the result", tuple(questions), make)
+        return Ask("Sign the result", tuple(questions), make)
 
     def apply(self, situation: Situation, at: float) -> Run:
         run, closure = situation.run, Closure(at, self.referee, self.team_word, self.note)
@@ -115,7 +116,7 @@ class Finalise(Act):
 
     @property
     def done_text(self) -> str:
-        return f"the result is final, {self.team_word} by the team"
+        return f"the result is final, {self.team_word.told}"
 
 
 def _checklist(view: RunView) -> tuple[str, ...]:
@@ -245,7 +246,7 @@ class Reissue(Act):
     missing = "a re-issue needs a reason"
     title = "Re-issue the final result; the old issue stays"
     questions = (
-        Pick("Why?", reasons("a step was ruled wrongly", "protest of the team accepted")),
+        Pick("Why?", reasons("a step was ruled wrongly", "found out later")),
         Sure("Re-issue the result?"),
     )
     reason: str

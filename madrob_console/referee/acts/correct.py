@@ -261,7 +261,7 @@ class TakeBack(Act):
             return _NOTHING
         return Ask(
             f"Take back the last decision: {last.words}",
-            (ask_why("my mistake", "seen on video", "protest accepted"),),
+            (ask_why("my mistake", "seen on video", "protest upheld"),),
             lambda reason: cls(last.kind, last.time, reason),
         )
 

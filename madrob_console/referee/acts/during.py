@@ -320,7 +320,7 @@ class Void(Act):
     at_once = False
     missing = "voiding a run needs a reason"
     title = "VOID this run: it stays on record and counts nowhere"
-    questions = (ask_why("robot unsafe", "testbed fault", "referee's mistake", "protest accepted"),)
+    questions = (ask_why("robot unsafe", "testbed fault", "referee's mistake", "protest upheld"),)
     stands_out = True
     undoable = True
     reason: str

@@ -31,12 +31,19 @@ class DraftKey(NamedTuple):
     question: str
 
 
-class Drafts(dict[DraftKey, str]):
-    """Texts that answered dialogs, kept until their act takes effect."""
+class Drafts:
+    """Texts typed into dialogs; those of a refused act are kept until it takes effect."""
 
-    def drop(self, name: str) -> None:
-        for asked in [asked for asked in self if asked.name == name]:
-            del self[asked]
+    def __init__(self) -> None:
+        self.typed: dict[DraftKey, str] = {}
+        self.kept: dict[DraftKey, str] = {}
+
+    def settle(self, name: str, *, refused: bool) -> None:
+        """What `name` has asked is answered, and its act was refused or took effect."""
+        self.kept = {asked: text for asked, text in self.kept.items() if asked.name != name}
+        if refused:
+            self.kept |= self.typed
+        self.typed = {}
 
 
 # A text field on one line that does not blink.
@@ -217,7 +224,7 @@ class Dialog(Vertical):
     ) -> None:
         super().__init__(name=name)
         self._about = about
-        self._drafts = Drafts() if drafts is None else drafts
+        self._drafts = drafts or Drafts()
         self.ask = ask
         self._fresh = fresh
         self._ahead = ahead or TypeAhead()
@@ -365,7 +372,8 @@ class Dialog(Vertical):
         prompt = self._prompt
         if event.key in ("up", "down"):
             step = 1 if event.key == "down" else -1
-            prompt.cursor = (max(prompt.cursor, -step - 1) + step) % len(options)
+            listed = sum(bool(option.label) for option in options)
+            prompt.cursor = (max(prompt.cursor, -step - 1) + step) % listed
             prompt.redraw()
             return
         chosen = next((o for o in options if o.key == event.character), None)
@@ -411,7 +419,7 @@ class Dialog(Vertical):
         if answer is not None:
             self._answers.append(answer)
             if isinstance(answered, Write):
-                self._drafts[self._asked(answered)] = answer
+                self._drafts.typed[self._asked(answered)] = answer
         if not self._open:
             self.post_message(self.Answered(self, tuple(self._answers)))
             return
@@ -430,7 +438,7 @@ class Dialog(Vertical):
         self.take_focus()
 
     def _initial(self, question: Write) -> str:
-        return self._drafts.get(self._asked(question)) or question.initial
+        return self._drafts.kept.get(self._asked(question)) or question.initial
 
     def _asked(self, question: Write) -> DraftKey:
         return DraftKey(self.name or "", f"{self._about} {self.ask.title}", question.text)
@@ -456,7 +464,9 @@ _MOST_ROWS = 2
 
 def _options(options: Sequence[Option], cursor: int, width: int) -> list[Line]:
     """Side by side where two rows hold them all, else one a row."""
-    cells = [_option(one, width, at_cursor=at == cursor) for at, one in enumerate(options)]
+    cells = [
+        _option(one, width, at_cursor=at == cursor) for at, one in enumerate(options) if one.label
+    ]
     rows: list[Line] = []
     for cell in cells:
         if rows and width_of(rows[-1]) + _BESIDE + width_of(cell) <= width:

@@ -42,7 +42,7 @@ from madrob_console.ui.frame.frame_lines import (
     TopLine,
 )
 from madrob_console.ui.keys.dialogs import Copy, Press, RunMeant, ask_copy, ask_unfinished
-from madrob_console.ui.keys.key_table import MENU, ask_menu
+from madrob_console.ui.keys.key_table import KEYS, MENU, ask_menu
 from madrob_console.ui.link import NOT_YET, EngineSearch
 from madrob_console.ui.look.words import PHASES, export_text
 from madrob_console.ui.panes.run_status import who_text
@@ -89,7 +89,6 @@ _WRITTEN = "The result is written: Enter decides, x next run, v details."
 _WRITTEN_FOR_WATCHERS = "The result is written; v shows the details."
 _NOT_ON_DISK = "The result is NOT ON DISK yet: the engine has it and goes on trying."
 _AT_THE_END = "The recording is at its end: < goes back, j jumps to a time, v details."
-_ACTS_OF_A_RUN = "1-6 rules on a step, i marks an incident, z takes back the last decision."
 _OPEN_FIRST = "o opens it: then Enter signs, corrects, voids it or files a protest."
 
 
@@ -195,13 +194,15 @@ class ConsoleScreen(Screen[None]):
             about = "no run" if marked is None else f"run {marked.run_number} of team {team}"
             pane, hint = self.pane, "" if now.right.only_watches else _OPEN_FIRST
         else:
-            about, hint = who_text(now.run), _ACTS_OF_A_RUN
+            about, hint = who_text(now.run), ""
             pane = "live" if now.result is None else "results"
         found = [(key, key.refusal(now)) for key in MENU if pane in key.where]
         if now.right.only_watches or now.playback is not None:
             found, hint = [(key, why) for key, why in found if why is None], ""
         found = [(key, why) for key, why in found if key.name != "take" or why is None]
-        return ask_menu(f"What do you want to do with {about}?", found, hint)
+        acts = (KEYS["rule"], KEYS["incident"], KEYS["take_back"])
+        direct = [key for key in acts if pane in key.where and key.refusal(now) is None]
+        return ask_menu(f"What do you want to do with {about}?", found, direct, hint)
 
     def run_meant(self) -> RunMeant | str:
         """The marked run of the history, else the one that is shown; else why there is none."""
@@ -366,7 +367,7 @@ class ConsoleScreen(Screen[None]):
             self.say(" ".join(news), Tone.GOOD)
 
     def on_descendant_focus(self) -> None:
-        self._keys.typing = self._types and not self.dialogs
+        self._keys.typing, self._keys.asks = self._types and not self.dialogs, bool(self.dialogs)
         self._keys.redraw()
 
     @property
@@ -455,6 +456,7 @@ class ConsoleScreen(Screen[None]):
 
         dialog = Dialog(name, ask, self._about(name), fresh, self._ahead, self.drafts)
         self.dialogs.append(dialog)
+        self.on_descendant_focus()
         await self.query_one("#body").mount(dialog)
         dialog.take_focus()
 
@@ -467,6 +469,7 @@ class ConsoleScreen(Screen[None]):
         if dialog in self.dialogs:
             self.dialogs.remove(dialog)
             await dialog.remove()
+            self.on_descendant_focus()
             self.take_focus()
 
     def _ring(self, before: Snapshot | None, now: Snapshot) -> None:

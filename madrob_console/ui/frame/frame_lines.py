@@ -59,6 +59,9 @@ WATCHING = " WATCHING"
 ROOMY = 100
 """With so many cells the disk's free space is shown even if there is plenty."""
 
+_LEAST_WHO = 24
+"""Cells of testbed and run that a long label leaves to them."""
+
 _STATES = {"finished": "done"}
 
 
@@ -79,9 +82,8 @@ class TopLine(View):
             f" {time_of_day(snapshot.time)}",
         )
         who = f" {_who(snapshot)}"
-        badge = source_badge(
-            snapshot, max(4, width - cell_len(who) - width_of((*watching, *right)))
-        )
+        least = min(cell_len(who), _LEAST_WHO)  # a long team is cut before what says SIMULATED
+        badge = source_badge(snapshot, max(4, width - least - width_of((*watching, *right))))
         room = max(0, width - width_of((badge, *watching, *right)))
         return [line(badge, *watching, Span(fitted(who, room), Tone.STRONG), *right)]
 
@@ -189,6 +191,8 @@ class KeyLine(View):
 
     pane = "setup"
     typing = False
+    asks = False
+    """Whether a question is open: few keys work then."""
 
     def on_click(self, event: events.Click) -> None:
         if (hit := self.clicked(event)) is None:
@@ -204,10 +208,11 @@ class KeyLine(View):
     def lines(self, width: int) -> Sequence[Line]:
         if self._snapshot is not None and self._snapshot.pulse.gone:
             return [_without_engine(self._snapshot)]
-        more = KEYS["help"]
         keys = self._possible(self._snapshot)[:MOST_KEYS]
-        head = line(Span("letters type", Tone.STRONG), "  ") if self.typing else ()
-        while width_of(row := (*head, *self._row((*keys, more)))) > width and keys:
+        told = "letters type" if self.typing else "a question is open" if self.asks else ""
+        head = line(Span(told, Tone.STRONG), "  ") if told else ()
+        tail = () if self.asks else (KEYS["help"],)
+        while width_of(row := (*head, *self._row((*keys, *tail)))) > width and keys:
             keys.pop()
         return [row]
 
@@ -220,7 +225,7 @@ class KeyLine(View):
         return [key for key in keys if self._is_possible(key, snapshot)]
 
     def _is_possible(self, key: Key, snapshot: Snapshot) -> bool:
-        if key.where and self.pane not in key.where:
+        if (key.where and self.pane not in key.where) or (self.asks and not key.over):
             return False
         if self.typing and key not in FUNCTION_KEYS and key is not KEYS["menu"]:
             return False

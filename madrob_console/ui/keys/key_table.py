@@ -8,7 +8,7 @@ those that act.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from textual.binding import Binding
@@ -144,7 +144,7 @@ LETTER_KEYS = (
     ),
     Key(
         "take_back", "z", "z", "Take back",
-        "take back the last ruling, mark, waiver, doubt, void, correction or protest's decision",
+        "take back the last decision",
         acts.TakeBack.name, acts.TakeBack.ask_questions, where=_RUN | _SETUP,
     ),
     Key("history", "h", "h", "History", "all runs", pane="history"),
@@ -231,9 +231,12 @@ MENU = (
 
 
 def ask_menu(
-    title: str, lines: Sequence[tuple[Key, str | None]], hint: str = ""
+    title: str, lines: Sequence[tuple[Key, str | None]], direct: Sequence[Key] = (), hint: str = ""
 ) -> Ask[Press] | str:
-    """Asks what to do; `lines` are keys of the menu, each with why it is not possible."""
+    """Asks what to do; `lines` are keys of the menu, each with why it is not possible.
+
+    The keys `direct` work here, too, and a line above the menu names them.
+    """
     options = tuple(
         Option(key.cap, f"{key.label:<14} {key.help}", key.name)
         for key, refused in lines
@@ -246,9 +249,13 @@ def ask_menu(
     if not options:
         return next(iter(reasons), "there is no run to act on")
     below = tuple(f"Not now: {', '.join(keys)}: {why}" for why, keys in reasons.items())
-    caps = {key.name: key.cap for key, _ in lines}
-    question = Pick(hint, options, below=below)
-    return Ask(title, (question,), lambda name: Press(name, caps[name]))
+    pressed = {option.key: option.value or "" for option in options}
+    pressed |= {each: key.name for key in direct for each in key.keys.split(",")}
+    told = [f"{key.cap} {key.help}" for key in direct]
+    unlisted = tuple(Option(each, "", each) for key in direct for each in key.keys.split(","))
+    listed = tuple(replace(option, value=option.key) for option in options)
+    question = Pick(hint or "; ".join(told), (*listed, *unlisted), below=below)
+    return Ask(title, (question,), lambda each: Press(pressed[each], each))
 
 
 _PLAYED = _RUN

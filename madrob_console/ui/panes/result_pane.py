@@ -118,7 +118,7 @@ def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
     issue = f"issue {run.issue}" + (f" by ruleset {result.ruleset}" if other_rules else "")
     if (closure := run.closure) is not None:
         note = f" ({closure.note})" if closure.note else ""
-        text = f"{issue}, final: {closure.team_word} by the team{note}, signed {closure.referee}"
+        text = f"{issue}, final: {closure.team_word.told}{note}, signed {closure.referee}"
         tone = Tone.GOOD
         if undecided(snapshot.flags):
             text, tone = f"{text} with what is undecided", Tone.WARN

@@ -15,6 +15,7 @@ from madrob_console.referee.acts import (
     Finalise,
     MarkIncident,
     Rule,
+    TakeBack,
     Void,
 )
 from madrob_console.referee.acts.act import Option, Pick
@@ -328,6 +329,36 @@ async def test_another_subject_is_shown_with_its_team_before_it_is_corrected(
     assert "Correct the subject from 1 to 4, Graz" in running.text
     await running.press("1")
     assert engine.acts[-1] == Correct(4, a_setup().condition, "typed wrongly")
+
+
+async def test_a_text_of_a_question_that_was_closed_does_not_come_back(
+    running: Driver, engine: FakeEngine
+) -> None:
+    await running.finish()
+    await running.press("enter", "c", "s", "9", "9", "enter", "escape", "enter", "c", "s")
+    (dialog,) = running.console.dialogs
+    assert dialog.query_one(Input).value == ""
+    await running.press("3", "enter", "enter", "enter")  # no name, then the first reason
+    assert isinstance(act := engine.acts[-1], Correct)
+    assert act.subject == 3
+
+
+async def test_the_menu_takes_the_keys_that_its_first_line_names(
+    running: Driver, engine: FakeEngine
+) -> None:
+    await running.press("enter")
+    assert "1-6 confirm or deny a step; i mark an incident" in running.text
+    assert "z take back" not in running.text
+    await running.press("4", "d", "enter", "i", "c", "enter", "z", "enter")
+    assert [type(act) for act in engine.acts[-3:]] == [Rule, MarkIncident, TakeBack]
+    assert engine.run.incidents == ()
+
+
+async def test_a_question_leaves_the_footer_the_keys_that_work(running: Driver) -> None:
+    await running.press("i")
+    assert running.rows()[-1] == "a question is open  F8 ABORT  F10 Leave"
+    await running.press("escape")
+    assert running.rows()[-1].startswith("F8 ABORT  F9 Timeout")
 
 
 MACHINE, QUICK, SLOW = 0.0, 0.15, 1.0

@@ -33,7 +33,7 @@ from scoring.protocol import Condition, Side, Step
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup
-from tests.madrob_console.ui.driver import LARGE, SMALL, Driver, driving
+from tests.madrob_console.ui.driver import DEFAULTS, LARGE, SMALL, Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine
 
 SIZES = pytest.mark.parametrize("size", [SMALL, LARGE])
@@ -241,6 +241,15 @@ async def test_the_top_line_never_loses_recorder_and_clock(engine: FakeEngine, l
             dropped = engine.recorder.dropped
             assert (f" {dropped} dropped" in top) is (dropped > 0)
             assert top.endswith(":20")
+
+
+async def test_a_long_team_is_cut_before_what_says_that_nothing_counts(
+    engine: FakeEngine,
+) -> None:
+    defaults = replace(DEFAULTS, team="Delft Openers with a rather long team name e.V.")
+    async with driving(engine, defaults=defaults) as driver:
+        await driver.run()
+        assert "~~ SIMULATED nominal ~~  run 1 of team 1 Delft" in driver.rows()[0]
 
 
 async def test_faults_stay_until_they_are_gone(running: Driver, engine: FakeEngine) -> None:

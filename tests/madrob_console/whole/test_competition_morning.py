@@ -32,7 +32,7 @@ LONGEST_RUN = 60.0
 TEAMS = {1: "Delft", 2: "門ロボット", 3: "Bots & Co", 4: "Zürich"}
 PULL, PUSH = 1, 6
 """Conditions: no force from CCW to CW, the door opens towards CCW or towards CW."""
-WORDS = {"a": "acknowledged", "b": "absent"}
+WORDS = {"a": "acknowledged by the team", "b": "the team was absent"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,11 +246,11 @@ def finalise(referee: Referee, word: str) -> None:
     result is doubted. A referee reads that, and signs it as it is.
     """
     referee.press("Enter", "What do you want to do")
-    referee.press("f", "Finalise the result")
+    referee.press("f", "Sign the result")
     if referee.reads("Sign it all the same?", "What does the team say?"):
         referee.press("y", "What does the team say?")
     referee.press(word, "Note (Enter for none):")
-    referee.press("Enter", f", final: {WORDS[word]} by the team")
+    referee.press("Enter", f", final: {WORDS[word]}")
 
 
 def look_back(referee: Referee, window: Tmux) -> None:
