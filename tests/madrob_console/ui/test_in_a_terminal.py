@@ -134,7 +134,7 @@ def test_the_screens_import_nothing_slow() -> None:
 )
 def test_a_live_run_is_light_on_the_line(columns: int, lines: int, most: float) -> None:
     with Terminal([*PROGRAM, "--running"], columns, lines, cwd=ROOT) as terminal:
-        terminal.wait_for("Quit", timeout=STARTING)
+        terminal.wait_for(LAST_KEY, timeout=STARTING)
         assert bytes_per_second(terminal, 6.0) <= most
 
 
