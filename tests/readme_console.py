@@ -27,7 +27,7 @@ SCRIPT: tuple[tuple[str, float, str], ...] = (
     ("COUNTDOWN", 10.0, ""),
     ("✓ 3 open the door", LONGEST_RUN, ""),
     ("COMPLETED", LONGEST_RUN, ""),
-    ("capability level            6 ", 10.0, F10),
+    ("capability level                     6 ", 10.0, F10),
 )
 """What to wait for on the screen, for how many seconds at most, and the keys to press then."""
 
