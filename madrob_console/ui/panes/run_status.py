@@ -198,7 +198,7 @@ def step_lines(
 
     `settled`: no time can change any more; else those that can are rough and marked.
     """
-    cells = min(_TIME, width - _STEP)
+    cells = max(0, min(_TIME, width - _STEP))
     room = width - _STEP - cells - 2
     pending = None if settled else next((one.step for one in steps if not one.done), None)
     head = f"{'    step':<{_STEP}}{'counts' if settled else 'so far':>{cells}}  ruling (sensors)"
