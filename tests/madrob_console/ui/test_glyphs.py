@@ -137,7 +137,7 @@ async def test_on_no_screen_is_anything_but_ascii(engine: FakeEngine) -> None:
         await console.press("f3", "f8")
         screens.append(console.text)
         assert "+-------" in console.text
-        assert "#\"#" in console.text  # the clock
+        assert '#"#' in console.text  # the clock
         await console.press("escape")
         engine.finish()
         await console.settle()
