@@ -377,7 +377,7 @@ def test_4_mb_five_times_a_second_delay_neither_clock_nor_abort_and_are_recorded
         until(lambda: time.monotonic() > at + 3.0)
         idle = (processor_time(engine.process.pid) - used) / (time.monotonic() - at)
         with program(published, "-c", PUBLISH):
-            engine.wait_for(lambda s: any("bytes, not read above" in line for line in s.faults))
+            engine.wait_for(lambda s: any("bytes, not read above" in line for line in s.all_faults))
             for number in range(1, RUNS + 1):
                 begin_run(engine, number)
                 used, at = processor_time(engine.process.pid), time.monotonic()
