@@ -255,7 +255,7 @@ def test_an_earlier_run_that_is_opened_is_told_once(told: Told) -> None:
     told.lines()
     assert told.drive.open(folder) is None
     (line,) = told.lines()
-    assert line.startswith(f"{WHO} is completed in ")
+    assert line == f"an earlier run is opened: {WHO}"
 
 
 @pytest.mark.parametrize(

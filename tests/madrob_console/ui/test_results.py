@@ -449,7 +449,7 @@ async def test_all_runs_are_shown_newest_first_and_marked_by_words(size: tuple[i
         assert "門の騎士" in shown.text
         assert "6   17.43" in shown.text
         assert ("pull, from CW to CCW" in shown.text) == (size == WIDE)
-        assert ("P protest  * unsigned" in shown.text) == (size == WIDE)
+        assert ("P protest  * not final" in shown.text) == (size == WIDE)
 
 
 async def test_every_column_can_be_seen_on_a_small_screen() -> None:
