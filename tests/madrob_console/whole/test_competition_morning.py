@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 
 from madrob_console.referee.acts import FileProtest
+from madrob_console.referee.records import TeamWord
 from scoring.protocol import Outcome
 from tests.madrob_console.console_process import READING
 from tests.madrob_console.engine.test_amended_runs import Desk
@@ -32,7 +33,7 @@ LONGEST_RUN = 60.0
 TEAMS = {1: "Delft", 2: "門ロボット", 3: "Bots & Co", 4: "Zürich"}
 PULL, PUSH = 1, 6
 """Conditions: no force from CCW to CW, the door opens towards CCW or towards CW."""
-WORDS = {"a": "acknowledged by the team", "b": "the team was absent"}
+WORDS = {"a": TeamWord.ACKNOWLEDGED, "b": TeamWord.ABSENT}
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,7 +251,7 @@ def finalise(referee: Referee, word: str) -> None:
     if referee.reads("Sign it all the same?", "What does the team say?"):
         referee.press("y", "What does the team say?")
     referee.press(word, "Note (Enter for none):")
-    referee.press("Enter", f", final: {WORDS[word]}")
+    referee.press("Enter", f", final: {WORDS[word].told}")
 
 
 def look_back(referee: Referee, window: Tmux) -> None:
