@@ -421,7 +421,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._console.drafts.settle(name, refused=not done)
         if not done:
             if isinstance(act, Start):  # its number may be used now
-                self._console.panes.setup.propose_again(only_later=True)
+                self._console.panes.setup.ask_for_later_number()
             elif isinstance(act, Abort):
                 self.run_worker(self._void_instead(act.reason), group="keys")  # it is answered
             return
@@ -503,9 +503,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         await self._awaited.soon(self._next_run(KEYS["next"]), KEYS["next"].act)
 
     def on_plan_pane_chosen(self, event: PlanPane.Chosen) -> None:
-        form = self._console.panes.setup
-        form.propose(event.task)
-        form.propose_again()
+        self._console.panes.setup.propose(event.task)
         self._console.show_pane("setup", chosen=False)
 
     async def on_setup_pane_naming(self, event: SetupPane.Naming) -> None:

@@ -334,9 +334,9 @@ class SetupPane(Vertical):
         self._number_used = False
         return replace(setup, run_number=max(number, setup.run_number))
 
-    def propose_again(self, *, only_later: bool = False) -> None:
+    def ask_for_later_number(self) -> None:
         """After a start that was refused a later number is taken, if its own is used now."""
-        self._number_used = only_later
+        self._number_used = True
 
     def on_input_changed(self, _event: Input.Changed) -> None:
         self._take_change()
