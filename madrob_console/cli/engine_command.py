@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from madrob_console.config import Settings
     from madrob_console.engine.core import Engine
+    from madrob_console.engine.engine_lock import Place
     from madrob_console.engine.engine_thread import LocalEngine
     from madrob_console.engine.reports import Reporting
     from madrob_console.engine.server import EngineServer
@@ -125,25 +126,19 @@ def serve(arguments: argparse.Namespace) -> int:
         with imports_kept():
             import asyncio
 
-            from madrob_console.cli import aside
             from madrob_console.cli.session import open_engine
             from madrob_console.engine.engine_thread import LocalEngine
-            from madrob_console.engine.reports import Reporting
             from madrob_console.engine.scoring_process import ScoringProcess
             from madrob_console.engine.server import EngineServer
             from madrob_console.engine.server_socket import raise_handles
             from madrob_console.engine.service import begin_abort_over_ros
+            from madrob_console.engine.supervisor import Supervisor
 
         raise_handles()
         fallen = _fallen_threads()
         engine = open_engine(arguments, settings, ScoringProcess)
-        reporting = Reporting(
-            aside.COMMAND,
-            lambda: engine.busy,
-            named_places(arguments, settings),
-            reports=settings.results.reports,
-            publish=site_arguments(arguments, settings),
-        )
+        reporting = _reporting(arguments, settings, engine, place)
+        supervisor = Supervisor(reporting)
         _follow_lists(
             options.team_source(arguments, settings),
             options.plan_source(arguments, settings),
@@ -170,8 +165,25 @@ def serve(arguments: argparse.Namespace) -> int:
             local.close()
             if engine.disk_silence:
                 holding.keep()
-    reporting.close()  # another engine may begin meanwhile
+    reporting.finish()  # another engine may begin meanwhile
+    supervisor.close()
     return FAILED if local.failed else 0
+
+
+def _reporting(
+    arguments: argparse.Namespace, settings: Settings, engine: Engine, place: Place
+) -> Reporting:
+    from madrob_console.cli import aside
+    from madrob_console.engine.reports import QUEUE_FOLDER, Reporting, Wanted
+
+    results = engine.config.results
+    queue = results / QUEUE_FOLDER if engine.replay is None else place.socket.with_suffix(".queue")
+    wanted = Wanted(
+        settings.results.reports,
+        site_arguments(arguments, settings),
+        named_places(arguments, settings),
+    )
+    return Reporting(aside.COMMAND, queue, results, lambda: engine.busy, engine.write, wanted)
 
 
 def _fallen_threads() -> FallenThreads:

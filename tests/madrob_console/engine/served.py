@@ -79,7 +79,7 @@ class Served:
         self.thread.join()
         self.local.close()
         if self.reporting is not None:
-            self.reporting.close()
+            self.reporting.finish()
 
 
 def act(client: EngineClient, act: Act) -> str | None:
