@@ -32,7 +32,6 @@ from madrob_console.referee.records import (
     Incident,
     JournalMark,
     Protest,
-    Reissuing,
     Sha256,
     TestbedFault,
     Voiding,
@@ -316,13 +315,6 @@ class EventPart(msgspec.Struct, frozen=True):
     time: float
     since_start: float
     event: Name
-
-
-class PagedResult(ListedResult, frozen=True):
-    """What the page of a run also reads."""
-
-    steps: Annotated[tuple[StepRecord, ...], Meta(max_length=len(Step))] = ()
-    reissues: tuple[Reissuing, ...] = ()
 
 
 class TabledResult(ListedResult, frozen=True):

@@ -180,7 +180,7 @@ def rendered_report(run: Path, around: Surroundings) -> tuple[dict[str, bytes], 
         from madrob_console.archive.run_pictures import run_pictures, stored_pictures
         from madrob_console.archive.scored import score_opened
         from madrob_console.common.version import software_version
-        from madrob_console.pages.page import report_html
+        from madrob_console.pages.report import report_html
 
     try:
         scored = score_opened(run)

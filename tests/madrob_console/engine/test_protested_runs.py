@@ -37,7 +37,7 @@ from madrob_console.pages.outputs import (
     standings_html,
     standings_json,
 )
-from madrob_console.pages.page import protests
+from madrob_console.pages.report import protests
 from madrob_console.referee.acts import (
     DecideProtest,
     FileProtest,

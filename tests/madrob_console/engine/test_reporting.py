@@ -28,7 +28,7 @@ from madrob_console.engine.reports import QUEUE_FOLDER, Chore, ChoreKind, ChoreQ
 from madrob_console.engine.requests import ExportTeam, OpenRun, Role
 from madrob_console.engine.server_socket import AGAIN, FallenThreads, LogOnce
 from madrob_console.engine.snapshot import ExportView
-from madrob_console.pages.page import report_html
+from madrob_console.pages.report import report_html
 from madrob_console.pages.surroundings import Surroundings
 from madrob_console.referee.acts import (
     Abort,
