@@ -22,8 +22,8 @@ _AHEAD = 4
 
 _Item = TypeVar("_Item")
 _Done = TypeVar("_Done")
-_ItemIn = TypeVar("_ItemIn", contravariant=True)
-_DoneOut = TypeVar("_DoneOut", covariant=True)
+_Item_contra = TypeVar("_Item_contra", contravariant=True)
+_Done_co = TypeVar("_Done_co", covariant=True)
 
 
 class DeadWorkerError(Exception):
@@ -34,16 +34,16 @@ class AgainError(Exception):
     """An item is to be handed out again: nothing came of it, by no fault of its own."""
 
 
-class Workers(Protocol[_ItemIn, _DoneOut]):
+class Workers(Protocol[_Item_contra, _Done_co]):
     """They work on items; a handle stands for an item that was handed out."""
 
-    def hand_out(self, item: _ItemIn) -> object: ...
+    def hand_out(self, item: _Item_contra) -> object: ...
 
     def wait(self, handles: Sequence[Any]) -> Iterable[object]:
         """Those that are done, at least one, or none after a while."""
         ...
 
-    def answer(self, handle: Any) -> _DoneOut:  # noqa: ANN401  its own
+    def answer(self, handle: Any) -> _Done_co:  # noqa: ANN401  its own
         """What came of an item; raises `DeadWorkerError`, `AgainError`."""
         ...
 
