@@ -153,9 +153,7 @@ class _Processes(Generic[_Item, _Done]):
             ) from None
 
     def cancel(self, handles: Sequence[Future[_Done]]) -> None:
-        if self._pool is None:
-            return
-        self._pool.shutdown(wait=not handles, cancel_futures=True)
-        if handles:
-            for process in multiprocessing.active_children():
-                process.kill()
+        if self._pool is not None:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+        for process in multiprocessing.active_children():
+            process.kill()  # one that just begins would complain of its end
