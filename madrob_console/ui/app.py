@@ -457,7 +457,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         dialog = event.dialog
         if dialog not in self._console.dialogs:
             return
-        intent = dialog.ask.make(*event.answers)
+        intent = dialog.ask.make(*dialog.answers)
         if isinstance(intent, str) and dialog.ask_again(intent):
             return
         await self._console.close(dialog)

@@ -40,10 +40,9 @@ from madrob_console.ui.look.words import (
     shortened,
     size_text,
     time_of_day,
-    wrapped,
 )
 from madrob_console.ui.panes.all_faults import BELOW, FAULT, ON_LIVE, banner, notices, short_form
-from madrob_console.ui.panes.run_status import clock_span, phase_span, team_text
+from madrob_console.ui.panes.run_status import clock_span, packed, phase_span, team_text
 
 if TYPE_CHECKING:
     from madrob_console.engine.requests import PlaybackView
@@ -399,88 +398,35 @@ class StatusLine(Lines):
 # The run in a terminal that is too small for the other screens.
 
 
-SMALLEST = (10, 3)
-"""Columns and rows for the phase, the clock and the way to abort."""
-
-_GAP = Span("  ")
-_ROOM_FOR_REASONS = 24
-_MOST_ROWS = 3
-
-
 class TinyClock(View):
-    """Clock, abort, and as much else as there are rows for."""
+    """Phase, clock and abort, and as much else as there is room for."""
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        return tiny_lines(snapshot, width, self.room.height)
+        return tiny_lines(snapshot, width)[: self.room.height]
 
 
-def tiny_lines(snapshot: Snapshot, width: int, height: int) -> list[Line]:
-    """The most important parts that fit into `width` x `height` cells, in their order.
-
-    Long texts are wrapped; they are cut to one row before anything but the hint gives way.
-    """
-    rows: list[Line] = []
-    for kept, most_rows in ((8, _MOST_ROWS), (7, _MOST_ROWS), *((rank, 1) for rank in _RANKS)):
-        rows = _tiny_rows(snapshot, width, kept, most_rows)
-        if len(rows) <= height:
-            break
-    return rows[:height]
-
-
-_RANKS = range(7, -1, -1)
-
-
-def _tiny_rows(snapshot: Snapshot, width: int, kept: int, most_rows: int) -> list[Line]:
-    """The parts up to the rank `kept`: 0 clock, 1 abort, 2 phase, ... 8 hint."""
+def tiny_lines(snapshot: Snapshot, width: int) -> list[Line]:
+    """The most important first."""
+    run, left = snapshot.run, snapshot.remaining
     text, tone = banner(snapshot)
     urgent = tone in (Tone.ALARM, Tone.NOTICE)
-    running = snapshot.run.phase is Phase.RUNNING and snapshot.remaining is not None
-    fault = f"FAULT {snapshot.all_faults[0]}" if snapshot.all_faults else snapshot.notice or ""
-    head = (
-        (2, phase_span(snapshot.run, snapshot.result)),
-        (0, clock_span(snapshot)),
-        (3, Span("PRACTICE" if snapshot.practice else "", Tone.NOTICE)),
-        (6, Span(f"{minutes_text(snapshot.remaining or 0.0)} left" if running else "")),
+    spans = (
+        phase_span(run, snapshot.result),
+        clock_span(snapshot),
+        _abort(snapshot),
+        Span(text if urgent else "", tone),
+        Span("PRACTICE" if snapshot.practice else "", Tone.NOTICE),
+        Span(next(iter(snapshot.all_faults), snapshot.notice or ""), Tone.BAD),
+        Span(f"{minutes_text(left or 0.0)} left" if run.phase is Phase.RUNNING else ""),
+        Span(text if run.active and not urgent else "", tone),
+        Span("60x18 shows all", Tone.DIM),
     )
-    rest = (
-        (4 if urgent else 7, Span(text if urgent or snapshot.run.active else "", tone)),
-        (5, Span(fault, Tone.BAD)),
-    )
-    rows = _packed((span for rank, span in head if rank <= kept and span.text), width)
-    for rank, span in rest:
-        if rank <= kept and span.text:
-            rows += _cut_to(span, width, most_rows)
-    if kept >= 1:
-        rows.append(_abort(snapshot, width))
-    if kept >= 8:
-        rows.append(line(Span(fitted("60x18 shows all", width), Tone.DIM)))
-    return rows
+    return packed((span for span in spans if span.text), width, "  ")
 
 
-def _packed(spans: Iterable[Span], width: int) -> list[Line]:
-    lines: list[Line] = []
-    for text, tone in spans:
-        span = Span(shortened(text, width), tone)
-        if lines and width_of((*lines[-1], _GAP, span)) <= width:
-            lines[-1] = (*lines[-1], _GAP, span)
-        else:
-            lines.append((span,))
-    return lines
-
-
-def _cut_to(span: Span, width: int, most_rows: int) -> list[Line]:
-    rows = wrapped(span.text, width)
-    if len(rows) > most_rows:
-        rows = [*rows[: most_rows - 1], fitted(" ".join(rows[most_rows - 1 :]), width)]
-    return [line(Span(row, span.tone)) for row in rows]
-
-
-def _abort(snapshot: Snapshot, width: int) -> Line:
-    """The key as in the footer, dim with the reason if it does nothing; a replay says it is one."""
+def _abort(snapshot: Snapshot) -> Span:
+    """The key, or why it does nothing; a replay says that it is one."""
     if snapshot.playback is not None:
-        return line(Span("REPLAY", Tone.NOTICE), " ", state_span(snapshot.playback))
+        return Span(f"REPLAY {state_span(snapshot.playback).text}", Tone.NOTICE)
     refused = snapshot.refusal(Abort.name)
-    if refused is None:
-        return line(Span("F8", Tone.CAP), Span(" ABORT", Tone.STRONG))
-    text = f"F8 abort: {refused}" if width >= _ROOM_FOR_REASONS else "(F8 abort)"
-    return line(Span(fitted(text, width), Tone.DIM))
+    return Span(f"F8 abort: {refused}", Tone.DIM) if refused else Span("F8 ABORT", Tone.CAP)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING
 
@@ -42,12 +43,11 @@ _HEADS = 3
 class PlanPane(ListPane[int]):
     """A row a team, a column a condition; Enter proposes the marked one."""
 
+    @dataclass
     class Chosen(Message):
         """The referee wants a team in a condition to be run next."""
 
-        def __init__(self, task: Task) -> None:
-            super().__init__()
-            self.task = task
+        task: Task
 
     def __init__(self, reader: PlanReader) -> None:
         self._reader = reader

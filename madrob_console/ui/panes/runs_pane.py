@@ -6,6 +6,7 @@ from abc import abstractmethod
 from asyncio import to_thread
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from operator import attrgetter
 from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
@@ -75,12 +76,11 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row, _View]):
     KEYS: ClassVar[str]
     BINDINGS: ClassVar[list[BindingType]] = [Binding("v", "view", show=False)]
 
+    @dataclass
     class Opened(Message):
         """The referee wants to see the run, or the runs, of a row."""
 
-        def __init__(self, row: RunSummary | Standing) -> None:
-            super().__init__()
-            self.row = row
+        row: RunSummary | Standing
 
     def __init__(
         self, load: Load, table: Table[_Row], content: Content, view: _View, name: str

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 from textual import events, work
@@ -77,12 +77,11 @@ class CheckList(View, can_focus=True):
         Binding("enter", "choose", show=False),
     ]
 
+    @dataclass
     class Chosen(Message):
         """The referee wants to waive a check."""
 
-        def __init__(self, check: CheckName) -> None:
-            super().__init__()
-            self.check = check
+        check: CheckName
 
     _marked: CheckName | None = None
 
@@ -169,12 +168,11 @@ class SetupPane(Vertical):
     class NextRun(Message):
         """The referee asks for the next run."""
 
+    @dataclass
     class Naming(Message):
         """The referee wants another name for the team than the list has."""
 
-        def __init__(self, ask: Ask[OtherName | str]) -> None:
-            super().__init__()
-            self.ask = ask
+        ask: Ask[OtherName | str]
 
     def __init__(self, link: EngineLink, defaults: ConsoleDefaults, plan: PlanReader) -> None:
         super().__init__(id="setup")

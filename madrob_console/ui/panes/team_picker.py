@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 from textual.app import ComposeResult
@@ -44,13 +45,12 @@ class TeamPicker(Vertical):
         Binding("escape", "close", show=False),
     ]
 
+    @dataclass
     class Picked(Message):
         """A team of the list was chosen, or an `other` name for the set-up's; or neither."""
 
-        def __init__(self, subject: int | None = None, other: str | None = None) -> None:
-            super().__init__()
-            self.subject = subject
-            self.other = other
+        subject: int | None = None
+        other: str | None = None
 
     def __init__(self) -> None:
         super().__init__(id="team-picker")
