@@ -8,6 +8,7 @@ import shlex
 import subprocess
 import sys
 import time
+from asyncio import to_thread
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path, PurePath
@@ -41,7 +42,6 @@ from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.console_app import (
     ButtonsDriver,
     TypeAhead,
-    clipboard_sequences,
     give_to_tmux,
     in_tmux,
 )
@@ -273,14 +273,15 @@ class MadrobApp(App[None], inherit_bindings=False):
         self.run_worker(connect, thread=True, group="engine", exclusive=True)
 
     async def _copy(self, copy: Copy) -> None:
-        if self._driver is not None:
-            self._driver.write(clipboard_sequences(copy.text, self._environ))
-        kept = await give_to_tmux(copy.text, self._environ)
-        words = "Copied, also into tmux's buffer" if kept else "Copied"
-        if in_tmux(self._environ) and not kept:
+        self.copy_to_clipboard(copy.text)  # of the referee's own machine, through SSH (OSC 52)
+        words, environ = "Copied", self._environ
+        here = bool(environ.get("TMUX"))
+        if here and await to_thread(give_to_tmux, copy.text, environ):
+            words = "Copied, also into tmux's buffer"
+        elif in_tmux(environ):
             words = "Copied, if tmux has `set-clipboard on`"
-        shown = copy.text if "\n" not in copy.text else ""
-        self._console.say(f"{words}: {copy.what}{f': {shown}' if shown else ''}", Tone.GOOD)
+        shown = f": {copy.text}" if "\n" not in copy.text else ""
+        self._console.say(f"{words}: {copy.what}{shown}", Tone.GOOD)
 
     def withdraw(self) -> bool:
         return self._awaited.withdraw()

@@ -74,14 +74,8 @@ class EngineLink:
         silence = int(self._monotonic() - self._moved)
         return replace(latest, pulse=Pulse(server=silence)) if silence else latest
 
-    def send_request(self, request: Request[T]) -> T:
-        """Blocks for the request's timeout at most; MadrobError if it failed or none answers."""
-        if self._client is None:
-            raise MadrobError(NOT_YET)
-        return self._client.send_request(request)
-
     async def answer(self, request: Request[T]) -> T:
-        """Like `send_request`, without blocking the screens; cancelling gives the request up.
+        """Asks the engine without blocking the screens; cancelling gives the request up.
 
         Raises:
             UnsureError: no answer came, though it may have begun.

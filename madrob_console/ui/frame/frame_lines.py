@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, cast
 
 from rich.cells import cell_len
@@ -35,6 +36,7 @@ from madrob_console.ui.keys.key_table import (
     Key,
 )
 from madrob_console.ui.look.words import (
+    clock_text,
     fitted,
     minutes_text,
     shortened,
@@ -279,13 +281,17 @@ class PlaybackBar(View):
         return () if playback is None else [playback_line(playback, width)]
 
 
+_position = partial(clock_text, decimals=2)
+"""From the start of the run: a step of one sample can be seen."""
+
+
 def playback_line(playback: PlaybackView, width: int) -> Line:
     """The bar in `width` cells; the scale goes first if there is little room."""
     words = line(
         Span(" REPLAY ", Tone.NOTICE),
         " ",
         state_span(playback),
-        f"  {position_text(playback.position)} / {position_text(playback.end)}",
+        f"  {_position(playback.position)} / {_position(playback.end)}",
     )
     room = width - width_of(words) - 4
     if room < _LEAST_GAUGE:
@@ -295,7 +301,7 @@ def playback_line(playback: PlaybackView, width: int) -> Line:
 
 def state_span(playback: PlaybackView) -> Span:
     if playback.jumping_to is not None:
-        return Span(f"jumping to {position_text(playback.jumping_to)}", Tone.WARN)
+        return Span(f"jumping to {_position(playback.jumping_to)}", Tone.WARN)
     if playback.ended:
         return Span("at its end", Tone.STRONG)
     speed = speed_text(playback.speed)
@@ -309,13 +315,6 @@ def speed_text(speed: float) -> str:
     if speed == 0:
         return "max"
     return "1/2x" if speed == 0.5 else f"{speed:g}x"
-
-
-def position_text(seconds: float) -> str:
-    """Minutes, seconds and hundredths from the start of the run: a step can be seen."""
-    hundredths = round(abs(seconds) * 100)
-    sign = "-" if seconds < 0 and hundredths else ""
-    return f"{sign}{hundredths // 6000}:{hundredths // 100 % 60:02d}.{hundredths % 100:02d}"
 
 
 def _scale(playback: PlaybackView, width: int) -> Line:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
-import base64
 import sys
 import time
 from collections.abc import Awaitable, Callable, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from io import TextIOWrapper
+from subprocess import TimeoutExpired, run
 from typing import TYPE_CHECKING, Protocol, cast
 
 from textual import events
@@ -52,57 +50,32 @@ class ConsoleApp(Protocol):
         ...
 
 
-# Text to the clipboard of the referee's own machine, through SSH and tmux (OSC 52).
+# Text to the tmux of this machine: without a setting it passes on no clipboard sequence (OSC 52).
 
 
 TMUX_TIME = 2.0
 """Timeout for handing tmux a text, s."""
 
-_MULTIPLEXED = "tmux"
-
-
-def clipboard_sequences(text: str, environ: Mapping[str, str]) -> str:
-    """What to write to the terminal so that it takes `text`; most terminals take 70 kB.
-
-    A tmux passes on neither by itself: the plain sequence with `set-clipboard on`, the wrapped
-    one with `allow-passthrough on`. `environ`: TERM crosses SSH.
-    """
-    plain = f"\x1b]52;c;{base64.b64encode(text.encode()).decode()}\x07"
-    if not in_tmux(environ):
-        return plain
-    doubled = plain.replace("\x1b", "\x1b\x1b")
-    return f"{plain}\x1bP{_MULTIPLEXED};{doubled}\x1b\\"
-
 
 def in_tmux(environ: Mapping[str, str]) -> bool:
     """Whether the terminal is a tmux, here or at the other end of SSH."""
-    return bool(environ.get("TMUX")) or environ.get("TERM", "").startswith(_MULTIPLEXED)
+    return bool(environ.get("TMUX")) or environ.get("TERM", "").startswith("tmux")
 
 
-async def give_to_tmux(text: str, environ: Mapping[str, str]) -> bool:
-    """Hands a text to the tmux of this machine, and it to its terminal (`load-buffer -w`).
+def give_to_tmux(text: str, environ: Mapping[str, str]) -> bool:
+    """Hands a text to the tmux of this machine, and it to its terminal; whether one took it.
 
-    That works with tmux's default settings. Returns whether there is one that took it.
+    That works with tmux's default settings.
     """
-    if not environ.get("TMUX"):
-        return False
+    command = ("tmux", "load-buffer", "-w", "-")
+    given, env = text.encode(), dict(environ)
     try:
-        process = await asyncio.create_subprocess_exec(
-            _MULTIPLEXED, "load-buffer", "-w", "-",
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.DEVNULL,
-            stderr=asyncio.subprocess.DEVNULL,
-            env=dict(environ),
-        )  # fmt: skip
-    except OSError:
+        done = run(
+            command, input=given, env=env, capture_output=True, timeout=TMUX_TIME, check=False
+        )
+    except (OSError, TimeoutExpired):
         return False
-    try:
-        await asyncio.wait_for(process.communicate(text.encode()), TMUX_TIME)
-    except TimeoutError:
-        with suppress(ProcessLookupError):
-            process.kill()
-        return False
-    return process.returncode == 0
+    return done.returncode == 0
 
 
 # Mouse events of the terminal.

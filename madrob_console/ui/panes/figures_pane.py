@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
-from textual.message import Message
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.requests import Curves
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, Unmarked, line, paragraph
 from madrob_console.ui.cells.plot import ASCII, BRAILLE, LARGEST, Frame, Ink, Mark, Plot, Window
 from madrob_console.ui.look.words import fitted
@@ -27,9 +27,6 @@ from scoring.indicator_table import (
 )
 from scoring.protocol import Condition, Outcome
 from scoring.result import value_text
-
-if TYPE_CHECKING:
-    from madrob_console.engine.snapshot import Snapshot
 
 # The figures of the protocol document, drawn into cells (protocol section 6).
 
@@ -172,7 +169,7 @@ class FigureView(Lines):
 
 
 class FiguresPane(Vertical, Unmarked, can_focus=True):
-    """One figure at a time, zoomable in time; `load`, called in a thread, may take a while."""
+    """One figure at a time, zoomable in time; `load` may take a while."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "move(-1)", show=False),
@@ -184,22 +181,13 @@ class FiguresPane(Vertical, Unmarked, can_focus=True):
         Binding("shift+tab,left_square_bracket", "turn(-1)", show=False),
     ]
 
-    @dataclass
-    class Loaded(Message):
-        """What the thread has read; `number` says for which request."""
-
-        number: int
-        curves: Curves | None
-        trouble: str = ""
-
-    def __init__(self, load: Callable[[], Curves | None]) -> None:
+    def __init__(self, load: Callable[[], Awaitable[Curves | None]]) -> None:
         super().__init__(id="figures")
         self._load = load
         self._view = FigureView()
         self._snapshot: Snapshot | None = None
         self._shown: tuple[float | None, int] | None = None
-        self._loaded: FiguresPane.Loaded | None = None
-        self._requests = 0
+        self._loaded: Curves | str | None = READING
         self._figure = 0
         self._window: Window | None = None
 
@@ -215,28 +203,20 @@ class FiguresPane(Vertical, Unmarked, can_focus=True):
         if shown == self._shown:
             return
         if self._shown is None or shown[0] != self._shown[0]:
-            self._window = self._loaded = None
+            self._window, self._loaded = None, READING
         self._snapshot, self._shown = snapshot, shown
         self._request()
 
     def _request(self) -> None:
-        self._requests += 1
-        number = self._requests
-        self.run_worker(lambda: self._read(number), thread=True)
+        self.run_worker(self._read(), exclusive=True)
         self._redraw()
 
-    def _read(self, number: int) -> None:
-        """In the thread: it must not wait for the screens."""
+    async def _read(self) -> None:
         try:
-            loaded = self.Loaded(number, self._load())
+            self._loaded = await self._load()
         except (MadrobError, OSError, MemoryError) as error:
-            loaded = self.Loaded(number, None, str(error) or "no memory")
-        self.post_message(loaded)
-
-    def on_figures_pane_loaded(self, event: Loaded) -> None:
-        if event.number == self._requests:
-            self._loaded = event
-            self._redraw()
+            self._loaded = str(error) or "no memory"
+        self._redraw()
 
     def action_move(self, way: int) -> None:
         if (window := self._window) is not None:
@@ -255,8 +235,8 @@ class FiguresPane(Vertical, Unmarked, can_focus=True):
         self._redraw()
 
     def _whole(self) -> Window:
-        curves = None if self._loaded is None else self._loaded.curves
-        first, last = (0.0, 0.0) if curves is None else curves.extent
+        curves = self._loaded
+        first, last = curves.extent if isinstance(curves, Curves) else (0.0, 0.0)
         return Window(first, max(last, first + SHORTEST_WINDOW))
 
     def _look(self, middle: float, width: float) -> None:
@@ -276,15 +256,15 @@ class FiguresPane(Vertical, Unmarked, can_focus=True):
 
     def _content(self) -> Sheet | tuple[str, Tone]:
         loaded, snapshot = self._loaded, self._snapshot
-        if loaded is None or snapshot is None:
+        if loaded == READING or snapshot is None:
             return READING, Tone.DIM
-        if loaded.trouble:
-            return loaded.trouble, Tone.BAD
-        if loaded.curves is None:
+        if isinstance(loaded, str):
+            return loaded, Tone.BAD
+        if loaded is None:
             return NO_RESULT, Tone.DIM
-        if loaded.curves.empty:
+        if loaded.empty:
             return _nothing(snapshot), Tone.WARN
-        return Sheet(self._figure, loaded.curves, snapshot, self._window or self._whole())
+        return Sheet(self._figure, loaded, snapshot, self._window or self._whole())
 
 
 def _nothing(snapshot: Snapshot) -> str:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from textual.app import ComposeResult
 from textual.containers import VerticalScroll
 
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, Unmarked, line, paragraph
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, MENU, PLAYBACK_KEYS
 from madrob_console.ui.panes.live_pane import LEGEND
-
-if TYPE_CHECKING:
-    from madrob_console.engine.snapshot import Snapshot
 
 _FIRST = """\
 A run: Enter sets up, F7 zeroes the handle, F6 confirms the pose, F5 starts.

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 from textual.app import ComposeResult
 from textual.containers import Horizontal, VerticalScroll
 
-from madrob_console.engine.snapshot import Weight
+from madrob_console.engine.snapshot import (
+    DoorView,
+    HandleView,
+    LatchView,
+    LogLine,
+    SensorView,
+    Snapshot,
+    Weight,
+)
 from madrob_console.referee.checks import Freshness
 from madrob_console.referee.journal import Origin
 from madrob_console.ui.cells.lines import (
@@ -28,16 +35,6 @@ from madrob_console.ui.panes.all_faults import AllFaults, Banner, EvidenceLine
 from madrob_console.ui.panes.run_status import RunClock, RunStatus, RunTenths, StepTable
 from scoring.protocol import Side
 from scoring.result import DOUBTED
-
-if TYPE_CHECKING:
-    from madrob_console.engine.snapshot import (
-        DoorView,
-        HandleView,
-        LatchView,
-        LogLine,
-        SensorView,
-        Snapshot,
-    )
 
 # The panel's angle on a scale.
 

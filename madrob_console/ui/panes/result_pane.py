@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
+from asyncio import to_thread
 from collections.abc import Callable, Iterator, Sequence
 from operator import itemgetter
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from textual import events
 from textual.app import ComposeResult
@@ -13,9 +14,10 @@ from textual.binding import Binding, BindingType
 from textual.containers import Container, VerticalScroll
 
 from madrob_console.archive.folders import PICTURES_FOLDER, pictures_in
-from madrob_console.archive.history import earlier_runs
+from madrob_console.archive.history import RunSummary, earlier_runs
 from madrob_console.common.errors import MadrobError
-from madrob_console.pages.tally import aggregate_of
+from madrob_console.engine.snapshot import Snapshot
+from madrob_console.pages.tally import Aggregate, aggregate_of
 from madrob_console.referee.acts.during import RULED
 from madrob_console.referee.flags import (
     FlagKind,
@@ -25,8 +27,8 @@ from madrob_console.referee.flags import (
     untold_remarks,
     weighty,
 )
-from madrob_console.referee.records import format_due, open_protests
-from madrob_console.referee.run import Phase
+from madrob_console.referee.records import Incident, Protest, RunSetup, format_due, open_protests
+from madrob_console.referee.run import Phase, Run
 from madrob_console.ui.cells.lines import (
     Line,
     Span,
@@ -45,18 +47,18 @@ from madrob_console.ui.panes.run_status import (
     phase_span,
     what_text,
 )
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition
-from scoring.result import difference_text, distinguishable, uncertainty_text, value_text
+from scoring.result import (
+    Indicator,
+    Result,
+    Uncertainty,
+    difference_text,
+    distinguishable,
+    uncertainty_text,
+    value_text,
+)
 from scoring.rulesets import RulesetName
-
-if TYPE_CHECKING:
-    from madrob_console.archive.history import RunSummary
-    from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.pages.tally import Aggregate
-    from madrob_console.referee.records import Incident, Protest, RunSetup
-    from madrob_console.referee.run import Run
-    from scoring.indicator_table import IndicatorName
-    from scoring.result import Indicator, Result, Uncertainty
 
 # The head of a result: outcome, what must be decided, who ran, final or not.
 
@@ -410,7 +412,8 @@ class ResultsPane(VerticalScroll, Unmarked):
             self.scroll_home(animate=False)
             self._look_for_pictures()
             if result is not None and setup is not None and snapshot.playback is None:
-                self._compare(result, setup, practice=snapshot.practice)
+                seen = self._compare(result, setup, snapshot.practice)
+                self.run_worker(seen, exclusive=True)
         for view in self._views:
             view.show(snapshot)
 
@@ -418,13 +421,12 @@ class ResultsPane(VerticalScroll, Unmarked):
     def copied(self) -> str:
         return "\n\n".join(filter(None, (plain(view.lines(_COPIED)) for view in self._views)))
 
-    def _compare(self, result: Result, setup: RunSetup, *, practice: bool) -> None:
+    async def _compare(self, result: Result, setup: RunSetup, practice: bool) -> None:
         """Looks up the team's earlier runs in the same condition, off the loop."""
         shown = self._shown
-
-        def look_up() -> None:
-            try:
-                runs = earlier_runs(
+        try:
+            runs = await to_thread(
+                lambda: earlier_runs(
                     self._load(),
                     setup.subject,
                     setup.condition.number,
@@ -433,31 +435,22 @@ class ResultsPane(VerticalScroll, Unmarked):
                     practice=practice,
                     ruleset=result.ruleset,
                 )
-            except (MadrobError, OSError, MemoryError):
-                return  # the history says what is wrong with the folder
-            self.call_later(self._show_earlier, shown, runs)
-
-        self.run_worker(look_up, thread=True, exclusive=True)
+            )
+        except (MadrobError, OSError, MemoryError):
+            return  # the history says what is wrong with the folder
+        if shown == self._shown:
+            self._details.earlier = runs
+            self._details.redraw()
 
     def _look_for_pictures(self) -> None:
+        if self._folder and not self._looking:
+            self._looking = True
+            self.run_worker(self._count_pictures(self._folder), group="pictures")
+
+    async def _count_pictures(self, folder: str) -> None:
         """Off the loop: a disk may hang. Then nobody looks again."""
-        folder = self._folder
-        if not folder or self._looking:
-            return
-        self._looking = True
-
-        def look() -> None:
-            self.call_later(self._show_pictures, folder, pictures_in(folder))
-
-        self.run_worker(look, thread=True, group="pictures")
-
-    def _show_pictures(self, folder: str, count: int) -> None:
+        count = await to_thread(pictures_in, folder)
         self._looking = False
         if folder == self._folder and count != self._details.pictures:
             self._details.pictures = count
-            self._details.redraw()
-
-    def _show_earlier(self, of: _Shown | None, runs: Sequence[RunSummary]) -> None:
-        if of == self._shown:
-            self._details.earlier = runs
             self._details.redraw()

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from operator import attrgetter
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 from msgspec.structs import replace
 from textual.actions import SkipAction
@@ -22,6 +22,8 @@ from madrob_console.archive.collection import filter_problem, matches
 from madrob_console.archive.history import PROTEST_OPEN, RunSummary, condition_words, time_words
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
+from madrob_console.engine.snapshot import Snapshot
+from madrob_console.pages.tally import Standing
 from madrob_console.referee.flags import undecided, weighty
 from madrob_console.referee.records import counted
 from madrob_console.ui.cells.dialog import Field
@@ -31,10 +33,6 @@ from madrob_console.ui.look.words import shortened
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import Uncertainty, value_text
-
-if TYPE_CHECKING:
-    from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.pages.tally import Standing
 
 Content = TypeVar("Content")
 _View = TypeVar("_View", bound=StrEnum)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar
+from typing import Any, ClassVar, TypeAlias, TypeVar
 
 from msgspec import structs
 from textual.app import ComposeResult
@@ -17,6 +17,7 @@ from textual.widgets import Input, Static
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import clean_name
 from madrob_console.config.tables import start_pose_on
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.pages.competition import task_words
 from madrob_console.referee.acts import SetUp, Start
 from madrob_console.referee.competition_plan import PlanProgress, Task
@@ -31,9 +32,6 @@ from madrob_console.ui.look.words import shortened
 from madrob_console.ui.panes.top_view import TopView
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
-
-if TYPE_CHECKING:
-    from madrob_console.engine.snapshot import Snapshot
 
 # What the set-up pane says of its fields: errors, and the key that goes on.
 
@@ -139,9 +137,7 @@ class SetupForm(Horizontal):
         self.team = Field(id="team")
         self.run_number = NumberField(id=_NEXT)
         self.practice = Choice([("official", False), ("PRACTICE", True)], False, id="practice")
-        self.opening = _choice(Side, "opening", str.upper)
         self.starting = _choice(Side, "starting", str.upper)
-        self.benchmark = _choice(BenchmarkType, "benchmark")
         self.preset = Choice(
             [(name, name) for name in (_OWN_POSE, *self._presets)], "", id="preset"
         )
@@ -151,9 +147,9 @@ class SetupForm(Horizontal):
             "team": self.team,
             "run_number": self.run_number,
             "practice": self.practice,
-            "opening_side": self.opening,
+            "opening_side": _choice(Side, "opening", str.upper),
             "starting_side": self.starting,
-            "benchmark_type": self.benchmark,
+            "benchmark_type": _choice(BenchmarkType, "benchmark"),
         }
         self._how: dict[str, Entry] = {
             **{name: NumberField(id=f"pose-{name}") for name in _POSE},
@@ -180,7 +176,7 @@ class SetupForm(Horizontal):
 
     @property
     def condition(self) -> Condition:
-        return Condition(self.benchmark.value, self.opening.value, self.starting.value)
+        return Condition(*(_value_of(self.fields[name]) for name in _CONDITION))
 
     @property
     def pose(self) -> StartPose | None:

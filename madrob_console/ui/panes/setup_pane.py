@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from textual import events, work
 from textual.actions import SkipAction
@@ -14,8 +14,10 @@ from textual.containers import Horizontal, Vertical
 from textual.message import Message
 from textual.widgets import Input
 
+from madrob_console.archive.history import RunSummary
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.requests import NextRunNumber, Perform
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import SetUp, Waive
 from madrob_console.referee.acts.act import Ask
 from madrob_console.referee.checks import Check, CheckState
@@ -39,6 +41,7 @@ from madrob_console.ui.cells.lines import (
 from madrob_console.ui.keys.dialogs import OtherName, ask_other_name
 from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink
 from madrob_console.ui.look.words import shortened, time_of_day
+from madrob_console.ui.panes.plan_pane import PlanReader
 from madrob_console.ui.panes.setup_form import (
     OPEN,
     FoldLine,
@@ -48,11 +51,6 @@ from madrob_console.ui.panes.setup_form import (
     task_of,
 )
 from madrob_console.ui.panes.team_picker import TeamPicker
-
-if TYPE_CHECKING:
-    from madrob_console.archive.history import RunSummary
-    from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.ui.panes.plan_pane import PlanReader
 
 # The pre-start checks that want the referee's eye.
 

@@ -31,7 +31,6 @@ from madrob_console.referee.acts import (
 )
 from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase, stop
-from madrob_console.ui.keys.console_app import clipboard_sequences
 from madrob_console.ui.keys.dialogs import Copy, ask_copy
 from madrob_console.ui.keys.key_table import (
     FUNCTION_KEYS,
@@ -399,20 +398,6 @@ def copied(written: list[str]) -> str:
     """The text that the terminal was handed last."""
     (encoded,) = PLAIN.findall(written[-1])[:1]
     return base64.b64decode(encoded).decode()
-
-
-@pytest.mark.parametrize("environ", [{"TERM": "xterm-256color"}, {"TERM": "screen"}, {}])
-def test_a_terminal_is_handed_the_plain_sequence(environ: dict[str, str]) -> None:
-    sequence = clipboard_sequences("Zoë\n", environ)
-    assert PLAIN.fullmatch(sequence)
-    assert copied([sequence]) == "Zoë\n"
-
-
-@pytest.mark.parametrize("environ", [{"TERM": "tmux-256color"}, {"TMUX": "/tmp/t,1,0"}])
-def test_a_tmux_is_handed_it_wrapped_as_well(environ: dict[str, str]) -> None:
-    plain = clipboard_sequences("a", {})
-    passed = "\x1bPtmux;" + plain.replace("\x1b", "\x1b\x1b") + "\x1b\\"
-    assert clipboard_sequences("a", environ) == plain + passed
 
 
 async def test_y_copies_the_result_its_folder_and_a_line_that_fetches_it(
