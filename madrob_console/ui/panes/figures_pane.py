@@ -208,7 +208,7 @@ class FiguresPane(Vertical, Unmarked, can_focus=True):
         self._request()
 
     def _request(self) -> None:
-        self.run_worker(self._read(), exclusive=True)
+        self.run_worker(self._read, exclusive=True)
         self._redraw()
 
     async def _read(self) -> None:

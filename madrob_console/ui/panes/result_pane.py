@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from asyncio import to_thread
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from operator import itemgetter
 from typing import ClassVar
 
@@ -412,7 +413,7 @@ class ResultsPane(VerticalScroll, Unmarked):
             self.scroll_home(animate=False)
             self._look_for_pictures()
             if result is not None and setup is not None and snapshot.playback is None:
-                seen = self._compare(result, setup, snapshot.practice)
+                seen = partial(self._compare, result, setup, snapshot.practice)
                 self.run_worker(seen, exclusive=True)
         for view in self._views:
             view.show(snapshot)
