@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
@@ -208,9 +209,10 @@ class FiguresPane(Vertical, Unmarked, can_focus=True):
         self._request()
 
     def _request(self) -> None:
-        self.run_worker(self._read, exclusive=True)
+        self._read()
         self._redraw()
 
+    @work(exclusive=True)
     async def _read(self) -> None:
         try:
             self._loaded = await self._load()

@@ -5,11 +5,10 @@ from __future__ import annotations
 import time
 from asyncio import to_thread
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from operator import itemgetter
 from typing import ClassVar
 
-from textual import events
+from textual import events, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, VerticalScroll
@@ -413,8 +412,7 @@ class ResultsPane(VerticalScroll, Unmarked):
             self.scroll_home(animate=False)
             self._look_for_pictures()
             if result is not None and setup is not None and snapshot.playback is None:
-                seen = partial(self._compare, result, setup, snapshot.practice)
-                self.run_worker(seen, exclusive=True)
+                self._compare(result, setup, snapshot.practice)
         for view in self._views:
             view.show(snapshot)
 
@@ -422,6 +420,7 @@ class ResultsPane(VerticalScroll, Unmarked):
     def copied(self) -> str:
         return "\n\n".join(filter(None, (plain(view.lines(_COPIED)) for view in self._views)))
 
+    @work(exclusive=True)
     async def _compare(self, result: Result, setup: RunSetup, practice: bool) -> None:
         """Looks up the team's earlier runs in the same condition, off the loop."""
         shown = self._shown
@@ -446,8 +445,9 @@ class ResultsPane(VerticalScroll, Unmarked):
     def _look_for_pictures(self) -> None:
         if self._folder and not self._looking:
             self._looking = True
-            self.run_worker(self._count_pictures(self._folder), group="pictures")
+            self._count_pictures(self._folder)
 
+    @work(group="pictures")
     async def _count_pictures(self, folder: str) -> None:
         """Off the loop: a disk may hang. Then nobody looks again."""
         count = await to_thread(pictures_in, folder)

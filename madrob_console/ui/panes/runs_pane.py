@@ -12,6 +12,7 @@ from operator import attrgetter
 from typing import ClassVar, Generic, TypeVar
 
 from msgspec.structs import replace
+from textual import work
 from textual.actions import SkipAction
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -121,7 +122,7 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row, _View]):
         """Reads in a thread; what was shown stays until then, what is read no more is dropped."""
         self._reading = True
         self.head.say("reading the results folder ...", Tone.DIM)
-        self.run_worker(self._read(), exclusive=True)
+        self._read()
 
     def show(self, snapshot: Snapshot) -> None:
         seen = (results_state(snapshot), snapshot.teams)
@@ -141,6 +142,7 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row, _View]):
         views = list(type(self.view))
         return views[(views.index(self.view) + 1) % len(views)]
 
+    @work(exclusive=True)
     async def _read(self) -> None:
         try:
             self.content = await to_thread(lambda: self.prepare(self._load()))
