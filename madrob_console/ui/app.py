@@ -33,7 +33,7 @@ from madrob_console.engine.requests import (
     PlaybackCommand,
     TakeOver,
 )
-from madrob_console.referee.acts import Abort, Act, SetUp, Start, Void, Waive
+from madrob_console.referee.acts import Abort, Act, SetUp, Start, Void
 from madrob_console.referee.acts.act import Ask
 from madrob_console.referee.run import Phase
 from madrob_console.ui.awaited import PendingRequests
@@ -83,14 +83,8 @@ _WIDTHS = [(0, "-tiny-width"), (60, "-narrow"), (78, "-usual"), (110, "-wide")]
 _HEIGHTS = [(0, "-tiny-height"), (18, "-short"), (32, "-tall")]
 
 
-def _said_when_done(command: TakeOver | PlaybackCommand | ExportTeam | ExportDossier) -> str | None:
-    match command:
-        case TakeOver():
-            return "This console has the right to act now."
-        case PlaybackCommand():
-            return ""
-        case ExportTeam() | ExportDossier():
-            return None
+_DONE = {TakeOver.name: "This console has the right to act now.", PlaybackCommand.name: ""}
+"""What is said when a command took effect; an export says it itself, when it is packed."""
 
 
 def run_beside(words: Sequence[str]) -> int:
@@ -404,7 +398,7 @@ class MadrobApp(App[None], inherit_bindings=False):
             case OpenRun():
                 await self._open_run(intent)
             case TakeOver() | PlaybackCommand() | ExportTeam() | ExportDossier():
-                await self._awaited.carry_out(intent, _said_when_done(intent))
+                await self._awaited.carry_out(intent, _DONE.get(intent.name))
             case GiveFrames():
                 await self._awaited.frames(intent)
             case Act():
@@ -488,17 +482,7 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     async def on_check_list_chosen(self, event: CheckList.Chosen) -> None:
         key = KEYS["waive"]
-        if (refused := self.key_refusal(key)) is not None:
-            self._console.refuse(key.act, refused)
-        elif (snapshot := self._link.snapshot()) is not None:
-            check = event.check
-
-            def question(now: Snapshot) -> Ask[Intent] | str:
-                return self.key_refusal(key) or Waive.ask_why(now, check)
-
-            await self._awaited.soon(
-                self._ask(key, Waive.ask_why(snapshot, check), question), key.act
-            )
+        await self._awaited.soon(self._press_key(key, event.check), key.act)
 
     async def on_setup_pane_next_run(self, _event: SetupPane.NextRun) -> None:
         await self._awaited.soon(self._next_run(KEYS["next"]), KEYS["next"].act)

@@ -28,7 +28,7 @@ from madrob_console.ui.cells.large_text import large_text
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Span, Tone, View, line, width_of
 from madrob_console.ui.frame.console_screen import BUSY_PERIOD
 from madrob_console.ui.frame.frame_lines import WATCHING, source_badge
-from madrob_console.ui.link import ConsoleDefaults, EngineSearch
+from madrob_console.ui.link import ConsoleDefaults
 from madrob_console.ui.look.words import fitted, shortened, time_of_day
 from madrob_console.ui.panes.all_faults import banner
 from madrob_console.ui.panes.run_status import (
@@ -304,9 +304,6 @@ class WallApp(MadrobApp, inherit_bindings=False):
         super().__init__(open_client, defaults, look, monotonic)
         self._history = History(defaults.results)
         self._competition = defaults.competition
-        self._search = EngineSearch(
-            self._link, monotonic, partial(self.run_worker, thread=True, group="engine")
-        )
         self._wall = Wall()
         self._active = monotonic()
         self._read_of: object = None
@@ -327,7 +324,7 @@ class WallApp(MadrobApp, inherit_bindings=False):
         assert snapshot is not None
         run, wall = snapshot.run, self._wall
         if snapshot.pulse.gone:
-            self._search.look_for_engine()
+            self._link.look_for_engine(partial(self.run_worker, thread=True, group="engine"))
         if run.active:
             self._active = self._monotonic()
         wall.page = int((self._monotonic() - self._active) / PAGE_TIME)

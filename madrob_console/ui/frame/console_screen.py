@@ -43,7 +43,7 @@ from madrob_console.ui.frame.frame_lines import (
 )
 from madrob_console.ui.keys.dialogs import Copy, Press, RunMeant, ask_copy, ask_unfinished
 from madrob_console.ui.keys.key_table import KEYS, MENU, ask_menu
-from madrob_console.ui.link import NOT_YET, EngineSearch
+from madrob_console.ui.link import NOT_YET
 from madrob_console.ui.look.words import PHASES, export_text
 from madrob_console.ui.panes.run_status import who_text
 
@@ -133,8 +133,6 @@ class ConsoleScreen(Screen[None]):
         self._tiny = TinyClock()
         self._status = StatusLine(defaults.hint, monotonic, wall)
         self._keys = KeyLine()
-        aside = partial(self.run_worker, thread=True, group="engine")
-        self._search = EngineSearch(link, monotonic, aside)
         self._latest: Snapshot | None = None
         self.frames = ""
         self._timer: Timer | None = None
@@ -279,7 +277,8 @@ class ConsoleScreen(Screen[None]):
         if snapshot is None or self._panes is None:
             return
         if snapshot.pulse.gone and snapshot.right.only_watches:
-            self._search.look_for_engine()  # for a referee somebody decides: see the key
+            aside = partial(self.run_worker, thread=True, group="engine")
+            self._link.look_for_engine(aside)  # for a referee somebody decides: see the key
         busy = self._latest is not None and self._latest.run.active
         self.show(snapshot)
         if snapshot.run.active != busy and self._timer is not None:
