@@ -37,6 +37,7 @@ from madrob_console.ui.frame.frame_lines import (
 )
 from madrob_console.ui.keys.dialogs import Leave, ask_leave
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS
+from madrob_console.ui.look.themes import to_ascii
 from madrob_console.ui.look.words import clock_text
 from madrob_console.ui.panes.result_pane import ResultHead
 from madrob_console.ui.panes.top_view import SCALES, TopView, top_view
@@ -64,7 +65,9 @@ def drawn(
     *,
     ascii: bool = False,  # noqa: A002 - what it is
 ) -> list[str]:
-    return ["".join(span.text for span in line) for line in top_view(condition, pose, *size, ascii)]
+    lines = top_view(condition, pose, *size, ascii)
+    rows = ["".join(span.text for span in line) for line in lines]
+    return [to_ascii(row) for row in rows] if ascii else rows
 
 
 def place(rows: list[str], signs: str) -> tuple[int, int]:
