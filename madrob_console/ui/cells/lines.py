@@ -413,9 +413,6 @@ class Label(Lines):
         self._text, self.tone = text, tone
         self.redraw()
 
-    def get_content_width(self, container: Size, viewport: Size) -> int:
-        return cell_len(self._text)
-
     def lines(self, width: int) -> Sequence[Line]:
         return paragraph(self._text, width, self.tone)
 

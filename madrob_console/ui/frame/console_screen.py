@@ -27,7 +27,8 @@ from madrob_console.referee.acts import (
     Start,
     WithdrawProtest,
 )
-from madrob_console.referee.competition_plan import unknown_teams
+from madrob_console.referee.competition_plan import Plan, unknown_teams
+from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import cause_of
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.compositor import CellCompositor
@@ -349,21 +350,18 @@ class ConsoleScreen(Screen[None]):
         """Says that teams or plan have changed; the set-up and the plan show their faults."""
         if now.right.only_watches or before is None:
             return
-        problems: list[str] = []
-        news: list[str] = []
+        read: list[tuple[TeamList | Plan, str]] = []
         if now.teams != before.teams:
-            problems += now.teams.problems
-            news.append(f"The list of teams was read again: {len(now.teams.names)} teams.")
+            names = len(now.teams.names)
+            read.append((now.teams, f"The list of teams was read again: {names} teams."))
         if now.plan != before.plan:
-            problems += now.plan.problems
             attempts = sum(line.attempts for line in now.plan.lines)
-            news.append(f"The plan was read again: {attempts} attempts.")
-        if news:
-            problems += unknown_teams((line.task for line in now.plan.lines), now.teams.names)
-        if problems:
-            self.say("; ".join(problems), Tone.WARN)
-        elif news:
-            self.say(" ".join(news), Tone.GOOD)
+            read.append((now.plan, f"The plan was read again: {attempts} attempts."))
+        if read:
+            unknown = unknown_teams((line.task for line in now.plan.lines), now.teams.names)
+            problems = [*(words for one, _ in read for words in one.problems), *unknown]
+            said = "; ".join(problems) or " ".join(words for _, words in read)
+            self.say(said, Tone.WARN if problems else Tone.GOOD)
 
     def on_descendant_focus(self) -> None:
         self._keys.typing, self._keys.asks = self._types and not self.dialogs, bool(self.dialogs)

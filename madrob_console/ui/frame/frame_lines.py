@@ -69,9 +69,6 @@ _STATES = {"finished": "done"}
 class TopLine(View):
     """Which source, testbed and run, and whether everything is being kept."""
 
-    def __init__(self) -> None:
-        super().__init__(id="top-line")
-
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         if snapshot.pulse.stale:
             return [_old(snapshot, width)]

@@ -198,25 +198,20 @@ _SIGNS = {
     "░": ".",
     "▒": ":",
     "▓": "%",
+    "─━┄┅┈┉╴╶╸╺╼╾": "-",
+    "│┃┆┇┊┋╎╏║╵╷╹╻╽╿": "|",
+    "╌╍═": "=",
+    "\N{BOX DRAWINGS LIGHT DIAGONAL UPPER RIGHT TO LOWER LEFT}": "/",
+    "╲": "\\",
+    "\N{BOX DRAWINGS LIGHT DIAGONAL CROSS}": "X",
 }
 
 
 def _table() -> Iterator[tuple[int, str]]:
+    yield from ((code, "+") for code in range(0x2500, 0x2580))  # boxes
     for signs, likeness in _SIGNS.items():
         yield from ((ord(sign), likeness) for sign in signs)
-    for code in range(0x2500, 0x2580):
-        yield code, _box(unicodedata.name(chr(code)))
-    for code in range(0x2800, 0x2900):
-        yield code, _dots(code - 0x2800)
-
-
-def _box(name: str) -> str:
-    words = name.replace("-", " ").split()
-    if "DIAGONAL" in words:
-        return "X" if "CROSS" in words else "/" if name.endswith("LOWER LEFT") else "\\"
-    across = bool({"HORIZONTAL", "LEFT", "RIGHT"} & set(words))
-    along = bool({"VERTICAL", "UP", "DOWN"} & set(words))
-    return "+" if across and along else "|" if along else "=" if "DOUBLE" in words else "-"
+    yield from ((code, _dots(code - 0x2800)) for code in range(0x2800, 0x2900))
 
 
 def _dots(bits: int) -> str:

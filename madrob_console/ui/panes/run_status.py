@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from textual.geometry import Size
 
 from madrob_console.referee.acts.during import RULED
-from madrob_console.referee.flags import Flag, FlagWeight, undecided, weighty
+from madrob_console.referee.flags import FlagWeight
 from madrob_console.referee.records import relative_text
 from madrob_console.referee.run import Phase, Run
 from madrob_console.ui.cells.large_text import HEIGHT, large_text, rows_of, width_of_large
@@ -244,7 +244,7 @@ def step_time(at: float | None, start: float | None, *, rough: bool) -> str:
     return relative_text(at, start)
 
 
-# Flags on the screens: signs and tones; texts side by side.
+# Tones of flags; texts side by side.
 
 
 FLAG_TONES = {
@@ -252,12 +252,6 @@ FLAG_TONES = {
     FlagWeight.CAUTION: Tone.WARN,
     FlagWeight.ALARM: Tone.BAD,
 }
-
-
-def flag_sign(found: Iterable[Flag]) -> str:
-    """`!!` where the referee has to decide, `!` where the score is changed, else empty."""
-    flags = tuple(found)
-    return "!!" if undecided(flags) else "!" if weighty(flags) else ""
 
 
 def packed(texts: Iterable[Span], width: int, between: str = "; ") -> list[Line]:

@@ -9,8 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from textual.geometry import Size
-
 from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, joined
 from scoring.protocol import Condition, Side, StartPose
 
@@ -21,7 +19,6 @@ DOORWAY = 1.0
 """Width of the doorway as drawn, m; the testbed's may differ."""
 
 LEAST_WIDTH, LEAST_HEIGHT = 15, 7
-GOOD_HEIGHT = 13
 
 _ROOM_FOR_Y = 24
 
@@ -33,7 +30,7 @@ _ARROWS = "↑↖←↙↓↘→↗"
 
 
 class TopView(Lines):
-    """Follows the set-up; as many rows as its style gives it, 13 if that is `auto`."""
+    """Follows the set-up; as many rows as its style gives it."""
 
     _condition: Condition | None = None
     _pose: StartPose | None = None
@@ -47,9 +44,6 @@ class TopView(Lines):
             return ()
         height = self.room.height
         return top_view(self._condition, self._pose, width, height, self.ascii_only)
-
-    def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
-        return GOOD_HEIGHT
 
 
 def top_view(
