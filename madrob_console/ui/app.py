@@ -416,7 +416,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._console.drafts.settle(name, refused=not done)
         if not done:
             if isinstance(act, Start):  # its number may be used now
-                self._console.panes.setup.ask_for_later_number()
+                self._console.panes.setup.number_used = True
             elif isinstance(act, Abort):
                 self.run_worker(self._void_instead(act.reason), group="keys")  # it is answered
             return

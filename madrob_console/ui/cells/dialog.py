@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 from rich.cells import cell_len
 from textual import events
-from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.message import Message
 from textual.widgets import Input
@@ -190,7 +189,9 @@ class Dialog(Vertical):
         ahead: TypeAhead | None = None,
         drafts: Drafts | None = None,
     ) -> None:
-        super().__init__(name=name)
+        self._prompt = Prompt(self)
+        self._field = Field(select_on_focus=False)
+        super().__init__(self._prompt, self._field, name=name)
         self.about = about
         self._drafts = drafts or Drafts()
         self.ask = ask
@@ -201,13 +202,7 @@ class Dialog(Vertical):
         self.answers: list[str] = []
         self.cursor = 0
         self.notice = self.overtaken = self.complaint = ""
-        self._prompt = Prompt(self)
-        self._field = Field(select_on_focus=False)
         self.trap_focus()
-
-    def compose(self) -> ComposeResult:
-        yield self._prompt
-        yield self._field
 
     def on_mount(self) -> None:
         self._show()

@@ -174,7 +174,7 @@ class ConsoleScreen(Screen[None]):
     @property
     def export(self) -> ExportTeam | str:
         """The runs of the marked run's team, or of that whose run is shown; else why none."""
-        marked = self.panes.history.selected if self.pane == "history" else None
+        marked = self.panes.history.table.selected if self.pane == "history" else None
         if marked is not None:
             return ExportTeam(marked.subject, marked.practice, marked.competition)
         now = self._latest
@@ -187,7 +187,7 @@ class ConsoleScreen(Screen[None]):
         now = self._latest
         if now is None:
             return NOT_YET
-        marked = self.panes.history.selected
+        marked = self.panes.history.table.selected
         if self.pane == "history":
             team = "" if marked is None else f"{marked.subject} {marked.team}".rstrip()
             about = "no run" if marked is None else f"run {marked.run_number} of team {team}"
@@ -206,7 +206,7 @@ class ConsoleScreen(Screen[None]):
     def run_meant(self) -> RunMeant | str:
         """The marked run of the history, else the one that is shown; else why there is none."""
         if self.pane == "history":
-            marked = self.panes.history.selected
+            marked = self.panes.history.table.selected
             return "no run is marked" if marked is None else RunMeant.of_list(marked)
         now = self._latest
         if now is None or now.folder is None:
@@ -225,7 +225,7 @@ class ConsoleScreen(Screen[None]):
             panes.results.show(now)
             result = panes.results.copied
         if self.pane == "history":
-            row, marked = panes.history.table.copied, panes.history.selected
+            row, marked = panes.history.table.copied, panes.history.table.selected
             folder = "" if marked is None else str(self._defaults.results / marked.folder)
         elif self.pane == "standings":
             row = panes.standings.table.copied
@@ -429,7 +429,7 @@ class ConsoleScreen(Screen[None]):
 
     def take_marked_run(self) -> bool:
         """In the history: the next run is for the team and the condition of the marked one."""
-        if self.pane != "history" or (run := self.panes.history.selected) is None:
+        if self.pane != "history" or (run := self.panes.history.table.selected) is None:
             return False
         self.panes.setup.propose_like(run)
         return True

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from textual import work
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 
@@ -183,17 +182,14 @@ class FiguresPane(Vertical, Unmarked, can_focus=True):
     ]
 
     def __init__(self, load: Callable[[], Awaitable[Curves | None]]) -> None:
-        super().__init__(id="figures")
-        self._load = load
         self._view = FigureView()
+        super().__init__(self._view, id="figures")
+        self._load = load
         self._snapshot: Snapshot | None = None
         self._shown: tuple[float | None, int] | None = None
         self._loaded: Curves | str | None = READING
         self._figure = 0
         self._window: Window | None = None
-
-    def compose(self) -> ComposeResult:
-        yield self._view
 
     def enter(self) -> None:
         self.focus()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from textual.app import ComposeResult
 from textual.containers import VerticalScroll
 
 from madrob_console.engine.snapshot import Snapshot
@@ -76,11 +75,8 @@ class HelpPane(VerticalScroll, Unmarked):
     """Arrows scroll."""
 
     def __init__(self) -> None:
-        super().__init__(id="help")
         self._text = HelpText()
-
-    def compose(self) -> ComposeResult:
-        yield self._text
+        super().__init__(self._text, id="help")
 
     def enter(self) -> None:
         self.screen.set_focus(self)

@@ -9,7 +9,6 @@ from operator import itemgetter
 from typing import ClassVar
 
 from textual import events, work
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, VerticalScroll
 
@@ -363,19 +362,15 @@ class ResultsPane(VerticalScroll, Unmarked):
     BINDINGS: ClassVar[list[BindingType]] = [Binding("v", "turn", "Details", show=False)]
 
     def __init__(self, load: Callable[[], Sequence[RunSummary]]) -> None:
-        super().__init__(id="results")
+        self._details = ResultDetails()
+        head, tables = ResultHead(), (IndicatorTable(), StepTable())
+        columns = Container(*tables, classes="columns")
+        super().__init__(head, columns, self._details, id="results")
+        self._views = (head, *tables, self._details)
         self._load = load
         self._shown: _Shown | None = None
         self._folder = ""
         self._looking = False
-        self._details = ResultDetails()
-        self._views = (ResultHead(), IndicatorTable(), StepTable(), self._details)
-
-    def compose(self) -> ComposeResult:
-        head, indicators, steps, details = self._views
-        yield head
-        yield Container(indicators, steps, classes="columns")
-        yield details
 
     def action_turn(self) -> None:
         """Shows the details, and again what was above them."""

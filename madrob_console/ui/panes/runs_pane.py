@@ -92,10 +92,6 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row, _View]):
         self._seen: object = None
         self.teams: Mapping[int, str] = {}
 
-    @property
-    def selected(self) -> _Row | None:
-        return self.table.selected
-
     @abstractmethod
     def prepare(self, runs: Sequence[RunSummary]) -> Content:
         """What the pane needs of the runs; done in a thread."""
@@ -106,8 +102,8 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row, _View]):
 
     def on_table_chosen(self, event: Table.Chosen) -> None:
         event.stop()
-        if self.selected is not None:
-            self.post_message(self.Opened(self.selected))
+        if (row := self.table.selected) is not None:
+            self.post_message(self.Opened(row))
 
     def action_view(self) -> None:
         self.view = self._following

@@ -9,7 +9,6 @@ from enum import StrEnum
 from typing import Any, ClassVar, TypeAlias, TypeVar
 
 from msgspec import structs
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Input, Static
@@ -130,7 +129,6 @@ class SetupForm(Horizontal):
     """
 
     def __init__(self, defaults: ConsoleDefaults) -> None:
-        super().__init__(id="setup-form")
         self._defaults = defaults
         self._presets = {preset.name: preset.pose for preset in defaults.poses}
         self.subject = NumberField(id="subject")
@@ -166,13 +164,14 @@ class SetupForm(Horizontal):
         self._team_of = 0
         self._condition_words = Label()
         self._top_view = TopView()
-
-    def compose(self) -> ComposeResult:
         who = Vertical(*self._who.values(), self._condition_words)
-        yield Horizontal(Static("\n".join(_WHO)), who, classes="who")
         how = Vertical(self.preset, *self._how.values())
-        yield Horizontal(Static("\n".join(_HOW)), how, classes="how")
-        yield self._top_view
+        super().__init__(
+            Horizontal(Static("\n".join(_WHO)), who, classes="who"),
+            Horizontal(Static("\n".join(_HOW)), how, classes="how"),
+            self._top_view,
+            id="setup-form",
+        )
 
     @property
     def condition(self) -> Condition:

@@ -8,7 +8,6 @@ from typing import ClassVar
 
 from textual import events, work
 from textual.actions import SkipAction
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.message import Message
@@ -152,7 +151,8 @@ _SET_UP = "set up"
 class SetupPane(Vertical):
     """The set-up of the current run, or after a run a draft of the next one; Enter sets it up.
 
-    What is seen here is set up before F6 or F5 acts on it, too.
+    What is seen here is set up before F6 or F5 acts on it, too. `number_used` says that a start
+    was refused, which may have used the run's number: a later one is taken then.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -173,25 +173,19 @@ class SetupPane(Vertical):
         ask: Ask[OtherName | str]
 
     def __init__(self, link: EngineLink, defaults: ConsoleDefaults, plan: PlanReader) -> None:
-        super().__init__(id="setup")
-        self._plan = plan
-        self._link = link
-        self._snapshot: Snapshot | None = None
-        self._on_its_way = self._chosen = self._number_used = False
-        self._problem = ""
         self._form = SetupForm(defaults)
         self._fold = FoldLine("", id="fold")
         self._button = PushButton("Set up this run", id="set-up")
         self._state = Label(id="setup-state")
         self._checks = CheckList()
         self._picker = TeamPicker()
-
-    def compose(self) -> ComposeResult:
-        yield self._picker
-        yield self._form
-        yield self._fold
-        yield Horizontal(self._button, self._state, id="setup-row")
-        yield self._checks
+        row = Horizontal(self._button, self._state, id="setup-row")
+        super().__init__(self._picker, self._form, self._fold, row, self._checks, id="setup")
+        self._plan = plan
+        self._link = link
+        self._snapshot: Snapshot | None = None
+        self._on_its_way = self._chosen = self.number_used = False
+        self._problem = ""
 
     def enter(self) -> None:
         self.rest()
@@ -320,19 +314,15 @@ class SetupPane(Vertical):
             await self._plan.read()
         self._form.show_values({})  # a key that comes at once: a name belongs to its subject
         setup = self._read()
-        if isinstance(setup, str) or (setup.run_number and not self._number_used):
+        if isinstance(setup, str) or (setup.run_number and not self.number_used):
             return setup
         wanted = NextRunNumber(setup.subject, setup.condition.number, setup.practice)
         try:
             number = await self._link.answer(wanted)
         except MadrobError as error:
             return str(error)
-        self._number_used = False
+        self.number_used = False
         return replace(setup, run_number=max(number, setup.run_number))
-
-    def ask_for_later_number(self) -> None:
-        """After a start that was refused a later number is taken, if its own is used now."""
-        self._number_used = True
 
     def on_input_changed(self, _event: Input.Changed) -> None:
         self._take_change()

@@ -157,7 +157,7 @@ async def test_a_number_that_could_not_be_asked_for_is_asked_for_again(
     await driver.set_up()
     engine.used_numbers = {(1, 1): 1}  # a start was withdrawn, its number is used
     engine.no_number = "the disk is silent"
-    driver.console.panes.setup.ask_for_later_number()
+    driver.console.panes.setup.number_used = True
     await driver.press("enter")
     assert "x the disk is silent" in driver.text
     engine.no_number = None

@@ -440,7 +440,7 @@ async def test_y_copies_the_marked_row_with_its_heads(
         heads, cells = copied(written).splitlines()
         row = dict(zip(heads.split("\t"), cells.split("\t"), strict=True))
         assert row["subj"] == "7"
-        marked = driver.console.query_one(HistoryPane).selected
+        marked = driver.console.query_one(HistoryPane).table.selected
         assert marked is not None
         await driver.press("enter", "y", "p")
         assert copied(written) == str(tmp_path / marked.folder)
