@@ -8,12 +8,11 @@ from typing import ClassVar
 
 from textual import work
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.requests import Curves
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, Unmarked, line, paragraph
+from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line, paragraph
 from madrob_console.ui.cells.plot import ASCII, BRAILLE, LARGEST, Frame, Ink, Mark, Plot, Window
 from madrob_console.ui.look.words import fitted
 from madrob_console.ui.panes.run_status import what_text
@@ -155,20 +154,7 @@ _ZOOM = 1.5
 _STEP = 0.25
 
 
-class FigureView(Lines):
-    """One figure, or a message, in all the room there is."""
-
-    content: Sheet | tuple[str, Tone] = (READING, Tone.DIM)
-
-    def lines(self, width: int) -> Sequence[Line]:
-        if isinstance(self.content, Sheet):
-            ink = ASCII if self.ascii_only else BRAILLE
-            return self.content.lines(width, self.room.height, ink)
-        text, tone = self.content
-        return paragraph(text, width, tone)
-
-
-class FiguresPane(Vertical, Unmarked, can_focus=True):
+class FiguresPane(Lines, can_focus=True):
     """One figure at a time, zoomable in time; `load` may take a while."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -182,8 +168,7 @@ class FiguresPane(Vertical, Unmarked, can_focus=True):
     ]
 
     def __init__(self, load: Callable[[], Awaitable[Curves | None]]) -> None:
-        self._view = FigureView()
-        super().__init__(self._view, id="figures")
+        super().__init__(id="figures")
         self._load = load
         self._snapshot: Snapshot | None = None
         self._shown: tuple[float | None, int] | None = None
@@ -206,7 +191,7 @@ class FiguresPane(Vertical, Unmarked, can_focus=True):
 
     def _request(self) -> None:
         self._read()
-        self._redraw()
+        self.redraw()
 
     @work(exclusive=True)
     async def _read(self) -> None:
@@ -214,7 +199,7 @@ class FiguresPane(Vertical, Unmarked, can_focus=True):
             self._loaded = await self._load()
         except (MadrobError, OSError, MemoryError) as error:
             self._loaded = str(error) or "no memory"
-        self._redraw()
+        self.redraw()
 
     def action_move(self, way: int) -> None:
         if (window := self._window) is not None:
@@ -226,11 +211,11 @@ class FiguresPane(Vertical, Unmarked, can_focus=True):
 
     def action_show_all(self) -> None:
         self._window = None
-        self._redraw()
+        self.redraw()
 
     def action_turn(self, way: int) -> None:
         self._figure = (self._figure + way) % len(FIGURES)
-        self._redraw()
+        self.redraw()
 
     def _whole(self) -> Window:
         curves = self._loaded
@@ -246,23 +231,20 @@ class FiguresPane(Vertical, Unmarked, can_focus=True):
         else:
             start = min(max(middle - width / 2, whole.start), whole.end - width)
             self._window = Window(start, start + width)
-        self._redraw()
+        self.redraw()
 
-    def _redraw(self) -> None:
-        self._view.content = self._content()
-        self._view.redraw()
-
-    def _content(self) -> Sheet | tuple[str, Tone]:
+    def lines(self, width: int) -> Sequence[Line]:
         loaded, snapshot = self._loaded, self._snapshot
         if loaded == READING or snapshot is None:
-            return READING, Tone.DIM
+            return paragraph(READING, width, Tone.DIM)
         if isinstance(loaded, str):
-            return loaded, Tone.BAD
+            return paragraph(loaded, width, Tone.BAD)
         if loaded is None:
-            return NO_RESULT, Tone.DIM
+            return paragraph(NO_RESULT, width, Tone.DIM)
         if loaded.empty:
-            return _nothing(snapshot), Tone.WARN
-        return Sheet(self._figure, loaded, snapshot, self._window or self._whole())
+            return paragraph(_nothing(snapshot), width, Tone.WARN)
+        sheet = Sheet(self._figure, loaded, snapshot, self._window or self._whole())
+        return sheet.lines(width, self.room.height, ASCII if self.ascii_only else BRAILLE)
 
 
 def _nothing(snapshot: Snapshot) -> str:
