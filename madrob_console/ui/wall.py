@@ -116,7 +116,7 @@ def _rows(block: Block, drawn: Sequence[Sequence[str]], columns: int, gap: str) 
             )
 
 
-def _letters(cell: Span, size: int) -> list[str]:
+def _letters(cell: Span, size: int) -> Sequence[str]:
     large = large_text(cell.text, size) if size and cell.tone is not Tone.DIM else None
     return large or [cell.text]
 

@@ -31,7 +31,7 @@ from madrob_console.ui.cells.lines import (
 )
 from madrob_console.ui.look.words import rough_text, time_of_day
 from madrob_console.ui.panes.all_faults import AllFaults, Banner, EvidenceLine
-from madrob_console.ui.panes.run_status import RunClock, RunStatus, RunTenths, StepTable
+from madrob_console.ui.panes.run_status import RunClock, RunStatus, StepTable
 from scoring.protocol import Side
 from scoring.result import DOUBTED
 
@@ -288,7 +288,7 @@ class LivePane(VerticalScroll, Unmarked):
     """Clock, steps, sensors, what is known so far, faults, log; arrows scroll what is too long."""
 
     def __init__(self) -> None:
-        stands, steps = (RunClock(), RunTenths(), RunStatus()), (StepTable(), Passage())
+        stands, steps = (RunClock(), RunStatus()), (StepTable(), Passage())
         gauges, below = (DoorGauge(), HandleGauge()), (Provisional(), EvidenceLine(), AllFaults())
         super().__init__(
             Horizontal(*stands, classes="row"),
