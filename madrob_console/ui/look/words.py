@@ -6,7 +6,7 @@ import math
 import time
 from typing import TYPE_CHECKING
 
-from rich.cells import cell_len, chop_cells
+from rich.cells import cell_len, chop_cells, set_cell_size
 
 from madrob_console.referee.run import Phase
 from scoring.protocol import Outcome
@@ -37,11 +37,13 @@ PHASES = {
 }
 
 
-def clock_text(seconds: float) -> str:
-    """Minutes, seconds and tenths, cut and never rounded up: `-0:04.2`, `12:03.9`."""
-    tenths = math.floor(abs(seconds) * 10 + 1e-6)
-    sign = "-" if seconds < 0 and tenths else ""
-    return f"{sign}{tenths // 600}:{tenths // 10 % 60:02d}.{tenths % 10}"
+def clock_text(seconds: float, decimals: int = 1) -> str:
+    """Minutes and seconds, cut and never rounded up: `-0:04.2`, `12:03.9`."""
+    second = 10**decimals
+    parts = math.floor(abs(seconds) * second + 1e-6)
+    sign = "-" if seconds < 0 and parts else ""
+    whole = parts // second
+    return f"{sign}{whole // 60}:{whole % 60:02d}.{parts % second:0{decimals}d}"
 
 
 def minutes_text(seconds: float) -> str:
@@ -91,12 +93,9 @@ def export_text(export: ExportView) -> str:
 
 def fitted(text: str, width: int) -> str:
     """The text in exactly `width` cells; what is cut shows an ellipsis."""
-    missing = width - cell_len(text)
-    if missing >= 0:
-        return text + " " * missing
-    while text and cell_len(text) > width - 1:
-        text = text[:-1]
-    return fitted(text + "…", width) if width > 0 else ""
+    if cell_len(text) <= width:
+        return set_cell_size(text, width)
+    return f"{set_cell_size(text, width - 1)}…" if width > 0 else ""
 
 
 def shortened(text: str, width: int) -> str:

@@ -21,7 +21,6 @@ from madrob_console.referee.acts import Abort, DeclareTimeout, SetUp, Start, Wai
 from madrob_console.referee.flags import FlagKind, FlagWeight, undecided, weighty, worst
 from madrob_console.referee.records import CheckName, Trouble
 from madrob_console.referee.run import Phase
-from madrob_console.ui.panes.run_status import flag_sign
 from scoring.protocol import Condition, EventName, Outcome, Signal
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.faulty_source import TIMEOUT, FaultyDrive
@@ -192,7 +191,8 @@ def test_troubles_at_the_same_time_and_again_on_the_same_topics_are_one_fault(
 
 def signs(results: Path) -> list[str]:
     """What the history shows behind the outcome of each run."""
-    return [flag_sign(run.flags) for run in History(results).refresh()]
+    found = [run.flags for run in History(results).refresh()]
+    return ["!!" if undecided(flags) else "!" if weighty(flags) else "" for flags in found]
 
 
 def stutter(drive: FaultyDrive, seed: int) -> None:
