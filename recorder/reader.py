@@ -191,13 +191,14 @@ def read_catalogue(path: Path) -> tuple[Catalogue, str | None]:
         return catalogue, problem
 
 
-def open_recording(path: Path) -> BinaryIO:
-    """Raises ForeignError for a pipe or a folder."""
-    number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe must not block
+def open_recording(path: str | Path, folder_fd: int | None = None) -> BinaryIO:
+    """Raises ForeignError for a pipe or a folder, and OSError for a link in an open folder."""
+    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC  # a pipe must not block
+    number = os.open(path, flags | (os.O_NOFOLLOW if folder_fd else 0), dir_fd=folder_fd)
     if stat.S_ISREG(os.fstat(number).st_mode):
         return os.fdopen(number, "rb")
     os.close(number)
-    raise ForeignError(f"{path.name} is not a file")
+    raise ForeignError(f"{PurePath(path).name} is not a file")
 
 
 def bag_files(folder: Path, *, evidence: bool = False) -> tuple[list[Path], str | None]:
