@@ -216,7 +216,7 @@ def _recover_file(
         information = survey.information()
         if survey.cut:
             with ExitStack() as undo:
-                undo.callback(_give_up, folder_fd, name + _PART)
+                undo.callback(remove, folder_fd, name + _PART)
                 remove(folder_fd, name + _PART)
                 new = McapFile(folder_fd, name + _PART, listed_as=name)
                 undo.callback(new.close)  # it is locked up to the end
@@ -234,11 +234,6 @@ def _recover_file(
                 os.fsync(folder_fd)
     cut = tuple(survey.cut)
     return Recovered(path, survey.messages, torn, None, cut, survey.tail_bytes), information
-
-
-def _give_up(folder_fd: int, part: str) -> None:
-    with suppress(OSError):
-        remove(folder_fd, part)
 
 
 def _write(

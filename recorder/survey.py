@@ -158,13 +158,7 @@ def put_listing(
     for _ in range(_GOES):
         if listed is None:
             break
-        try:
-            prepare_metadata(folder_fd, listed)
-            put_metadata(folder_fd)
-        except OSError:
-            with suppress(OSError):
-                remove(folder_fd, metadata_part())
-            raise
+        write_metadata(folder_fd, listed)
         before, listed = listed, listing(folder_fd, recording, without)
         if listed == before:
             break
@@ -230,14 +224,22 @@ def summarised(folder_fd: int, name: str) -> BagInformation | None:
     return BagInformation(name, topics, counts, start_ns, end_ns)
 
 
-def remove(folder_fd: int, name: str) -> None:
-    with suppress(FileNotFoundError):
-        os.unlink(name, dir_fd=folder_fd)
-
-
-def metadata_part() -> str:
-    """Unique to its writer; no reader looks at it."""
-    return f"{METADATA_FILE}.{threading.get_native_id()}.part"
+def write_metadata(folder_fd: int, information: BagInformation) -> None:
+    """Replace `metadata.yaml`, on disk on return; a crash leaves one or the other."""
+    part = f"{METADATA_FILE}.{threading.get_native_id()}.part"  # no reader looks at it
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+    try:
+        with os.fdopen(
+            os.open(part, flags, 0o666, dir_fd=folder_fd), "w", encoding="utf-8"
+        ) as file:
+            file.write(information.metadata_yaml())
+            file.flush()
+            os.fsync(file.fileno())
+        os.rename(part, METADATA_FILE, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
+        os.fsync(folder_fd)
+    except OSError:
+        remove(folder_fd, part)
+        raise
 
 
 def remove_metadata_parts(folder_fd: int) -> None:
@@ -246,17 +248,7 @@ def remove_metadata_parts(folder_fd: int) -> None:
         os.unlink(name, dir_fd=folder_fd)
 
 
-def prepare_metadata(folder_fd: int, information: BagInformation) -> None:
-    """Write the next `metadata.yaml` beside the current one; on disk on return."""
-    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
-    fd = os.open(metadata_part(), flags, 0o666, dir_fd=folder_fd)
-    with os.fdopen(fd, "w", encoding="utf-8") as file:
-        file.write(information.metadata_yaml())
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def put_metadata(folder_fd: int) -> None:
-    """Make the prepared `metadata.yaml` the one that counts; a crash leaves one or the other."""
-    os.rename(metadata_part(), METADATA_FILE, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
-    os.fsync(folder_fd)
+def remove(folder_fd: int, name: str) -> None:
+    """Where that is refused, whoever needs the name gone is told by the next call."""
+    with suppress(OSError):
+        os.unlink(name, dir_fd=folder_fd)
