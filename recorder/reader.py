@@ -35,7 +35,7 @@ RECOVERY_RECORD = "recovery"
 """The metadata record of a repaired bag; its `problem` says what the torn one had lost."""
 
 BagItem: TypeAlias = Topic | RawMessage | Metadata | Gap
-"""In storage order; a topic comes before its messages."""
+"""In storage order; a topic comes before its messages, and may come again."""
 
 METADATA_LIMIT = 1024 * 1024
 """The most bytes of `metadata.yaml` that are read; a topic takes some 600."""
@@ -155,11 +155,11 @@ def read_items(file: BinaryIO) -> Iterator[BagItem]:
                     with suppress(DamageError):
                         for known in read_summary(file):
                             catalogue.add_record(known)
-                    yield from catalogue.fresh_topics()
+                    yield from catalogue.topics()
             case _:
                 catalogue.add_record(record)
                 if isinstance(record, Channel):
-                    yield from catalogue.fresh_topics()
+                    yield from catalogue.topics([record.id])
                 elif isinstance(record, Metadata):
                     yield record
     statistics = catalogue.statistics

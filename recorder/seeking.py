@@ -25,8 +25,8 @@ _MOST_UNPACKED = 2 * RECORD_LIMIT
 class Seeker:
     """A recording in which messages are looked for; no file is held open between calls.
 
-    `problem` says why it is not complete; else None. Raises DamageError or OSError if there is
-    nothing to read.
+    `problem` says why it is not complete, as far as is known; else None. Raises DamageError or
+    OSError if there is nothing to read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -39,8 +39,8 @@ class Seeker:
     def nearest(self, name: str, at_ns: int, within_ns: int) -> RawMessage | None:
         """The message of a topic that was received nearest to an instant, ns since the epoch.
 
-        None = none within so many ns. What is damaged is passed over. Raises RecorderError if the
-        disk refuses.
+        None = none within so many ns. A damaged chunk is passed over, and `problem` tells it.
+        Raises RecorderError if the disk refuses.
         """
         channels = self._catalogue.channels_of(name)
         near = [chunk for chunk in self._chunks if chunk.distance(at_ns) <= within_ns]
@@ -54,9 +54,11 @@ class Seeker:
                     if chunk.channels.isdisjoint(channels) and chunk.channels:
                         continue
                     content = read_chunk(file, chunk.offset)
-                    unpacked += len(content)
+                    unpacked += len(content.records)
+                    if content.problem is not None and self.problem is None:
+                        self.problem = f"a chunk {content.problem} (byte {chunk.offset})"
                     with suppress(DamageError):
-                        for record in records_in(content):
+                        for record in records_in(content.records):
                             if isinstance(record, Message) and record.channel_id in channels:
                                 apart = abs(record.log_time - at_ns)
                                 if apart < closest:

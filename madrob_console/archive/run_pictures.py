@@ -50,13 +50,6 @@ _LARGEST_PICTURE = 1_000_000
 _NOT_PLAIN = re.compile(r"[^0-9A-Za-z]+")
 
 
-class CameraEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """A camera in the index."""
-
-    topic: str
-    type: str
-
-
 class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
     """A picture in the index, or why there is none. Times in s since the epoch.
 
@@ -89,7 +82,6 @@ class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
 class PictureIndex(msgspec.Struct, frozen=True, kw_only=True):
     """The content of `index.json`; `problems` says what else is wrong with the evidence."""
 
-    cameras: tuple[CameraEntry, ...] = ()
     pictures: tuple[PictureEntry, ...] = ()
     problems: tuple[str, ...] = ()
     format: int = INDEX_FORMAT
@@ -205,8 +197,7 @@ class _Maker:
                 f"{self._left_out} pictures were not made: at most {MOST_PICTURES}, and "
                 f"{WORKING_TIME:g} s of work; `madrob pictures` makes single ones"
             )
-        described = tuple(CameraEntry(topic=c.name, type=c.type) for c in self._cameras.topics)
-        index = PictureIndex(cameras=described, pictures=tuple(entries), problems=tuple(problems))
+        index = PictureIndex(pictures=tuple(entries), problems=tuple(problems))
         return RunPictures(index, self._files)
 
     def _at(self, number: int, moment: Moment) -> Iterator[PictureEntry]:
