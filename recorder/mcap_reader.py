@@ -537,3 +537,11 @@ def _text_size(metadata: dict[str, str]) -> int:
 
 def _shown(name: str) -> str:
     return name if name.isprintable() and len(name) <= _SHOWN else repr(name[:_SHOWN])
+
+
+def read_outline(file: BinaryIO) -> Catalogue:
+    """What a file holds beside messages, by its summary; DamageError where that is not all."""
+    catalogue = Catalogue(read_summary(file))
+    if not catalogue.whole:
+        raise DamageError("its summary is not complete")
+    return catalogue

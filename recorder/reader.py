@@ -27,6 +27,7 @@ from recorder.mcap_reader import (
     DamageError,
     ForeignError,
     Gap,
+    read_outline,
     read_records,
     read_summary,
 )
@@ -170,12 +171,8 @@ def read_items(file: BinaryIO) -> Iterator[BagItem]:
 def read_catalogue(path: Path) -> tuple[Catalogue, str | None]:
     """What a file holds beside messages, and why it may not be all."""
     with open_recording(path) as file:
-        try:
-            catalogue = Catalogue(read_summary(file))
-            if catalogue.whole:
-                return catalogue, None
-        except DamageError:
-            pass  # unfinished, or a writer that makes no summary
+        with suppress(DamageError):  # unfinished, or a writer that makes no summary
+            return read_outline(file), None
         catalogue = Catalogue()
         problem: str | None = None
         try:

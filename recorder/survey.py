@@ -22,7 +22,7 @@ from recorder.bag import (
     is_evidence,
 )
 from recorder.errors import RecorderError
-from recorder.mcap_reader import Catalogue, DamageError, ForeignError, Gap, read_summary
+from recorder.mcap_reader import DamageError, ForeignError, Gap, read_outline
 from recorder.reader import (
     METADATA_LIMIT,
     end_of,
@@ -121,10 +121,8 @@ class Survey:
     def _check_summary(self, file: BinaryIO) -> None:
         """Readers trust the summary; without checksums it may differ from the file."""
         try:
-            summary = Catalogue(read_summary(file))
-            if not summary.whole:
-                self.cut.append("its summary is not complete")
-            elif {topic.name: topic for topic in reversed(summary.topics())} != self.topics:
+            summary = read_outline(file)
+            if {topic.name: topic for topic in reversed(summary.topics())} != self.topics:
                 self.cut.append("its summary tells of other topics")
         except ForeignError:
             self.cut.append("its summary tells of other topics")
@@ -207,10 +205,9 @@ def _is_readable(listed: BagInformation) -> bool:
 def summarised(folder_fd: int, name: str) -> BagInformation | None:
     try:
         with open_recording(name, folder_fd) as file:
-            catalogue = Catalogue(read_summary(file))
+            catalogue = read_outline(file)
         topics, statistics = catalogue.topics(), catalogue.statistics
-        if statistics is None or not catalogue.whole:
-            return None
+        assert statistics is not None
         counts = Counter[str]()
         for channel, number in statistics.channel_message_counts.items():
             counts[catalogue.topic(channel).name] += number
