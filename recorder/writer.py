@@ -65,11 +65,11 @@ class BagFolder:
         records: Mapping[str, Mapping[str, str]],
     ) -> None:
         """Make everything; on disk on return. RecorderError leaves nothing behind."""
+        self._is_new = not isinstance(place, Evidence)
         if isinstance(place, Evidence):
             folder, name = place.folder, evidence_file_name(place.folder.name, place.number)
         else:
             folder, name = place, bag_file_name(place.name)
-        self._is_new = place is folder
         with ExitStack() as undo:
             try:
                 if self._is_new:
