@@ -14,6 +14,7 @@ import struct
 import zlib
 from collections.abc import Iterable, Iterator
 from collections.abc import Set as AbstractSet
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import BinaryIO, TypeAlias
 
@@ -178,6 +179,7 @@ _PARSERS = {
     Opcode.STATISTICS: Statistics.read,
 }
 _WANTED = frozenset({*_PARSERS, Opcode.MESSAGE, Opcode.CHUNK}) - {Opcode.CHUNK_INDEX}
+_CHUNKS = frozenset({Opcode.CHUNK})
 _IN_CHUNKS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL})  # beside messages
 _MESSAGE = int(Opcode.MESSAGE)
 
@@ -288,10 +290,60 @@ def _record_at(file: BinaryIO, offset: int, size: int) -> McapRecord:
     raise DamageError(f"there is no record at byte {offset}")
 
 
+@dataclass(frozen=True, slots=True)
+class ChunkPlace:
+    """A chunk on disk; log times in ns since the epoch. No `channels` = they are unknown."""
+
+    offset: int
+    begin_ns: int
+    end_ns: int
+    channels: frozenset[int] = frozenset()
+
+    def distance(self, at_ns: int) -> int:
+        return max(self.begin_ns - at_ns, at_ns - self.end_ns, 0)
+
+
+def chunk_places(file: BinaryIO) -> list[ChunkPlace]:
+    """By the summary; without all of them there, as while a file is written, by their heads."""
+    places: dict[int, ChunkPlace] = {}
+    told = None
+    with suppress(DamageError):
+        for record in read_summary(file, chunks=True):
+            if isinstance(record, Statistics):
+                told = record.chunk_count
+            elif isinstance(record, ChunkIndex):
+                offset, channels = record.chunk_start_offset, record.message_index_offsets
+                places[offset] = ChunkPlace(
+                    offset, record.message_start_time, record.message_end_time, frozenset(channels)
+                )
+    if len(places) != told:
+        places.clear()
+        with suppress(DamageError):
+            size = file.seek(0, io.SEEK_END)
+            for frame in _frames(file, len(MCAP0_MAGIC), size, _CHUNKS, most=_HEAD.size):
+                if len(frame.body) == _HEAD.size:
+                    begin_ns, end_ns, *_ = _HEAD.unpack_from(frame.body)
+                    places[frame.offset] = ChunkPlace(frame.offset, begin_ns, end_ns)
+    return list(places.values())
+
+
+def read_chunk(file: BinaryIO, offset: int) -> ChunkContent:
+    with suppress(DamageError):
+        for frame in _frames(file, offset, file.seek(0, io.SEEK_END), _CHUNKS):
+            if frame.offset == offset:
+                return unpack(frame.body)
+            break
+    return ChunkContent(b"", "is not where it should be")
+
+
 def _frames(
-    stream: BinaryIO, offset: int, size: int, wanted: AbstractSet[Opcode] = _WANTED
+    stream: BinaryIO,
+    offset: int,
+    size: int,
+    wanted: AbstractSet[Opcode] = _WANTED,
+    most: int = RECORD_LIMIT,
 ) -> Iterator[_Frame]:
-    """The wanted records from `offset` to byte `size`, where one must end.
+    """The wanted records from `offset` to byte `size`, where one must end; `most` bytes of each.
 
     A chunk may be cut, as the last frame; any other record that is not whole is a DamageError.
     """
@@ -306,13 +358,13 @@ def _frames(
         following = offset + FRAME.size + length
         if following > size:
             if opcode == Opcode.CHUNK:
-                rest = min(size - stream.tell(), RECORD_LIMIT)
+                rest = min(size - stream.tell(), most)
                 yield _Frame(opcode, offset, stream.read(rest), whole=False)
             raise DamageError(f"it is torn at byte {offset}", offset)
         if opcode in wanted:
             if length > RECORD_LIMIT:
                 raise DamageError(f"the record at byte {offset} claims {length} bytes", offset)
-            yield _Frame(opcode, offset, stream.read(length), whole=True)
+            yield _Frame(opcode, offset, stream.read(min(length, most)), whole=True)
         offset = following
 
 
@@ -392,7 +444,6 @@ class Catalogue:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._by_channel: dict[int, Topic] = {}
-        self._fresh: list[int] = []
         self._qos: dict[str, Qos] = {}
         self._qos_size = 0
         self._size = 0
@@ -410,7 +461,6 @@ class Catalogue:
                 if len(self._channels) == TOPIC_LIMIT:
                     raise DamageError(f"it has more than {TOPIC_LIMIT} channels")
                 self._channels[record.id] = record
-                self._fresh.append(record.id)
             case Metadata():
                 self._grow(len(record.name) + _text_size(record.metadata))
                 self.records[record.name] = record.metadata
@@ -427,23 +477,13 @@ class Catalogue:
             and all(channel.schema_id in self._schemas for channel in self._channels.values())
         )
 
-    def topics(self) -> list[Topic]:
-        return self._known(self._channels)
+    def channels_of(self, topic: str) -> set[int]:
+        return {number for number, one in self._channels.items() if one.topic == topic}
 
-    def fresh_topics(self) -> list[Topic]:
-        """The new topics since the last call. Raises ForeignError if one is not of ROS 2."""
-        fresh, self._fresh = self._fresh, []
-        return self._known(fresh)
-
-    def topic(self, channel_id: int) -> Topic:
-        """Raises ForeignError if it is not of ROS 2, DamageError if it is not in the file."""
-        if channel_id not in self._by_channel:
-            self._by_channel[channel_id] = self._make_topic(channel_id)
-        return self._by_channel[channel_id]
-
-    def _known(self, channel_ids: Iterable[int]) -> list[Topic]:
+    def topics(self, channel_ids: Iterable[int] | None = None) -> list[Topic]:
+        """Of some channels, or all. Raises ForeignError if one is not of ROS 2."""
         topics = []
-        for channel_id in channel_ids:
+        for channel_id in self._channels if channel_ids is None else channel_ids:
             try:
                 topics.append(self.topic(channel_id))
             except ForeignError:
@@ -451,6 +491,12 @@ class Catalogue:
             except DamageError:  # its messages cannot be read either, and then say so
                 continue
         return topics
+
+    def topic(self, channel_id: int) -> Topic:
+        """Raises ForeignError if it is not of ROS 2, DamageError if it is not in the file."""
+        if channel_id not in self._by_channel:
+            self._by_channel[channel_id] = self._make_topic(channel_id)
+        return self._by_channel[channel_id]
 
     def _make_topic(self, channel_id: int) -> Topic:
         channel = self._channels.get(channel_id)
@@ -491,3 +537,11 @@ def _text_size(metadata: dict[str, str]) -> int:
 
 def _shown(name: str) -> str:
     return name if name.isprintable() and len(name) <= _SHOWN else repr(name[:_SHOWN])
+
+
+def read_outline(file: BinaryIO) -> Catalogue:
+    """What a file holds beside messages, by its summary; DamageError where that is not all."""
+    catalogue = Catalogue(read_summary(file))
+    if not catalogue.whole:
+        raise DamageError("its summary is not complete")
+    return catalogue

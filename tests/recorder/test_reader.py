@@ -7,7 +7,7 @@ import shutil
 import time
 import tracemalloc
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import lz4.frame  # type: ignore[import-untyped]
 import pytest
@@ -17,29 +17,31 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.data_stream import RecordBuilder
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.records import Channel, Chunk, ChunkIndex, Footer, McapRecord, Message, Schema, Statistics
 from mcap.summary import Summary
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType, Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
+from recorder import seeking
 from recorder.bag import (
     BagInformation,
     Durability,
     Qos,
     RawMessage,
     Reliability,
-    evidence_file_name,
     parse_qos,
     qos_text,
 )
 from recorder.errors import RecorderError
+from recorder.mcap_reader import ChunkContent, DamageError, read_chunk
 from recorder.reader import Bag, read_bag
 from recorder.seeking import Seeker
 from recorder.writer import BagWriter
 from tests.recorder.samples import (
     BEST_EFFORT,
     LATCHED,
+    START_NS,
     add_evidence,
     door_messages,
     door_topics,
@@ -382,7 +384,6 @@ def test_a_bag_without_evidence_has_none(tmp_path: Path) -> None:
 
 
 ROUNDS = 40
-ANGLE = "/madrob/door/angle"
 
 
 def _write(
@@ -409,118 +410,113 @@ def _write(
     return path
 
 
-def _all(seeker: Seeker, name: str) -> list[RawMessage]:
-    found = seeker.between(name, 0, 2**63)
-    return [seeker.message(one, 1_000_000) for one in found]
+def _nearest(path: Path, topic: str, at_ns: int) -> RawMessage | None:
+    return Seeker(path).nearest(topic, at_ns, 2**62)
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
 @pytest.mark.parametrize("indexes", [IndexType.ALL, IndexType.CHUNK, IndexType.NONE])
-def test_every_message_is_found_by_its_time_whoever_wrote_the_file(
+def test_the_nearest_message_is_found_whoever_wrote_the_file(
     tmp_path: Path, compression: CompressionType, indexes: IndexType
 ) -> None:
     messages = door_messages(ROUNDS)
     path = _write(tmp_path / "a.mcap", messages, compression=compression, indexes=indexes)
-    with Seeker(path) as seeker:
-        assert {topic.name for topic in seeker.topics()} == {m.topic for m in messages}
-        for topic in seeker.topics():
-            expected = [one for one in messages if one.topic == topic.name]
-            assert _all(seeker, topic.name) == expected
-            middle = expected[len(expected) // 2].receive_ns
-            (found,) = seeker.between(topic.name, middle, middle)
-            assert seeker.message(found, 1_000_000) in expected
-            assert seeker.head(found, 12) == seeker.message(found, 1_000_000).data[:12]
+    seeker = Seeker(path)
+    assert {topic.name for topic in seeker.topics} >= {m.topic for m in messages}
+    for message in messages:
+        for at_ns in (message.receive_ns, message.receive_ns + 9_000_000):
+            found = seeker.nearest(message.topic, at_ns, 10_000_000)
+            assert found == message
+    last = messages[-1]
+    assert seeker.nearest(last.topic, last.receive_ns + 11_000_000, 10_000_000) is None
+    assert seeker.nearest("/talk", last.receive_ns, 2**62) is None
 
 
-def test_looking_for_one_message_reads_a_small_part_of_the_file(
+def test_to_find_one_message_a_small_part_of_the_file_is_read(tmp_path: Path) -> None:
+    path = _write(
+        tmp_path / "a.mcap",
+        strings(["x" * 20_000] * 500),
+        compression=CompressionType.NONE,
+        chunk_size=100_000,
+    )
+
+    def read() -> int:
+        return int(Path("/proc/self/io").read_text().split()[1])
+
+    before = read()
+    assert _nearest(path, "/talk", START_NS + 250 * 1_000_000) == strings(["x" * 20_000] * 251)[250]
+    assert read() - before < path.stat().st_size / 20
+
+
+def _with_chunks(path: Path, chunks: list[Chunk]) -> None:
+    """A finished file of these chunks, whatever is in them; its index has them all."""
+    content = MCAP0_MAGIC
+    indexes: list[McapRecord] = []
+    for chunk in chunks:
+        end, size = chunk.message_end_time, chunk.uncompressed_size
+        index = ChunkIndex(0, len(content), chunk.compression, 0, end, 0, {1: 0}, 0, size)
+        indexes.append(index)
+        content += encoded(chunk)
+    schema = Schema(1, b"string data", "ros2msg", talk().type)
+    channel = Channel(1, "/talk", "cdr", {}, 1)
+    told = Statistics(0, 1, {1: 1}, len(chunks), 1, 2**62, 0, 0, 1)
+    footer = Footer(len(content), 0, 0)
+    content += encoded(schema, channel, *indexes, told, footer) + MCAP0_MAGIC
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("claim", [0, 2**20, 2**62])
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+def test_no_chunk_takes_more_memory_than_it_claims_and_may(
+    tmp_path: Path, compression: str, claim: int
+) -> None:
+    zeros = bytes(300_000_000)
+    data = zstandard.compress(zeros) if compression == "zstd" else lz4.frame.compress(zeros)
+    _with_chunks(tmp_path / "a.mcap", [Chunk(compression, data, 2**62, 0, 0, claim)])
+    seeker = Seeker(tmp_path / "a.mcap")
+    tracemalloc.start()
+    assert seeker.nearest("/talk", START_NS, 2**62) is None
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 20_000_000
+    assert "a chunk " in (seeker.problem or "")
+
+
+def test_however_many_chunks_claim_an_instant_few_are_unpacked_for_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    messages = strings(["x" * 20_000] * 500)
-    path = _write(
-        tmp_path / "a.mcap", messages, compression=CompressionType.NONE, chunk_size=100_000
-    )
-    read: list[int] = []
-    pread = os.pread
+    records = encoded(*[Message(1, 5, bytes(2**20), 5, 0)] * 63)
+    bomb = Chunk("zstd", zstandard.compress(records), 2**62, 0, 0, len(records))
+    _with_chunks(tmp_path / "a.mcap", [bomb] * 50)
+    seeker = Seeker(tmp_path / "a.mcap")
+    looked_at: list[int] = []
 
-    def counted(number: int, size: int, offset: int) -> bytes:
-        data = pread(number, size, offset)
-        read.append(len(data))
-        return data
+    def read(file: BinaryIO, offset: int) -> ChunkContent:
+        looked_at.append(offset)
+        return read_chunk(file, offset)
 
-    monkeypatch.setattr(os, "pread", counted)
-    with Seeker(path) as seeker:
-        at = messages[250].receive_ns
-        (found,) = seeker.between("/talk", at, at)
-        assert seeker.message(found, 100_000) == messages[250]
-    assert sum(read) < 2 * 20_000
-
-
-def test_evidence_is_looked_for_apart_from_what_is_scored(tmp_path: Path) -> None:
-    folder = tmp_path / "run"
-    folder.mkdir()
-    _write(folder / "run_0.mcap", door_messages(3))
-    add_evidence(folder, strings(["one", "two"]))
-    add_evidence(folder, strings(["three"]), number=1)
-    with Seeker(folder, evidence=True) as seeker:
-        assert [topic.name for topic in seeker.topics()] == ["/talk"]
-        assert len(_all(seeker, "/talk")) == 3
-        assert seeker.problems == []
-    with Seeker(folder) as seeker:
-        assert len(_all(seeker, ANGLE)) == 3
-
-
-def test_a_bag_without_evidence_has_no_topics(tmp_path: Path) -> None:
-    with Seeker(tmp_path, evidence=True) as seeker:
-        assert seeker.topics() == ()
-        assert seeker.between("/talk", 0, 2**63) == []
-
-
-def test_what_cannot_be_read_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RecorderError, match="holds no recording"):
-        Seeker(tmp_path)
-    (tmp_path / evidence_file_name("run", 0)).write_bytes(b"no recording")
-    add_evidence(tmp_path, strings(["there"]), number=1)
-    with Seeker(tmp_path, evidence=True) as seeker:
-        assert "does not begin like an MCAP file" in seeker.problems[0]
-        assert len(_all(seeker, "/talk")) == 1
-
-
-def test_a_message_larger_than_the_limit_is_refused_before_memory_is_taken(tmp_path: Path) -> None:
-    path = _write(tmp_path / "a.mcap", strings(["x" * 5000]))
-    with Seeker(path) as seeker:
-        (found,) = seeker.between("/talk", 0, 2**63)
-        with pytest.raises(RecorderError, match="/talk: it has more than 0 MB"):
-            seeker.message(found, 4000)
-
-
-def test_the_first_messages_are_those_of_the_first_chunk(tmp_path: Path) -> None:
-    path = _write(tmp_path / "a.mcap", door_messages(400))
-    with Seeker(path) as seeker:
-        found = [one.log_ns for one in seeker.first(ANGLE)]
-        there = [one.log_ns for one in seeker.between(ANGLE, 0, 2**63)]
-    assert 0 < len(found) < len(there)
-    assert found == there[: len(found)]
+    monkeypatch.setattr(seeking, "read_chunk", read)
+    found = seeker.nearest("/talk", 10, 100)
+    assert found is not None
+    assert found.receive_ns == 5
+    assert 0 < len(looked_at) < 6
 
 
 @given(cut=st.floats(0, 1), indexes=st.sampled_from([IndexType.ALL, IndexType.NONE]))
 @settings(max_examples=60, deadline=None)
-def test_a_torn_file_gives_what_was_whole(
+def test_in_a_torn_file_everything_that_is_read_is_found(
     tmp_path_factory: pytest.TempPathFactory, cut: float, indexes: IndexType
 ) -> None:
     path = tmp_path_factory.mktemp("torn") / "a.mcap"
     data = _write(path, door_messages(ROUNDS), indexes=indexes).read_bytes()
     path.write_bytes(data[: int(cut * len(data))])
-    with Seeker(path) as seeker:
-        found = {topic.name: _all(seeker, topic.name) for topic in seeker.topics()}
     try:
         there = list(read_bag(path).messages())
-    except RecorderError:
+        seeker = Seeker(path)
+    except (DamageError, RecorderError):
         there = []
-    known = {(one.topic, one.receive_ns) for messages in found.values() for one in messages}
-    whole = [(one.topic, one.receive_ns) for one in there]
-    assert known <= set(whole)
-    most_in_a_chunk = 2 * 2000 // 50
-    assert len(known) >= len(whole) - most_in_a_chunk
+    for message in there:
+        assert seeker.nearest(message.topic, message.receive_ns, 0) == message
 
 
 @given(place=st.floats(0, 1), value=st.binary(min_size=1, max_size=9))
@@ -533,15 +529,13 @@ def test_a_damaged_file_never_ends_in_another_error(
     at = int(place * (len(data) - 1))
     data[at : at + len(value)] = value
     path.write_bytes(data)
-    with Seeker(path) as seeker:
-        for topic in seeker.topics():
-            seeker.first(topic.name)
-            for found in seeker.between(topic.name, 0, 2**63):
-                try:
-                    seeker.head(found, 12)
-                    seeker.message(found, 10_000)
-                except RecorderError:
-                    continue
+    try:
+        seeker = Seeker(path)
+    except DamageError:
+        return
+    for topic in seeker.topics:
+        for at_ns in (0, START_NS, 2**64):
+            seeker.nearest(topic.name, at_ns, 2**64)
 
 
 NEVER = {"sec": 9223372036, "nsec": 854775807}
