@@ -9,13 +9,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rosbags.interfaces import Nodetype
 from rosbags.typesys import TypesysError, get_types_from_msg
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.messages.codec import describe_topic
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.message_types import MessageTypes, nested_types
 from madrob_console.testbeds.ros.connection import RosObject, load_message_class
 from recorder.bag import Topic, topic_problem
 
@@ -115,8 +114,6 @@ def _type_hash(type_name: str, prefixes: Sequence[Path]) -> str:
 
 def _nested(type_name: str, text: str) -> list[str]:
     try:
-        fields = get_types_from_msg(text, type_name)[type_name][1]
+        return nested_types(type_name, get_types_from_msg(text, type_name))
     except (TypesysError, ValueError, LookupError):
         return []
-    inner = [f[1][0] if f[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else f for _, f in fields]
-    return [f[1] for f in inner if f[0] == Nodetype.NAME]
