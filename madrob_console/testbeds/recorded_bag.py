@@ -17,22 +17,23 @@ from madrob_console.messages.codec import (
     referee_topics,
 )
 from madrob_console.messages.message_types import MessageError, MessageTypes
-from madrob_console.testbeds.source import SILENT, Announcement, BeginAbort, TopicStatus
+from madrob_console.testbeds.source import OfflineSource, TopicStatus
 from recorder.bag import RawMessage, Topic
 from recorder.errors import RecorderError
 from recorder.reader import Bag, read_bag
-from scoring.protocol import Condition
 
 MOST_KEPT = 150_000
 """Messages kept in memory, about seven minutes; a longer bag is read again at each restart."""
 
 
-class RecordedBag:
+class RecordedBag(OfflineSource):
     """A recorded testbed; each `open` replays its messages in stored order.
 
     The console's own messages are kept aside: the JSON lines of `/madrob/referee/event` in
     `journal_lines`, the metadata in `records`.
     """
+
+    kind = SourceKind.REPLAY
 
     def __init__(
         self,
@@ -68,10 +69,6 @@ class RecordedBag:
         self._kept = survey.messages
         self._messages: Iterator[RawMessage] = iter(())
         self._next: RawMessage | None = None
-
-    @property
-    def kind(self) -> SourceKind:
-        return SourceKind.REPLAY
 
     @property
     def label(self) -> str:
@@ -119,27 +116,6 @@ class RecordedBag:
                 for m in missing
             ),
         )
-
-    def configure(self, condition: Condition) -> None:
-        """Does nothing: the recorded testbed was configured then."""
-
-    @property
-    def sides_problem(self) -> str | None:
-        return None
-
-    @property
-    def announcement(self) -> Announcement:
-        return SILENT
-
-    @property
-    def other_referee(self) -> str | None:
-        return None
-
-    def publish(self, message: RawMessage) -> None:
-        """Does nothing: a replay has no listeners."""
-
-    def offer_abort(self, begin_abort: BeginAbort) -> None:
-        """Does nothing: no other programs call."""
 
     def close(self) -> None:
         self._messages, self._next = iter(()), None

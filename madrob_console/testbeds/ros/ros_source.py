@@ -89,9 +89,6 @@ class Mailbox:
     def dropped(self, topic: str) -> int:
         return self._dropped[topic]
 
-    def __len__(self) -> int:
-        return len(self._messages)
-
 
 _T = TypeVar("_T")
 _receive_ns = attrgetter("receive_ns")

@@ -27,7 +27,6 @@ from scoring.protocol import (
     Condition,
     PassageSensor,
     Side,
-    StartPose,
     Strip,
     Thresholds,
 )
@@ -74,7 +73,7 @@ class DoorGeometry:
     """The doorway, its panel and its sensors; lengths in m.
 
     `sensor_distance` is that of each row from the wall; the rows are centred on the doorway.
-    `hinge_left` is seen towards CCW, as in the protocol; False describes a mirrored testbed.
+    The hinge is on the left, seen towards CCW, as in the protocol.
     `encoder_counts` are those of a turn.
     """
 
@@ -86,7 +85,6 @@ class DoorGeometry:
     sensor_distance: float = 0.175
     sensor_spacing: float = 0.125
     beam_radius: float = 0.02
-    hinge_left: bool = True
     encoder_counts: int = 3600
     thresholds: Thresholds = field(default_factory=Thresholds)
 
@@ -147,10 +145,6 @@ class DoorGeometry:
         """The distance of a body's middle from the threshold, m, that no sensor sees."""
         return self.sensor_distance + self.half_view(body)
 
-    def start_pose(self, body: RobotBody, x: float) -> StartPose:
-        away = -1 if self.hinge_left else 1
-        return StartPose(x, away * body.shift, 180.0 if x > 0 else 0.0)
-
     def encode(self, angle: float) -> float:
         resolution = math.tau / self.encoder_counts
         return round(angle / resolution) * resolution
@@ -194,11 +188,6 @@ class Segment:
         else:
             done = part * part * part * (10 - part * (15 - 6 * part))
         return self.origin + (self.target - self.origin) * done
-
-    @property
-    def fastest(self) -> float:
-        factor = 2.0 if self.profile is Profile.FALL else 1.875
-        return factor * abs(self.target - self.origin) / (self.end - self.start)
 
 
 @dataclass(frozen=True, slots=True)

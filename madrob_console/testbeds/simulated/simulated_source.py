@@ -36,7 +36,7 @@ from madrob_console.messages.message_types import (
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.sensor_model import RANGE_MAX, RANGE_MIN, Reading
 from madrob_console.testbeds.simulated.testbed import RefereeState, SimulatedTestbed, parse_state
-from madrob_console.testbeds.source import Announcement, BeginAbort, TopicStatus
+from madrob_console.testbeds.source import Announcement, OfflineSource, TopicStatus
 from recorder.bag import Durability, Qos, RawMessage, Topic
 from scoring.protocol import SENSORS_PER_STRIP, Condition, Signal, Strip
 
@@ -222,8 +222,7 @@ def _strip_frame(geometry: DoorGeometry, strip: Strip) -> StandingFrame:
 
 
 def _along_wall(geometry: DoorGeometry, reach: float) -> float:
-    y = geometry.doorway_width / 2 - reach
-    return y if geometry.hinge_left else -y
+    return geometry.doorway_width / 2 - reach
 
 
 _KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)
@@ -238,13 +237,15 @@ _LONGEST_BACKLOG = 60.0
 """s of messages to catch up with; after a longer sleep of the machine they are lost."""
 
 
-class SimulatedSource:
+class SimulatedSource(OfflineSource):
     """A simulated testbed on the engine's clock.
 
     The robot sets out when a run starts: a published state with the phase `countdown` or `running`
     names the instant, `idle` or `ready` sends it back for the next run. A mapping that cannot be
     simulated raises MadrobError.
     """
+
+    kind = SourceKind.SIMULATED
 
     def __init__(
         self,
@@ -269,10 +270,6 @@ class SimulatedSource:
         self._announcement = Announcement(str(self.testbed.scenario))
         self._opened = False
         self._closed = False
-
-    @property
-    def kind(self) -> SourceKind:
-        return SourceKind.SIMULATED
 
     @property
     def label(self) -> str:
@@ -312,16 +309,8 @@ class SimulatedSource:
         self.testbed.set_condition(condition)
 
     @property
-    def sides_problem(self) -> str | None:
-        return None
-
-    @property
     def announcement(self) -> Announcement:
         return self._announcement
-
-    @property
-    def other_referee(self) -> str | None:
-        return None
 
     def publish(self, message: RawMessage) -> None:
         if message.topic == REFEREE_STATE_TOPIC:
@@ -329,9 +318,6 @@ class SimulatedSource:
         elif message.topic == REFEREE_START_POSE_TOPIC:
             pose = self._types.decode(message.type, message.data).pose
             self.testbed.set_start_distance(abs(pose.position.x))
-
-    def offer_abort(self, begin_abort: BeginAbort) -> None:
-        """Does nothing: it belongs to its engine."""
 
     def heed(self, state: RefereeState) -> None:
         if state.phase in ("idle", "ready"):

@@ -272,7 +272,7 @@ def test_what_arrived_before_the_end_can_still_be_taken(peer: Peer) -> None:
         peer.until(lambda: taker.matched(LOCKED))
         for _ in range(50):
             publisher.publish(truth(True))
-        peer.until(lambda: len(taker.source._mailbox) == 50)
+        peer.until(lambda: len(taker.source._mailbox._messages) == 50)
     assert len(taker.source.take_messages(0)) == 50
 
 
