@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 from functools import lru_cache
 from itertools import pairwise
+from operator import attrgetter
 
 from madrob_console.common.names import Scenario
 from scoring.protocol import (
@@ -145,17 +146,19 @@ class DoorGeometry:
         """The distance of a body's middle from the threshold, m, that no sensor sees."""
         return self.sensor_distance + self.half_view(body)
 
+    @property
+    def resolution(self) -> float:
+        """Of the encoder, rad."""
+        return math.tau / self.encoder_counts
+
     def encode(self, angle: float) -> float:
-        resolution = math.tau / self.encoder_counts
-        return round(angle / resolution) * resolution
+        return round(angle / self.resolution) * self.resolution
 
     def reading_reaches(self, threshold: float) -> float:
-        resolution = math.tau / self.encoder_counts
-        return (math.ceil(threshold / resolution) - 0.5) * resolution
+        return (math.ceil(threshold / self.resolution) - 0.5) * self.resolution
 
     def reading_exceeds(self, threshold: float) -> float:
-        resolution = math.tau / self.encoder_counts
-        return (math.floor(threshold / resolution) + 0.5) * resolution
+        return (math.floor(threshold / self.resolution) + 0.5) * self.resolution
 
 
 # Piecewise smooth functions of time, and where they cross a level.
@@ -190,19 +193,18 @@ class Segment:
         return self.origin + (self.target - self.origin) * done
 
 
+_start = attrgetter("start")
+
+
 @dataclass(frozen=True, slots=True)
 class Motion:
     """A value over all time: at rest before, between and after its segments."""
 
     initial: float
     segments: tuple[Segment, ...] = ()
-    _starts: tuple[float, ...] = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_starts", tuple(s.start for s in self.segments))
 
     def at(self, time: float) -> float:
-        index = bisect_right(self._starts, time)
+        index = bisect_right(self.segments, time, key=_start)
         return self.segments[index - 1].at(time) if index else self.initial
 
     @property

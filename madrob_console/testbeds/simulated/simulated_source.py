@@ -20,9 +20,11 @@ from madrob_console.messages.codec import (
     REFEREE_START_POSE_TOPIC,
     REFEREE_STATE_TOPIC,
     START_POSE_FRAME,
+    STRIPS,
     TopicMapping,
     decode_text,
     describe_topic,
+    find_signal,
     referee_topics,
 )
 from madrob_console.messages.message_types import (
@@ -30,7 +32,6 @@ from madrob_console.messages.message_types import (
     MessageField,
     MessageTypes,
     attribute,
-    find_field,
     find_stamp,
 )
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
@@ -43,9 +44,6 @@ from scoring.protocol import SENSORS_PER_STRIP, Condition, Signal, Strip
 # Readings as messages: the way back through a configured mapping.
 #
 # Whatever types and units a testbed is configured with, its simulation publishes the same.
-
-
-_STRIPS = {Signal.of_strip(strip) for strip in Strip}
 
 
 class Encoder:
@@ -64,17 +62,18 @@ class Encoder:
     ) -> None:
         self._mapping = mapping
         self._types = types
-        field = find_field(types, mapping.type, mapping.field)
+        field = find_signal(types, mapping)
         self._message = types.make(mapping.type)
         stamp = find_stamp(types, mapping.type)
         self._stamp = None if stamp is None else stamp(self._message)
         if stamp is not None:
             self._message.header.frame_id = frame
         self._holder, self._name, self._index = self._place(field)
-        self._numbers = field.numbers
         self._base = field.base
-        self._check()
-        if mapping.signal in _STRIPS:
+        if field.numbers:
+            size = len(getattr(self._holder, self._name))
+            if size not in (0, SENSORS_PER_STRIP):
+                raise self._error(f"{mapping.field} holds {size} ranges, not 4")
             self._set_limits(field)
             self._set_beside(field, scan)
         if mapping.type == "sensor_msgs/msg/JointState":
@@ -114,14 +113,6 @@ class Encoder:
             if len(array) <= index:
                 setattr(holder, names[-1], np.zeros(index + 1, array.dtype))
         return holder, names[-1], index
-
-    def _check(self) -> None:
-        if self._numbers != (self._mapping.signal in _STRIPS):
-            raise self._error(f"{self._mapping.field} does not fit the signal")
-        if self._numbers:
-            size = len(getattr(self._holder, self._name))
-            if size not in (0, SENSORS_PER_STRIP):
-                raise self._error(f"{self._mapping.field} holds {size} ranges, not 4")
 
     def _set_limits(self, field: MessageField) -> None:
         scale, offset = self._mapping.scale, self._mapping.offset
@@ -170,7 +161,7 @@ class StandingFrame:
 def frame_name(signal: Signal) -> str:
     if signal is Signal.HANDLE:
         return "madrob_handle"
-    strip = next((strip for strip in Strip if Signal.of_strip(strip) is signal), None)
+    strip = STRIPS.get(signal)
     return START_POSE_FRAME if strip is None else f"madrob_passage_{strip}"
 
 

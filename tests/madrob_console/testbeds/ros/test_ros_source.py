@@ -276,11 +276,6 @@ def test_what_arrived_before_the_end_can_still_be_taken(peer: Peer) -> None:
     assert len(taker.source.take_messages(0)) == 50
 
 
-def test_a_topic_mapped_with_two_types_is_refused() -> None:
-    with pytest.raises(MadrobError, match="a topic has one type"):
-        source(latch(), latch(type_name="std_msgs/msg/String"))
-
-
 @pytest.mark.parametrize("domain", ["-1", "233", "door"])
 def test_a_domain_that_does_not_exist_is_refused(
     monkeypatch: pytest.MonkeyPatch, domain: str
