@@ -11,7 +11,6 @@ import struct
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from rosbags.interfaces import Nodetype
 
@@ -32,9 +31,6 @@ from madrob_console.messages.message_types import (
 from recorder.bag import Durability, Qos, RawMessage, Topic
 from scoring.protocol import SENSORS_PER_STRIP, Signal, StartPose, Strip
 from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample, Sample
-
-if TYPE_CHECKING:
-    from rosbags.interfaces.typing import FieldDesc
 
 # The stamp of a message, read from its first bytes.
 
@@ -62,58 +58,12 @@ def header_stamp(data: bytes) -> float | None:
     return float(sec + nanosec / _NS)
 
 
-# The usual largest size of a type's messages: larger ones are not read.
-#
-# Reading takes time: 500,000 names, 4 MB, take 0.2 s. What decides about a run may not wait for
-# that.
+LARGEST_READ = 65_536
+"""Bytes of a message that is read without a limit of its topic's own.
 
-
-LONGEST_TEXT = 256
-"""Bytes assumed for a text without a bound of its own."""
-
-MOST_NUMBERS = 4096
-"""Numbers assumed in an array without a bound of its own."""
-
-MOST_PARTS = 32
-"""Texts or messages assumed in an array without a bound of its own."""
-
-UNKNOWN_SIZE = 65536
-"""Bytes assumed for a type that is not known yet."""
-
-_HEAD = 4
-_TAIL = 8
-_LENGTH = 8  # the bytes that tell one, and those that align it
-_SIZES = {"bool": 1, "byte": 1, "char": 1, "int8": 1, "uint8": 1, "octet": 1} | {
-    f"{kind}{bits}": bits // 8 for kind in ("int", "uint", "float") for bits in (16, 32, 64)
-}
-_LARGEST_NUMBER = 16
-
-
-def usual_size(types: MessageTypes, type_name: str) -> int:
-    """The largest CDR size of a type in bytes; exact but for padding if all of it is bounded."""
-    if not types.knows(type_name):
-        return UNKNOWN_SIZE
-    return _HEAD + _message(types, type_name) + _TAIL
-
-
-def _message(types: MessageTypes, type_name: str) -> int:
-    return sum(_field(types, field) for field in types.fields(type_name).values())
-
-
-def _field(types: MessageTypes, field: FieldDesc) -> int:
-    if field[0] == Nodetype.NAME:
-        return _message(types, field[1])
-    if field[0] == Nodetype.BASE:
-        name, bound = field[1]
-        if name in ("string", "wstring"):
-            return _LENGTH + (bound or LONGEST_TEXT) * (4 if name == "wstring" else 1) + 1
-        return 2 * _SIZES.get(name, _LARGEST_NUMBER) - 1
-    inner, count = field[1]
-    head = 0 if field[0] == Nodetype.ARRAY else _LENGTH
-    if inner[0] == Nodetype.BASE and inner[1][0] in _SIZES:
-        size = _SIZES[inner[1][0]]
-        return head + size - 1 + size * (count or MOST_NUMBERS)
-    return head + _field(types, inner) * (count or MOST_PARTS)
+Reading takes time: 500,000 names, 4 MB, take 0.2 s. What decides about a run may not wait for that.
+A scan of 4096 ranges with intensities has 33 kB.
+"""
 
 
 __all__ = [
@@ -141,12 +91,11 @@ START_POSE_FRAME = "madrob_door"
 
 _STRING = "std_msgs/msg/String"
 _POSE = "geometry_msgs/msg/PoseStamped"
-_STRIPS = {Signal.of_strip(strip): strip for strip in Strip}
+STRIPS = {Signal.of_strip(strip): strip for strip in Strip}
 _MEASURED: dict[Signal, Callable[[float, float, float], Sample]] = {
     Signal.DOOR: DoorSample,
     Signal.HANDLE: HandleSample,
 }
-_SWITCHED: dict[Signal, Callable[[float, float, bool], Sample]] = {Signal.LATCH: LatchSample}
 """(time, log time, value) -> sample."""
 _STAMP = (Wanted(("header", "stamp", "sec")), Wanted(("header", "stamp", "nanosec")))
 _MOST_MISSES = 20
@@ -178,10 +127,8 @@ class TopicMapping:
         if not math.isfinite(self.offset):
             raise MadrobError(f"{self.topic}: offset {self.offset} is no number; use another")
 
-    def limited(self, types: MessageTypes) -> TopicMapping:
-        if self.largest is not None:
-            return self
-        return replace(self, largest=usual_size(types, self.type))
+    def limited(self) -> TopicMapping:
+        return replace(self, largest=self.largest or LARGEST_READ)
 
 
 DEFAULT_MAPPINGS: tuple[TopicMapping, ...] = (
@@ -196,7 +143,7 @@ DEFAULT_MAPPINGS: tuple[TopicMapping, ...] = (
     ),
     *(
         TopicMapping(signal, f"/madrob/passage/{strip}", "sensor_msgs/msg/LaserScan", "ranges")
-        for signal, strip in _STRIPS.items()
+        for signal, strip in STRIPS.items()
     ),
     TopicMapping(Signal.LATCH, "/madrob/door/locked", "std_msgs/msg/Bool", field="data"),
 )
@@ -257,12 +204,7 @@ class Decoder:
 
 class _Reader:
     def __init__(self, mapping: TopicMapping, types: MessageTypes) -> None:
-        field = find_field(types, mapping.type, mapping.field)
-        if field.numbers != (mapping.signal in _STRIPS):
-            wanted = "an array" if mapping.signal in _STRIPS else "one number"
-            raise MessageError(
-                f"{mapping.field} of {mapping.type} is not {wanted}; correct the settings"
-            )
+        field = find_signal(types, mapping)
         self._types = types
         self._type = mapping.type
         self._stamped = find_stamp(types, mapping.type) is not None
@@ -297,8 +239,19 @@ class _Reader:
         return tuple(get(message) for get in self._getters)
 
 
+def find_signal(types: MessageTypes, mapping: TopicMapping) -> MessageField:
+    """The mapped field; MessageError where it cannot hold the signal."""
+    field = find_field(types, mapping.type, mapping.field)
+    if field.numbers != (mapping.signal in STRIPS):
+        wanted = "an array" if mapping.signal in STRIPS else "one number"
+        raise MessageError(
+            f"{mapping.field} of {mapping.type} is not {wanted}; correct the settings"
+        )
+    return field
+
+
 def _limits(mapping: TopicMapping, field: MessageField, types: MessageTypes) -> tuple[Wanted, ...]:
-    if mapping.signal not in _STRIPS:
+    if mapping.signal not in STRIPS:
         return ()
     found = [field.sibling(name, types) for name in ("range_min", "range_max")]
     limits = [Wanted(one.steps) for one in found if one is not None]
@@ -306,7 +259,7 @@ def _limits(mapping: TopicMapping, field: MessageField, types: MessageTypes) -> 
 
 
 def _builder(mapping: TopicMapping) -> _Build:
-    if mapping.signal in _STRIPS:
+    if mapping.signal in STRIPS:
         return _passage_builder(mapping)
     scale, offset = mapping.scale, mapping.offset
 
@@ -314,21 +267,21 @@ def _builder(mapping: TopicMapping) -> _Build:
         (value,) = numbers
         return float(value[0]) * scale + offset if value else math.nan  # an empty array says none
 
-    if (measured := _MEASURED.get(mapping.signal)) is not None:
-        return lambda time, log, numbers: measured(time, log, number(numbers))
-    switched = _SWITCHED[mapping.signal]
+    if mapping.signal is not Signal.LATCH:
+        sample = _MEASURED[mapping.signal]
+        return lambda time, log, numbers: sample(time, log, number(numbers))
 
-    def switch(time: float, log_time: float, numbers: Sequence[Numbers]) -> Sample:
+    def latch(time: float, log_time: float, numbers: Sequence[Numbers]) -> Sample:
         state = number(numbers)
         if math.isnan(state):
             raise MessageError(f"{mapping.field} says nothing about the {mapping.signal.value}")
-        return switched(time, log_time, state >= 0.5)
+        return LatchSample(time, log_time, state >= 0.5)
 
-    return switch
+    return latch
 
 
 def _passage_builder(mapping: TopicMapping) -> _Build:
-    strip = _STRIPS[mapping.signal]
+    strip = STRIPS[mapping.signal]
     scale, offset = mapping.scale, mapping.offset
     as_is = scale == 1.0 and offset == 0.0
 

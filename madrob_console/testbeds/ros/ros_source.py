@@ -9,13 +9,11 @@ import time
 from bisect import bisect_right
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from operator import attrgetter
 from typing import TypeVar
 
 from madrob_console.common.clock import Clock
-from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, TopicMapping, referee_topics
 from madrob_console.messages.message_types import MessageTypes
@@ -26,8 +24,8 @@ from madrob_console.testbeds.ros.connection import (
     in_namespace,
     load_message_class,
 )
-from madrob_console.testbeds.ros.intake import Intake, arrivals, can_take, qos_profile
-from madrob_console.testbeds.ros.types import prefixes
+from madrob_console.testbeds.ros.intake import Intake, arrivals, qos_profile
+from madrob_console.testbeds.ros.types import describe_registered, prefixes
 from madrob_console.testbeds.ros.watches import (
     DoorParameters,
     InfoWatch,
@@ -90,9 +88,6 @@ class Mailbox:
     def dropped(self, topic: str) -> int:
         return self._dropped[topic]
 
-    def __len__(self) -> int:
-        return len(self._messages)
-
 
 _T = TypeVar("_T")
 _receive_ns = attrgetter("receive_ns")
@@ -113,29 +108,25 @@ class RosSource:
     A thread of its own empties the subscriptions at 50 Hz; the engine's calls never wait for ROS.
     Discovery range and middleware are the user's environment. `/clock` sets the clock of a
     simulation. A source that does not speak only listens, and other referees do not see it.
-
-    Raises:
-        MadrobError: a topic is mapped with two types, or the domain does not exist.
+    A domain that does not exist raises MadrobError.
     """
 
-    def __init__(  # noqa: PLR0913  what it joins, and how
+    def __init__(
         self,
         mappings: Sequence[TopicMapping],
         types: MessageTypes,
         clock: Clock,
         domain: int | None = None,
         *,
-        direct: bool = True,
         speaks: bool = True,
         ros_args: Sequence[str] = (),
         environment: Mapping[str, str] = os.environ,
     ) -> None:
-        self._configured = _topic_types(mappings)
+        self._configured = {mapping.topic: mapping.type for mapping in mappings}
         self._types = types
         self._own_topics = referee_topics(types)
         self._clock = clock
         self._domain = domain_id(domain, environment)
-        self._direct = direct
         self._speaks = speaks
         self._ros_args = ros_args
         self._environment = environment
@@ -183,9 +174,8 @@ class RosSource:
         self._thread.start()
 
     def _join(self, connection: Connection) -> tuple[DoorParameters, RefereeWatch, InfoWatch]:
-        self._direct = self._direct and can_take()
         self._console = console = connection.node(console_name(), spun=False)
-        listener = connection.node("intake", beside=console, spun=not self._direct)
+        listener = connection.node("intake", beside=console, spun=False)
         self._publishers = {
             topic.name: console.create_publisher(
                 load_message_class(topic.type),
@@ -197,17 +187,10 @@ class RosSource:
         }
         self._door = DoorParameters(connection.node("parameters", beside=console))
         self._referees = RefereeWatch(console, speaks=self._speaks)
-        self._info = InfoWatch(listener, self._types, self._clock, direct=self._direct)
-        places = prefixes(self._environment)
+        self._info = InfoWatch(listener, self._types, self._clock)
+        describe = partial(describe_registered, self._types, prefixes(self._environment))
         self._intakes = tuple(
-            Intake(
-                listener,
-                name,
-                type_name,
-                types=self._types,
-                prefixes=places,
-                direct=self._direct,
-            )
+            Intake(listener, name, describe, type_name)
             for name, type_name in self._configured.items()
         )
         return self._door, self._referees, self._info
@@ -226,10 +209,17 @@ class RosSource:
             return tuple(
                 TopicStatus(name, type_name, 0) for name, type_name in self._configured.items()
             )
-        states = (i.status(self._mailbox.dropped(i.name)) for i in self._intakes)
-        if self._failure is None:
-            return tuple(states)
-        return tuple(replace(s, problem=s.problem or self._failure) for s in states)
+        return tuple(map(self._intake_status, self._intakes))
+
+    def _intake_status(self, intake: Intake) -> TopicStatus:
+        lost = intake.lost
+        return TopicStatus(
+            topic=intake.name,
+            type=intake.found_type,
+            publishers=intake.publishers,
+            lost=None if lost is None else lost + self._mailbox.dropped(intake.name),
+            problem=intake.problem or self._failure,
+        )
 
     def configure(self, condition: Condition) -> None:
         if self._door is not None:
@@ -295,7 +285,7 @@ class RosSource:
             self._try(info.hear_clock)
             self._mailbox.put_messages(self._try(self._take) or [])
             self._failure = self._failing
-            if self._direct and not door.pending:
+            if not door.pending:
                 self._stop.wait(_PERIOD)
             else:
                 self._try(partial(connection.spin, _PERIOD))
@@ -336,14 +326,3 @@ class RosSource:
         ready = bisect_right(messages, begin, key=_receive_ns)
         self._late = messages[ready:]
         return messages[:ready]
-
-
-def _topic_types(mappings: Sequence[TopicMapping]) -> dict[str, str]:
-    types: dict[str, str] = {}
-    for mapping in mappings:
-        if types.setdefault(mapping.topic, mapping.type) != mapping.type:
-            raise MadrobError(
-                f"{mapping.topic} is mapped as {types[mapping.topic]} and as {mapping.type}: "
-                "a topic has one type"
-            )
-    return types
