@@ -133,7 +133,7 @@ def _flags_of(data: bytes) -> tuple[Flag, ...]:
     except _DAMAGED:
         return ()
     quality = Quality(remarks=tuple(marks.quality.remarks))
-    return flags(marks, marks.steps, marks.source, quality)
+    return flags(marks.run, marks.steps, marks.source, quality)
 
 
 def read_paged_result(folder: str) -> PagedResult:
