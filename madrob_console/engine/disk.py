@@ -6,6 +6,7 @@ thread, at its next step, so that nothing of it needs a lock.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import deque
@@ -378,6 +379,54 @@ class DiskThreads:
         """End both; wait for the run's own files, `limit` s at most."""
         self.reading.close()
         self.own.close(limit)
+
+
+class RepeatedReading(Generic[T]):
+    """What is read every `period` s beside the core, or after a change; until then the last answer.
+
+    `submit` hands the job to a reader. Nothing is asked while an answer is awaited. What `forgets`
+    is `unknown` again when an answer fails, or takes longer than the period.
+    """
+
+    def __init__(
+        self,
+        job: Callable[[], T],
+        submit: Callable[[Callable[[], T], Callable[[Future[T]], None]], object],
+        period: float,
+        unknown: T,
+        *,
+        forgets: bool = False,
+    ) -> None:
+        self.value = unknown
+        self._job = job
+        self._submit = submit
+        self._period = period
+        self._unknown = unknown
+        self._forgets = forgets
+        self._asked = -math.inf
+        self._seen: object = None
+        self._awaited = False
+
+    def look(self, now: float, seen: object = None) -> T:
+        """The last answer; asks for another one in time, or when `seen` differs. Never waits."""
+        late = not 0 <= now - self._asked < self._period
+        if self._awaited:
+            self._forget(late=late)
+        elif late or seen != self._seen:
+            self._asked, self._seen, self._awaited = now, seen, True
+            self._submit(self._job, self._heard)
+        return self.value
+
+    def _forget(self, *, late: bool) -> None:
+        if late and self._forgets:
+            self.value = self._unknown
+
+    def _heard(self, answer: Future[T]) -> None:
+        if answer.exception() is None:
+            self.value = answer.result()
+        else:
+            self._forget(late=True)
+        self._awaited = False
 
 
 def why_not(answer: Future[T]) -> str | None:
