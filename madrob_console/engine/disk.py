@@ -411,21 +411,17 @@ class RepeatedReading(Generic[T]):
         """The last answer; asks for another one in time, or when `seen` differs. Never waits."""
         late = not 0 <= now - self._asked < self._period
         if self._awaited:
-            self._forget(late=late)
+            self.value = self._unknown if late and self._forgets else self.value
         elif late or seen != self._seen:
             self._asked, self._seen, self._awaited = now, seen, True
             self._submit(self._job, self._heard)
         return self.value
 
-    def _forget(self, *, late: bool) -> None:
-        if late and self._forgets:
-            self.value = self._unknown
-
     def _heard(self, answer: Future[T]) -> None:
         if answer.exception() is None:
             self.value = answer.result()
-        else:
-            self._forget(late=True)
+        elif self._forgets:
+            self.value = self._unknown
         self._awaited = False
 
 
