@@ -197,11 +197,8 @@ class CurrentRun:
             return
         assert self.record is not None
         before = observation.sensors.newest() if self._replay is None else None
-        follow, silence = (
-            self._engine_context.scorer.follow,
-            self._engine_context.config.limits.lost,
-        )
-        observation.course = RunTracker(self.record, run, follow, silence, before)
+        follow, limits = self._engine_context.scorer.follow, self._engine_context.config.limits
+        observation.course = RunTracker(self.record, run, follow, limits.lost, before)
 
     def interrupt(
         self, reason: str, at: float | None = None, outcome: Outcome = Outcome.INTERRUPTED
@@ -296,14 +293,9 @@ class CurrentRun:
             if self.run.closure is None:
                 self.score()
 
-        look, keepers = (
-            partial(settled_account, self.folder, told, self.run.start),
-            self._engine_context.keepers,
-        )
-        if ending:
-            keepers.own.submit_job(look, heard)
-        else:
-            keepers.reading.submit_job(look, heard)
+        keepers = self._engine_context.keepers
+        disk = keepers.own if ending else keepers.reading
+        disk.submit_job(partial(settled_account, self.folder, told, self.run.start), heard)
 
     def score(self, *, write: bool = True) -> None:
         """Ask for its result, and have it written unless `write` says no."""
@@ -349,18 +341,13 @@ class Acting:
             engine_context, at_hand.event_publisher, at_hand.recorder, situation, self._take_effect
         )
 
-    @property
-    def waiting(self) -> type[Act] | None:
-        """From any thread."""
-        return self.durable.waiting
-
     def refusals(self, situation: Situation) -> dict[str, str]:
         """Act name -> why no such act is possible now; those that are possible are missing."""
         found, active = refusals(situation), situation.run.active
         for act in ACTS:
             if act.name not in found and (why := self.durable.refusal(act, active=active)):
                 found[act.name] = why
-        if self.waiting is not None and not active:
+        if self.durable.waiting is not None and not active:
             found.pop(Abort.name, None)
         return found
 
@@ -389,10 +376,8 @@ class Acting:
             self._do(act, origin)
             answer(None)
         else:
-            name, at = (
-                name or f"{self._engine_context.clock.now_ns():x}",
-                self._engine_context.now(),
-            )
+            at = self._engine_context.now()
+            name = name or f"{self._engine_context.clock.now_ns():x}"
             act, prepare = self._completed(act)
             durable.submit(act, lambda act: _line_of(act, run, at, origin, name), answer, prepare)
 

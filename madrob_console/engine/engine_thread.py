@@ -313,13 +313,17 @@ class LocalEngine:
 
     def _look(self) -> None:
         reporting, engine = self._reporting, self._engine
-        others = [self._fallen()]
-        if reporting is not None:
-            others.insert(0, reporting.problem)
+        others = [None if reporting is None else reporting.problem, self._fallen()]
         if engine.replay is None:
             run, folder = engine.run, engine.folder
             if not run.active:  # then a disk has other things to do
-                seen = (engine.generation, run.issue, run.phase, run.protests, engine.busy)
+                seen = (
+                    engine.current_run.generation,
+                    run.issue,
+                    run.phase,
+                    run.protests,
+                    engine.busy,
+                )
                 self._protested.look(time.monotonic(), seen)
             at_hand = "" if folder is None else str(folder.relative_to(self.results))
             others += overdue_words(self._protested.value, engine.now(), at_hand)
@@ -385,7 +389,7 @@ class LocalEngine:
         if parse_folder_name(folder) is None:
             raise MadrobError(f"{folder!r} is no run folder")
         engine = self._engine
-        asked = engine.generation
+        asked = engine.current_run.generation
         if (refused := engine.opening_refusal()) is not None:
             return _answered(refused)
         answer: Future[str | None] = Future()
@@ -463,8 +467,7 @@ class LocalEngine:
     @property
     def unsaved(self) -> bool:
         """Whether anything of a run is in memory alone: the disk refuses it, or is silent."""
-        engine = self._engine
-        kept = engine.unwritten[0] or engine.refused or engine.waiting
+        kept = self._engine.unwritten[0] or self.not_on_disk
         return self._failure is None and bool(kept)
 
     @property
