@@ -146,12 +146,13 @@ class Engine:
     @property
     def unwritten(self) -> tuple[int, float]:
         """How many lines of the journal are not on disk, and for how long, s. From any thread."""
-        return self.current_run.event_publisher.unwritten
+        return self.current_run.event_publisher.journal.unwritten
 
     @property
     def refused(self) -> str:
         """What of the current run is in memory alone and retried. From any thread."""
-        return self.current_run.result.problem or self.current_run.event_publisher.problem or ""
+        journal = self.current_run.event_publisher.journal
+        return self.current_run.result.problem or journal.problem or ""
 
     @property
     def waiting(self) -> tuple[str, ...]:
@@ -175,8 +176,7 @@ class Engine:
     @property
     def disk_silence(self) -> float:
         """How long the disk has not answered, s; 0 while nothing waits for it. From any thread."""
-        keepers = self._engine_context.keepers
-        return max(keepers.own.silent, keepers.reading.silent, self.current_run.recorder.silent)
+        return max(self._engine_context.keepers.own.silent, self.current_run.recorder.silent)
 
     def now(self) -> float:
         return self._engine_context.now()
@@ -189,6 +189,7 @@ class Engine:
             return
         self.current_run.event_publisher.announce_state(self.run)
         self._earlier.find_cut_off_runs()
+        self._pre_start.free_disk(self.now())  # known before the first start
 
     def step(self, timeout: float, interrupt: Interrupt | None = None) -> None:
         """Take the testbed's messages within `timeout` s of clock time, and decide.
@@ -227,8 +228,8 @@ class Engine:
             self._settle()
         self._engine_context.scorer.close()
         if answers:
-            self.current_run.result.end(self.now(), busy=self.run.active)
-        self.current_run.event_publisher.close()
+            self.current_run.result.end(self.folder, self.now())
+        self.current_run.event_publisher.journal.close()
         self.source.close()
         self._engine_context.keepers.close(CLOSING_TIME if answers else 0.0)
 
@@ -240,7 +241,7 @@ class Engine:
         return bag_is_closed
 
     def read(self, job: Callable[[], T], *, first: bool = True) -> Future[T]:
-        """Have something read that the run does not need. From any thread; see `Reader`."""
+        """Have something read that the run does not need. From any thread; see `DiskJobs`."""
         return self._engine_context.keepers.reading.submit_job(job, first=first)
 
     def next_run_number(

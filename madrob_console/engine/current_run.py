@@ -14,11 +14,11 @@ from madrob_console.archive.folders import give_out_run_number
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.engine.durable_acts import Answers, DurableActs, EarlierRuns, Told
 from madrob_console.engine.evidence_client import EvidenceNotes, RunFaults, WitnessStatus
-from madrob_console.engine.journal_writer import OpenJournal
+from madrob_console.engine.journal_writer import OpenJournal, Recording
 from madrob_console.engine.observation import Happening, Observation, RunTracker
 from madrob_console.engine.replay import DECIDED_ANEW, EngineContext
 from madrob_console.engine.result_writer import CurrentResult
-from madrob_console.engine.run_recorder import EventPublisher, OpenRecording, RunRecorder
+from madrob_console.engine.run_recorder import EventPublisher, RunRecorder
 from madrob_console.engine.scorer import EarlierRun, RenderedResult, ToScore
 from madrob_console.referee.acts import (
     ACTS,
@@ -134,7 +134,7 @@ class CurrentRun:
         if self.opened is None:
             self.kept = self.run.cleared
         self._leave()
-        self.event_publisher.go_on(journal, opened.entries)
+        self.event_publisher.journal.adopt(journal, opened.entries)
         self.opened, self.record = opened, opened.scored.record
         stood = replace(opened.scored.run, journal=None)
         self.folder, self.run = opened.folder, stood
@@ -169,8 +169,8 @@ class CurrentRun:
         self._evidence_notes = EvidenceNotes()
         self.recorder.clear()
 
-    def adopt(self, made: OpenRecording) -> None:
-        self.record, self.folder = made.record, made.recording.folder
+    def adopt(self, made: Recording) -> None:
+        self.record, self.folder = made.record, made.folder
         self.recorder.adopt(made, self._engine_context.clock.now_ns())
 
     # ------------------------------------------------------------------ what becomes of it
@@ -412,7 +412,7 @@ class Acting:
             at_hand.event_publisher.announce_start_pose(run.setup.start_pose)
         self._done(run)
 
-    def _take_effect(self, act: Act, entry: Entry, made: OpenRecording | None) -> None:
+    def _take_effect(self, act: Act, entry: Entry, made: Recording | None) -> None:
         at_hand = self._at_hand
         if made is not None:
             at_hand.adopt(made)

@@ -9,7 +9,7 @@ from random import Random
 
 from madrob_console.archive.evidence import evidence_held
 from madrob_console.common.version import software_version
-from madrob_console.engine.disk import Reader, RepeatedReading
+from madrob_console.engine.disk import DiskJobs, RepeatedReading
 from madrob_console.engine.evidence_client import EvidencePlan
 from madrob_console.messages.codec import TopicMapping
 from madrob_console.messages.message_types import MessageTypes
@@ -59,7 +59,7 @@ STEADY_FOR = 10.0
 class EvidenceRoom:
     """Tells how much evidence there is, and how much more can be recorded."""
 
-    def __init__(self, config: EngineConfig, reading: Reader) -> None:
+    def __init__(self, config: EngineConfig, reading: DiskJobs) -> None:
         self._config = config
         look = partial(evidence_held, config.results)
         self._held: RepeatedReading[int | None]

@@ -404,8 +404,11 @@ class LocalEngine:
 
             self._put(Turn(question, deadline, answer))
 
-        path = self.results / folder
-        engine.read(lambda: engine.read_run(path).result()).add_done_callback(show)
+        def read() -> None:
+            engine.read_run(self.results / folder).add_done_callback(show)
+
+        # a bag takes long: listings go on, and so does whoever asks a scorer of this process
+        threading.Thread(target=read, name="opening", daemon=True).start()
         return answer
 
     def _export(self, request: ExportTeam | ExportDossier) -> str | None:

@@ -26,9 +26,9 @@ class PreStart:
         self._evidence_client = engine_context.evidence_client
         self._room = engine_context.room
         self._starts_next = self._practice = False
-        reading = engine_context.keepers.reading
+        disk = engine_context.keepers.own  # whose silence is the disk's
         self._disk = RepeatedReading(
-            self._look_at_disk, reading.submit_job, _DISK_PERIOD, _UNKNOWN, forgets=True
+            self._look_at_disk, disk.submit_job, _DISK_PERIOD, _UNKNOWN, forgets=True
         )
 
     def checks(
@@ -43,7 +43,7 @@ class PreStart:
         sensors, config = self._sensors, self._config
         self._starts_next = run.phase is Phase.READY
         self._practice = run.setup is not None and run.setup.practice
-        force, disk = sensors.force(now), self._disk.look(now)
+        force, disk = sensors.force(now), self._look(now)
         readings = Readings(
             topic_problems=sensors.topic_problems(source.status(), now),
             angle=sensors.angle(now),
@@ -94,10 +94,13 @@ class PreStart:
 
     def free_disk(self, now: float) -> int | None:
         """Bytes free for results; None = unknown, or no answer comes."""
-        return self._disk.look(now).free
+        return self._look(now).free
+
+    def _look(self, now: float) -> _Disk:
+        return self._disk.look(now, (self._starts_next, self._practice))
 
     def _look_at_disk(self) -> _Disk:
-        """In a thread of its own: it may hang."""
+        """In the thread of the disk: it may hang."""
         results = self._config.results
         problem = recording_problem(results, attempt=self._starts_next, practice=self._practice)
         return _Disk(free_space(results), problem or "")

@@ -17,7 +17,7 @@ import pytest
 from madrob_console.archive.history import History
 from madrob_console.cli.session import UnattendedRun
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.disk import BUSY, MOST_WAITING, THREADS, ReaderPool, RepeatedReading
+from madrob_console.engine.disk import ENDED, FULL, DiskThread, RepeatedReading
 from madrob_console.engine.engine_thread import ListWatch, follow_lists
 from madrob_console.pages.tally import overall
 from madrob_console.referee.acts import SetUp, Start, Waive
@@ -32,86 +32,40 @@ from tests.madrob_console.engine.drive import Drive, Rehearsal, make_setup
 from tests.watching import PATIENCE, until
 
 
-def breaks() -> None:
-    raise ValueError("a bug")
-
-
 @pytest.mark.machine
-def test_what_the_core_asked_is_told_in_its_thread_and_not_before_it_asks_for_it() -> None:
-    reader, told = ReaderPool(), list[str]()
-    answer = reader.submit_job(lambda: 7, lambda _: told.append(threading.current_thread().name))
-    assert answer.result(PATIENCE) == 7
-    assert told == []
-
-    def delivered() -> bool:
-        reader.deliver()
-        return bool(told)
-
-    until(delivered)
-    assert told == [threading.current_thread().name]
-    reader.close()
-
-
-@pytest.mark.machine
-def test_a_bug_is_an_answer_in_words_and_ends_no_thread() -> None:
-    reader = ReaderPool()
-    for _ in range(THREADS + 1):
-        with pytest.raises(MadrobError, match="it cannot be read: ValueError"):
-            reader.submit_job(breaks).result(PATIENCE)
-    assert reader.submit_job(lambda: 7).result(PATIENCE) == 7
-    reader.close()
-
-
-@pytest.mark.machine
-def test_the_disk_is_silent_while_it_owes_the_core_an_answer() -> None:
-    """A screen that waits long, as for the bag of a run, says nothing of the disk."""
-    reader, go_on, begun = ReaderPool(), threading.Event(), list[int]()
-
-    def hangs() -> bool:
-        begun.append(1)
-        return go_on.wait(PATIENCE)
-
-    screen = reader.submit_job(hangs)
-    until(lambda: len(begun) == 1)
-    assert reader.silent == 0.0
-    core = reader.submit_job(hangs, lambda _: None)
-    until(lambda: len(begun) == 2)
-    until(lambda: reader.silent > 0.0)
-    go_on.set()
-    assert screen.result(PATIENCE)
-    assert core.result(PATIENCE)
-    until(lambda: reader.silent == 0.0)
-    reader.close()
-
-
-@pytest.mark.machine
-def test_a_disk_that_hangs_holds_up_so_many_readings_and_refuses_more() -> None:
-    reader, go_on, order = ReaderPool(), threading.Event(), list[int]()
+def test_the_referees_readings_go_before_the_others_and_too_many_are_refused() -> None:
+    reading, go_on, order = DiskThread("reading", most_jobs=5), threading.Event(), list[int]()
 
     def asked(number: int, *, first: bool = False) -> Future[int]:
         def read() -> int:
-            assert go_on.wait(30.0)
+            assert go_on.wait(PATIENCE)
             order.append(number)
             return number
 
-        return reader.submit_job(read, first=first)
+        return reading.submit_job(read, first=first)
 
-    hanging = [asked(number) for number in range(THREADS)]
-    until(lambda: reader._of_screens.count(first=False) == 0)
-    core = reader.submit_job(lambda: 7, lambda _: None)
-    assert core.result(PATIENCE) == 7  # it waits for nothing that screens ask
-    waiting = [asked(100 + number) for number in range(MOST_WAITING)]
-    with pytest.raises(MadrobError, match=BUSY):
-        asked(1000).result()
-    referee = [asked(200, first=True), asked(201, first=True)]
-    assert waiting[0].cancel()
+    hangs = asked(0)
+    until(hangs.running)
+    others = [asked(100 + number) for number in range(5)]
+    with pytest.raises(MadrobError, match=FULL):
+        asked(105).result(PATIENCE)
+    referees = [asked(number, first=True) for number in (1, 2)]
+    assert others[0].cancel()
     go_on.set()
-    assert [one.result(30.0) for one in (*hanging, *referee, *waiting[1:])]
-    assert 100 not in order
-    assert max(order.index(200), order.index(201)) <= THREADS + 1
-    reader.close()
-    with pytest.raises(MadrobError, match="the engine has ended"):
-        asked(300).result()
+    assert [one.result(PATIENCE) for one in (hangs, *referees, *others[1:])] == order
+    reading.close(PATIENCE)
+
+
+@pytest.mark.machine
+def test_whoever_waits_for_a_reading_that_hangs_is_told_when_the_engine_ends() -> None:
+    reading, go_on = DiskThread("reading"), threading.Event()
+    hangs = reading.submit_job(lambda: go_on.wait(PATIENCE))
+    until(hangs.running)
+    waits = reading.submit_job(lambda: 7, first=False)
+    reading.close(0.0)
+    with pytest.raises(MadrobError, match=ENDED):
+        waits.result(PATIENCE)
+    go_on.set()
 
 
 NEVER = 1e6
