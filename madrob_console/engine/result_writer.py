@@ -106,8 +106,7 @@ class CurrentResult:
         self._unwritten: dict[Path, Unwritten] = {}
         self._tried = -math.inf
         self._trying = 0
-        self._asked = 0
-        self._awaited: int | None = None
+        self._awaited: ToScore | None = None
         self._awaited_since = 0.0
         self._hurries_until = -math.inf
 
@@ -172,21 +171,22 @@ class CurrentResult:
         if self._awaited is None:
             self._awaited_since = self._keepers.monotonic()
         self.hurry()
-        self._asked += 1
-        number = self._awaited = self._asked
+        wanted = replace(wanted, run=replace(wanted.run, journal=self._journal.mark))
+        self._awaited = wanted
 
         def done(scored: RenderedResult) -> None:
-            if number != self._awaited:
+            if wanted is not self._awaited:
                 return
             if wanted.files:
-                self._write(wanted.folder, number, scored)
+                self._write(wanted, scored)
             else:
-                self._have(number, scored)
+                self._have(wanted, scored)
 
-        run = replace(wanted.run, journal=self._journal.mark)
-        self._scorer.score(replace(wanted, run=run), done)
+        self._scorer.score(wanted, done)
 
-    def _write(self, folder: Path, number: int, scored: RenderedResult) -> None:
+    def _write(self, wanted: ToScore, scored: RenderedResult) -> None:
+        folder = wanted.folder
+
         def heard(answer: Future[None]) -> None:
             self._trying -= 1
             if folder != self._folder:  # it was left meanwhile, and waits as such
@@ -195,15 +195,15 @@ class CurrentResult:
             if self.problem is None:
                 self._written(folder, scored)
                 self._tell(folder, scored)
-            self._have(number, scored)
+            self._have(wanted, scored)
 
         self._folder = folder
         self._trying += 1
         write = partial(write_result, folder, scored.files, scored.run.issue)
         self._keepers.own.submit_job(write, heard)
 
-    def _have(self, number: int, scored: RenderedResult) -> None:
-        if number != self._awaited:
+    def _have(self, wanted: ToScore, scored: RenderedResult) -> None:
+        if wanted is not self._awaited:
             return
         self.scored, self._awaited = scored, None
         self._hurries_until = -math.inf

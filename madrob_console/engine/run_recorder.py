@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
 from functools import partial
 
@@ -87,7 +87,11 @@ def _done(act: Act) -> tuple[str, Weight]:
 
 
 class EventPublisher:
-    """Keeps the journal, log, topic and bag of one run after the other."""
+    """Keeps the journal, log, topic and bag of one run after the other.
+
+    Attributes:
+        recording: what is recorded now.
+    """
 
     def __init__(self, engine_context: EngineContext) -> None:
         self.log = EventLog()
@@ -97,24 +101,21 @@ class EventPublisher:
         self._type_names = {topic.name: topic.type for topic in referee_topics(types)}
         keepers = engine_context.keepers
         self.journal = JournalKeeper(keepers.own, keepers.monotonic)
-        self._recording: Recording | None = None
+        self.recording: Recording | None = None
         self._early: list[RawMessage] = []
 
     def begin_run(self) -> None:
         self.journal.begin_journal()
         self.log.clear()
-        self._recording = None
+        self.recording = None
         self._early = []
 
     def attach(self, recording: Recording) -> None:
         self.journal.adopt(recording.journal, recording.entries)
-        self._recording = recording
+        self.recording = recording
         now_ns = self._clock.now_ns()
-        self._record([replace(message, receive_ns=now_ns) for message in self._early])
+        recording.record_messages([replace(early, receive_ns=now_ns) for early in self._early])
         self._early = []
-
-    def detach(self) -> None:
-        self._recording = None
 
     def write(self, entry: Entry, start: float | None) -> None:
         """Write a line to journal, log, topic and bag; if the disk refuses it, it waits.
@@ -141,13 +142,10 @@ class EventPublisher:
         now_ns = self._clock.now_ns()
         message = RawMessage(topic, self._type_names[topic], data, now_ns, now_ns)
         self._source.publish(message)
-        self._record([message])
-
-    def _record(self, messages: Sequence[RawMessage]) -> None:
-        if self._recording is None:
-            self._early.extend(messages)  # said before the bag is open: recorded when it is
-            return
-        self._recording.record_messages(messages)
+        if self.recording is None:
+            self._early.append(message)  # said before the bag is open: recorded when it is
+        else:
+            self.recording.record_messages([message])
 
 
 COUNTING = 0.5
@@ -169,22 +167,21 @@ class RunRecorder:
         self._clock = engine_context.clock
         self._evidence_client = engine_context.evidence_client
         self._room = engine_context.room
-        self._recording: Recording | None = None
-        self._closing: Recording | None = None
-        self._closed_view = RecorderView("closed")
+        self._last: Recording | None = None
+        self._closing = False
         self._lost_before: dict[str, int] = {}
         self._has_evidence = False
 
     @property
     def recording(self) -> bool:
-        return self._recording is not None
+        return self._event_publisher.recording is not None
 
     @property
     def open(self) -> bool:
-        return self._recording is not None or self._closing is not None
+        return self.recording or self._closing
 
     def clear(self) -> None:
-        self._closed_view = RecorderView("closed")
+        self._last = None
 
     def start(
         self, run: Run, line: Line, done: Callable[[Future[Recording | None]], None]
@@ -223,7 +220,7 @@ class RunRecorder:
     def adopt(self, recording: Recording, now_ns: int) -> None:
         """Record from now on, including what the testbed said of itself."""
         self._event_publisher.attach(recording)
-        self._recording = recording
+        self._last = recording
         for told in self._source.announcement.messages:
             recording.add_topics(self._source.topics())
             self.record_messages([replace(told, receive_ns=now_ns)])  # said before the bag was open
@@ -243,27 +240,26 @@ class RunRecorder:
 
     def record_messages(self, messages: Iterable[RawMessage]) -> None:
         """Does nothing without an open bag."""
-        if self._recording is not None:
-            self._recording.record_messages(messages)
+        if self._event_publisher.recording is not None:
+            self._event_publisher.recording.record_messages(messages)
 
     def record_late_topics(self) -> None:
-        if self._recording is not None:
-            self._recording.add_topics(self._source.topics())
+        if self._event_publisher.recording is not None:
+            self._event_publisher.recording.add_topics(self._source.topics())
 
     def finish(self, done: Callable[[tuple[str, ...], int], None]) -> None:
         """Have the bag closed; nothing more is recorded.
 
         `done` then gets in words what is missing, and how many messages of that were scored.
         """
-        recording = self._closing = self._recording
+        recording = self._event_publisher.recording
         assert recording is not None
-        self._recording = None
+        self._event_publisher.recording, self._closing = None, True
         self._evidence_client.end()
-        self._event_publisher.detach()
         losses = tuple(self._losses())
 
         def closed(_answer: Future[BagSummary]) -> None:
-            self._closing, self._closed_view = None, recording.view()
+            self._closing = False
             done((*recording.remarks(), *losses), recording.unrecorded)
 
         self._keepers.own.submit_job(partial(_close, recording, self._evidence_client), closed)
@@ -279,8 +275,8 @@ class RunRecorder:
     @property
     def silent(self) -> float:
         """How long the disk has taken nothing of the recording, s. From any thread."""
-        recording = self._recording or self._closing
-        return 0.0 if recording is None else recording.silent
+        last = self._last
+        return 0.0 if last is None else last.silent
 
     def evidence(self, start: float) -> EvidenceAccount | None:
         """Account of the evidence; None = none is wanted. `start` is in s since the epoch."""
@@ -292,11 +288,11 @@ class RunRecorder:
         return status.account_since(start)
 
     def view(self) -> RecorderView:
-        recording = self._recording or self._closing
-        return recording.view() if recording else self._closed_view
+        return RecorderView("closed") if self._last is None else self._last.view()
 
     def dropped(self) -> dict[str, int]:
-        return self._recording.dropped() if self._recording else {}
+        recording = self._event_publisher.recording
+        return {} if recording is None else recording.dropped()
 
 
 def _close(recording: Recording, evidence_client: EvidenceClient) -> BagSummary:
