@@ -131,7 +131,7 @@ def _flags_of(data: bytes) -> tuple[Flag, ...]:
     except _DAMAGED:
         return ()
     quality = Quality(remarks=tuple(marks.quality.remarks))
-    return flags(marks, marks.steps, marks.source, quality)
+    return flags(marks.run, marks.steps, marks.source, quality)
 
 
 def earlier_issues(folder: Path, reissues: Iterable[Reissuing]) -> tuple[ListedResult, ...]:

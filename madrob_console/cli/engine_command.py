@@ -197,11 +197,14 @@ def _fallen_threads() -> FallenThreads:
 def _follow_lists(
     teams: TeamSource, plan: PlanSource, engine: Engine, reporting: Reporting, stack: ExitStack
 ) -> None:
-    from madrob_console.engine.engine_thread import ListWatch
+    from madrob_console.engine.engine_thread import ListWatch, follow_lists
 
     changed = reporting.publish
-    stack.callback(ListWatch(teams, engine.hear_of_teams, changed=changed).close)
-    stack.callback(ListWatch(plan, engine.hear_of_plan, changed=changed).close)
+    lists = (
+        ListWatch(teams.file, teams.read, engine.hear_of_teams, changed),
+        ListWatch(plan.file, plan.read, engine.hear_of_plan, changed),
+    )
+    stack.callback(follow_lists(lists))
 
 
 def _idle_time(arguments: argparse.Namespace, settings: Settings, kind: SourceKind) -> float:

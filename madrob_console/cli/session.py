@@ -359,8 +359,8 @@ class UnattendedRun:
         assert scored is not None
         for line in result_lines(scored.result, scored.flags):
             print(line)
-        if self._engine.result_problem:
-            print(self._engine.result_problem)
+        if self._engine.refused:
+            print(self._engine.refused)
         if self._reporting is not None:
             self._wait_for_report(self._reporting)
         print(f"run folder: {self._engine.folder}", flush=True)

@@ -217,7 +217,6 @@ class Sensors:
         self._thresholds = thresholds
         self._watches = {m.topic: TopicWatch(m.signal, limits, thresholds) for m in mappings}
         self._of_signal = {watch.signal: watch for watch in self._watches.values()}
-        self._force: float | None = None
         self._forces: deque[tuple[float, float]] = deque()
         self._newest: dict[Signal, Sample] = {}
         # A start that never comes: this detector only keeps states.
@@ -239,17 +238,15 @@ class Sensors:
             return
         self._states.feed(sample)
         self._newest[watch.signal] = sample
-        largest = self._thresholds.impossible_force
-        if isinstance(sample, HandleSample) and abs(sample.force) <= largest:
-            self._keep_force(now, sample.force)
-
-    def _keep_force(self, now: float, force: float) -> None:
-        self._force = force
-        if self._forces and now < self._forces[-1][0]:
-            self._forces.clear()  # the clock was stepped back
-        self._forces.append((now, force))
-        while self._forces[0][0] < now - self.limits.averaging:
-            self._forces.popleft()
+        if (
+            isinstance(sample, HandleSample)
+            and abs(sample.force) <= self._thresholds.impossible_force
+        ):
+            if self._forces and now < self._forces[-1][0]:
+                self._forces.clear()  # the clock was stepped back
+            self._forces.append((now, sample.force))
+            while self._forces[0][0] < now - self.limits.averaging:
+                self._forces.popleft()
 
     def newest(self) -> tuple[Sample, ...]:
         return tuple(self._newest.values())
@@ -277,7 +274,7 @@ class Sensors:
 
     def force(self, now: float) -> float | None:
         """Raw handle force, N; None unless fresh."""
-        return self._force if self._fresh(Signal.HANDLE, now) else None
+        return self._forces[-1][1] if self._fresh(Signal.HANDLE, now) else None
 
     def handle_rest(self, now: float) -> HandleRest | None:
         """Raw handle force of the last second, by the time of reception; None unless fresh."""
@@ -312,28 +309,26 @@ class Sensors:
         self, statuses: Sequence[TopicStatus], dropped: Mapping[str, int], now: float
     ) -> tuple[TopicView, ...]:
         by_topic = {status.topic: status for status in statuses}
-        return tuple(
-            self._topic(m, by_topic.get(m.topic), dropped.get(m.topic, 0), now)
-            for m in self._mappings
-        )
-
-    def _topic(
-        self, mapping: TopicMapping, status: TopicStatus | None, dropped: int, now: float
-    ) -> TopicView:
-        watch = self._watches[mapping.topic]
-        return TopicView(
-            topic=mapping.topic,
-            type=status.type if status else mapping.type,
-            publishers=status.publishers if status else 0,
-            freshness=watch.messages.freshness(now),
-            age=watch.messages.age(now),
-            rate=watch.messages.rate(now),
-            received=watch.received,
-            lost=status.lost if status else None,
-            dropped=dropped,
-            optional=mapping.signal.optional,
-            problem="; ".join(watch.troubles(status, now).values()) or None,
-        )
+        shown = []
+        for mapping in self._mappings:
+            topic, watch = mapping.topic, self._watches[mapping.topic]
+            status = by_topic.get(topic) or TopicStatus(topic, mapping.type, 0, lost=None)
+            shown.append(
+                TopicView(
+                    topic=topic,
+                    type=status.type,
+                    publishers=status.publishers,
+                    freshness=watch.messages.freshness(now),
+                    age=watch.messages.age(now),
+                    rate=watch.messages.rate(now),
+                    received=watch.received,
+                    lost=status.lost,
+                    dropped=dropped.get(topic, 0),
+                    optional=mapping.signal.optional,
+                    problem="; ".join(watch.troubles(status, now).values()) or None,
+                )
+            )
+        return tuple(shown)
 
     def troubles(
         self, statuses: Sequence[TopicStatus], now: float

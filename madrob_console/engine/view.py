@@ -81,7 +81,7 @@ class StateView:
             f"{INFO_TOPIC}: {told}" if told else None,
             self.backlog.problem,
             *overdue_protests(run, now),
-            at_hand.event_publisher.problem,
+            at_hand.event_publisher.journal.problem,
             *at_hand.result.problems,
             None if replay else disk_problem(situation.checks),
             *evidence_faults(self.engine_context.evidence_client.status, run.start),

@@ -360,7 +360,7 @@ class FakeEngine:
             largest_skew=0.1,
             disk_free=self.disk_free,
             disk_needed=1_000_000_000,
-            recorder_problems=(self.recorder.problem,) if self.recorder.problem else (),
+            recorder_problem=self.recorder.problem or "",
             other_referee=None,
             teams=self.teams,
         )

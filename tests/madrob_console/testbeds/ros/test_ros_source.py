@@ -551,7 +551,7 @@ def test_a_run_in_a_flood_is_recorded_whole_and_stopped_at_once(
     assert len(kept) == _received(engine) - before
     assert len(kept) > 4.0 * 1000
     assert [status.lost for status in watched.source.status()] == [0, 0]
-    assert (engine.snapshot().recorder.dropped, engine.result_problem) == (0, None)
+    assert (engine.snapshot().recorder.dropped, engine.refused) == (0, "")
 
 
 def _received(engine: Engine) -> int:
