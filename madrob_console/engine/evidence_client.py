@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
+from madrob_console.common.formatting import listed, time_of_day
 from madrob_console.engine.snapshot import EvidenceTopicView
 from madrob_console.referee.evidence_account import (
     NO_EVIDENCE,
@@ -17,7 +17,7 @@ from madrob_console.referee.evidence_account import (
     gaps_words,
     unseen_words,
 )
-from madrob_console.referee.records import TestbedFault, Trouble, listed, merged, numbers_in
+from madrob_console.referee.records import TestbedFault, Trouble, merged, numbers_in
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +157,7 @@ class WitnessStatus:
 def silent_since(pause: EvidenceGap, start: float | None) -> str:
     """That nothing comes any more, in words; without a `start`, by the time of day."""
     if start is None:
-        return f"silent since {time.strftime('%H:%M:%S', time.localtime(pause.begin))}"
+        return f"silent since {time_of_day(pause.begin)}"
     return f"silent since {pause.since(start).begin:+.1f} s"
 
 

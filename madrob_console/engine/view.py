@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from madrob_console.archive.history import time_words
 from madrob_console.archive.run_journal import Unfinished
+from madrob_console.common.formatting import time_words
 from madrob_console.engine.current_run import Acting, CurrentRun
 from madrob_console.engine.evidence_client import WitnessStatus
 from madrob_console.engine.observation import Backlog, Observation

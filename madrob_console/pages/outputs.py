@@ -12,6 +12,7 @@ import msgspec
 from rich.cells import set_cell_size
 
 from madrob_console.archive.history import RunSummary
+from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.competition import (
     BY_BEST,
@@ -338,7 +339,7 @@ def _row(tally: Tally) -> Iterator[Content]:
 def _indicator(tally: Tally, name: IndicatorName) -> Content:
     aggregate = tally.aggregates.get(name)
     doubts, signs = tally.doubts.get(name, 0), tally.signs(name)
-    below = [f"{doubts} doubt{'s' if doubts > 1 else ''}"] if doubts else []
+    below = [counted(doubts, "doubt")] if doubts else []
     if alike := tally.alike.get(name):
         below.append(f"{ALIKE} {subjects_text(alike)}")
     if aggregate is None:

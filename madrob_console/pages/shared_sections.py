@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from madrob_console.archive.history import rank
 from madrob_console.archive.result_summary import ListedResult
 from madrob_console.archive.scored import Scored
+from madrob_console.common.formatting import counted
 from madrob_console.common.names import SourceKind
 from madrob_console.pages.markup import (
     NOTHING,
@@ -346,11 +347,11 @@ def _words(
         )
         return
     teams = len({run.summary.subject for run in place.field})
-    runs = _counted(len(place.field), "other completed run")
+    runs = counted(len(place.field), "other completed run")
     latest = date_text(max(run.summary.started for run in place.field))
     yield element(
         "small",
-        f"Median: of each phase over the {runs} of {_counted(teams, 'team')} in this condition, "
+        f"Median: of each phase over the {runs} of {counted(teams, 'team')} in this condition, "
         "of those that brought it to its end. Its sum is no run's. Compared with what was known "
         f"when this page was made; the latest started {latest}.",
     )
@@ -390,7 +391,3 @@ def _beside_best(scored: Scored, place: PagePlace, best: ComparedRun) -> Content
         if not distinguishable(own.value, theirs, *known):
             words += " Their execution times are not distinguishable: the uncertainties overlap."
     return words
-
-
-def _counted(number: int, thing: str) -> str:
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"

@@ -7,17 +7,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
+from madrob_console.common.formatting import counted, format_duration, format_size, listed
 from madrob_console.referee.evidence_account import unseen_words
 from madrob_console.referee.lists import NO_TEAMS, TeamList
-from madrob_console.referee.records import (
-    CheckName,
-    RunSetup,
-    Waiver,
-    counted,
-    format_duration,
-    format_size,
-    listed,
-)
+from madrob_console.referee.records import CheckName, RunSetup, Waiver
 from madrob_console.referee.run import Phase, Run
 from scoring.rest import FEWEST_SAMPLES, HandleRest
 

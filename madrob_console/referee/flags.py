@@ -25,6 +25,7 @@ from typing import Annotated, TypeAlias
 
 from msgspec import Meta
 
+from madrob_console.common.formatting import counted
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.records import (
     AcceptedDoubts,
@@ -36,7 +37,6 @@ from madrob_console.referee.records import (
     TeamWord,
     Trouble,
     Waiver,
-    counted,
     merged,
 )
 from madrob_console.referee.run import Run

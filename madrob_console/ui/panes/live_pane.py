@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from textual.app import ComposeResult
 from textual.containers import Horizontal, VerticalScroll
 
+from madrob_console.common.formatting import time_of_day
 from madrob_console.engine.snapshot import Weight
 from madrob_console.referee.checks import Freshness
 from madrob_console.referee.journal import Origin
@@ -23,7 +24,7 @@ from madrob_console.ui.cells.lines import (
     ruler,
     scale,
 )
-from madrob_console.ui.look.words import rough_text, time_of_day
+from madrob_console.ui.look.words import rough_text
 from madrob_console.ui.panes.all_faults import AllFaults, Banner, EvidenceLine
 from madrob_console.ui.panes.run_status import RunClock, RunStatus, RunTenths, StepTable
 from scoring.protocol import Side

@@ -15,6 +15,7 @@ from textual.containers import Container, VerticalScroll
 from madrob_console.archive.folders import PICTURES_FOLDER, pictures_in
 from madrob_console.archive.history import earlier_runs
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import date_of
 from madrob_console.pages.tally import aggregate_of
 from madrob_console.referee.acts.during import RULED
 from madrob_console.referee.flags import (
@@ -37,7 +38,7 @@ from madrob_console.ui.cells.lines import (
     paragraph,
     plain,
 )
-from madrob_console.ui.look.words import OUTCOMES, date_of
+from madrob_console.ui.look.words import OUTCOMES
 from madrob_console.ui.panes.run_status import (
     FLAG_TONES,
     StepTable,

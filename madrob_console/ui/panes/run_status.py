@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from textual.geometry import Size
 
+from madrob_console.common.formatting import relative_text
 from madrob_console.referee.acts.during import RULED
 from madrob_console.referee.flags import Flag, FlagWeight, undecided, weighty
-from madrob_console.referee.records import relative_text
 from madrob_console.referee.run import Phase, Run
 from madrob_console.ui.cells.large_text import HEIGHT, large_text, rows_of, width_of_large
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of

@@ -15,6 +15,7 @@ from textual.message import Message
 from textual.widgets import Input
 
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import time_of_day
 from madrob_console.engine.requests import NextRunNumber, Perform
 from madrob_console.referee.acts import SetUp, Waive
 from madrob_console.referee.acts.act import Ask
@@ -38,7 +39,7 @@ from madrob_console.ui.cells.lines import (
 )
 from madrob_console.ui.keys.dialogs import OtherName, ask_other_name
 from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink
-from madrob_console.ui.look.words import shortened, time_of_day
+from madrob_console.ui.look.words import shortened
 from madrob_console.ui.panes.setup_form import (
     OPEN,
     FoldLine,
