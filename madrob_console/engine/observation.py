@@ -17,7 +17,7 @@ from madrob_console.messages.message_types import MessageError, MessageTypes
 from madrob_console.referee.checks import SensorLimits
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.records import FalseStart, Trouble
+from madrob_console.referee.records import FalseStart, FaultKind
 from madrob_console.referee.run import Phase, Run, begin_run, stop, time_out
 from recorder.bag import RawMessage
 from scoring.evaluate import LiveAssessment
@@ -279,7 +279,7 @@ class RunTracker:
                 self._known.add(event)
                 happened.append(_seen(Change.EVENT, event))
             if len(self._known) >= MOST_NOTED:
-                details = {"time": now, "kind": Trouble.FLICKERS}
+                details = {"time": now, "kind": FaultKind.FLICKERS}
                 happened.append(Happening(Origin.SYSTEM, Change.FAULT, FLICKERS, details))
                 return
 

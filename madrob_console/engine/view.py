@@ -115,7 +115,7 @@ class StateView:
             disk_free=None if replay else self.pre_start.free_disk(seen),
             evidence=self._evidence(seen),
             faults=tuple(filter(None, problems)),
-            topic_faults=sensors.topic_problems(source.status(), seen),
+            topic_faults=sensors.topic_faults(source.status(), seen),
             provisional=dict(observation.provisional),
             provisional_doubts=dict(observation.provisional_doubts),
             log=at_hand.event_publisher.log.lines,

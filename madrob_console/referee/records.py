@@ -224,7 +224,7 @@ class Note:
     text: str
 
 
-class Trouble(StrEnum):
+class FaultKind(StrEnum):
     """Kinds of faults of a testbed; other versions may have noted unknown ones."""
 
     UNKNOWN = ""
@@ -244,7 +244,7 @@ class Trouble(StrEnum):
     ANNOUNCEMENT = "a testbed that may be simulated"
 
     @classmethod
-    def _missing_(cls, value: object) -> Trouble:
+    def _missing_(cls, value: object) -> FaultKind:
         return cls.UNKNOWN
 
 
@@ -260,7 +260,7 @@ class TestbedFault:
 
     time: float
     text: str
-    kind: Trouble = Trouble.UNKNOWN
+    kind: FaultKind = FaultKind.UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)
