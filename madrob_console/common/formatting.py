@@ -22,11 +22,11 @@ def listed(names: Sequence[str], most: int = 2) -> str:
 
 def format_size(size: float) -> str:
     """Bytes in a fitting unit: `12 B`, `730 kB`, `1.5 GB`."""
-    for unit in ("B", "kB", "MB", "GB"):
-        if size < 999.5:
-            return f"{size:.0f} {unit}" if unit == "B" or size >= 99.95 else f"{size:.1f} {unit}"
-        size /= 1000
-    return f"{size:.1f} TB"
+    units = iter(("B", "kB", "MB", "GB"))
+    unit = next(units)
+    while size >= 999.5 and unit != "TB":
+        size, unit = size / 1000, next(units, "TB")
+    return f"{size:.0f} {unit}" if unit == "B" or size >= 99.95 else f"{size:.1f} {unit}"
 
 
 def format_span(span: float) -> str:
