@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 
 from madrob_console.cli.doctor_ros import Finding, Severity, look_at_ros, overheard
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import counted, format_size, listed
 from madrob_console.engine.engine_lock import runtime_folder
 from madrob_console.referee.competition_plan import PlanSource, unknown_teams
 from madrob_console.referee.lists import TeamSource
-from madrob_console.referee.records import counted, format_size, listed
 from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicFlow, TopicLimit
 from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
 from madrob_console.testbeds.ros_domain import domain_id
@@ -74,7 +74,7 @@ def verdict(findings: Sequence[Finding]) -> str:
     if not usable(findings):
         return "not usable: see the errors above"
     warnings = sum(finding.severity is Severity.WARNING for finding in findings)
-    return f"usable, {warnings} warning{'s' if warnings > 1 else ''}" if warnings else "usable"
+    return f"usable, {counted(warnings, 'warning')}" if warnings else "usable"
 
 
 def look_at_python() -> Iterator[Finding]:

@@ -163,7 +163,7 @@ def _asked(run: Path, at: Sequence[str]) -> tuple[Sequence[Moment], Sequence[Top
     from madrob_console.archive.run_pictures import events_of
     from madrob_console.archive.run_record import moments_called
     from madrob_console.archive.scored import read_recorded_run, score_opened
-    from madrob_console.referee.records import seconds_of
+    from madrob_console.common.formatting import seconds_of
     from recorder.errors import RecorderError
 
     events: Sequence[tuple[str, float]] = ()

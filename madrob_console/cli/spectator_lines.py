@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
+from madrob_console.common.formatting import time_of_day
 from madrob_console.engine.public_state import SpectatorState
 from madrob_console.engine.snapshot import Weight
 from madrob_console.referee.acts import ConfirmPose, Finalise, SetUp, Start, ZeroHandle
@@ -19,7 +20,6 @@ from madrob_console.referee.flags import undecided
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.run import Phase
 from madrob_console.ui.link import EngineLink
-from madrob_console.ui.look.words import time_of_day
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 

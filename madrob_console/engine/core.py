@@ -33,7 +33,7 @@ from madrob_console.referee.competition_plan import NO_PLAN, Plan
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.rebuild import after
-from madrob_console.referee.records import Trouble, new_run_id
+from madrob_console.referee.records import FaultKind, new_run_id
 from madrob_console.referee.run import Phase, Run
 from madrob_console.testbeds.source import INFO_TOPIC, Source
 from recorder.bag import RawMessage
@@ -416,16 +416,16 @@ class Engine:
             self.current_run.settle_evidence(now)
             return
         self.current_run.recorder.record_late_topics()
-        troubles: dict[tuple[str, Trouble], str] = dict(
-            self._observation.sensors.troubles(self.source.status(), self._sensors_now)
+        faults: dict[tuple[str, FaultKind], str] = dict(
+            self._observation.sensors.faults(self.source.status(), self._sensors_now)
         )
         if (other := self.source.other_referee) is not None:
-            troubles[REFEREE_STATE_TOPIC, Trouble.SEVERAL_PUBLISHERS] = other
+            faults[REFEREE_STATE_TOPIC, FaultKind.SEVERAL_PUBLISHERS] = other
         if (told := testbed_problem(self.source.announcement, self.run)) is not None:
-            troubles[INFO_TOPIC, Trouble.ANNOUNCEMENT] = told
+            faults[INFO_TOPIC, FaultKind.ANNOUNCEMENT] = told
         if (behind := self._backlog.problem) is not None:
-            troubles["engine", Trouble.BEHIND] = behind
-        self.current_run.note_troubles(troubles, now)
+            faults["engine", FaultKind.BEHIND] = behind
+        self.current_run.note_faults(faults, now)
         if (status := evidence_client.status) is not None:
             self.current_run.note_evidence(status, now)
 

@@ -34,7 +34,7 @@ from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.flags import unrecorded_words
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change, after
-from madrob_console.referee.records import TestbedFault, Trouble
+from madrob_console.referee.records import FaultKind, TestbedFault
 from madrob_console.referee.run import Phase, Run, note_fault, stop
 from scoring.protocol import Outcome
 
@@ -224,11 +224,11 @@ class CurrentRun:
         self.write(entry)
         return entry
 
-    def note_troubles(self, troubles: Mapping[tuple[str, Trouble], str], now: float) -> None:
+    def note_faults(self, faults: Mapping[tuple[str, FaultKind], str], now: float) -> None:
         """Note each lasting fault of the testbed once; `now` is s since the epoch."""
-        self._note_faults(self._fault_notes.due(troubles, now))
+        self._write_faults(self._fault_notes.due(faults, now))
 
-    def _note_faults(self, faults: Iterable[TestbedFault]) -> None:
+    def _write_faults(self, faults: Iterable[TestbedFault]) -> None:
         for fault in faults:
             details = {"time": fault.time, "kind": fault.kind}
             self.note(Happening(Origin.SYSTEM, Change.FAULT, fault.text, details))
@@ -251,7 +251,7 @@ class CurrentRun:
     def finish(self) -> None:
         """Nothing more is recorded: have the bag closed, and the run scored."""
         self.result.hurry()
-        self._note_faults(self._fault_notes.all())
+        self._write_faults(self._fault_notes.all())
         self.recorder.finish(self._recorded)
 
     def _recorded(self, missing: tuple[str, ...], unrecorded: int) -> None:

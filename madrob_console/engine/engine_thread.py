@@ -15,9 +15,10 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from madrob_console.archive.folders import parse_folder_name
-from madrob_console.archive.history import History, RunSummary, time_words
+from madrob_console.archive.history import History, RunSummary
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Stamp, stamp_of
+from madrob_console.common.formatting import time_words
 from madrob_console.engine.core import Engine
 from madrob_console.engine.disk import PriorityQueue, RepeatedReading
 from madrob_console.engine.reports import Reporting

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from madrob_console.referee.records import format_size
+from madrob_console.common.formatting import format_size
 from recorder.bag import RawMessage, Topic, is_evidence
 from recorder.errors import RecorderError, remedy
 from recorder.mcap_writer import McapFile

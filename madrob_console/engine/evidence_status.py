@@ -11,6 +11,7 @@ from dataclasses import replace
 import msgspec
 
 from madrob_console.common.clock import NS
+from madrob_console.common.formatting import counted, format_size, listed
 from madrob_console.engine.evidence_client import EvidencePlace, WitnessStatus
 from madrob_console.engine.evidence_recorder import EvidenceWritten
 from madrob_console.engine.snapshot import EvidenceTopicView
@@ -22,7 +23,6 @@ from madrob_console.referee.evidence_account import (
     RecordedTopic,
     unseen_words,
 )
-from madrob_console.referee.records import counted, format_size, listed
 from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicFlow
 from recorder.bag import evidence_file_name
 

@@ -45,7 +45,7 @@ class PreStart:
         self._practice = run.setup is not None and run.setup.practice
         force, disk = sensors.force(now), self._look(now)
         readings = Readings(
-            topic_problems=sensors.topic_problems(source.status(), now),
+            topic_faults=sensors.topic_faults(source.status(), now),
             angle=sensors.angle(now),
             closed_angle=config.thresholds.closed_angle,
             force=None if force is None else force - run.handle_zero,

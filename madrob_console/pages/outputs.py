@@ -13,6 +13,7 @@ from markupsafe import Markup
 from rich.cells import set_cell_size
 
 from madrob_console.archive.history import RunSummary
+from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.competition import (
     BY_BEST,
@@ -255,7 +256,7 @@ def _means(tally: Tally) -> Iterator[tuple[str, bool, list[str]]]:
     for name in IndicatorName:
         aggregate = tally.aggregates.get(name)
         doubts, signs = tally.doubts.get(name, 0), tally.signs(name)
-        below = [f"{doubts} doubt{'s' if doubts > 1 else ''}"] if doubts else []
+        below = [counted(doubts, "doubt")] if doubts else []
         if alike := tally.alike.get(name):
             below.append(f"{ALIKE} {subjects_text(alike)}")
         if aggregate is None:

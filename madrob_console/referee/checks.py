@@ -7,17 +7,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
+from madrob_console.common.formatting import counted, format_duration, format_size, listed
 from madrob_console.referee.evidence_account import unseen_words
 from madrob_console.referee.lists import NO_TEAMS, TeamList
-from madrob_console.referee.records import (
-    CheckName,
-    RunSetup,
-    Waiver,
-    counted,
-    format_duration,
-    format_size,
-    listed,
-)
+from madrob_console.referee.records import CheckName, RunSetup, Waiver
 from madrob_console.referee.run import Phase, Run
 from scoring.rest import FEWEST_SAMPLES, HandleRest
 
@@ -99,7 +92,7 @@ class Readings:
     """What the checks look at, in rad, N, s and bytes; None = no data now.
 
     Attributes:
-        topic_problems: one line per topic that is missing, stale or off its rate.
+        topic_faults: one line per topic that is missing, stale or off its rate.
         force: handle force minus handle zero.
         rest_force: abs(force) above this is not at rest.
         zero: the samples behind the handle zero; None = it was never set.
@@ -112,7 +105,7 @@ class Readings:
         simulated_time: `/clock` - log time; None = nobody publishes it.
     """
 
-    topic_problems: tuple[str, ...]
+    topic_faults: tuple[str, ...]
     angle: float | None
     closed_angle: float
     force: float | None
@@ -194,8 +187,8 @@ def _team(r: Readings, setup: RunSetup | None) -> Iterator[Check]:
 
 
 def _topics(r: Readings) -> Check:
-    more = len(r.topic_problems) - 1
-    first = "".join(r.topic_problems[:1]) + (f" (and {more} more)" if more > 0 else "")
+    more = len(r.topic_faults) - 1
+    first = "".join(r.topic_faults[:1]) + (f" (and {more} more)" if more > 0 else "")
     return _verdict(CheckName.TOPICS, not first, "all fresh and at rate", first)
 
 

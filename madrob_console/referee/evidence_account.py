@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-from madrob_console.referee.records import counted, listed
+from madrob_console.common.formatting import counted, listed
 
 
 class EvidenceLoss(StrEnum):

@@ -25,18 +25,18 @@ from typing import Annotated, TypeAlias
 
 from msgspec import Meta
 
+from madrob_console.common.formatting import counted
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.records import (
     AcceptedDoubts,
     CheckName,
     FalseStart,
+    FaultKind,
     Incident,
     Protest,
     ProtestEnd,
     TeamWord,
-    Trouble,
     Waiver,
-    counted,
     merged,
 )
 from madrob_console.referee.run import Run
@@ -187,10 +187,10 @@ def flags(
 
 
 _IN_THE_SAMPLES = {
-    Trouble.SILENT: " gaps, the longest ",
-    Trouble.STAMPS: " stamps dropped",
-    Trouble.NO_READING: " values without a reading",
-    Trouble.SKEW: ": stamps differ from reception ",
+    FaultKind.SILENT: " gaps, the longest ",
+    FaultKind.STAMPS: " stamps dropped",
+    FaultKind.NO_READING: " values without a reading",
+    FaultKind.SKEW: ": stamps differ from reception ",
 }
 """What a remark on the data says where a fault has told the cause."""
 
@@ -321,10 +321,10 @@ def unrecorded_words(messages: int) -> str:
 
 
 _UNTOLD_OTHERWISE = (
-    Trouble.UNKNOWN,
-    Trouble.SEVERAL_PUBLISHERS,
-    Trouble.ANNOUNCEMENT,
-    Trouble.NO_READING,
+    FaultKind.UNKNOWN,
+    FaultKind.SEVERAL_PUBLISHERS,
+    FaultKind.ANNOUNCEMENT,
+    FaultKind.NO_READING,
 )
 """Faults that may change a value, or whether the run counts, and that no sample shows."""
 

@@ -16,6 +16,7 @@ from textual.screen import Screen
 
 from madrob_console.archive.history import History, RunSummary, condition_words, of_competition
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import time_of_day
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.engine.wire import EngineClient
@@ -29,7 +30,7 @@ from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Span, Tone, View, 
 from madrob_console.ui.frame.console_screen import BUSY_PERIOD
 from madrob_console.ui.frame.frame_lines import WATCHING, source_badge
 from madrob_console.ui.link import ConsoleDefaults
-from madrob_console.ui.look.words import fitted, shortened, time_of_day
+from madrob_console.ui.look.words import fitted, shortened
 from madrob_console.ui.panes.all_faults import banner
 from madrob_console.ui.panes.run_status import (
     clock_span,

@@ -11,10 +11,10 @@ from rich.cells import cell_len
 from textual import events
 from textual.keys import _character_to_key
 
+from madrob_console.common.formatting import format_duration, format_size, time_of_day
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.acts import Abort
 from madrob_console.referee.checks import Freshness
-from madrob_console.referee.records import format_duration
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import (
     Line,
@@ -35,14 +35,7 @@ from madrob_console.ui.keys.key_table import (
     PLAYBACK_KEYS,
     Key,
 )
-from madrob_console.ui.look.words import (
-    clock_text,
-    fitted,
-    minutes_text,
-    shortened,
-    size_text,
-    time_of_day,
-)
+from madrob_console.ui.look.words import clock_text, fitted, minutes_text, shortened
 from madrob_console.ui.panes.all_faults import BELOW, FAULT, ON_LIVE, banner, notices, short_form
 from madrob_console.ui.panes.run_status import clock_span, packed, phase_span, team_text
 
@@ -117,7 +110,7 @@ def recorder_spans(recorder: RecorderView) -> Line:
     dropped = f" {recorder.dropped} dropped" if recorder.dropped else ""
     return line(
         Span(f" {name}", Tone.GOOD if recording and tone is Tone.PLAIN else tone),
-        f" {size_text(recorder.size)}",
+        f" {format_size(recorder.size)}",
         Span(dropped, Tone.ALARM),
     )
 
@@ -140,8 +133,8 @@ def _disk(snapshot: Snapshot, *, roomy: bool) -> Line:
     if free is None:
         return line(Span(" disk ?", Tone.WARN))
     if free < LITTLE_DISK:
-        return line(Span(f" {size_text(free)} free", Tone.WARN))
-    return line(Span(f" {size_text(free)} free", Tone.DIM)) if roomy else ()
+        return line(Span(f" {format_size(free)} free", Tone.WARN))
+    return line(Span(f" {format_size(free)} free", Tone.DIM)) if roomy else ()
 
 
 # Faults of now; each stays until it is gone.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from typing import TYPE_CHECKING
 
 from rich.cells import cell_len, chop_cells, set_cell_size
@@ -55,25 +54,6 @@ def minutes_text(seconds: float) -> str:
 def rough_text(duration: float) -> str:
     """A time that may still change: one decimal of a second, marked."""
     return f"{ROUGH}{duration:.1f}"
-
-
-def time_of_day(epoch: float) -> str:
-    """The local time of day; `epoch` in s."""
-    return time.strftime("%H:%M:%S", time.localtime(epoch))
-
-
-def date_of(epoch: float) -> str:
-    """The local date and time; `epoch` in s."""
-    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(epoch))
-
-
-def size_text(size: float) -> str:
-    """Bytes in a unit that people read: `512 B`, `3.4 MB`, `41 GB`."""
-    for unit in ("B", "kB", "MB", "GB"):
-        if size < 999.5:
-            return f"{size:.0f} {unit}" if unit == "B" or size >= 99.95 else f"{size:.1f} {unit}"
-        size /= 1000
-    return f"{size:.1f} TB"
 
 
 def done_text(act: Act) -> str:

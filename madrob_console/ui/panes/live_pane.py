@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from textual.containers import Horizontal, VerticalScroll
 
+from madrob_console.common.formatting import time_of_day
 from madrob_console.engine.snapshot import (
     DoorView,
     HandleView,
@@ -29,7 +30,7 @@ from madrob_console.ui.cells.lines import (
     ruler,
     scale,
 )
-from madrob_console.ui.look.words import rough_text, time_of_day
+from madrob_console.ui.look.words import rough_text
 from madrob_console.ui.panes.all_faults import AllFaults, Banner, EvidenceLine
 from madrob_console.ui.panes.run_status import RunClock, RunStatus, StepTable
 from scoring.protocol import Side

@@ -10,6 +10,7 @@ from textual.message import Message
 
 from madrob_console.archive.history import condition_words
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import listed
 from madrob_console.engine.requests import GivePlan
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.pages.competition import (
@@ -19,7 +20,6 @@ from madrob_console.pages.competition import (
     task_words,
 )
 from madrob_console.referee.competition_plan import Attempts, PlanProgress, Task, unknown_teams
-from madrob_console.referee.records import listed
 from madrob_console.ui.cells.lines import Span, Tone
 from madrob_console.ui.cells.table import Column, Table
 from madrob_console.ui.link import EngineLink

@@ -15,6 +15,7 @@ from textual.containers import Container, VerticalScroll
 from madrob_console.archive.folders import PICTURES_FOLDER, pictures_in
 from madrob_console.archive.history import RunSummary, earlier_runs
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import date_of
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.pages.tally import Aggregate, aggregate_of
 from madrob_console.referee.acts.during import RULED
@@ -38,7 +39,7 @@ from madrob_console.ui.cells.lines import (
     paragraph,
     plain,
 )
-from madrob_console.ui.look.words import OUTCOMES, date_of
+from madrob_console.ui.look.words import OUTCOMES
 from madrob_console.ui.panes.run_status import (
     FLAG_TONES,
     StepTable,

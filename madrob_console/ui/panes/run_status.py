@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from textual.geometry import Size
 
+from madrob_console.common.formatting import relative_text
 from madrob_console.referee.acts.during import RULED
 from madrob_console.referee.flags import FlagWeight
-from madrob_console.referee.records import relative_text
 from madrob_console.referee.run import Phase, Run
 from madrob_console.ui.cells.large_text import HEIGHT, large_text, rows_of
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of

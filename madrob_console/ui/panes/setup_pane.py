@@ -15,6 +15,7 @@ from textual.widgets import Input
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import time_of_day
 from madrob_console.engine.requests import NextRunNumber, Perform
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import SetUp, Waive
@@ -39,7 +40,7 @@ from madrob_console.ui.cells.lines import (
 )
 from madrob_console.ui.keys.dialogs import OtherName, ask_other_name
 from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink
-from madrob_console.ui.look.words import shortened, time_of_day
+from madrob_console.ui.look.words import shortened
 from madrob_console.ui.panes.plan_pane import PlanReader
 from madrob_console.ui.panes.setup_form import (
     OPEN,

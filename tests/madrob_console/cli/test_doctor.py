@@ -286,7 +286,7 @@ def test_the_results_folder_need_not_exist_but_must_be_writable(tmp_path: Path) 
     )
     (full,) = look_at_results(tmp_path, 10**18)
     assert full.severity is Severity.WARNING
-    assert full.text.endswith("less than 1000000000 GB: make room")
+    assert full.text.endswith("less than 1000000 TB: make room")
 
 
 def test_the_lists_of_a_competition_are_looked_at_line_by_line(tmp_path: Path) -> None:

@@ -15,11 +15,12 @@ from pathlib import Path
 import pytest
 
 from madrob_console.archive.folders import RunPath
-from madrob_console.archive.history import PROTEST_OPEN, History, RunSummary, time_words
+from madrob_console.archive.history import PROTEST_OPEN, History, RunSummary
 from madrob_console.archive.result_files import stored_run
 from madrob_console.archive.run_journal import ever_protested
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import time_words
 from madrob_console.engine.engine_thread import open_words, overdue_words, protested_runs
 from madrob_console.engine.replay import Replay
 from madrob_console.engine.requests import JumpTo, Skip

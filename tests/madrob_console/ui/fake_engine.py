@@ -348,7 +348,7 @@ class FakeEngine:
     def _checks(self) -> tuple[Check, ...]:
         force = None if self.force is None else self.force - self.run.handle_zero
         readings = Readings(
-            topic_problems=(),
+            topic_faults=(),
             angle=self.angle,
             closed_angle=0.03,
             force=force,

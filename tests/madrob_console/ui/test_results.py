@@ -9,6 +9,7 @@ import pytest
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import date_of
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.snapshot import Pulse
 from madrob_console.engine.view import NO_STEPS
@@ -20,7 +21,6 @@ from madrob_console.referee.records import RemovedEvidence, Voiding
 from madrob_console.referee.records import TestbedFault as Fault
 from madrob_console.referee.run import Run
 from madrob_console.ui.cells.lines import Line, Tone
-from madrob_console.ui.look.words import date_of
 from madrob_console.ui.panes.result_pane import (
     ResultDetails,
     ResultHead,

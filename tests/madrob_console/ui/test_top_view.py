@@ -15,6 +15,7 @@ from textual.app import App, ComposeResult
 from textual.screen import Screen
 
 from madrob_console.archive.check import EQUAL
+from madrob_console.common.formatting import seconds_of
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.requests import (
     Faster,
@@ -26,7 +27,6 @@ from madrob_console.engine.requests import (
     Slower,
 )
 from madrob_console.referee.acts import SetUp
-from madrob_console.referee.records import seconds_of
 from madrob_console.referee.run import begin_countdown, begin_run
 from madrob_console.ui.cells.lines import TONE_CLASSES, width_of
 from madrob_console.ui.frame.frame_lines import (
