@@ -214,9 +214,9 @@ class Holding:
     remarks: tuple[str, ...]
 
     def keep(self) -> None:
-        """Keep the locks until the process ends: a thread may wait for a disk and still write."""
-        for lock in self.locks:
-            os.dup(lock)
+        """Keep all of it until the process ends: a thread may wait for a disk and still write."""
+        for handle in (*self.locks, self.listening.fileno()):
+            os.dup(handle)
 
 
 @contextmanager
