@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import getpass
+import math
 import os
 import shlex
 import sys
@@ -15,13 +16,13 @@ from string import Template
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.attaching import TAKEN, owned_testbed, ros_words
+from madrob_console.cli.attaching import TAKEN, engine_options, owned_testbed
 from madrob_console.cli.output import BAD_INPUT, complain, says_yes
 from madrob_console.cli.parsing import Parser
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import RELEASE
-from madrob_console.config import Settings, load_settings
+from madrob_console.config import load_settings
 from madrob_console.engine import wire
 from madrob_console.engine.discovery import (
     EngineHandle,
@@ -249,40 +250,29 @@ _ROS_ENVIRONMENT = (
 
 
 def print_unit(arguments: argparse.Namespace) -> int:
-    settings = load_settings(arguments.settings)
-    owned = owned_testbed(arguments, settings)
+    """Print `engine.service`, filled in."""
+    owned = owned_testbed(arguments, load_settings(arguments.settings))
     if owned.kind is SourceKind.REPLAY:
         raise MadrobError("a replay needs no service: use --testbed ros or simulated")
-    print(_unit(arguments, settings, owned, os.environ), end="")
-    return 0
-
-
-def _unit(
-    arguments: argparse.Namespace, settings: Settings, owned: Owned, environment: Mapping[str, str]
-) -> str:
-    """`engine.service`, filled in."""
-    testbed = _testbed(arguments, settings, owned)
-    idle = "inf" if arguments.idle_time is None else f"{arguments.idle_time:g}"
-    teams = options.team_source(arguments, settings).file if arguments.teams else None
-    listed = [] if teams is None else [f"--teams={teams}"]
-    plan = options.plan_source(arguments, settings).file if arguments.plan else None
-    listed += [] if plan is None else [f"--plan={plan}"]
-    options_of_serve = [*testbed, *listed, f"--idle-time={idle}", *ros_words(arguments)]
-    madrob, system = _command_line(), arguments.system
-    ros = _ros_environment(environment) if owned.kind is SourceKind.ROS else ()
+    arguments.testbed, arguments.domain = [owned.kind.value], owned.domain
+    arguments.results, arguments.idle_time = owned.results, arguments.idle_time or math.inf
+    system = arguments.system
+    ros = _ros_environment(os.environ) if owned.kind is SourceKind.ROS else ()
     template = resources.files("madrob_console") / "cli" / "engine.service"
-    return Template(template.read_text(encoding="utf-8")).substitute(
+    filled = Template(template.read_text(encoding="utf-8")).substitute(
         name=f"madrob-{owned.stem.replace('_', '-')}",
         testbed=owned.words,
         network="Wants=network-online.target\nAfter=network-online.target" if system else "",
         user=f"User={getpass.getuser()}" if system else "",
-        serve=_quoted([*madrob, "engine", "serve", *options_of_serve]),
-        stop=_quoted([*madrob, "engine", "stop", "--force", *testbed]),
+        folder=str(Path.cwd()).replace("%", "%%"),
+        serve=_quoted([*_command_line(), "engine", "serve", *engine_options(arguments)]),
         ros="\n".join(f"Environment={_quoted([f'{name}={value}'])}" for name, value in ros),
         target="multi-user" if system else "default",
         taken=TAKEN,
         bad_input=BAD_INPUT,
     )
+    print(filled, end="")
+    return 0
 
 
 def _command_line() -> list[str]:
@@ -302,21 +292,6 @@ def _ros_environment(environment: Mapping[str, str]) -> Iterator[tuple[str, str]
             value = os.pathsep.join(parts)
         if value:
             yield name, value
-
-
-def _testbed(arguments: argparse.Namespace, settings: Settings, owned: Owned) -> list[str]:
-    """Options that name the testbed, with absolute paths."""
-    words = [f"--results={options.results_folder(arguments, settings)}"]
-    if owned.domain is not None:
-        words.insert(0, f"--domain={owned.domain}")
-    else:
-        values = ((name, getattr(arguments, name)) for name in options.SIMULATION)
-        words += [f"--{name}={value}" for name, value in values if value is not None]
-    if arguments.settings is not None:
-        words.append(f"--settings={arguments.settings.expanduser().absolute()}")
-    if arguments.use_sim_time:
-        words.append("--use-sim-time")
-    return ["--testbed", owned.kind.value, *words]
 
 
 def _quoted(words: Sequence[str]) -> str:

@@ -220,20 +220,19 @@ def unit(capsys: pytest.CaptureFixture[str], *options: str) -> dict[str, list[st
     return {key: shlex.split(value.replace("%%", "%")) for key, _, value in pairs}
 
 
-def test_what_the_unit_starts_is_what_it_stops_and_nothing_else(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_what_the_unit_starts_ends_by_the_signal_of_systemd_and_nothing_else_does(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ours = tmp_path / "100% of 'our' runs"
-    options = ["--testbed", "simulated", "--results"]
-    keys = unit(capsys, *options, str(ours))
+    monkeypatch.chdir(tmp_path)
+    ours = "100% of 'our' $runs"
+    keys = unit(capsys, "--testbed", "simulated", "--results", ours)
     other = [sys.executable, "-m", "madrob_console.cli.main", *serve(tmp_path / "other")]
-    with Service(keys["ExecStart"]) as service, Service(other) as beside:
+    command = [word.replace("$$", "$") for word in keys["ExecStart"]]
+    with Service(command) as service, Service(other) as beside:
         for one in (service, beside):
             one.wait_for("READY=1")
-        done = subprocess.run(
-            keys["ExecStop"], env=service.environment, cwd=ROOT, check=False, timeout=STARTING
-        )
-        assert done.returncode == 0
+        assert (tmp_path / ours).is_dir()
+        service.process.send_signal(signal.SIGTERM)
         assert service.process.wait(STARTING) == 0
         assert beside.process.poll() is None
         beside.wait_for("WATCHDOG=1", time.monotonic())
