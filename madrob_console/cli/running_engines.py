@@ -7,6 +7,7 @@ import getpass
 import math
 import os
 import shlex
+import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -25,12 +26,14 @@ from madrob_console.common.version import RELEASE
 from madrob_console.config import load_settings
 from madrob_console.engine import wire
 from madrob_console.engine.discovery import (
-    EngineHandle,
     FoundEngine,
     Holding,
     ask,
+    has_ended,
     held,
+    process_of,
     running_engines,
+    send_signals,
 )
 from madrob_console.engine.engine_lock import Owned
 from madrob_console.engine.wire import WhoAnswer
@@ -145,13 +148,13 @@ def _named_by(arguments: argparse.Namespace) -> list[Callable[[FoundEngine], boo
 def _end(found: FoundEngine, *, force: bool) -> int:
     """End an engine, unless that needs a yes that is not given; 0 if it has ended."""
     try:
-        with EngineHandle(found) as handle:
-            return _end_process(found, handle, force=force)
+        with process_of(found) as process:
+            return _end_process(found, process, force=force)
     except ProcessLookupError:
         return _say(found, "ended")
 
 
-def _end_process(found: FoundEngine, handle: EngineHandle, *, force: bool) -> int:
+def _end_process(found: FoundEngine, process: int, *, force: bool) -> int:
     answer = found.answer
     against = _UNSEEN if answer is None else answer.against_stopping
     if against and not force:
@@ -167,14 +170,14 @@ def _end_process(found: FoundEngine, handle: EngineHandle, *, force: bool) -> in
     if isinstance(told, wire.StopAnswer) and told.refused:
         return _say(found, f"goes on, {terminal_safe(told.refused)}; {_all_the_same(found)}", 1)
     if answer is None:
-        patience = HANGING_TIME
-        handle.terminate()
-    if handle.ended(patience):
+        patience = HANGING_TIME  # one that was stopped has to go on to end in order
+        send_signals(process, signal.SIGTERM, signal.SIGCONT)
+    if has_ended(process, patience):
         lost = answer is not None and answer.unsaved
         return _say(found, "ended; what it could not write is lost" if lost else "ended")
     _say(found, f"{found.process} has not ended within {patience:g} s, it is killed")
-    handle.kill()
-    if handle.ended(KILLING_TIME):
+    send_signals(process, signal.SIGKILL)
+    if has_ended(process, KILLING_TIME):
         return _say(found, "ended; the next engine asks about a run that went on")
     return _say(found, "goes on: the machine waits for a disk, and ends it when that answers", 1)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import os
-import select
 import socket
 import threading
 import time
@@ -18,6 +17,7 @@ import msgspec
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine import wire
+from madrob_console.engine.discovery import has_ended
 from madrob_console.engine.disk import PriorityQueue
 from madrob_console.engine.engine_lock import connect_to
 from madrob_console.engine.engine_thread import begun, fail
@@ -114,11 +114,7 @@ class RemoteEngine:
     @property
     def _goes_on(self) -> bool:
         """Whether the engine's process still exists: a disk may hold it up while closing."""
-        if self._process is None:
-            return False
-        poll = select.poll()
-        poll.register(self._process, select.POLLIN)
-        return not poll.poll(0)
+        return self._process is not None and not has_ended(self._process)
 
     def begin_request(self, request: Request[T]) -> Future[T]:
         deadline = time.monotonic() + request.latest_begin

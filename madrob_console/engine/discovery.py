@@ -15,8 +15,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import TracebackType
-from typing import Self, TypeVar
+from typing import TypeVar
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
@@ -289,45 +288,30 @@ def _in_time(job: Callable[[], _T]) -> _T:
 # Ending an engine's process, whatever its version and whether or not it answers.
 
 
-class EngineHandle:
-    """Holds the process of an engine that was found: no other process can take its number.
+@contextmanager
+def process_of(found: FoundEngine) -> Iterator[int]:
+    """A handle of its process while inside: no other process can take its number.
 
     Raises:
         ProcessLookupError: it has ended meanwhile.
     """
-
-    def __init__(self, found: FoundEngine) -> None:
-        self._process = os.pidfd_open(found.pid)
+    process = os.pidfd_open(found.pid)
+    try:
         if holder_of(found.name) != found.pid:
-            os.close(self._process)
             raise ProcessLookupError
+        yield process
+    finally:
+        os.close(process)
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        os.close(self._process)
+def has_ended(process: int, patience: float = 0.0) -> bool:
+    """Wait at most `patience` s for its end."""
+    poll = select.poll()
+    poll.register(process, select.POLLIN)
+    return bool(poll.poll(1000 * patience))
 
-    def ended(self, patience: float) -> bool:
-        """Wait at most `patience` s for its end."""
-        poll = select.poll()
-        poll.register(self._process, select.POLLIN)
-        return bool(poll.poll(1000 * patience))
 
-    def terminate(self) -> None:
-        """Ask it to end in order: the current run is kept as interrupted."""
-        for number in (signal.SIGTERM, signal.SIGCONT):  # one that was stopped has to go on for it
-            self._send(number)
-
-    def kill(self) -> None:
-        """End it at once: the next engine recovers what it leaves behind."""
-        self._send(signal.SIGKILL)
-
-    def _send(self, number: signal.Signals) -> None:
-        with suppress(ProcessLookupError):
-            signal.pidfd_send_signal(self._process, number)
+def send_signals(process: int, *numbers: signal.Signals) -> None:
+    with suppress(ProcessLookupError):
+        for number in numbers:
+            signal.pidfd_send_signal(process, number)

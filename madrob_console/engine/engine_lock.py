@@ -218,7 +218,7 @@ def connect_to(name: str, patience: float) -> tuple[socket.socket, int]:
         OSError: nobody has the name, or another user.
     """
     connection = socket.socket(socket.AF_UNIX)
-    limit = struct.pack("ll", int(patience), 0)
+    limit = struct.pack("ll", int(patience), int(1e6 * (patience % 1)))
     try:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
         connection.connect(address_of(name))

@@ -23,11 +23,11 @@ from madrob_console.common.names import SourceKind
 from madrob_console.engine import discovery, engine_lock, wire
 from madrob_console.engine.client import RemoteEngine
 from madrob_console.engine.discovery import (
-    EngineHandle,
     FoundEngine,
     ask,
     found_at,
     held,
+    process_of,
     running_engines,
 )
 from madrob_console.engine.engine_lock import (
@@ -366,8 +366,9 @@ def test_a_stranger_keeps_no_engine_from_its_name_and_is_no_engine(
             assert found_at(taken) is None
             with pytest.raises(TimeoutError if full else ConnectionRefusedError):
                 RemoteEngine(taken, Role.REFEREE, "ada")
-            with pytest.raises(ProcessLookupError):  # whatever it was found by
-                EngineHandle(FoundEngine(taken, process.pid, None, None))
+            by_name = FoundEngine(taken, process.pid, None, None)  # whatever it was found by
+            with pytest.raises(ProcessLookupError), process_of(by_name):
+                pass
 
 
 FLOOD = """
@@ -407,10 +408,10 @@ def test_an_engine_that_hangs_with_a_full_backlog_is_found_and_named(
         caller.connect(engine_lock.address_of(got.name))
         found = found_at(got.name)
         assert found is not None
-        assert (found.pid, found.answer, found.results) == (os.getpid(), None, owned.results)
+        assert (found.pid, found.answer) == (os.getpid(), None)
         with pytest.raises(HeldError, match=f"pid {os.getpid()}, since"), held(owned):
             pass
-        with EngineHandle(found):
+        with process_of(found):
             pass
 
 
