@@ -183,37 +183,49 @@ class EngineServer:
         self._loop.close()
 
     async def _serve(self) -> None:
-        accepting = asyncio.create_task(self._troubles.lasting(self._accept))
+        self._listen()
         await self._stop.wait()
-        accepting.cancel()
+        self._loop.remove_reader(self._listening)
         tasks = asyncio.all_tasks() - {asyncio.current_task()}
         for task in tasks:
             task.cancel()
-        await asyncio.wait(tasks, timeout=1.0)
+        if tasks:
+            await asyncio.wait(tasks, timeout=1.0)
 
     # ------------------------------------------------------------------ callers
 
-    async def _accept(self) -> None:
+    def _listen(self) -> None:
         """Accept connections; without room or file handles they wait."""
-        while True:
-            if len(self._callers) >= MOST_SCREENS + MOST_CALLERS:
-                await asyncio.wait(self._callers, return_when=asyncio.FIRST_COMPLETED)
-            await asyncio.sleep(0)  # the others' turn, however many come
-            try:
-                connection, _ = await self._loop.sock_accept(self._listening)
-                if peer_of(connection).user not in (os.getuid(), 0):
-                    connection.close()
-                    continue
-                reader, writer = await asyncio.open_unix_connection(sock=connection)
-            except OSError as error:
-                self._troubles.log_trouble("new screens must wait", error)
-                await asyncio.sleep(_PAUSE)
-                continue
-            task = asyncio.create_task(self._attend(reader, writer))
-            self._callers.add(task)
-            task.add_done_callback(self._callers.discard)
+        if len(self._callers) < MOST_SCREENS + MOST_CALLERS and not self._stop.is_set():
+            self._loop.add_reader(self._listening, self._accept)
 
-    async def _attend(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def _accept(self) -> None:
+        try:
+            connection, _ = self._listening.accept()
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._troubles.log_trouble("new screens must wait", error)
+            self._loop.remove_reader(self._listening)
+            self._loop.call_later(_PAUSE, self._listen)
+            return
+        if peer_of(connection).user not in (os.getuid(), 0):
+            connection.close()
+            return
+
+        def leave(task: asyncio.Task[None]) -> None:
+            connection.close()
+            self._callers.discard(task)
+            self._listen()
+
+        task = self._loop.create_task(self._attend(connection))
+        self._callers.add(task)
+        task.add_done_callback(leave)
+        if len(self._callers) >= MOST_SCREENS + MOST_CALLERS:
+            self._loop.remove_reader(self._listening)
+
+    async def _attend(self, connection: socket.socket) -> None:
+        reader, writer = await asyncio.open_unix_connection(sock=connection)
         try:
             async with asyncio.timeout(_GREETING_TIME):
                 first = wire.first_of(await _read(reader))
