@@ -20,6 +20,7 @@ from scoring.imports import imports_kept
 if TYPE_CHECKING:
     from madrob_console.config import Settings
     from madrob_console.engine.core import Engine
+    from madrob_console.engine.engine_lock import Owned
     from madrob_console.engine.reports import Reporting
     from madrob_console.referee.competition_plan import PlanSource
     from madrob_console.referee.lists import TeamSource
@@ -115,23 +116,17 @@ def serve(arguments: argparse.Namespace) -> int:
             return TAKEN if error.same else BAD_INPUT
         server, known, holding = owns
         with imports_kept():
-            from madrob_console.cli import aside
             from madrob_console.cli.session import open_engine
             from madrob_console.engine.engine_thread import LocalEngine
-            from madrob_console.engine.reports import Reporting
             from madrob_console.engine.scoring_process import ScoringProcess
             from madrob_console.engine.service import FallenThreads, begin_abort_over_ros
+            from madrob_console.engine.supervisor import Supervisor
 
         fallen = FallenThreads()
         threading.excepthook = fallen.note
         engine = open_engine(arguments, settings, ScoringProcess)
-        reporting = Reporting(
-            aside.COMMAND,
-            lambda: engine.busy,
-            named_places(arguments, settings),
-            reports=settings.results.reports,
-            publish=site_arguments(arguments, settings),
-        )
+        reporting = _reporting(arguments, settings, engine, owned)
+        supervisor = Supervisor(reporting)
         _follow_lists(
             options.team_source(arguments, settings),
             options.plan_source(arguments, settings),
@@ -157,8 +152,28 @@ def serve(arguments: argparse.Namespace) -> int:
             local.close()
             if engine.disk_silence:
                 holding.keep()
-    reporting.close()  # another engine may begin meanwhile
+    reporting.finish()  # another engine may begin meanwhile
+    supervisor.close()
     return FAILED if local.failed else 0
+
+
+def _reporting(
+    arguments: argparse.Namespace, settings: Settings, engine: Engine, owned: Owned
+) -> Reporting:
+    from madrob_console.cli import aside
+    from madrob_console.engine.engine_lock import state_folder
+    from madrob_console.engine.reports import QUEUE_FOLDER, Reporting, Wanted
+
+    results = engine.config.results
+    queue = results / QUEUE_FOLDER
+    if engine.replay is not None:
+        queue = state_folder() / f"{owned.stem}.queue"
+    wanted = Wanted(
+        settings.results.reports,
+        site_arguments(arguments, settings),
+        named_places(arguments, settings),
+    )
+    return Reporting(aside.COMMAND, queue, results, lambda: engine.busy, engine.write, wanted)
 
 
 def _follow_lists(

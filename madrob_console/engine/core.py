@@ -63,7 +63,7 @@ class Engine:
     no evidence is recorded.
 
     Attributes:
-        on_result: called with the run's folder and the scored run, pickled, when its result is on
+        on_result: called with the run's folder when its result is on
             disk; must not wait.
         on_left_unsettled: called with the next result after a run was left whose evidence was still
             being written: its journal must say how much of it is there; must not wait.
@@ -83,7 +83,7 @@ class Engine:
         self.source = source
         # a recording says itself what was read of it
         self.config = config.limited(types) if replay is None else config
-        self.on_result: Callable[[Path, bytes | memoryview], None] | None = None
+        self.on_result: Callable[[Path], None] | None = None
         self.on_left_unsettled: Callable[[], None] | None = None
         self._replay = replay
         self._keepers = keepers or DiskThreads.inline()
@@ -253,6 +253,10 @@ class Engine:
         """Have something read that the run does not need. From any thread; see `Reader`."""
         return self._keepers.reading.submit_job(job, first=first)
 
+    def write(self, job: Callable[[], None]) -> Future[None]:
+        """Have a small file written, after what is written of the run. From any thread."""
+        return self._keepers.own.submit_job(job)
+
     def next_run_number(
         self,
         subject: int,
@@ -271,7 +275,7 @@ class Engine:
 
     def _tell(self, folder: Path, scored: RenderedResult) -> None:
         if self.on_result is not None:
-            self.on_result(folder, scored.report)
+            self.on_result(folder)
         if self._at_hand.left_unsettled and self.on_left_unsettled is not None:
             self._at_hand.left_unsettled = False
             self.on_left_unsettled()

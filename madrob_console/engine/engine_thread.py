@@ -483,7 +483,7 @@ class LocalEngine:
     def repair(self) -> None:
         """Have results made again that differ from their journals. Never waits."""
         if self._reporting is not None and self._engine.replay is None:
-            self._reporting.repair(self.results)
+            self._reporting.repair()
 
     @property
     def results(self) -> Path:

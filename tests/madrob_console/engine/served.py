@@ -76,7 +76,7 @@ class Served:
         self.server.__exit__(None, None, None)
         self._listening.close()
         if self.reporting is not None:
-            self.reporting.close()
+            self.reporting.finish()
 
 
 def act(client: EngineClient, act: Act) -> str | None:
