@@ -156,10 +156,10 @@ def main(arguments: argparse.Namespace) -> int:
         )
     run = UnattendedRun(engine, reporting)
     with ExitStack() as stack:
-        control, presence, _ = stack.enter_context(owning(arguments, owned))
-        presence = replace(presence, version=software_version())
-        control.describe = lambda: replace(
-            presence.with_run(engine.run, busy=engine.busy),
+        server, known, _ = stack.enter_context(owning(arguments, owned))
+        known = replace(known, version=software_version())
+        server.describe = lambda: replace(
+            known.with_run(engine.run, busy=engine.busy),
             testbed=label_of(engine.source.label, practice=engine.run.practice),
         )
         stack.enter_context(run.stopping_on_signals())

@@ -22,11 +22,12 @@ from madrob_console.archive.run_pictures import renewed_pictures, run_pictures
 from madrob_console.archive.scored import score_opened
 from madrob_console.cli.main import main
 from madrob_console.common.version import software_version
-from madrob_console.engine import server_socket
+from madrob_console.engine import server
 from madrob_console.engine.engine_thread import LocalEngine
 from madrob_console.engine.reports import QUEUE_FOLDER, Chore, ChoreKind, ChoreQueue, Wanted
 from madrob_console.engine.requests import ExportTeam, OpenRun, Role
-from madrob_console.engine.server_socket import AGAIN, FallenThreads, LogOnce
+from madrob_console.engine.server import AGAIN, LogOnce
+from madrob_console.engine.service import FallenThreads
 from madrob_console.engine.snapshot import ExportView
 from madrob_console.pages.report import report_html
 from madrob_console.pages.surroundings import Surroundings
@@ -528,7 +529,7 @@ def test_a_loop_says_its_troubles_in_a_line(capsys: pytest.CaptureFixture[str]) 
 def test_what_must_go_on_is_begun_again_whatever_ends_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(server_socket, "_RETRY_PAUSE", 0.0)
+    monkeypatch.setattr(server, "_RETRY_PAUSE", 0.0)
     begun = 0
 
     async def work() -> None:
