@@ -258,7 +258,7 @@ def test_each_form_of_stop_ends_what_it_names_and_nothing_else(
         assert f"`madrob engine stop --results {folder}` ends it" in said
     for other in (
         ("--testbed", "ros", "--domain", "0"),
-        ("--domain", "0x10"),
+        ("--domain", "16"),
         ("--results", str(bench.folder / "four")),
         ("--testbed", "simulated", "--results", str(bench.folder / "four")),
         ("--testbed", "replay", "bag"),

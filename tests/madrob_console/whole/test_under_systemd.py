@@ -261,7 +261,7 @@ def test_systemd_takes_the_unit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
-    options = ["--testbed", "ros", "--domain", "+007", "--results", str(tmp_path / 'a "b" $c %d')]
+    options = ["--testbed", "ros", "--domain", "7", "--results", str(tmp_path / 'a "b" $c %d')]
     assert main(["engine", "unit", *options, *(["--system"] if system else [])]) == 0
     path = tmp_path / "madrob-ros-domain-7.service"
     path.write_text(capsys.readouterr().out)
