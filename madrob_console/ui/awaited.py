@@ -122,11 +122,7 @@ class PendingRequests:
 
     async def _withdraw(self, what: str) -> None:
         self._console.say(f"{what}: withdrawing it ...", Tone.WARN)
-        try:
-            refused = await self._link.answer(Perform.of(Abort()))
-        except MadrobError as error:
-            refused = str(error)
-        if refused is not None:
+        if (refused := await self._link.refusal_of(Abort())) is not None:
             self._console.refuse(Abort.name, refused)
 
     @property

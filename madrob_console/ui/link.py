@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.config.tables import DEFAULT_START_POSES, RunDefaults, StartPoseSetting
+from madrob_console.engine.requests import Perform, Request, T
 from madrob_console.engine.wire import ON_ITS_WAY, given_up
 from scoring.protocol import BenchmarkType, Condition, Side
 
 if TYPE_CHECKING:
-    from madrob_console.engine.requests import Request, T
     from madrob_console.engine.snapshot import Snapshot
     from madrob_console.engine.wire import EngineClient
+    from madrob_console.referee.acts import Act
 
 NOT_YET = "this screen is not attached to the engine yet"
 
@@ -56,6 +57,13 @@ class EngineLink:
         self._client = client
         if before is not None:
             before.close()
+
+    async def refusal_of(self, act: Act) -> str | None:
+        """Hands in an act; why it did not take effect."""
+        try:
+            return await self.answer(Perform.of(act))
+        except MadrobError as error:
+            return str(error)
 
     def look_for_engine(self, aside: Callable[[Callable[[], None]], object]) -> None:
         """Finds the next engine, for a screen without a person at its keyboard; never waits.

@@ -162,8 +162,8 @@ _LISTS = frozenset({"history"})
 
 
 def _ask_waiver(snapshot: Snapshot, check: str) -> Intent:
-    """About one check where it is named, as by the list of checks."""
-    if check:
+    """About the check that the list of checks names; else about any, for the menu."""
+    if check in [*CheckName]:
         return acts.Waive.ask_why(snapshot, CheckName(check))
     return acts.Waive.ask_questions(snapshot, "")
 

@@ -200,12 +200,12 @@ class PlanReader:
         return old
 
     async def read(self) -> None:
-        """Asks; an answer that a change has overtaken counts for nothing."""
+        """Asks; an answer that a change has overtaken counts only where nothing else is known."""
         seen, progress, problem = self._seen, self.progress, ""
         try:
             progress = await self._link.answer(GivePlan())
         except MadrobError as error:
             problem = str(error)
-        if seen == self._seen:
-            self.progress, self.problem, self.behind = progress, problem, False
+        if seen == self._seen or not self.version:
+            self.progress, self.problem, self.behind = progress, problem, seen != self._seen
             self.version += 1

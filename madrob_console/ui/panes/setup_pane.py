@@ -16,7 +16,7 @@ from textual.widgets import Input
 from madrob_console.archive.history import RunSummary
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import time_of_day
-from madrob_console.engine.requests import NextRunNumber, Perform
+from madrob_console.engine.requests import NextRunNumber
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import SetUp, Waive
 from madrob_console.referee.acts.act import Ask
@@ -247,10 +247,7 @@ class SetupPane(Vertical):
         if setup == before and not self._on_its_way:
             return ""
         self._on_its_way = True  # stays so where nobody waits for the answer any more
-        try:
-            refused = await self._link.answer(Perform.of(SetUp(setup)))
-        except MadrobError as error:
-            refused = str(error)
+        refused = await self._link.refusal_of(SetUp(setup))
         self._on_its_way = False
         return refused or ""
 

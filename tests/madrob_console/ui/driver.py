@@ -15,10 +15,12 @@ from textual.events import Event
 from textual.message import Message
 from textual.pilot import Pilot
 from textual.screen import Screen
+from textual.widget import Widget
 
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.cells.lines import TONE_CLASSES
+from madrob_console.ui.cells.table import Table
 from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.console_app import TypeAhead
 from madrob_console.ui.link import ConsoleDefaults
@@ -187,12 +189,12 @@ PANE = (80, 19)
 
 
 class PaneScreen(Screen[None]):
-    """Holds the pane."""
+    """Holds the pane, or any other widget."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = TONE_CLASSES
     AUTO_FOCUS = ""
 
-    def __init__(self, pane: HistoryPane | StandingsPane | ResultsPane) -> None:
+    def __init__(self, pane: Widget) -> None:
         super().__init__()
         self.pane = pane
 
@@ -201,14 +203,15 @@ class PaneScreen(Screen[None]):
 
 
 class PaneApp(App[None]):
-    """Keeps the messages that a pane sends to the console."""
+    """Keeps the messages that a pane sends to the console; a `plain` one draws ASCII shapes."""
 
     CSS_PATH = MadrobApp.CSS_PATH
     HORIZONTAL_BREAKPOINTS = MadrobApp.HORIZONTAL_BREAKPOINTS
     VERTICAL_BREAKPOINTS = MadrobApp.VERTICAL_BREAKPOINTS
 
-    def __init__(self, pane: HistoryPane | StandingsPane | ResultsPane) -> None:
+    def __init__(self, pane: Widget, *, plain: bool = False) -> None:
         super().__init__()
+        self.ascii = plain
         self.pane_screen = PaneScreen(pane)
         self.sent: list[Message] = []
 
@@ -216,6 +219,9 @@ class PaneApp(App[None]):
         return self.pane_screen
 
     def on_runs_pane_opened(self, event: RunsPane.Opened) -> None:
+        self.sent.append(event)
+
+    def on_table_chosen(self, event: Table.Chosen) -> None:
         self.sent.append(event)
 
 

@@ -244,19 +244,15 @@ async def test_a_storm_of_sizes_and_keys_breaks_nothing(
 async def test_an_earlier_run_is_opened_from_the_history_and_shown(
     driver: Driver, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(HistoryPane, "selected", property(lambda _pane: a_summary()))
-    await driver.press("f3", "h")
-    driver.app.post_message(HistoryPane.Opened(a_summary()))
-    await driver.settle()
-    await driver.press("o")
+    monkeypatch.setattr(HistoryPane, "prepare", lambda _pane, _runs: (a_summary(),))
+    await driver.answered("f3", "h")
+    await driver.press("enter", "o")
     await driver.settle()
     assert engine.opened == ["subject_004_cond_003_run_002_20231114_221320"]
     assert driver.console.pane == "results"
     engine.failure = "its bag is gone"
-    await driver.press("h")
-    driver.app.post_message(HistoryPane.Opened(a_summary()))
-    await driver.settle()
-    await driver.press("o")
+    await driver.answered("h")
+    await driver.press("enter", "o")
     await driver.settle()
     assert driver.console.status == "Refused: open the run: its bag is gone"
 
@@ -264,13 +260,11 @@ async def test_an_earlier_run_is_opened_from_the_history_and_shown(
 async def test_again_in_the_history_is_for_the_marked_team_and_condition(
     engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(HistoryPane, "selected", property(lambda _pane: a_summary()))
+    monkeypatch.setattr(HistoryPane, "prepare", lambda _pane, _runs: (a_summary(),))
 
     async with driving(engine) as driver:
-        await driver.press("f3", "h")
-        driver.app.post_message(HistoryPane.Opened(a_summary()))
-        await driver.settle()
-        await driver.press("X")
+        await driver.answered("f3", "h")
+        await driver.press("enter", "X")
         setup = engine.run.setup
         assert setup is not None
         assert (setup.subject, setup.team, setup.condition.number) == (4, "Oslo", 3)
@@ -617,15 +611,13 @@ async def test_a_run_that_was_cut_off_is_asked_about_and_nothing_resumes_by_itse
 async def test_the_history_asks_about_a_run_that_was_cut_off_before_it_opens_it(
     engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(HistoryPane, "selected", property(lambda _pane: a_summary("folder")))
+    monkeypatch.setattr(HistoryPane, "prepare", lambda _pane, _runs: (a_summary("folder"),))
     engine.unfinished = (CUT_OFF,)
 
     async with driving(engine) as driver:
-        await driver.press("escape", "h")
+        await driver.answered("escape", "h")
         for key, opened in (("l", []), ("i", ["folder invalid"])):
-            driver.app.post_message(HistoryPane.Opened(a_summary("folder")))
-            await driver.settle()
-            await driver.press("o")
+            await driver.press("enter", "o")
             await driver.settle()
             assert "A RUN WAS CUT OFF: run 2 of subject 3 Delft" in driver.text
             await driver.press(key)

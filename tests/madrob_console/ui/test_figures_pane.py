@@ -9,24 +9,19 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import cycle, pairwise
-from pathlib import Path, PurePath
-from typing import ClassVar
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
-from textual.app import App, ComposeResult
 from textual.pilot import Pilot
-from textual.screen import Screen
 from textual.worker import WorkerCancelled
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.requests import Curve, Curves
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import Abort
-from madrob_console.ui.cells import lines as lines_module
-from madrob_console.ui.cells.lines import TONE_CLASSES, Line
+from madrob_console.ui.cells.lines import Line
 from madrob_console.ui.cells.plot import (
     ASCII,
     BRAILLE,
@@ -38,51 +33,21 @@ from madrob_console.ui.cells.plot import (
     Plot,
     Window,
 )
-from madrob_console.ui.panes import figures_pane as figures
 from madrob_console.ui.panes.figures_pane import FIGURES, FiguresPane, Sheet
 from scoring.indicator_table import IndicatorName, Quantity
 from scoring.protocol import EventName
 from scoring.result import Indicator, Uncertainty
-from tests.madrob_console.ui.driver import rows_of
+from tests.madrob_console.ui.driver import PaneApp, rows_of
 from tests.madrob_console.ui.fake_engine import CURVES, finished, prepared
-
-
-class Page(Screen[None]):
-    COMPONENT_CLASSES: ClassVar[set[str]] = TONE_CLASSES
-
-    def __init__(self, pane: FiguresPane) -> None:
-        super().__init__()
-        self.pane = pane
-
-    def compose(self) -> ComposeResult:
-        yield self.pane
-
-
-class PageApp(App[None]):
-    CSS_PATH: ClassVar[list[str | PurePath]] = [
-        Path(lines_module.__file__).with_suffix(".tcss"),
-        Path(figures.__file__).with_suffix(".tcss"),
-    ]
-
-    def __init__(self, pane: FiguresPane, *, plain: bool = False) -> None:
-        super().__init__()
-        self.ascii = plain
-        self.page = Page(pane)
-
-    def get_default_screen(self) -> Screen[None]:
-        return self.page
 
 
 @dataclass
 class Viewer:
     """The pane under test, on a screen of its own."""
 
-    app: PageApp
+    app: PaneApp
     pilot: Pilot[None]
-
-    @property
-    def pane(self) -> FiguresPane:
-        return self.app.page.pane
+    pane: FiguresPane
 
     async def settle(self) -> None:
         with suppress(WorkerCancelled):  # it was asked again
@@ -108,11 +73,12 @@ class Viewer:
 async def viewing(
     load: Callable[[], Curves | None], snapshot: Snapshot, *, plain: bool = False
 ) -> AsyncIterator[Viewer]:
-    app = PageApp(FiguresPane(partial(to_thread, load)), plain=plain)
+    pane = FiguresPane(partial(to_thread, load))
+    app = PaneApp(pane, plain=plain)
     async with app.run_test(size=(80, 19)) as pilot:
-        viewer = Viewer(app, pilot)
-        viewer.pane.enter()
-        viewer.pane.show(snapshot)
+        viewer = Viewer(app, pilot, pane)
+        pane.enter()
+        pane.show(snapshot)
         await viewer.settle()
         yield viewer
 
@@ -215,9 +181,9 @@ async def test_a_late_answer_does_not_replace_a_newer_one() -> None:
         return answer
 
     pane = FiguresPane(partial(to_thread, load))
-    app = PageApp(pane)
+    app = PaneApp(pane)
     async with app.run_test(size=(80, 19)) as pilot:
-        viewer = Viewer(app, pilot)
+        viewer = Viewer(app, pilot, pane)
         pane.enter()
         await pilot.pause()
         assert viewer.rows[0] == "reading the curves ..."

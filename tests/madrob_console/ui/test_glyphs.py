@@ -12,8 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 from textual import events
-from textual.app import App, ComposeResult
-from textual.screen import Screen
 
 import madrob_console.ui
 from madrob_console.common.names import terminal_safe
@@ -21,7 +19,6 @@ from madrob_console.config.tables import ConsoleSettings
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start
 from madrob_console.ui.cells.large_text import HEIGHT, large_text, rows_of
 from madrob_console.ui.cells.lines import (
-    TONE_CLASSES,
     Line,
     Lines,
     Span,
@@ -40,7 +37,7 @@ from madrob_console.ui.panes.runs_pane import indicator_column, number_text
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.run_folders import summary
-from tests.madrob_console.ui.driver import DEFAULTS, driving
+from tests.madrob_console.ui.driver import DEFAULTS, PaneApp, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine, a_setup
 
 UI = Path(next(iter(madrob_console.ui.__path__)))
@@ -205,20 +202,6 @@ class Page(Lines):
         return self.content
 
 
-class PageApp(App[None]):
-    CSS = "Page { width: 12; height: 3; }"
-
-    def get_default_screen(self) -> Screen[None]:
-        return PageScreen()
-
-
-class PageScreen(Screen[None]):
-    COMPONENT_CLASSES = TONE_CLASSES
-
-    def compose(self) -> ComposeResult:
-        yield Page()
-
-
 def cells(spans: Line) -> list[tuple[str, Tone]]:
     """What each cell shows; a wide character fills two."""
     return [
@@ -248,10 +231,9 @@ def test_one_changed_digit_paints_one_cell() -> None:
 
 
 async def test_markup_and_control_characters_are_only_text() -> None:
-
-    app = PageApp()
-    async with app.run_test(size=(20, 5)) as pilot:
-        page = app.screen.query_one(Page)
+    page = Page()
+    page.styles.width, page.styles.height = WIDTH, 3
+    async with PaneApp(page).run_test(size=(20, 5)) as pilot:
         page.content = [line("[b]x[/]\x1b[31m\n!"), line("a long line that is cut")]
         page.redraw()
         await pilot.pause()
@@ -606,43 +588,13 @@ def test_a_title_leaves_room_for_its_arrow(name: IndicatorName) -> None:
 # ---------------------------------------------------------------- keys
 
 
-class TableScreen(Screen[None]):
-    COMPONENT_CLASSES = TONE_CLASSES
-
-    def __init__(self) -> None:
-        super().__init__()
-        columns = columns_of([(12, 0)] * 9)
-        self.table = Table(columns, lambda pair: pair[0], fixed=1)
-        self.chosen: list[str] = []
-        self.marked: list[Pair | None] = []
-
-    def compose(self) -> ComposeResult:
-        yield self.table
-
-    def on_table_chosen(self, event: Table.Chosen) -> None:
-        self.chosen.append(event.key)
-
-    def on_table_marked(self) -> None:
-        self.marked.append(self.table.selected)
-
-
-class TableApp(App[None]):
-    CSS = "Table { height: 1fr; }"
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.table_screen = TableScreen()
-
-    def get_default_screen(self) -> Screen[None]:
-        return self.table_screen
-
-
 async def test_keys_and_mouse_move_choose_and_sort() -> None:
-
-    app = TableApp()
+    table = Table(columns_of([(12, 0)] * 9), lambda pair: pair[0], fixed=1)
+    table.styles.height = "1fr"
+    app = PaneApp(table)
     async with app.run_test(size=(60, 12)) as pilot:
-        screen, table = app.table_screen, app.table_screen.table
         table.set_rows(many(50))
+        table.focus()
         for keys, wanted in (
             (("down", "down", "up"), 1),
             (("pagedown",), 11),
@@ -653,8 +605,7 @@ async def test_keys_and_mouse_move_choose_and_sort() -> None:
             await pilot.press(*keys)
             assert table.selected == (f"{wanted:05}", wanted)
         await pilot.press("down", "enter")
-        assert screen.chosen == ["00001"]
-        assert screen.marked[-1] == ("00001", 1)
+        assert app.sent == [Table.Chosen("00001")]
         await pilot.click(table, offset=(5, 4))
         assert table.selected == ("00003", 3)
         table.post_message(

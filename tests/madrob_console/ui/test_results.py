@@ -306,8 +306,9 @@ async def test_values_and_steps_of_an_ordinary_result_fill_20_rows_and_v_turns_t
     async with driving(engine) as driver:
         await with_flags(driver)
         snapshot = engine.snapshot()
-    async with showing(ResultsPane(lambda: ()), (80, 20)) as shown:
-        shown.app.pane_screen.pane.show(snapshot)
+    pane = ResultsPane(lambda: ())
+    async with showing(pane, (80, 20)) as shown:
+        pane.show(snapshot)
         await shown.settle()
         first = shown.text
         for name in IndicatorName:

@@ -11,8 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
-from textual.app import App, ComposeResult
-from textual.screen import Screen
 
 from madrob_console.archive.check import EQUAL
 from madrob_console.common.formatting import seconds_of
@@ -28,7 +26,7 @@ from madrob_console.engine.requests import (
 )
 from madrob_console.referee.acts import SetUp
 from madrob_console.referee.run import begin_countdown, begin_run
-from madrob_console.ui.cells.lines import TONE_CLASSES, width_of
+from madrob_console.ui.cells.lines import width_of
 from madrob_console.ui.frame.frame_lines import (
     KeyLine,
     playback_line,
@@ -42,7 +40,7 @@ from madrob_console.ui.look.words import clock_text
 from madrob_console.ui.panes.result_pane import ResultHead
 from madrob_console.ui.panes.top_view import SCALES, TopView, top_view
 from scoring.protocol import BenchmarkType, Condition, Side, StartPose
-from tests.madrob_console.ui.driver import Driver, driving
+from tests.madrob_console.ui.driver import Driver, PaneApp, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine, a_setup
 
 ARROWS = "↑↖←↙↓↘→↗"
@@ -223,25 +221,10 @@ def test_a_pose_that_is_no_number_is_no_pose() -> None:
         assert any("no pose" in row for row in drawn(starting(Side.CCW), pose))
 
 
-class Page(Screen[None]):
-    COMPONENT_CLASSES = TONE_CLASSES
-
-    def compose(self) -> ComposeResult:
-        yield TopView()
-
-
-class PageApp(App[None]):
-    CSS = "TopView { width: 30; height: auto; }"
-
-    def get_default_screen(self) -> Screen[None]:
-        return Page()
-
-
 async def test_the_widget_follows_what_is_typed() -> None:
-
-    app = PageApp()
-    async with app.run_test(size=(40, 20)) as pilot:
-        view = app.screen.query_one(TopView)
+    view = TopView()
+    view.styles.width, view.styles.height = 30, 13
+    async with PaneApp(view).run_test(size=(40, 20)) as pilot:
         for pose, word in ((StartPose(-1.5, 0, 0), "WRONG SIDE"), (None, "no pose")):
             view.show_setup(starting(Side.CCW), pose)
             await pilot.pause()
