@@ -1,15 +1,14 @@
 """`python -m madrob_console.cli.aside ...`: work that gives way to everything else.
 
-`page FILE` writes the report of the scored run that comes pickled on the standard input, `repair
-FOLDER` makes results of a results folder again that are not what their journals say, `renew FOLDER`
-reports that tell of other runs than there are now, and what stands behind it is a `madrob` command
-that is carried out first; anything else is a `madrob` command.
+`page FILE` writes the report of the run in whose folder this file is, `repair FOLDER` makes results
+of a results folder again that are not what their journals say, `renew FOLDER` reports that tell of
+other runs than there are now, and what stands behind it is a `madrob` command that is carried out
+first; anything else is a `madrob` command.
 """
 
 from __future__ import annotations
 
 import os
-import pickle
 import signal
 import sys
 from pathlib import Path
@@ -43,14 +42,14 @@ def main() -> int:
 
 
 def _page(file: Path) -> None:
-    """Write a report without reading and scoring the run again, and without SciPy and pandas."""
+    from madrob_console.archive.scored import score_opened
     from madrob_console.cli.output import BAD_INPUT, complain
     from madrob_console.cli.repairing import write_report
     from madrob_console.common.errors import MadrobError
     from madrob_console.pages.surroundings import Surroundings
 
     try:
-        write_report(file.parent, pickle.load(sys.stdin.buffer), Surroundings())
+        write_report(file.parent, score_opened(file.parent), Surroundings())
     except (MadrobError, OSError, MemoryError) as error:
         complain(str(error) or "no memory: end other programs")
         # the disk, file handles or memory may come back; the run's folder does not

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from madrob_console.engine.core import Engine
     from madrob_console.engine.engine_thread import LocalEngine
     from madrob_console.engine.reports import Reporting
+    from madrob_console.engine.scorer import Scorer
     from madrob_console.engine.server import EngineServer
     from madrob_console.engine.server_socket import FallenThreads
     from madrob_console.engine.service import ServiceManager
@@ -129,14 +130,13 @@ def serve(arguments: argparse.Namespace) -> int:
             from madrob_console.cli.session import open_engine
             from madrob_console.engine.engine_thread import LocalEngine
             from madrob_console.engine.reports import Reporting
-            from madrob_console.engine.scoring_process import ScoringProcess
             from madrob_console.engine.server import EngineServer
             from madrob_console.engine.server_socket import raise_handles
             from madrob_console.engine.service import begin_abort_over_ros
 
         raise_handles()
         fallen = _fallen_threads()
-        engine = open_engine(arguments, settings, ScoringProcess)
+        engine = open_engine(arguments, settings, _kept_running(stack))
         reporting = Reporting(
             aside.COMMAND,
             lambda: engine.busy,
@@ -172,6 +172,16 @@ def serve(arguments: argparse.Namespace) -> int:
                 holding.keep()
     reporting.close()  # another engine may begin meanwhile
     return FAILED if local.failed else 0
+
+
+def _kept_running(stack: ExitStack) -> Scorer:
+    """The workers of the engine, until the stack is closed."""
+    from madrob_console.engine.scoring_process import ScoringProcess
+    from madrob_console.engine.supervisor import Supervisor
+
+    scorer = ScoringProcess()
+    stack.callback(Supervisor(scorer).close)
+    return scorer
 
 
 def _fallen_threads() -> FallenThreads:

@@ -58,13 +58,12 @@ WATCH_PERIOD = 0.1
 class Engine:
     """One testbed, one run after the other; or the replay of one recorded run.
 
-    `keepers`, `scorer` and `evidence_client` are closed with the engine. Without `keepers` and
+    `keepers` and `evidence_client` are closed with the engine. Without `keepers` and
     `scorer` files and results are made at once, in the engine's thread; without `evidence_client`
     no evidence is recorded.
 
     Attributes:
-        on_result: called with the run's folder and the scored run, pickled, when its result is on
-            disk; must not wait.
+        on_result: called with the run's folder when its result is on disk; must not wait.
         on_left_unsettled: called with the next result after a run was left whose evidence was still
             being written: its journal must say how much of it is there; must not wait.
     """
@@ -83,7 +82,7 @@ class Engine:
         self.source = source
         # a recording says itself what was read of it
         self.config = config.limited(types) if replay is None else config
-        self.on_result: Callable[[Path, bytes | memoryview], None] | None = None
+        self.on_result: Callable[[Path], None] | None = None
         self.on_left_unsettled: Callable[[], None] | None = None
         self._replay = replay
         self._keepers = keepers or DiskThreads.inline()
@@ -236,7 +235,6 @@ class Engine:
         if answers:
             self._at_hand.settle_evidence(self.now(), ending=True)
             self._settle()
-        self._scorer.close()
         if answers:
             self._result.end(self.now(), busy=self.run.active)
         self._at_hand.event_publisher.close()
@@ -269,9 +267,9 @@ class Engine:
         look = partial(next_run_number, results, subject, condition_number, practice=practice)
         return self.read(look, first=first)
 
-    def _tell(self, folder: Path, scored: RenderedResult) -> None:
+    def _tell(self, folder: Path) -> None:
         if self.on_result is not None:
-            self.on_result(folder, scored.report)
+            self.on_result(folder)
         if self._at_hand.left_unsettled and self.on_left_unsettled is not None:
             self._at_hand.left_unsettled = False
             self.on_left_unsettled()

@@ -229,7 +229,7 @@ def _last_line(file: IO[bytes]) -> str:
 
 
 PAGE = "page"
-"""The chore that writes a report: its file follows, the scored run comes on standard input."""
+"""The chore that writes the report of a run: its file in the run's folder follows."""
 
 PICTURES = "pictures"
 """The command that writes what cameras saw: a run, an instant and a folder follow."""
@@ -285,11 +285,10 @@ class Reporting:
         self._publish = tuple(publish)
         self._background = Background(command, busy, pause)
 
-    def report(self, folder: Path, scored: bytes | memoryview) -> None:
+    def report(self, folder: Path) -> None:
         """Make the report of a run anew, if it is wanted; the latest result counts.
 
         Then the reports of runs that are compared with it, and the competition's pages.
-        `scored` is the `Scored` run, pickled.
         """
 
         def done(finished: Finished) -> None:
@@ -301,9 +300,7 @@ class Reporting:
             self._unmade = unmade
 
         if self._reports:
-            self._background.submit_chore(
-                str(folder), [PAGE, str(folder / REPORT_FILE)], done, scored
-            )
+            self._background.submit_chore(str(folder), [PAGE, str(folder / REPORT_FILE)], done)
         self._all_of(results_folder_of(folder), RENEW, *self._publishing)
 
     def publish(self) -> None:

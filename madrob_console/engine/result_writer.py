@@ -71,7 +71,7 @@ class ResultKeeper:
         self,
         keeper: DiskJobs,
         written: Callable[[Path, RenderedResult], None],
-        tell: Callable[[Path, RenderedResult], None],
+        tell: Callable[[Path], None],
         anew: Callable[[], bool],
     ) -> None:
         self.problem: str | None = None
@@ -114,7 +114,7 @@ class ResultKeeper:
             else:
                 self.problem = self._refused = None
                 self._written(folder, scored)
-                self._tell(folder, scored)
+                self._tell(folder)
             done()
 
         self._at_hand = folder
@@ -150,7 +150,7 @@ class ResultKeeper:
             self._waiting[run.folder] = replace(run, problem=_not_on_disk(why))
         else:
             del self._waiting[run.folder]
-            self._tell(run.folder, run.scored)
+            self._tell(run.folder)
 
 
 def _not_on_disk(why: str) -> str:
@@ -180,7 +180,7 @@ class CurrentResult:
         again: Callable[[], None],
         written: Callable[[Path, RenderedResult], None],
         shown: Callable[[RenderedResult], None],
-        tell: Callable[[Path, RenderedResult], None],
+        tell: Callable[[Path], None],
     ) -> None:
         self.scored: RenderedResult | None = None
         self._scorer = scorer
@@ -290,6 +290,7 @@ class CurrentResult:
 
     def clear(self) -> None:
         self.scored = self._awaited = None
+        self._scorer.forget()
 
     def leave(self, folder: Path | None) -> None:
         event_publisher = self._event_publisher

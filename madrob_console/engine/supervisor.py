@@ -1,6 +1,7 @@
 """Child processes that work for the engine, and the one supervisor that keeps them running.
 
-Both ends of a child's socket send frames as those of screens (`engine/wire.py`).
+What a child sends are frames as those of screens (`engine/wire.py`), and so is what it gets from
+`Worker.send`.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import subprocess
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
@@ -38,7 +39,13 @@ END_TIME = 2.0
 """Wait for the end of a process that is no longer needed, s."""
 
 DELAYS = (0.0, 1.0, 5.0, 30.0)
-"""Pause before the next start after so many starts without a message, s."""
+"""Pause before the next try after so many failures, s."""
+
+
+def delay_after(failures: int) -> float:
+    """In s."""
+    return DELAYS[min(failures, len(DELAYS) - 1)]
+
 
 _STOPPED = "T"
 
@@ -82,7 +89,7 @@ class Child:
         self.link.setblocking(False)
         self.out: deque[tuple[memoryview, int | None]] = deque()
         self._received = bytearray()
-        self._looked = self._moved = time.monotonic()
+        self._looked = self.moved_at = time.monotonic()
         self._used = ""
         self._stopped: float | None = None
 
@@ -119,19 +126,19 @@ class Child:
             MadrobError: somebody has stopped it.
         """
         if now - self._looked < LOOK_PERIOD:
-            return self._moved
+            return self.moved_at
         self._looked = now
         with suppress(OSError):  # it has ended: its socket says so
             state, used = self._state()
             if state in _BUSY or used != self._used:
-                self._moved, self._used = now, used
+                self.moved_at, self._used = now, used
             if state != _STOPPED:
                 self._stopped = None
             elif self._stopped is None:
                 self._stopped = now
             elif now - self._stopped >= STOPPED_TIME:
                 raise MadrobError(f"it was stopped for {STOPPED_TIME:g} s")
-        return self._moved
+        return self.moved_at
 
     @property
     def stopped(self) -> bool:
@@ -156,6 +163,12 @@ class Child:
         if code < 0:
             return f"it was ended by {signal.Signals(-code).name}"
         return f"it ended with code {code}"
+
+    def ended_by(self, deadline: float) -> bool:
+        """Wait until it has ended, or until the `deadline`, monotonic s."""
+        while not self.ended and time.monotonic() < deadline:
+            time.sleep(0.01)
+        return bool(self.ended)
 
 
 def frames(received: bytearray) -> Iterator[bytes]:
@@ -236,6 +249,17 @@ class Worker:
         assert self._child is not None
         self._child.out.append((memoryview(frame(message)), handle))
 
+    def send_parts(self, parts: Iterable[bytes]) -> None:
+        """Send bytes, which are no frame, without copying them."""
+        assert self._child is not None
+        self._child.out.extend((memoryview(part), None) for part in parts)
+
+    @property
+    def moved(self) -> float:
+        """When its process was last seen active, monotonic s; from any thread."""
+        child = self._child
+        return -math.inf if child is None else child.moved_at
+
     @property
     def backed_up(self) -> bool:
         """Whether messages wait until the process takes them."""
@@ -293,7 +317,7 @@ class Worker:
             raise EOFError
         moved, due = child.moved(now), self.due()
         if due is not None and now - max(moved, due) > self.patience:
-            raise MadrobError(f"it did not move for {now - max(moved, due):.0f} s")
+            raise MadrobError(f"it did not move for {self.patience:g} s")
         if due is not None and now - due > self.longest:
             raise MadrobError(f"it gave no answer for {now - due:.0f} s")
         return min(rest, LOOK_PERIOD)
@@ -318,8 +342,7 @@ class Worker:
         return 0.0
 
     def _pause(self, why: str) -> None:
-        delay = DELAYS[min(self.failures, len(DELAYS) - 1)]
-        self._next_start = time.monotonic() + delay
+        self._next_start = time.monotonic() + delay_after(self.failures)
         if self.wanted:
             self.lose(why)
 
@@ -332,10 +355,9 @@ class Worker:
         with suppress(OSError):
             child.send_waiting()
         child.link.close()
-        while not child.ended and (rest := deadline - time.monotonic()) > 0:
-            time.sleep(min(rest, 0.01))
-        if not child.ended and (not self.goes_on or child.stopped):
+        if not child.ended_by(deadline) and (not self.goes_on or child.stopped):
             child.kill()
+            child.ended_by(deadline + END_TIME / 2)
 
 
 class Supervisor:

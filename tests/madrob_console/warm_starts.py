@@ -23,7 +23,7 @@ from typing import NoReturn, Self
 
 import msgspec
 
-from madrob_console.engine import scoring_worker, worker
+from madrob_console.engine import scoring_worker, supervisor
 
 ROOT = Path(__file__).parents[2]
 
@@ -98,7 +98,7 @@ def _score_warm() -> None:
         socket.send_fds(ours, [b"!"], [link.fileno()])
         return WarmScoring(int.from_bytes(ours.recv(4)))
 
-    worker.start_process = start
+    supervisor.start_process = start
 
 
 def _fork_scorers(link: socket.socket) -> NoReturn:

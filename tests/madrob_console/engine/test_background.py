@@ -172,7 +172,7 @@ def test_a_run_cuts_a_chore_short_which_leaves_nothing_and_is_done_again_after_i
 @pytest.mark.machine
 def test_a_process_that_cannot_be_started_is_told_in_words() -> None:
     reporting = Reporting(["/no/such/python"], lambda: False)
-    reporting.report(Path("/results/run"), b"a result")
+    reporting.report(Path("/results/run"))
     reporting.export(3)
     assert reporting.wait(PATIENCE)
     assert reporting.problem is not None
@@ -276,23 +276,20 @@ def test_a_temporary_folder_that_is_gone_stops_neither_reports_nor_exports(
         assert (finished.code, finished.said[-4:]) == (0, ".zip")
 
 
-def scored_run(results: Path) -> tuple[Path, bytes | memoryview]:
+def scored_run(results: Path) -> Path:
     drive = Drive(results)
     drive.whole_run(make_setup(timeout=1.0))
     drive.engine.close()
-    folder, scored = drive.engine.folder, drive.engine.scored
-    assert folder is not None
-    assert scored is not None
-    return folder, scored.report
+    return drive.folder
 
 
 @pytest.mark.machine
 def test_a_report_that_the_disk_refuses_is_a_fault_until_it_is_made(tmp_path: Path) -> None:
-    folder, scored = scored_run(tmp_path)
+    folder = scored_run(tmp_path)
     page = folder / "report.html"
     page.mkdir()
     reporting = Reporting(aside.COMMAND, lambda: False, pause=SHORT_PAUSE)
-    reporting.report(folder, scored)
+    reporting.report(folder)
     until(lambda: reporting.problem is not None)
     assert reporting.problem is not None
     assert f"no report of {folder.name}: " in reporting.problem
@@ -305,10 +302,10 @@ def test_a_report_that_the_disk_refuses_is_a_fault_until_it_is_made(tmp_path: Pa
 
 @pytest.mark.machine
 def test_a_report_of_a_run_that_was_deleted_is_not_tried_again(tmp_path: Path) -> None:
-    folder, scored = scored_run(tmp_path)
+    folder = scored_run(tmp_path)
     shutil.rmtree(folder)
     reporting = Reporting(aside.COMMAND, lambda: False, pause=SHORT_PAUSE)
-    reporting.report(folder, scored)
+    reporting.report(folder)
     assert reporting.wait(PATIENCE)
     assert reporting.problem is not None
     assert "tried again" not in reporting.problem

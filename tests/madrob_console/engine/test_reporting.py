@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import pickle
 import re
 import shutil
 import threading
@@ -58,7 +57,7 @@ from tests.watching import until
 def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
     told: list[tuple[str, int]] = []
 
-    def tell(folder: Path, _scored: bytes | memoryview) -> None:
+    def tell(folder: Path) -> None:
         told.append((folder.name[:28], json.loads((folder / "result.json").read_text())["issue"]))
 
     drive = Drive(tmp_path, Scenario.NO_TOUCH)
@@ -93,7 +92,7 @@ def test_an_engines_page_shows_what_the_cameras_saw(tmp_path: Path) -> None:
     film(folder, "/camera/front")
     scored = score_opened(folder)
     reporting = Reporting(aside.COMMAND, lambda: False)
-    reporting.report(folder, pickle.dumps(scored))
+    reporting.report(folder)
     assert reporting.wait(60.0)
     assert reporting.problem is None
     reporting.close()
@@ -339,7 +338,7 @@ def test_reports_that_a_run_keeps_from_being_made_again_are_made_after_it(tmp_pa
     shutil.rmtree(second)
     going = [True]
     reporting = Reporting(aside.COMMAND, lambda: going[0], reports=False)
-    reporting.report(first, b"")
+    reporting.report(first)
     assert not reporting.wait(1.0)
     assert other_runs(first / "report.html") == ["run 2", "run 2"]
     going.clear()
@@ -347,7 +346,7 @@ def test_reports_that_a_run_keeps_from_being_made_again_are_made_after_it(tmp_pa
     assert reporting.wait(60.0)
     assert other_runs(first / "report.html") == []
     before = (first / "report.html").stat().st_mtime_ns
-    reporting.report(first, b"")
+    reporting.report(first)
     assert reporting.wait(60.0)
     assert (first / "report.html").stat().st_mtime_ns == before
     assert reporting.problem is None
@@ -362,7 +361,7 @@ def test_reports_that_cannot_be_made_again_are_told_to_be_older(tmp_path: Path) 
     for recording in first.glob("*.mcap"):
         recording.unlink()
     reporting = Reporting(aside.COMMAND, lambda: False, reports=False)
-    reporting.report(first, b"")
+    reporting.report(first)
     assert reporting.wait(60.0)
     assert reporting.problem is not None
     assert f"reports or pages of {tmp_path} are older than its results: " in reporting.problem
