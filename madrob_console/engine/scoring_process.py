@@ -171,7 +171,7 @@ class ScoringProcess(Worker):
         self._handed = what.folder
         return what
 
-    def take(self, data: bytes) -> None:
+    def take(self, data: memoryview) -> None:
         self._restarted = ""
         match answer_of_process(data):
             case Failed(number, why):

@@ -43,7 +43,7 @@ ToEngine = Ready | Failed | Answered
 _answers: msgspec.msgpack.Decoder[ToEngine] = msgspec.msgpack.Decoder(ToEngine)
 
 
-def answer_of_process(data: bytes) -> ToEngine:
+def answer_of_process(data: memoryview) -> ToEngine:
     return decoded(_answers, data, "a message of the process that scores")
 
 

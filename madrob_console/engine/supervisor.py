@@ -7,6 +7,7 @@ What a child sends are frames as those of screens (`engine/wire.py`), and so is 
 from __future__ import annotations
 
 import math
+import mmap
 import os
 import select
 import signal
@@ -15,7 +16,7 @@ import subprocess
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
@@ -75,6 +76,18 @@ def start_process(command: Sequence[str], link: socket.socket) -> Started:
     )
 
 
+class _Frame:
+    """The length of a message or the message itself, until it is whole.
+
+    A result of a long run has 100 MB. The kernel makes this memory page by page as it is filled;
+    clearing or copying it at once would hold up all threads.
+    """
+
+    def __init__(self, length: int, *, is_body: bool = False) -> None:
+        self.data = self.rest = memoryview(mmap.mmap(-1, length))
+        self.is_body = is_body
+
+
 class Child:
     """A process, its socket and its signs of life."""
 
@@ -88,7 +101,7 @@ class Child:
                 raise
         self.link.setblocking(False)
         self.out: deque[tuple[memoryview, int | None]] = deque()
-        self._received = bytearray()
+        self._frame = _Frame(LENGTH.size)
         self._looked = self.moved_at = time.monotonic()
         self._used = ""
         self._stopped: float | None = None
@@ -97,16 +110,30 @@ class Child:
     def pid(self) -> int:
         return self._process.pid
 
-    def receive(self) -> list[bytes]:
-        """The frames that have come; raises `EOFError` when the process has ended."""
+    def receive(self) -> memoryview | None:
+        """Take what has come; a frame once it is whole.
+
+        Raises:
+            EOFError: the process has ended.
+        """
+        frame = self._frame
         try:
-            data = self.link.recv(1 << 18)
+            received = self.link.recv_into(frame.rest)
         except BlockingIOError:
-            return []
-        if not data:
+            return None
+        if not received:
             raise EOFError
-        self._received += data
-        return list(frames(self._received))
+        frame.rest = frame.rest[received:]
+        if frame.rest:
+            return None
+        if frame.is_body:
+            self._frame = _Frame(LENGTH.size)
+            return frame.data
+        (length,) = LENGTH.unpack(frame.data)
+        if not 0 < length <= LARGEST_FRAME:
+            raise MadrobError(f"not a message: {length} bytes")
+        self._frame = _Frame(length, is_body=True)
+        return None
 
     def send_waiting(self) -> None:
         """Send what waits in `out`, as far as the socket takes it."""
@@ -171,20 +198,6 @@ class Child:
         return bool(self.ended)
 
 
-def frames(received: bytearray) -> Iterator[bytes]:
-    """Whole frames; removes them from `received`."""
-    while len(received) >= LENGTH.size:
-        (length,) = LENGTH.unpack_from(received)
-        if length > LARGEST_FRAME:
-            raise MadrobError(f"not a message: {length} bytes")
-        end = LENGTH.size + length
-        if len(received) < end:
-            return
-        data = bytes(memoryview(received)[LENGTH.size : end])
-        del received[:end]
-        yield data
-
-
 class Worker:
     """A job that a child process does; the `Supervisor` keeps the process running.
 
@@ -225,7 +238,7 @@ class Worker:
         """Send what waits; returns how long nothing is to be done, s. `now` is monotonic, s."""
         return LOOK_PERIOD
 
-    def take(self, data: bytes) -> None:
+    def take(self, data: memoryview) -> None:
         """Take a message of the process."""
         raise NotImplementedError
 
@@ -308,7 +321,7 @@ class Worker:
         return 0.0
 
     def _serve(self, now: float, child: Child) -> float:
-        for data in child.receive():
+        if (data := child.receive()) is not None:
             self.failures = 0
             self.take(data)
         rest = self.work(now)
