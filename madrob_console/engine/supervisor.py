@@ -84,7 +84,7 @@ class _Frame:
     """
 
     def __init__(self, length: int, *, is_body: bool = False) -> None:
-        self.data = self.rest = memoryview(mmap.mmap(-1, length))
+        self.data = self.rest = memoryview(mmap.mmap(-1, length, mmap.MAP_PRIVATE))
         self.is_body = is_body
 
 
