@@ -2,7 +2,6 @@
 
 An `Assessment` is fed sample by sample while the run goes on; at the stop it gives the result.
 Feeding it the samples of a bag in the order in which the bag stores them gives the same result.
-A `LiveAssessment` is fed likewise where only the run that goes on is looked at.
 """
 
 from __future__ import annotations
@@ -47,8 +46,8 @@ def _steps_by(ruleset: Ruleset) -> Ruleset:
     return ruleset if ruleset.own_steps else PROTOCOL
 
 
-class LiveAssessment:
-    """Follows one run while it goes on; keeps no series of numbers.
+class Assessment:
+    """Follows one run from the opening of the recording to its result.
 
     `start` is the (planned) start, s since the epoch, and `handle_zero` in N. `ruleset` makes the
     result and the steps that stop a run (`eurobench-2020`: the protocol's); `stopped_by` are other
@@ -87,7 +86,14 @@ class LiveAssessment:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Hook for what subclasses keep."""
+        self._scoring = self._live
+        if not self._ruleset.own_steps:
+            self._scoring = EventDetector(
+                self.condition, self.start, self._thresholds, self._ruleset, self._zero
+            )
+        self._door_time, self._door_angle = array("d"), array("d")
+        self._impossible_angles = array("d")
+        self._force_time, self._force = array("d"), array("d")
 
     @property
     def newest(self) -> float | None:
@@ -117,11 +123,19 @@ class LiveAssessment:
         self._live.feed(sample)
         match sample:
             case DoorSample() if abs(sample.angle) <= self._largest_angle:
+                self._door_time.append(sample.time)
+                self._door_angle.append(sample.angle)
                 against = -sample.angle * self.condition.opening_side.sign
                 self._against = max(self._against, against)
+            case DoorSample() if math.isfinite(sample.angle):
+                self._impossible_angles.append(sample.time)
             case HandleSample() if abs(sample.force) <= self._largest_force:
+                self._force_time.append(sample.time)
+                self._force.append(sample.force)
                 if sample.time >= self.start:
                     self._top_force = max(self._top_force, abs(sample.force))
+        if self._scoring is not self._live:
+            self._scoring.feed(sample)
 
     def report_problem(self, text: str) -> None:
         """Count something wrong with the recording that no sample shows."""
@@ -192,34 +206,6 @@ class LiveAssessment:
             for text, count in self._problems.items()
         ]
         return Quality(tuple(signals), (*remarks, *more))
-
-
-class Assessment(LiveAssessment):
-    """Follows one run from the opening of the recording to its result."""
-
-    def _prepare(self) -> None:
-        self._scoring = self._live
-        if not self._ruleset.own_steps:
-            self._scoring = EventDetector(
-                self.condition, self.start, self._thresholds, self._ruleset, self._zero
-            )
-        self._door_time, self._door_angle = array("d"), array("d")
-        self._impossible_angles = array("d")
-        self._force_time, self._force = array("d"), array("d")
-
-    def _admit(self, sample: Sample) -> None:
-        super()._admit(sample)
-        match sample:
-            case DoorSample() if abs(sample.angle) <= self._largest_angle:
-                self._door_time.append(sample.time)
-                self._door_angle.append(sample.angle)
-            case DoorSample() if math.isfinite(sample.angle):
-                self._impossible_angles.append(sample.time)
-            case HandleSample() if abs(sample.force) <= self._largest_force:
-                self._force_time.append(sample.time)
-                self._force.append(sample.force)
-        if self._scoring is not self._live:
-            self._scoring.feed(sample)
 
     def result(
         self, ending: Ending, rulings: Sequence[Ruling] = (), remarks: Iterable[str] = ()

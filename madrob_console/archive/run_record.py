@@ -22,7 +22,7 @@ from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.messages.codec import TopicMapping
 from madrob_console.referee.records import RunSetup, open_protests
 from madrob_console.referee.run import Run
-from scoring.evaluate import Assessment, LiveAssessment
+from scoring.evaluate import Assessment
 from scoring.protocol import Thresholds, event_words
 from scoring.rest import HandleRest
 from scoring.rulesets import RulesetName, ruleset
@@ -31,7 +31,7 @@ RECORD_NAME = "madrob_run"
 
 _KEY = "run"
 
-A = TypeVar("A", bound=LiveAssessment)
+A = TypeVar("A", bound=Assessment)
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,7 +36,7 @@ from recorder.reader import Bag, read_bag
 from scoring.eurobench.published import evaluate_published, rules_told
 from scoring.eurobench.run_files import EurobenchRun, read_run
 from scoring.eurobench.run_info import numbers_of
-from scoring.evaluate import Assessment, LiveAssessment
+from scoring.evaluate import Assessment
 from scoring.kinematics import Rows, load_filters
 from scoring.protocol import Condition, Outcome, ScoringError, Step
 from scoring.quality import AGAINST_OPENING, BY_THE_RULES
@@ -89,9 +89,12 @@ class Scored:
         return flags(self.run, result.steps, source, result.quality, result.indicators)
 
     @classmethod
-    def of(cls, record: RunRecord, run: Run, assessment: Assessment) -> Scored:
-        """Score a run that is over; `assessment` has all of its samples."""
-        return cls(record, run, *assessment.result(run.ending, run.rulings, run.remarks()))
+    def of(
+        cls, record: RunRecord, run: Run, assessment: Assessment, missing: Iterable[str] = ()
+    ) -> Scored:
+        """Score a run that is over; `assessment` has all of its samples but what is `missing`."""
+        remarks = (*missing, *run.remarks())
+        return cls(record, run, *assessment.result(run.ending, run.rulings, remarks))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -297,7 +300,7 @@ def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None], kind: ty
     return assessments
 
 
-def report_bag(assessment: LiveAssessment, recorded: RecordedRun) -> None:
+def report_bag(assessment: Assessment, recorded: RecordedRun) -> None:
     """Adds what is wrong with a recording, once it is read, to the result."""
     for remark in recorded.remarks:
         assessment.report_problem(remark)
@@ -307,7 +310,7 @@ def report_bag(assessment: LiveAssessment, recorded: RecordedRun) -> None:
             assessment.report_problem(lost)
 
 
-def _lost_steps(assessment: LiveAssessment, recorded: RecordedRun) -> str | None:
+def _lost_steps(assessment: Assessment, recorded: RecordedRun) -> str | None:
     """What completed a run but is not in its torn bag; None = all of it is.
 
     A line of the journal is on disk at once, the samples behind it up to half a second later.
@@ -349,7 +352,7 @@ def _out_of_date(folder: Path, run: Run) -> bool:
     return any(disagreements(result, run))
 
 
-def keep_stored_remarks(assessment: LiveAssessment, run: Run, folder: Path) -> None:
+def keep_stored_remarks(assessment: Assessment, run: Run, folder: Path) -> None:
     """Keep what a stored result says of the data and the bag cannot tell: what was dropped."""
     known = {*assessment.quality().remarks, *run.remarks()}
     for remark in read_remarks(str(folder)):

@@ -26,8 +26,7 @@ from madrob_console.engine.reports import (
     Look,
     Resting,
 )
-from madrob_console.engine.supervisor import frames
-from madrob_console.engine.wire import frame
+from madrob_console.engine.wire import LENGTH, frame
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.cli.aside")
 """Command line that starts a process for such work."""
@@ -49,7 +48,7 @@ class EngineLink:
     def __init__(self, link: socket.socket) -> None:
         self.number = 0
         self._link = link
-        self._received = bytearray()
+        self._coming = link.makefile("rb")
 
     def tell(self, message: msgspec.Struct) -> None:
         with suppress(OSError):
@@ -57,13 +56,12 @@ class EngineLink:
 
     def wait_for_look(self) -> bool:
         """Wait until the engine asks for something; False once it has ended."""
-        looks: list[bytes] = []
-        while not looks and (data := self._link.recv(1 << 16)):
-            self._received += data
-            looks = list(frames(self._received))
-        if looks:
-            self.number = msgspec.msgpack.decode(looks[-1], type=Look).number
-        return bool(looks)
+        head = self._coming.read(LENGTH.size)
+        if len(head) < LENGTH.size:
+            return False
+        data = self._coming.read(LENGTH.unpack(head)[0])
+        self.number = msgspec.msgpack.decode(data, type=Look).number
+        return True
 
 
 def main() -> int:

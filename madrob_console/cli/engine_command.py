@@ -124,9 +124,10 @@ def serve(arguments: argparse.Namespace) -> int:
 
         fallen = FallenThreads()
         threading.excepthook = fallen.note
-        engine = open_engine(arguments, settings, ScoringProcess)
+        scorer = ScoringProcess()
+        engine = open_engine(arguments, settings, scorer)
         reporting = _reporting(arguments, settings, engine, owned)
-        supervisor = Supervisor(reporting)
+        supervisor = Supervisor(scorer, reporting)
         _follow_lists(
             options.team_source(arguments, settings),
             options.plan_source(arguments, settings),

@@ -6,7 +6,7 @@ import argparse
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -28,7 +28,7 @@ from madrob_console.engine.evidence_client import EvidenceClient, EvidencePlan
 from madrob_console.engine.replay import Replay
 from madrob_console.engine.reports import Reporting
 from madrob_console.engine.run_recorder import EventLog
-from madrob_console.engine.scorer import InlineScorer, Scorer
+from madrob_console.engine.scorer import Scorer
 from madrob_console.engine.supervisor import Supervisor
 from madrob_console.messages.codec import referee_topics
 from madrob_console.messages.message_types import MessageTypes
@@ -47,11 +47,11 @@ _SEARCH_TIME = 3.0
 def open_engine(
     arguments: argparse.Namespace,
     settings: Settings,
-    scorer: Callable[[], Scorer] = InlineScorer,
+    scorer: Scorer | None = None,
 ) -> Engine:
     """Make the engine that the command line asks for, without opening it.
 
-    `scorer` makes the results of runs in real time; all other results are made at once.
+    `scorer` makes the results of runs in real time; all others, and without it, are made at once.
     """
     kind, replayed = _testbed(arguments, settings)
     types = MessageTypes()
@@ -80,7 +80,7 @@ def open_engine(
             if arguments.speed == 0:
                 return Engine(simulated, clock, config, types)
             return Engine(
-                simulated, clock, config, types, keepers=DiskThreads.threads(), scorer=scorer()
+                simulated, clock, config, types, keepers=DiskThreads.threads(), scorer=scorer
             )
         case SourceKind.ROS:
             follows = arguments.use_sim_time or settings.testbed.use_sim_time
@@ -92,7 +92,7 @@ def open_engine(
                 config,
                 types,
                 keepers=DiskThreads.threads(),
-                scorer=scorer(),
+                scorer=scorer,
                 evidence_client=_evidence_client(arguments, settings, types),
             )
         case _:

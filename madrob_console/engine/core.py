@@ -58,13 +58,12 @@ WATCH_PERIOD = 0.1
 class Engine:
     """One testbed, one run after the other; or the replay of one recorded run.
 
-    `keepers`, `scorer` and `evidence_client` are closed with the engine. Without `keepers` and
+    `keepers` and `evidence_client` are closed with the engine. Without `keepers` and
     `scorer` files and results are made at once, in the engine's thread; without `evidence_client`
     no evidence is recorded.
 
     Attributes:
-        on_result: called with the run's folder when its result is on
-            disk; must not wait.
+        on_result: called with the run's folder when its result is on disk; must not wait.
         on_left_unsettled: called with the next result after a run was left whose evidence was still
             being written: its journal must say how much of it is there; must not wait.
     """
@@ -226,7 +225,6 @@ class Engine:
         if answers:
             self.current_run.settle_evidence(self.now(), ending=True)
             self._settle()
-        self._engine_context.scorer.close()
         if answers:
             self.current_run.result.end(self.folder, self.now())
         self.current_run.event_publisher.journal.close()
@@ -264,7 +262,7 @@ class Engine:
         look = partial(next_run_number, results, subject, condition_number, practice=practice)
         return self.read(look, first=first)
 
-    def _tell(self, folder: Path, scored: RenderedResult) -> None:
+    def _tell(self, folder: Path) -> None:
         if self.on_result is not None:
             self.on_result(folder)
         if self.current_run.left_unsettled and self.on_left_unsettled is not None:

@@ -60,7 +60,7 @@ class CurrentRun:
         engine_context: EngineContext,
         observation: Observation,
         earlier: EarlierRuns,
-        tell: Callable[[Path, RenderedResult], None],
+        tell: Callable[[Path], None],
     ) -> None:
         self.generation = 0
         self.run = Run()
@@ -138,7 +138,6 @@ class CurrentRun:
         self.opened, self.record = opened, opened.scored.record
         stood = replace(opened.scored.run, journal=None)
         self.folder, self.run = opened.folder, stood
-        self._engine_context.scorer.look_back(opened)
         self._observation.look_back(opened.scored.past)
         if self.run.active:
             outcome = Outcome.ABORTED if invalid else Outcome.INTERRUPTED
@@ -197,8 +196,8 @@ class CurrentRun:
             return
         assert self.record is not None
         before = observation.sensors.newest() if self._replay is None else None
-        follow, limits = self._engine_context.scorer.follow, self._engine_context.config.limits
-        observation.course = RunTracker(self.record, run, follow, limits.lost, before)
+        silence = self._engine_context.config.limits.lost
+        observation.course = RunTracker(self.record, run, silence, before)
 
     def interrupt(
         self, reason: str, at: float | None = None, outcome: Outcome = Outcome.INTERRUPTED
@@ -300,8 +299,13 @@ class CurrentRun:
     def score(self, *, write: bool = True) -> None:
         """Ask for its result, and have it written unless `write` says no."""
         self._observation.judge(self.run)
+        assert self.record is not None
         assert self.folder is not None
-        self.result.request_result(ToScore(self.run, self.folder, self._missing, files=write))
+        course, stored = self._observation.course, self.opened is not None
+        samples = None if course is None else course.assessment
+        self.result.request_result(
+            ToScore(self.record, self.run, self.folder, samples, self._missing, stored, write)
+        )
 
     def _written(self, _folder: Path, scored: RenderedResult) -> None:
         details = scored.written_details

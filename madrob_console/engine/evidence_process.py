@@ -29,7 +29,7 @@ from madrob_console.engine.evidence_status import (
     news_of,
     standing,
 )
-from madrob_console.engine.scoring_protocol import delay_after
+from madrob_console.engine.supervisor import delay_after
 from madrob_console.engine.wire import frame
 from madrob_console.engine.worker import END_TIME, Child, HangDetector, threads_of
 

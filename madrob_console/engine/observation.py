@@ -20,7 +20,6 @@ from madrob_console.referee.rebuild import Change
 from madrob_console.referee.records import FalseStart, FaultKind
 from madrob_console.referee.run import Phase, Run, begin_run, stop, time_out
 from recorder.bag import RawMessage
-from scoring.evaluate import LiveAssessment
 from scoring.events import EventDetector
 from scoring.procedure import Procedure, Ruling, StepRecord
 from scoring.protocol import Event, EventName, Outcome, Step, Thresholds
@@ -164,7 +163,6 @@ class RunTracker:
     """Follows a run sample by sample and decides when it starts and stops. Writes nothing.
 
     Args:
-        assess: makes the assessment of a run planned to start then, s since the epoch.
         silence: how long a settle time may wait for a door that went silent, s.
         before: the newest sample of each signal; what is active before the countdown is no false
             start. None: false starts are known already, no new ones are judged.
@@ -174,12 +172,10 @@ class RunTracker:
         self,
         record: RunRecord,
         run: Run,
-        assess: Callable[[RunRecord, float], LiveAssessment],
         silence: float,
         before: Sequence[Sample] | None = (),
     ) -> None:
         self._record = record
-        self._assess = assess
         self._patience = record.thresholds.settle_time + silence
         self._before = before
         self._preroll: list[Sample] = []
@@ -188,7 +184,7 @@ class RunTracker:
     def restart(self, run: Run) -> None:
         assert run.start is not None
         assert run.countdown_began is not None
-        self.assessment: LiveAssessment = self._assess(self._record, run.start)
+        self.assessment = self._record.assessment(run.start)
         for sample in self._preroll:
             self.assessment.feed(sample)
         self.procedure: Procedure = self.assessment.procedure()

@@ -38,7 +38,7 @@ from madrob_console.referee.run import Run, stop
 from madrob_console.testbeds.recorded_bag import RecordedBag
 from madrob_console.testbeds.source import Source
 from recorder.errors import RecorderError
-from scoring.evaluate import LiveAssessment
+from scoring.evaluate import Assessment
 from scoring.protocol import Outcome
 from scoring.result import Result
 
@@ -148,7 +148,7 @@ class Replay:
             timeout_at=None,
         )
 
-    def report(self, assessment: LiveAssessment, run: Run) -> None:
+    def report(self, assessment: Assessment, run: Run) -> None:
         report_bag(assessment, self.recorded)
         keep_stored_remarks(assessment, run, self.source.path)
 

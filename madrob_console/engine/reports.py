@@ -338,7 +338,7 @@ class Reporting(Worker):
             self.send(Look(self._looked))
         return 0.1  # s: a run may begin, or end
 
-    def take(self, data: bytes) -> None:
+    def take(self, data: memoryview) -> None:
         told = decoded(_answers, data, "a message of the process that makes reports")
         self._unmade = {name: one for name, one in self._unmade.items() if name}
         if isinstance(told, Finished):

@@ -91,7 +91,7 @@ class CurrentResult:
         again: Callable[[], None],
         written: Callable[[Path, RenderedResult], None],
         shown: Callable[[RenderedResult], None],
-        tell: Callable[[Path, RenderedResult], None],
+        tell: Callable[[Path], None],
     ) -> None:
         self.scored: RenderedResult | None = None
         self.problem: str | None = None
@@ -194,7 +194,7 @@ class CurrentResult:
             self.problem = _not_on_disk(why) if (why := why_not(answer)) else None
             if self.problem is None:
                 self._written(folder, scored)
-                self._tell(folder, scored)
+                self._tell(folder)
             self._have(wanted, scored)
 
         self._folder = folder
@@ -211,6 +211,7 @@ class CurrentResult:
 
     def clear(self) -> None:
         self.scored = self._awaited = None
+        self._scorer.forget()
 
     def leave(self, folder: Path | None) -> None:
         """The run is left: what is not on disk of it waits."""
@@ -256,7 +257,7 @@ class CurrentResult:
             self._unwritten[run.folder] = replace(run, problem=_not_on_disk(why))
         else:
             del self._unwritten[run.folder]
-            self._tell(run.folder, run.scored)
+            self._tell(run.folder)
 
 
 def _not_on_disk(why: str) -> str:

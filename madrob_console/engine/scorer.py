@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import pickle
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
@@ -16,7 +14,7 @@ import msgspec
 
 from madrob_console.archive.evidence import evidence_told
 from madrob_console.archive.folders import RESULT_FILE
-from madrob_console.archive.result_files import ResultFiles, result_files
+from madrob_console.archive.result_files import result_files
 from madrob_console.archive.run_journal import Details, written_details
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.archive.scored import Scored, assess_recording, open_run
@@ -25,7 +23,7 @@ from madrob_console.engine.requests import curves_of
 from madrob_console.referee.flags import Flag, flags
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.run import Run
-from scoring.evaluate import Assessment, LiveAssessment
+from scoring.evaluate import Assessment
 from scoring.kinematics import load_filters
 from scoring.procedure import Procedure
 from scoring.result import Result
@@ -48,7 +46,7 @@ class PastRun:
     doubts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, run: Run, assessment: LiveAssessment, stop: float | None) -> PastRun:
+    def of(cls, run: Run, assessment: Assessment, stop: float | None) -> PastRun:
         """From an assessment of the whole run; `stop`, by its result's rules, may be later."""
         procedure = assessment.procedure(run.rulings, stop)
         return cls(
@@ -63,17 +61,15 @@ class PastRun:
 class RenderedResult:
     """A scored run without its data: what is shown, and bytes that are passed on.
 
-    `files` is empty where none was wanted. `curves` are as they cross a socket; `report` is
-    the `Scored` run pickled.
+    `files` is empty where none was wanted. `curves` are as they cross a socket.
     """
 
     record: RunRecord
     run: Run
     result: Result
     past: PastRun
-    files: ResultFiles
-    curves: bytes | memoryview
-    report: bytes | memoryview
+    files: Mapping[str, memoryview]
+    curves: memoryview
 
     @property
     def written_details(self) -> Details:
@@ -87,22 +83,16 @@ class RenderedResult:
         return flags(self.run, result.steps, source, result.quality, result.indicators)
 
     @classmethod
-    def of(
-        cls, record: RunRecord, run: Run, assessment: Assessment, folder: Path | None
-    ) -> RenderedResult:
-        """Score a run that is over, from an assessment of all its samples.
-
-        Without a `folder` no files are made.
-        """
-        scored = Scored.of(record, run, assessment)
+    def of(cls, scored: Scored, assessment: Assessment, folder: Path | None) -> RenderedResult:
+        """From a scored run and its samples; without a `folder` no files are made."""
+        files = {} if folder is None else result_files(folder, scored)
         return cls(
-            record=record,
-            run=run,
+            record=scored.record,
+            run=scored.run,
             result=scored.result,
-            past=PastRun.of(run, assessment, scored.result.stop),
-            files={} if folder is None else result_files(folder, scored),
-            curves=msgspec.msgpack.encode(curves_of(scored.result, scored.rows)),
-            report=pickle.dumps(scored, pickle.HIGHEST_PROTOCOL),
+            past=PastRun.of(scored.run, assessment, scored.result.stop),
+            files={name: memoryview(content) for name, content in files.items()},
+            curves=memoryview(msgspec.msgpack.encode(curves_of(scored.result, scored.rows))),
         )
 
 
@@ -110,64 +100,69 @@ class RenderedResult:
 class ToScore:
     """A run that is over, to be scored.
 
-    `missing` says what its closed recording lacks, the same each time; `files` asks for its
-    files.
+    Attributes:
+        record: as it was recorded; what was corrected since stands in `run`.
+        assessment: has all of its samples and does not change any more; None = they are in its
+            recording.
+        missing: what its closed recording lacks, in words.
+        stored: whether a run from its recording keeps the stored result's remarks on its data.
+        files: whether its files are wanted.
     """
 
+    record: RunRecord
     run: Run
     folder: Path
+    assessment: Assessment | None
     missing: Sequence[str] = ()
+    stored: bool = False
     files: bool = True
-
-
-class ScorableRun:
-    """The data of a run, which can be scored any number of times.
-
-    `stored` keeps the stored result's remarks on the data when they are read again.
-    """
-
-    def __init__(self, record: RunRecord, assessment: Assessment, *, stored: bool = False) -> None:
-        self.assessment = assessment
-        self._record = record
-        self._stored = stored
-        self._reported = 0
-
-    def score(self, wanted: ToScore) -> RenderedResult:
-        """Score the run; if its condition was corrected, from its recording once more."""
-        record = self._record.corrected(wanted.run)
-        if record.setup.condition != self.assessment.condition:
-            folder, run = wanted.folder, wanted.run
-            self.assessment = assess_recording(folder, record, run, stored=self._stored)
-            self._reported = 0
-        for remark in wanted.missing[self._reported :]:
-            self.assessment.report_problem(remark)
-        self._reported = len(wanted.missing)
-        place = wanted.folder if wanted.files else None
-        return RenderedResult.of(record, wanted.run, self.assessment, place)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EarlierRun:
     """A run read back from the results folder, scored without files.
 
-    `key` finds its data in the scorer again. `out_of_date`: the result on disk is missing
-    or differs from the journal.
+    `out_of_date`: the result on disk is missing or differs from the journal.
     """
 
     folder: Path
     entries: tuple[Entry, ...]
     scored: RenderedResult
-    key: int
     out_of_date: bool
 
 
-def read_earlier(folder: Path, key: int) -> tuple[EarlierRun, ScorableRun]:
-    opened = open_run(folder)
-    recorded = opened.recorded
-    data = ScorableRun(recorded.record, opened.assessment, stored=True)
-    run = replace(recorded.run, evidence=evidence_told(folder, recorded.run))
-    scored = data.score(ToScore(run, folder, files=False))
-    return EarlierRun(folder, recorded.entries, scored, key, opened.out_of_date), data
+_KEPT = 2
+"""The current run, and one that is read meanwhile to be opened."""
+
+
+class ScoringDesk:
+    """Scores runs one after the other; keeps the samples of the last ones for corrections."""
+
+    def __init__(self) -> None:
+        self._kept: dict[Path, Assessment] = {}
+
+    def read(self, folder: Path) -> EarlierRun:
+        opened = open_run(folder)
+        recorded, data = opened.recorded, opened.assessment
+        run = replace(recorded.run, evidence=evidence_told(folder, recorded.run))
+        scored = RenderedResult.of(Scored.of(recorded.record, run, data), data, None)
+        self._keep(folder, data)
+        return EarlierRun(folder, recorded.entries, scored, opened.out_of_date)
+
+    def score(self, wanted: ToScore) -> RenderedResult:
+        """Score a run from the samples it comes with, else from those kept or recorded."""
+        run, folder, record = wanted.run, wanted.folder, wanted.record.corrected(wanted.run)
+        data = wanted.assessment or self._kept.pop(folder, None)
+        if data is None or data.condition != record.setup.condition:
+            data = assess_recording(folder, record, run, stored=wanted.stored)
+        scored = Scored.of(record, run, data, wanted.missing)
+        rendered = RenderedResult.of(scored, data, folder if wanted.files else None)
+        self._keep(folder, data)  # not after an error: then the recording is read
+        return rendered
+
+    def _keep(self, folder: Path, data: Assessment) -> None:
+        others = [(other, kept) for other, kept in self._kept.items() if other != folder]
+        self._kept = dict([*others, (folder, data)][-_KEPT:])
 
 
 class Scorer(Protocol):
@@ -187,24 +182,19 @@ class Scorer(Protocol):
         """Get ready in the background, so that the first result is not delayed."""
         ...
 
-    def follow(self, record: RunRecord, start: float) -> LiveAssessment:
-        """Follow a run that begins, or whose countdown begins anew; feed its samples to the answer.
-
-        `start` is the (planned) start, s since the epoch.
-        """
-        ...
-
     def read(self, folder: Path) -> Future[EarlierRun]:
         """From any thread."""
         ...
 
-    def look_back(self, earlier: EarlierRun) -> None: ...
-
     def score(self, wanted: ToScore, done: Callable[[RenderedResult], None]) -> None:
         """Score the current run; replaces an earlier request.
 
-        `done` gets its result in the thread that calls `deliver`, unless another run is current.
+        `done` gets its result in the thread that calls `deliver`.
         """
+        ...
+
+    def forget(self) -> None:
+        """The requested result is not wanted any more."""
         ...
 
     def deliver(self) -> None: ...
@@ -212,8 +202,6 @@ class Scorer(Protocol):
     def wait_until_idle(self, limit: float) -> bool:
         """Wait `limit` s at most; returns whether the result is there."""
         ...
-
-    def close(self) -> None: ...
 
 
 class InlineScorer:
@@ -223,38 +211,22 @@ class InlineScorer:
     hopeless = False
 
     def __init__(self) -> None:
-        self._numbers = itertools.count(1)
-        self._at_hand: ScorableRun | None = None
-        self._read: dict[int, ScorableRun] = {}
+        self._desk = ScoringDesk()
 
     def warm(self) -> None:
         threading.Thread(target=load_filters, name="filters", daemon=True).start()
 
-    def follow(self, record: RunRecord, start: float) -> Assessment:
-        assessment = record.assessment(start)
-        self._at_hand = ScorableRun(record, assessment)
-        return assessment
-
     def read(self, folder: Path) -> Future[EarlierRun]:
-        return InlineDisk().submit_job(partial(self._read_now, folder))
-
-    def _read_now(self, folder: Path) -> EarlierRun:
-        earlier, data = read_earlier(folder, next(self._numbers))
-        self._read = {earlier.key: data}  # the one before was not wanted after all
-        return earlier
-
-    def look_back(self, earlier: EarlierRun) -> None:
-        self._at_hand = self._read.pop(earlier.key)
+        return InlineDisk().submit_job(partial(self._desk.read, folder))
 
     def score(self, wanted: ToScore, done: Callable[[RenderedResult], None]) -> None:
-        assert self._at_hand is not None
-        done(self._at_hand.score(wanted))
+        done(self._desk.score(wanted))
+
+    def forget(self) -> None:
+        """Nothing is left to be forgotten."""
 
     def deliver(self) -> None:
         """Nothing is left to be told."""
 
     def wait_until_idle(self, limit: float) -> bool:
         return True
-
-    def close(self) -> None:
-        """Nothing was begun."""

@@ -1,11 +1,13 @@
 """Child processes that work for the engine, and the one supervisor that keeps them running.
 
-Both ends of a child's socket send frames as those of screens (`engine/wire.py`).
+What a child sends are frames as those of screens (`engine/wire.py`), and so is what it gets from
+`Worker.send`.
 """
 
 from __future__ import annotations
 
 import math
+import mmap
 import os
 import select
 import signal
@@ -14,7 +16,7 @@ import subprocess
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
@@ -39,7 +41,13 @@ END_TIME = 2.0
 """Wait for the end of a process that is no longer needed, s."""
 
 DELAYS = (0.0, 1.0, 5.0, 30.0)
-"""Pause before the next start after so many starts without a message, s."""
+"""Pause before the next try after so many failures, s."""
+
+
+def delay_after(failures: int) -> float:
+    """In s."""
+    return DELAYS[min(failures, len(DELAYS) - 1)]
+
 
 _STOPPED = "T"
 
@@ -71,6 +79,18 @@ def start_process(command: Sequence[str], link: socket.socket) -> Started:
     )
 
 
+class _Frame:
+    """The length of a message or the message itself, until it is whole.
+
+    A result of a long run has 100 MB. The kernel makes this memory page by page as it is filled;
+    clearing or copying it at once would hold up all threads.
+    """
+
+    def __init__(self, length: int, *, is_body: bool = False) -> None:
+        self.data = self.rest = memoryview(mmap.mmap(-1, length, mmap.MAP_PRIVATE))
+        self.is_body = is_body
+
+
 class Child:
     """A process, its socket and its signs of life."""
 
@@ -84,8 +104,8 @@ class Child:
                 raise
         self.link.setblocking(False)
         self.out: deque[tuple[memoryview, int | None]] = deque()
-        self._received = bytearray()
-        self._looked = self._moved = time.monotonic()
+        self._frame = _Frame(LENGTH.size)
+        self._looked = self.moved_at = time.monotonic()
         self._used = ""
         self._stopped: float | None = None
 
@@ -93,16 +113,30 @@ class Child:
     def pid(self) -> int:
         return self._process.pid
 
-    def receive(self) -> list[bytes]:
-        """The frames that have come; raises `EOFError` when the process has ended."""
+    def receive(self) -> memoryview | None:
+        """Take what has come; a frame once it is whole.
+
+        Raises:
+            EOFError: the process has ended.
+        """
+        frame = self._frame
         try:
-            data = self.link.recv(1 << 18)
+            received = self.link.recv_into(frame.rest)
         except BlockingIOError:
-            return []
-        if not data:
+            return None
+        if not received:
             raise EOFError
-        self._received += data
-        return list(frames(self._received))
+        frame.rest = frame.rest[received:]
+        if frame.rest:
+            return None
+        if frame.is_body:
+            self._frame = _Frame(LENGTH.size)
+            return frame.data
+        (length,) = LENGTH.unpack(frame.data)
+        if not 0 < length <= LARGEST_FRAME:
+            raise MadrobError(f"not a message: {length} bytes")
+        self._frame = _Frame(length, is_body=True)
+        return None
 
     def send_waiting(self) -> None:
         """Send what waits in `out`, as far as the socket takes it."""
@@ -122,19 +156,19 @@ class Child:
             MadrobError: somebody has stopped it.
         """
         if now - self._looked < LOOK_PERIOD:
-            return self._moved
+            return self.moved_at
         self._looked = now
         with suppress(OSError):  # it has ended: its socket says so
             state, used = self._state()
             if state in _BUSY or used != self._used:
-                self._moved, self._used = now, used
+                self.moved_at, self._used = now, used
             if state != _STOPPED:
                 self._stopped = None
             elif self._stopped is None:
                 self._stopped = now
             elif now - self._stopped >= STOPPED_TIME:
                 raise MadrobError(f"it was stopped for {STOPPED_TIME:g} s")
-        return self._moved
+        return self.moved_at
 
     @property
     def stopped(self) -> bool:
@@ -163,19 +197,11 @@ class Child:
             return f"it was ended by {signal.Signals(-code).name}"
         return f"it ended with code {code}"
 
-
-def frames(received: bytearray) -> Iterator[bytes]:
-    """Whole frames; removes them from `received`."""
-    while len(received) >= LENGTH.size:
-        (length,) = LENGTH.unpack_from(received)
-        if length > LARGEST_FRAME:
-            raise MadrobError(f"not a message: {length} bytes")
-        end = LENGTH.size + length
-        if len(received) < end:
-            return
-        data = bytes(memoryview(received)[LENGTH.size : end])
-        del received[:end]
-        yield data
+    def ended_by(self, deadline: float) -> bool:
+        """Wait until it has ended, or until the `deadline`, monotonic s."""
+        while not self.ended and time.monotonic() < deadline:
+            time.sleep(0.01)
+        return bool(self.ended)
 
 
 class Worker:
@@ -218,7 +244,7 @@ class Worker:
         """Send what waits; returns how long nothing is to be done, s. `now` is monotonic, s."""
         return LOOK_PERIOD
 
-    def take(self, data: bytes) -> None:
+    def take(self, data: memoryview) -> None:
         """Take a message of the process."""
         raise NotImplementedError
 
@@ -241,6 +267,17 @@ class Worker:
         """Send a message, and a file handle, which stays open until the process ends."""
         assert self._child is not None
         self._child.out.append((memoryview(frame(message)), handle))
+
+    def send_parts(self, parts: Iterable[bytes]) -> None:
+        """Send bytes, which are no frame, without copying them."""
+        assert self._child is not None
+        self._child.out.extend((memoryview(part), None) for part in parts)
+
+    @property
+    def moved(self) -> float:
+        """When its process was last seen active, monotonic s; from any thread."""
+        child = self._child
+        return -math.inf if child is None else child.moved_at
 
     @property
     def backed_up(self) -> bool:
@@ -291,7 +328,7 @@ class Worker:
         return 0.0
 
     def _serve(self, now: float, child: Child) -> float:
-        for data in child.receive():
+        if (data := child.receive()) is not None:
             self.failures = 0
             self.take(data)
         rest = self.work(now)
@@ -303,7 +340,7 @@ class Worker:
             return 0.0
         moved, due = child.moved(now), self.due()
         if due is not None and now - max(moved, due) > self.patience:
-            raise MadrobError(f"it did not move for {now - max(moved, due):.0f} s")
+            raise MadrobError(f"it did not move for {self.patience:g} s")
         if due is not None and now - due > self.longest:
             raise MadrobError(f"it gave no answer for {now - due:.0f} s")
         return min(rest, LOOK_PERIOD)
@@ -332,8 +369,7 @@ class Worker:
         return 0.0
 
     def _pause(self, why: str) -> None:
-        delay = DELAYS[min(self.failures, len(DELAYS) - 1)]
-        self._next_start = time.monotonic() + delay
+        self._next_start = time.monotonic() + delay_after(self.failures)
         self.lose(why)
 
     def end(self, deadline: float) -> None:
@@ -345,10 +381,9 @@ class Worker:
         with suppress(OSError):
             child.send_waiting()
         child.link.close()
-        while not child.ended and (rest := deadline - time.monotonic()) > 0:
-            time.sleep(min(rest, 0.01))
-        if not child.ended and (not self.goes_on or child.stopped):
+        if not child.ended_by(deadline) and (not self.goes_on or child.stopped):
             child.kill()
+            child.ended_by(deadline + END_TIME / 2)
 
 
 class Supervisor:

@@ -319,7 +319,9 @@ def answer_of(request: Request[_T], reply: Reply) -> _T:
     return decoded(decoder, reply.value, "an answer of an engine")
 
 
-def decoded(decoder: msgspec.msgpack.Decoder[_T], data: bytes | msgspec.Raw, what: str) -> _T:
+def decoded(
+    decoder: msgspec.msgpack.Decoder[_T], data: bytes | memoryview | msgspec.Raw, what: str
+) -> _T:
     """Decode a message or a part of one; raises `MadrobError` if it is not `what`."""
     try:
         return decoder.decode(data)

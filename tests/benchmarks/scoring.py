@@ -9,7 +9,6 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
 from pathlib import Path
 
 from madrob_console.engine.core import HURRIED_STEP
@@ -23,8 +22,9 @@ from tests.benchmarks import csv_scorer
 from tests.benchmarks.bags import copies, long_bag, simulated_run
 from tests.benchmarks.programs import MADROB, run_time
 from tests.benchmarks.report import Baseline, Figure, Goal
-from tests.benchmarks.wire import ROOT, cpu_time
+from tests.benchmarks.wire import ROOT
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup
+from tests.madrob_console.engine.scored_elsewhere import kept_running
 
 PACKAGES = ("mcap", "rosbags", "numpy", "pandas", "scipy")
 
@@ -36,10 +36,6 @@ MOST = 2
 LENGTHS = {20.0: 5, 120.0: 3, 600.0: 2}
 """Lengths of runs, s, and how often each is played at most."""
 RESULT = Goal(times=25)
-WAITING = 10_000
-"""Samples that may wait for the scoring process while a run is played faster than it was."""
-QUIET = 0.1
-"""A process that used nothing for so long has no work, s."""
 BAGS = {
     "20 s": (20.0, 1, 5, 0.28),
     "2 min": (120.0, 1, 3, 0.4),
@@ -54,8 +50,7 @@ MEMORY = Goal(times=3.8)
 def after_the_run(repeats: int) -> Iterator[Figure]:
     """From the end of the post-roll to the result on disk: bag closed, scored, written.
 
-    As an engine of screens has it, by the process that followed the run, and as `madrob run` has
-    it, by itself.
+    As an engine of screens has it, by its scoring process, and as `madrob run` has it, by itself.
     """
     load_filters()  # as an engine does in its first second
     for length, most in LENGTHS.items():
@@ -64,7 +59,7 @@ def after_the_run(repeats: int) -> Iterator[Figure]:
         bare: list[float] = []
         for _ in range(min(repeats, most)):
             with tempfile.TemporaryDirectory(prefix="madrob-") as folder:
-                with closing(ScoringProcess()) as scorer:
+                with kept_running(ScoringProcess()) as scorer:
                     beside_engine.append(_finish(Path(folder, "beside"), length, scorer)[0])
                 took, run = _finish(Path(folder, "inline"), length)
                 inline.append(took)
@@ -84,12 +79,8 @@ def _finish(
     drive.start(make_setup(timeout=length))
     while engine.run.phase is not Phase.STOPPED:
         engine.step(STEP)
-        if scorer is not None:
-            _give_time(scorer, most=WAITING)
     drive.wait(POST_ROLL - 2 * STEP)
     assert engine.snapshot().recorder.state == RecorderState.RECORDING
-    if scorer is not None:
-        _give_time(scorer)
     while engine.snapshot().recorder.state == RecorderState.RECORDING:
         began = time.perf_counter()
         engine.step(STEP)
@@ -100,21 +91,6 @@ def _finish(
     engine.close()
     assert engine.folder is not None
     return took, engine.folder
-
-
-def _give_time(scorer: ScoringProcess, most: int = 0) -> None:
-    """Wait until it has followed the run so far, as it does where a run takes its time.
-
-    Args:
-        scorer: of the run.
-        most: samples that may wait for it; 0 = and it has looked at all others.
-    """
-    while len(scorer._questions) > most:
-        time.sleep(HURRIED_STEP)
-    assert scorer.pid is not None
-    used = -1.0
-    while most == 0 and used != (used := cpu_time(scorer.pid)):
-        time.sleep(QUIET)
 
 
 def _from_csv(run: Path) -> float:

@@ -23,7 +23,7 @@ from typing import NoReturn, Self
 
 import msgspec
 
-from madrob_console.engine import scoring_worker, worker
+from madrob_console.engine import scoring_worker, supervisor
 
 ROOT = Path(__file__).parents[2]
 
@@ -81,6 +81,10 @@ class WarmProcess:
 class WarmScoring(WarmProcess):
     """The process that scores for a process that was started warm."""
 
+    def terminate(self) -> None:
+        """SIGTERM."""
+        self.send_signal(signal.SIGTERM)
+
     def kill(self) -> None:
         """SIGKILL; it leads no group."""
         self.send_signal(signal.SIGKILL)
@@ -94,11 +98,15 @@ def _score_warm() -> None:
         _fork_scorers(theirs)
     theirs.close()
 
-    def start(command: Sequence[str], link: socket.socket) -> WarmScoring:
+    cold = supervisor.start_process
+
+    def start(command: Sequence[str], link: socket.socket) -> supervisor.Started:
+        if scoring_worker.__name__ not in command:
+            return cold(command, link)
         socket.send_fds(ours, [b"!"], [link.fileno()])
         return WarmScoring(int.from_bytes(ours.recv(4)))
 
-    worker.start_process = start
+    supervisor.start_process = start
 
 
 def _fork_scorers(link: socket.socket) -> NoReturn:

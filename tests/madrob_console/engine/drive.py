@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 from random import Random
 
-from madrob_console.archive.scored import Scored
+from madrob_console.archive.scored import Scored, score_opened
 from madrob_console.common.clock import VirtualClock
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.core import Engine
@@ -134,10 +133,7 @@ class Drive:
 
     def scored(self) -> Scored:
         """The scored run with its data, as its report is made from it."""
-        assert self.engine.scored is not None
-        scored = pickle.loads(self.engine.scored.report)
-        assert isinstance(scored, Scored)
-        return scored
+        return score_opened(self.folder)
 
     def whole_run(self, setup: RunSetup) -> None:
         self.start(setup)

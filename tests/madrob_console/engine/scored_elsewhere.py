@@ -11,6 +11,7 @@ from typing import TypeVar
 from madrob_console.archive import score
 from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.scoring_process import ScoringProcess
+from madrob_console.engine.supervisor import Supervisor
 from madrob_console.referee.acts import Act
 from madrob_console.testbeds.simulated import Scenario
 from tests.madrob_console.engine.drive import Drive
@@ -74,12 +75,13 @@ S = TypeVar("S", bound=ScoringProcess)
 
 
 @contextmanager
-def ended(scorer: S) -> Iterator[S]:
+def kept_running(scorer: S) -> Iterator[S]:
+    supervisor = Supervisor(scorer)
     scorer.warm()
     try:
         yield scorer
     finally:
-        scorer.close()
+        supervisor.close()
 
 
 def pid_of(scorer: ScoringProcess) -> int:

@@ -55,6 +55,7 @@ from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.faulty_source import FaultyDrive
+from tests.madrob_console.engine.scored_elsewhere import kept_running
 from tests.madrob_console.engine.served import act, simulated, start
 from tests.slowly import slow_but_for
 from tests.watching import until
@@ -272,7 +273,7 @@ _CORE, _KEEPERS = "engine", ("disk", "reading")
 _FRAMES = 6
 SPEED, PATIENCE = 1.0, 120.0  # a core that is watched is slow, and the machine may be busy
 _FILES = ("posix", "fcntl", "_io")
-_NO_FILE = {"fspath", "eventfd_write"}  # the latter: the bell of the scorer's thread
+_NO_FILE = {"fspath", "eventfd_write"}  # the latter: the bell of the workers' thread
 _EVENTS = ("open", "os.", "fcntl.", "shutil.", "glob.", "pathlib.", "tempfile.")
 
 
@@ -343,8 +344,9 @@ def watched() -> Iterator[Watch]:
 @pytest.mark.machine
 @pytest.mark.timeout(240)
 def test_the_core_touches_no_file_and_imports_nothing(tmp_path: Path) -> None:
-    engine = simulated(tmp_path / "runs", SPEED, scorer=ScoringProcess())
-    with watched() as watch, closing(LocalEngine(engine)) as local:
+    scorer = ScoringProcess()
+    engine = simulated(tmp_path / "runs", SPEED, scorer=scorer)
+    with kept_running(scorer), watched() as watch, closing(LocalEngine(engine)) as local:
 
         def done(*acts: Act) -> None:
             for one in acts:

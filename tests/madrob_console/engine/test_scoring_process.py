@@ -2,36 +2,33 @@
 
 from __future__ import annotations
 
+import copy
 import gc
 import math
 import os
-import pickle
 import resource
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from madrob_console.archive import score
-from madrob_console.archive.run_record import RunRecord
-from madrob_console.archive.scored import Scored
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine import scoring_process, scoring_protocol
+from madrob_console.engine import scoring_process, supervisor
 from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.scorer import InlineScorer, RenderedResult, ToScore
-from madrob_console.engine.scoring_process import COMMAND, ScoringProcess
-from madrob_console.engine.worker import Child
+from madrob_console.engine.scoring_process import ScoringProcess
+from madrob_console.engine.supervisor import Supervisor
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.referee.acts import (
     Abort,
+    Correct,
     DeclareTimeout,
     Finalise,
     Reissue,
@@ -44,12 +41,11 @@ from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.ui.panes.result_pane import ResultHead
-from scoring.evaluate import LiveAssessment
-from scoring.protocol import Signal, Step
+from scoring.protocol import Condition, Signal, Step
 from scoring.rulesets import RulesetName
-from scoring.signals import DoorSample, HandleSample, Sample
-from tests.madrob_console.engine.drive import STEP, make_setup
-from tests.madrob_console.engine.scored_elsewhere import Referee, alive, ended, pid_of
+from scoring.signals import DoorSample, HandleSample
+from tests.madrob_console.engine.drive import make_setup
+from tests.madrob_console.engine.scored_elsewhere import Referee, alive, kept_running, pid_of
 from tests.madrob_console.engine_process import EngineProcess
 from tests.watching import until
 
@@ -59,29 +55,14 @@ pytestmark = pytest.mark.machine
 class Twins(ScoringProcess):
     """Has every run scored here, too, and keeps what comes of both."""
 
-    def __init__(self, command: Sequence[str] = COMMAND) -> None:
-        super().__init__(command)
-        self.here = InlineScorer()
+    def __init__(self) -> None:
+        super().__init__()
         self.pairs: list[tuple[RenderedResult, RenderedResult]] = []
-
-    def follow(self, record: RunRecord, start: float) -> LiveAssessment:
-        there, here = super().follow(record, start), self.here.follow(record, start)
-        feed, report = there.feed, there.report_problem
-
-        def fed(sample: Sample) -> None:
-            feed(sample)
-            here.feed(sample)
-
-        def reported(text: str) -> None:
-            report(text)
-            here.report_problem(text)
-
-        there.feed, there.report_problem = fed, reported  # type: ignore[method-assign]
-        return there
 
     def score(self, wanted: ToScore, done: Callable[[RenderedResult], None]) -> None:
         mine: list[RenderedResult] = []
-        self.here.score(wanted, mine.append)
+        own = replace(wanted, assessment=copy.deepcopy(wanted.assessment))
+        InlineScorer().score(own, mine.append)
 
         def both(theirs: RenderedResult) -> None:
             self.pairs.append((mine[0], theirs))
@@ -92,7 +73,7 @@ class Twins(ScoringProcess):
 
 @pytest.fixture
 def scorer() -> Iterator[ScoringProcess]:
-    with ended(ScoringProcess()) as one:
+    with kept_running(ScoringProcess()) as one:
         yield one
 
 
@@ -103,22 +84,9 @@ def drive(tmp_path: Path, scorer: ScoringProcess) -> Iterator[Referee]:
     drive.engine.close()
 
 
-def told(report: bytes | memoryview) -> list[object]:
-    """What a report is made from, to the last bit."""
-    scored = pickle.loads(report)
-    assert isinstance(scored, Scored)
-    rows, joint = scored.rows, scored.rows.joint_state
-    arrays = [getattr(rows, f.name) for f in fields(rows)] + [
-        getattr(joint, f.name) for f in fields(joint)
-    ]
-    numbers = [each.tobytes() for each in arrays if isinstance(each, np.ndarray)]
-    assert len(numbers) == 11
-    return [scored.record, scored.run, scored.result, rows.problem, *numbers]
-
-
 @pytest.mark.parametrize("ruleset", RulesetName)
 def test_its_bytes_are_those_that_are_made_here(tmp_path: Path, ruleset: RulesetName) -> None:
-    with ended(Twins()) as twins:
+    with kept_running(Twins()) as twins:
         drive = Referee(tmp_path, twins, Scenario.SLAM)
         drive.prepare(make_setup(ruleset=ruleset))
         drive.act(Start())
@@ -141,12 +109,11 @@ def test_its_bytes_are_those_that_are_made_here(tmp_path: Path, ruleset: Ruleset
             assert {**here.files} == {name: bytes(each) for name, each in there.files.items()}
             assert list(here.files) == list(there.files)
             assert here.curves == there.curves
-            assert told(here.report) == told(there.report)
         drive.engine.close()
 
 
 def test_what_could_not_be_decoded_is_told_by_both(tmp_path: Path) -> None:
-    with ended(Twins()) as twins:
+    with kept_running(Twins()) as twins:
         drive = Referee(tmp_path, twins, Scenario.NO_TOUCH)
         door = next(m.topic for m in DEFAULT_MAPPINGS if m.signal is Signal.DOOR)
         drive.start(make_setup(timeout=3.0))
@@ -187,16 +154,17 @@ def test_an_earlier_run_is_read_there_and_goes_on(drive: Referee, scorer: Scorin
 
 
 def test_what_cannot_be_read_is_refused_in_words_and_so_is_what_comes_too_late(
-    tmp_path: Path, scorer: ScoringProcess
+    tmp_path: Path,
 ) -> None:
     (tmp_path / "run").mkdir()
+    scorer = ScoringProcess()
+    running = Supervisor(scorer)
     with pytest.raises(MadrobError, match="run"):
         scorer.read(tmp_path / "run").result()
     os.kill(pid_of(scorer), signal.SIGSTOP)
     waiting = scorer.read(tmp_path / "run")
-    os.kill(pid_of(scorer), signal.SIGKILL)
-    scorer.close()
-    with pytest.raises((MadrobError, CancelledError)):
+    running.close()
+    with pytest.raises(MadrobError, match="the engine has ended"):
         waiting.result(10.0)
 
 
@@ -252,8 +220,6 @@ def test_a_run_of_three_hours_makes_nobody_wait_for_its_scoring(
         at = start + 30.0 + number / rate
         course.feed(DoorSample(at, at, 0.5 + 0.4 * math.sin(number / 150)))
         course.feed(HandleSample(at, at, 5.0 * math.cos(number / 90)))
-        if number % 10_000 == 0:
-            until(lambda: len(scorer._questions) < 10_000)
     drive.source.take_messages = lambda timeout: []  # type: ignore[method-assign]
     drive.clock.sleep(hours * 3600 + 60.0)
     drive.act(DeclareTimeout("enough"))
@@ -277,18 +243,47 @@ def test_a_run_of_three_hours_makes_nobody_wait_for_its_scoring(
     drive.engine.close()
 
 
-def test_an_engine_that_is_closed_in_a_run_has_its_result(
-    tmp_path: Path, scorer: ScoringProcess
+def test_an_engine_that_is_closed_in_a_run_has_its_result(tmp_path: Path) -> None:
+    with kept_running(ScoringProcess()) as scorer:
+        drive = Referee(tmp_path, scorer)
+        drive.start(make_setup())
+        drive.wait(4.0)
+        pid = pid_of(scorer)
+        drive.engine.close()
+        assert drive.engine.scored is not None
+        assert drive.engine.scored.result.outcome == "interrupted"
+        assert (drive.folder / "result.json").exists()
+    assert not alive(pid)
+
+
+def test_samples_come_from_the_engine_once_and_else_from_the_bag(
+    drive: Referee, scorer: ScoringProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    drive = Referee(tmp_path, scorer)
+    sent: list[int] = []
+    send = scorer.send_parts
+
+    def measured(parts: Sequence[bytes]) -> None:
+        sent.append(sum(map(len, parts)))
+        send(parts)
+
+    monkeypatch.setattr(scorer, "send_parts", measured)
     drive.start(make_setup())
-    drive.wait(4.0)
-    pid = pid_of(scorer)
-    drive.engine.close()
-    assert drive.engine.scored is not None
-    assert drive.engine.scored.result.outcome == "interrupted"
-    assert (drive.folder / "result.json").exists()
-    until(lambda: not alive(pid))
+    drive.finish()
+    (bag,) = drive.folder.glob("*.mcap")
+    away = bag.rename(bag.with_suffix(".away"))
+    drive.ruled(Rule(Step.TOUCH, confirmed=False, reason="seen"))
+    killed = pid_of(scorer)
+    os.kill(killed, signal.SIGKILL)
+    until(lambda: scorer.pid not in (None, killed))
+    drive.ruled(Rule(Step.TOUCH, confirmed=None, reason="right"))
+    first, corrected, again = sent
+    assert corrected < 10_000 < first
+    assert again == pytest.approx(first, rel=0.1)
+    away.rename(bag)
+    drive.verify()
+    drive.ruled(Correct(7, Condition.from_number(4), "typed wrongly"))
+    assert sent[-1] < 10_000
+    drive.verify()
 
 
 class Moment(StrEnum):
@@ -301,40 +296,42 @@ class Moment(StrEnum):
 
 
 @pytest.mark.parametrize("moment", Moment)
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_its_end_costs_a_moment_and_no_result(
-    drive: Referee, scorer: ScoringProcess, moment: Moment
+    drive: Referee, scorer: ScoringProcess, moment: Moment, number: signal.Signals
 ) -> None:
-    killed: list[int] = []
+    spoilt: list[int] = []
 
-    def kill(now: Moment) -> None:
+    def spoil(now: Moment) -> None:
         if now is moment:
-            killed.append(pid_of(scorer))
-            os.kill(killed[-1], signal.SIGKILL)
-            until(lambda: scorer.pid != killed[-1])
+            spoilt.append(pid_of(scorer))
+            os.kill(spoilt[-1], number)
+            until(lambda: scorer.pid not in (None, spoilt[-1]))
             drive.look()
 
-    kill(Moment.BEFORE)
+    spoil(Moment.BEFORE)
     drive.prepare(make_setup(countdown=3.0))
     drive.act(Start())
     drive.wait(1.0)
-    kill(Moment.COUNTDOWN)
+    spoil(Moment.COUNTDOWN)
     drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
     drive.wait(3.0)
-    kill(Moment.RUNNING)
+    spoil(Moment.RUNNING)
     drive.wait_until(lambda: drive.engine.run.phase is Phase.STOPPED)
-    kill(Moment.POST_ROLL)
+    spoil(Moment.POST_ROLL)
     if moment is Moment.SCORING:
         os.kill(pid_of(scorer), signal.SIGSTOP)
     drive.stop()
     drive.wait(0.5)
-    kill(Moment.SCORING)
+    spoil(Moment.SCORING)
     drive.settle()
     drive.verify()
-    kill(Moment.RESULT)
+    spoil(Moment.RESULT)
     drive.ruled(Rule(Step.TOUCH, confirmed=False, reason="seen"))
     drive.verify()
-    assert len(killed) == 1
-    assert any("SIGKILL" in fault for fault in drive.faults)
+    assert len(spoilt) == 1
+    why = "stopped for 2 s" if number == signal.SIGSTOP else "SIGKILL"
+    assert any(why in fault for fault in drive.faults)
     drive.ruled(Finalise(TeamWord.ABSENT, "R. Eferee"))
     drive.verify()
 
@@ -343,7 +340,7 @@ def test_its_end_costs_a_moment_and_no_result(
 def test_a_process_without_memory_leaves_the_run_safe_and_the_engine_alive(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waits: bool
 ) -> None:
-    monkeypatch.setattr(scoring_protocol, "DELAYS", (0.0, 0.1))
+    monkeypatch.setattr(supervisor, "DELAYS", (0.0, 0.1))
     poor = tmp_path / "poor"
     limited = (
         "import pathlib, resource, runpy, sys\n"
@@ -352,7 +349,7 @@ def test_a_process_without_memory_leaves_the_run_safe_and_the_engine_alive(
         "runpy.run_module('madrob_console.engine.scoring_worker', run_name='__main__')\n"
     )
     poor.touch()
-    with ended(ScoringProcess((sys.executable, "-c", limited))) as scorer:
+    with kept_running(ScoringProcess((sys.executable, "-c", limited))) as scorer:
         drive = Referee(tmp_path / "runs", scorer, Scenario.NO_TOUCH)
         drive.start(make_setup(timeout=2.0))
         drive.stop()
@@ -403,7 +400,7 @@ def test_a_process_that_finds_no_room_in_the_middle_costs_that_try(
 def test_nonsense_is_no_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, nonsense: str
 ) -> None:
-    monkeypatch.setattr(scoring_protocol, "DELAYS", (0.0, 0.1))
+    monkeypatch.setattr(supervisor, "DELAYS", (0.0, 0.1))
     bad = tmp_path / "bad"
     bad.touch()
     program = (
@@ -415,7 +412,7 @@ def test_nonsense_is_no_result(
         "    time.sleep(60)\n"
         "runpy.run_module('madrob_console.engine.scoring_worker', run_name='__main__')\n"
     )
-    with ended(ScoringProcess((sys.executable, "-c", program))) as scorer:
+    with kept_running(ScoringProcess((sys.executable, "-c", program))) as scorer:
         drive = Referee(tmp_path / "runs", scorer, Scenario.NO_TOUCH)
         drive.start(make_setup(timeout=2.0))
         drive.stop()
@@ -431,29 +428,8 @@ def test_nonsense_is_no_result(
         drive.engine.close()
 
 
-def test_one_that_cannot_keep_up_holds_up_nobody_and_fills_no_memory(
-    tmp_path: Path, scorer: ScoringProcess, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(scoring_protocol, "MOST_WAITING", 3_000)
-    drive = Referee(tmp_path, scorer, Scenario.NO_CLOSE)
-    drive.start(make_setup(timeout=60.0))
-    os.kill(pid_of(scorer), signal.SIGSTOP)
-    slowest = 0.0
-    while drive.engine.run.phase is Phase.RUNNING:
-        began = time.monotonic()
-        drive.engine.step(STEP)
-        slowest = max(slowest, time.monotonic() - began)
-        assert len(scorer._questions) <= 3_001
-    assert not scorer._questions.following  # it was given up
-    assert slowest < 1.0
-    os.kill(pid_of(scorer), signal.SIGCONT)
-    drive.finish()
-    drive.verify()
-    drive.engine.close()
-
-
 def test_one_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scoring_process, "PATIENCE", 4.0)
+    monkeypatch.setattr(ScoringProcess, "patience", 4.0)
     monkeypatch.setattr(scoring_process, "SOON", 0.5)
     hangs = tmp_path / "hangs"
     hangs.touch()
@@ -463,7 +439,7 @@ def test_one_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "    time.sleep(600)\n"
         "runpy.run_module('madrob_console.engine.scoring_worker', run_name='__main__')\n"
     )
-    with ended(ScoringProcess((sys.executable, "-c", program))) as scorer:
+    with kept_running(ScoringProcess((sys.executable, "-c", program))) as scorer:
         drive = Referee(tmp_path / "runs", scorer, Scenario.NO_TOUCH)
         drive.start(make_setup(timeout=2.0))
         hanging = pid_of(scorer)
@@ -477,7 +453,7 @@ def test_one_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         assert scorer.pid == hanging
         hangs.unlink()
         until(lambda: said("the scoring process is started again: it did not move for 4 s; the"))
-        monkeypatch.setattr(scoring_process, "PATIENCE", 30.0)
+        monkeypatch.setattr(ScoringProcess, "patience", 30.0)
         drive.settle()
         drive.verify()
         drive.engine.close()
@@ -489,7 +465,7 @@ def test_one_that_works_for_long_is_said_to(
     drive = Referee(tmp_path, scorer, Scenario.NO_TOUCH)
     drive.start(make_setup(timeout=2.0))
     monkeypatch.setattr(scoring_process, "SOON", 1e-9)
-    monkeypatch.setattr(Child, "moved", lambda _, now: now)
+    monkeypatch.setattr(ScoringProcess, "moved", math.inf)
     drive.finish()
     (fault,) = [fault for fault in drive.faults if "computed" in fault]
     assert fault == (
@@ -514,7 +490,7 @@ def test_one_that_somebody_stopped_is_replaced_and_the_result_is_soon_there(
             told.update(shown.all_faults)
             return shown.result is not None
 
-        until(there, scoring_process.PATIENCE - 1.0)
+        until(there, ScoringProcess.patience - 1.0)
         print(f"\na result {time.monotonic() - began:.1f} s after the stop")
         words = (
             "the result is being computed: the scoring process is started again: it was stopped "
@@ -527,7 +503,7 @@ def test_one_that_somebody_stopped_is_replaced_and_the_result_is_soon_there(
 def test_no_handles_for_a_process_is_told_and_tried_again(
     tmp_path: Path, scorer: ScoringProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scoring_protocol, "DELAYS", (0.0, 0.1))
+    monkeypatch.setattr(supervisor, "DELAYS", (0.0, 0.1))
     drive = Referee(tmp_path, scorer, Scenario.NO_TOUCH)
     drive.start(make_setup(timeout=2.0))
     first = pid_of(scorer)

@@ -54,7 +54,7 @@ class Echo(Worker):
             self.asked = now
         return 10.0
 
-    def take(self, data: bytes) -> None:
+    def take(self, data: memoryview) -> None:
         self.asked = None
         self.heard.append(msgspec.msgpack.decode(data, type=Word).text)
 
