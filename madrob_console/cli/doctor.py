@@ -8,16 +8,13 @@ import os
 import shutil
 import sys
 import time
-import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli.doctor_ros import Finding, Severity, overheard
+from madrob_console.cli.doctor_ros import Finding, Severity, look_at_ros, overheard
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.version import DISTRIBUTION
 from madrob_console.engine.engine_lock import runtime_folder
 from madrob_console.referee.competition_plan import PlanSource, unknown_teams
 from madrob_console.referee.lists import TeamSource
@@ -29,7 +26,6 @@ from madrob_console.testbeds.ros_domain import domain_id
 if TYPE_CHECKING:
     from madrob_console.messages.codec import TopicMapping
 
-OLDEST_PYTHON = (3, 11)
 SMALLEST_TERMINAL = (80, 24)
 SUBJECT_WIDTH = len("/madrob/passage/ccw_right")
 
@@ -53,20 +49,13 @@ def doctor(  # noqa: PLR0913  what it looks at
     whether other programs of the ROS domain may abort. `lists` and `evidence` check the
     competition's lists and what would be recorded beside the testbed's topics.
     """
-
-    def testbed() -> Iterator[Finding]:
-        from madrob_console.cli.doctor_ros import look_at_ros
-
-        return look_at_ros(mappings, domain, listen, environment, abort=abort)
-
     checks: tuple[tuple[str, Callable[[], Iterator[Finding]]], ...] = (
         ("python", look_at_python),
-        ("packages", lambda: look_at_packages(_requirements())),
         ("results", lambda: look_at_results(results, disk_space)),
         ("lists", lists),
         ("terminal", lambda: look_at_terminal(environment)),
         ("socket", lambda: iter((look_at_socket(environment),))),
-        ("ros", testbed),
+        ("ros", lambda: look_at_ros(mappings, domain, listen, environment, abort=abort)),
         ("evidence", evidence),
     )
     for subject, check in checks:
@@ -90,55 +79,7 @@ def verdict(findings: Sequence[Finding]) -> str:
 
 def look_at_python() -> Iterator[Finding]:
     version = ".".join(map(str, sys.version_info[:3]))
-    if sys.version_info[:2] < OLDEST_PYTHON:
-        needed = ".".join(map(str, OLDEST_PYTHON))
-        yield Finding(Severity.ERROR, "python", f"{version}: install {needed} or newer")
-    else:
-        yield Finding(Severity.OK, "python", f"{version}, {sys.prefix}")
-
-
-def look_at_packages(requirements: Sequence[str] | None) -> Iterator[Finding]:
-    """Check the libraries without which the console does not run.
-
-    `requirements` are as in pyproject.toml (PEP 508), with extras; None = unknown.
-    """
-    if requirements is None:
-        unknown = f"nothing says which are needed: install {DISTRIBUTION} to have them looked at"
-        yield Finding(Severity.WARNING, "packages", unknown)
-        return
-    try:
-        from packaging.requirements import Requirement
-    except ModuleNotFoundError:
-        yield _missing("packaging")
-        return
-    found = []
-    for requirement in map(Requirement, requirements):
-        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
-            continue  # of another platform, or of an extra
-        try:
-            found.append(f"{requirement.name} {metadata.version(requirement.name)}")
-        except metadata.PackageNotFoundError:
-            yield _missing(requirement.name)
-    yield Finding(Severity.OK, "packages", ", ".join(found))
-
-
-def _missing(package: str) -> Finding:
-    text = f"{package} is missing: install {DISTRIBUTION} again"
-    return Finding(Severity.ERROR, "packages", text)
-
-
-def _requirements() -> Sequence[str] | None:
-    """Requirements of this installation, or of this source tree if it is not installed."""
-    try:
-        return metadata.requires(DISTRIBUTION)
-    except metadata.PackageNotFoundError:
-        pass
-    try:
-        project = (Path(__file__).parents[2] / "pyproject.toml").read_bytes().decode()
-    except OSError:
-        return None
-    dependencies: list[str] = tomllib.loads(project)["project"]["dependencies"]
-    return dependencies
+    yield Finding(Severity.OK, "python", f"{version}, {sys.prefix}")
 
 
 def look_at_results(folder: Path, disk_space: int) -> Iterator[Finding]:
@@ -167,7 +108,7 @@ def look_at_terminal(environment: Mapping[str, str]) -> Iterator[Finding]:
         )
     else:
         size = shutil.get_terminal_size()
-        text = f"{kind}, {_colours(kind, environment)}, {size.columns}x{size.lines}"
+        text = f"{kind}, {size.columns}x{size.lines}"
         small = size.columns < SMALLEST_TERMINAL[0] or size.lines < SMALLEST_TERMINAL[1]
         if small:
             text += f": enlarge it to {SMALLEST_TERMINAL[0]}x{SMALLEST_TERMINAL[1]}"
@@ -179,14 +120,6 @@ def look_at_terminal(environment: Mapping[str, str]) -> Iterator[Finding]:
         yield Finding(
             Severity.WARNING, "characters", f"{encoding}: use a UTF-8 locale (LANG=C.UTF-8)"
         )
-
-
-def _colours(kind: str, environment: Mapping[str, str]) -> str:
-    if environment.get("NO_COLOR"):
-        return "no colours (NO_COLOR)"
-    if environment.get("COLORTERM", "") in ("truecolor", "24bit"):
-        return "16 million colours"
-    return "256 colours" if "256" in kind else "16 colours"
 
 
 def _is_utf8(encoding: str) -> bool:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from importlib import metadata
 from pathlib import Path
-from typing import BinaryIO
+from tempfile import TemporaryFile
 
 from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
@@ -77,38 +77,24 @@ def overheard() -> Iterator[list[str]]:
     """Keep the output of libraries from the terminal while inside.
 
     Yields a list that holds the lines afterwards, each once, without their times: what a library
-    prints ten times a second is one line. Empty where output cannot be caught.
+    prints ten times a second is one line.
     """
     lines: list[str] = []
-    try:
-        file = os.fdopen(os.memfd_create("overheard"), "w+b")
-    except OSError:
-        yield lines
-        return
-    with file:
-        kept = _redirected(file)
+    with TemporaryFile() as file:
+        _flush()
+        kept = [os.dup(stream) for stream in _STREAMS]
+        for stream in _STREAMS:
+            os.dup2(file.fileno(), stream)
         try:
             yield lines
         finally:
             _flush()
-            for stream, copy in kept.items():
+            for stream, copy in zip(_STREAMS, kept, strict=True):
                 os.dup2(copy, stream)
                 os.close(copy)
         file.seek(0)
         said = file.read(_LARGEST).decode(errors="replace").splitlines()
         lines += [line for line in dict.fromkeys(map(_plain, said)) if line][:MOST_LINES]
-
-
-def _redirected(file: BinaryIO) -> dict[int, int]:
-    _flush()
-    kept: dict[int, int] = {}
-    for stream in _STREAMS:
-        try:
-            kept[stream] = os.dup(stream)
-        except OSError:  # closed, or no file handles
-            continue
-        os.dup2(file.fileno(), stream)
-    return kept
 
 
 def _flush() -> None:
@@ -150,13 +136,10 @@ def look_at_ros(
     if importlib.util.find_spec("rclpy") is None:
         return
     yield from look_at_shared_memory()
-    try:
-        with overheard() as lines:
-            found = list(_look_inside(mappings, number, listen, environment, abort=abort))
-        yield from found
-        yield from (Finding(Severity.WARNING, "ros says", line) for line in lines)
-    except MadrobError as error:
-        yield Finding(Severity.WARNING, "ros", str(error))
+    with overheard() as lines:
+        found = list(_look_inside(mappings, number, listen, environment, abort=abort))
+    yield from found
+    yield from (Finding(Severity.WARNING, "ros says", line) for line in lines)
 
 
 def _look_inside(
@@ -169,8 +152,7 @@ def _look_inside(
 ) -> Iterator[Finding]:
     try:
         load_rclpy()
-        utilities = load_module("rclpy.utilities")
-        rmw = utilities.get_rmw_implementation_identifier()
+        rmw = load_module("rclpy.utilities").get_rmw_implementation_identifier()
         yield Finding(Severity.OK, "middleware", str(rmw))
         yield from look_at_messages(abort=abort)
         if listen > 0:

@@ -82,7 +82,7 @@ class Engine:
     ) -> None:
         self.source = source
         # a recording says itself what was read of it
-        self.config = config.limited(types) if replay is None else config
+        self.config = config.limited() if replay is None else config
         self.on_result: Callable[[Path, bytes | memoryview], None] | None = None
         self.on_left_unsettled: Callable[[], None] | None = None
         self._replay = replay

@@ -13,7 +13,6 @@ from madrob_console.common.version import software_version
 from madrob_console.engine.disk import Reader
 from madrob_console.engine.evidence_client import EvidencePlan
 from madrob_console.messages.codec import TopicMapping
-from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.checks import SensorLimits
 from madrob_console.referee.records import USUAL_PROTEST_TIMES, ProtestTimes, Randomness
 from scoring.protocol import Thresholds
@@ -42,9 +41,9 @@ class EngineConfig:
     lossless: bool = False
     random: Randomness = field(default_factory=lambda: Random().randbytes)
 
-    def limited(self, types: MessageTypes) -> EngineConfig:
+    def limited(self) -> EngineConfig:
         """The same with a limit for the messages of each topic."""
-        return replace(self, mappings=tuple(m.limited(types) for m in self.mappings))
+        return replace(self, mappings=tuple(m.limited() for m in self.mappings))
 
 
 # The room for evidence in the results folder.

@@ -11,7 +11,6 @@ import struct
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from rosbags.interfaces import Nodetype
 
@@ -32,9 +31,6 @@ from madrob_console.messages.message_types import (
 from recorder.bag import Durability, Qos, RawMessage, Topic
 from scoring.protocol import SENSORS_PER_STRIP, Signal, StartPose, Strip
 from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample, Sample
-
-if TYPE_CHECKING:
-    from rosbags.interfaces.typing import FieldDesc
 
 # The stamp of a message, read from its first bytes.
 
@@ -62,58 +58,12 @@ def header_stamp(data: bytes) -> float | None:
     return float(sec + nanosec / _NS)
 
 
-# The usual largest size of a type's messages: larger ones are not read.
-#
-# Reading takes time: 500,000 names, 4 MB, take 0.2 s. What decides about a run may not wait for
-# that.
+LARGEST_READ = 65_536
+"""Bytes of a message that is read without a limit of its topic's own.
 
-
-LONGEST_TEXT = 256
-"""Bytes assumed for a text without a bound of its own."""
-
-MOST_NUMBERS = 4096
-"""Numbers assumed in an array without a bound of its own."""
-
-MOST_PARTS = 32
-"""Texts or messages assumed in an array without a bound of its own."""
-
-UNKNOWN_SIZE = 65536
-"""Bytes assumed for a type that is not known yet."""
-
-_HEAD = 4
-_TAIL = 8
-_LENGTH = 8  # the bytes that tell one, and those that align it
-_SIZES = {"bool": 1, "byte": 1, "char": 1, "int8": 1, "uint8": 1, "octet": 1} | {
-    f"{kind}{bits}": bits // 8 for kind in ("int", "uint", "float") for bits in (16, 32, 64)
-}
-_LARGEST_NUMBER = 16
-
-
-def usual_size(types: MessageTypes, type_name: str) -> int:
-    """The largest CDR size of a type in bytes; exact but for padding if all of it is bounded."""
-    if not types.knows(type_name):
-        return UNKNOWN_SIZE
-    return _HEAD + _message(types, type_name) + _TAIL
-
-
-def _message(types: MessageTypes, type_name: str) -> int:
-    return sum(_field(types, field) for field in types.fields(type_name).values())
-
-
-def _field(types: MessageTypes, field: FieldDesc) -> int:
-    if field[0] == Nodetype.NAME:
-        return _message(types, field[1])
-    if field[0] == Nodetype.BASE:
-        name, bound = field[1]
-        if name in ("string", "wstring"):
-            return _LENGTH + (bound or LONGEST_TEXT) * (4 if name == "wstring" else 1) + 1
-        return 2 * _SIZES.get(name, _LARGEST_NUMBER) - 1
-    inner, count = field[1]
-    head = 0 if field[0] == Nodetype.ARRAY else _LENGTH
-    if inner[0] == Nodetype.BASE and inner[1][0] in _SIZES:
-        size = _SIZES[inner[1][0]]
-        return head + size - 1 + size * (count or MOST_NUMBERS)
-    return head + _field(types, inner) * (count or MOST_PARTS)
+Reading takes time: 500,000 names, 4 MB, take 0.2 s. What decides about a run may not wait for that.
+A scan of 4096 ranges with intensities has 33 kB.
+"""
 
 
 __all__ = [
@@ -178,10 +128,8 @@ class TopicMapping:
         if not math.isfinite(self.offset):
             raise MadrobError(f"{self.topic}: offset {self.offset} is no number; use another")
 
-    def limited(self, types: MessageTypes) -> TopicMapping:
-        if self.largest is not None:
-            return self
-        return replace(self, largest=usual_size(types, self.type))
+    def limited(self) -> TopicMapping:
+        return replace(self, largest=self.largest or LARGEST_READ)
 
 
 DEFAULT_MAPPINGS: tuple[TopicMapping, ...] = (

@@ -9,9 +9,9 @@ from __future__ import annotations
 import keyword
 import re
 import struct
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, reduce
 from graphlib import CycleError, TopologicalSorter
 from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -91,11 +91,12 @@ class MessageTypes:
     def type_hash(self, type_name: str) -> str:
         """The type's `RIHS01_...` hash; empty where rosbags would compute a wrong one."""
         self._fields(type_name)
-        for name in _closure(type_name, self._store.fielddefs):
-            for _, field in self._store.fielddefs[name][1]:
-                # rosidl hashes char as uint8 (and byte as octet), rosbags char as itself.
-                if _base_name(field) == "char":
-                    return ""
+        known = self._store.fielddefs
+        nested = _closure(type_name, known)
+        fields = [element(field) for name in nested for _, field in known[name][1]]
+        # rosidl hashes char as uint8 (and byte as octet), rosbags char as itself.
+        if any(field[0] == Nodetype.BASE and field[1][0] == "char" for field in fields):
+            return ""
         return self._store.hash_rihs01(type_name)
 
     def make(self, type_name: str, /, **fields: object) -> Message:
@@ -146,16 +147,14 @@ class MessageTypes:
         return np.zeros(count, dtype=_DTYPES.get(inner[1][0], inner[1][0]))
 
 
-def _base_name(field: FieldDesc) -> str | None:
-    inner = field[1][0] if field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else field
-    return inner[1][0] if inner[0] == Nodetype.BASE else None
+def element(field: FieldDesc) -> FieldDesc:
+    """What an array holds; any other field as it is."""
+    return field[1][0] if field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else field
 
 
-def _nested(type_name: str, fields: Typesdict) -> Iterator[str]:
-    for _, field in fields[type_name][1]:
-        inner = field[1][0] if field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else field
-        if inner[0] == Nodetype.NAME:
-            yield inner[1]
+def nested_types(type_name: str, fields: Typesdict) -> list[str]:
+    inner = [element(field) for _, field in fields[type_name][1]]
+    return [field[1] for field in inner if field[0] == Nodetype.NAME]
 
 
 def _closure(type_name: str, fields: Typesdict) -> set[str]:
@@ -166,7 +165,7 @@ def _closure(type_name: str, fields: Typesdict) -> set[str]:
         if name not in fields:
             raise MadrobError(f"{type_name}: the definition of {name} is missing; append it")
         if name not in graph:
-            graph[name] = list(_nested(name, fields))
+            graph[name] = nested_types(name, fields)
             waiting += graph[name]
     try:
         TopologicalSorter(graph).prepare()
@@ -266,9 +265,9 @@ def find_field(types: MessageTypes, type_name: str, path: str) -> MessageField:
                 )
             desc = known[step]
     numbers = desc[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE)
-    inner = desc[1][0] if desc[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else desc
-    if inner[0] == Nodetype.BASE and _is_number(inner):
-        return MessageField(steps, numbers, owner, base=inner[1][0])
+    held = element(desc)
+    if held[0] == Nodetype.BASE and _is_number(held):
+        return MessageField(steps, numbers, owner, base=held[1][0])
     raise MessageError(f"{path} of {type_name} holds no numbers")
 
 
@@ -295,30 +294,10 @@ def _listed(fields: dict[str, FieldDesc]) -> str:
 
 def getter(steps: Steps) -> Getter:
     """A function from a message to the value at `steps`; IndexError where an array is too short."""
-    parts: list[Getter] = []
-    names: list[str] = []
-    for step in steps:
-        if isinstance(step, str):
-            names.append(attribute(step))
-            continue
-        if names:
-            parts.append(attrgetter(".".join(names)))
-            names = []
-        parts.append(itemgetter(step))
-    if names:
-        parts.append(attrgetter(".".join(names)))
-    return _chained(parts)
-
-
-def _chained(parts: list[Getter]) -> Getter:
-    first, *rest = parts
-    for part in rest:
-        first = _then(first, part)
-    return first
-
-
-def _then(first: Getter, second: Getter) -> Getter:
-    return lambda message: second(first(message))
+    parts = [
+        attrgetter(attribute(step)) if isinstance(step, str) else itemgetter(step) for step in steps
+    ]
+    return lambda message: reduce(lambda value, part: part(value), parts, message)
 
 
 # Reading messages that are laid out like one that was read before.

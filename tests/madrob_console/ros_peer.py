@@ -118,10 +118,8 @@ class Taker:
         return len(self.taken) >= count
 
 
-def source(*mappings: TopicMapping, direct: bool = True, speaks: bool = True) -> RosSource:
-    return RosSource(
-        mappings or DEFAULT_MAPPINGS, MessageTypes(), SystemClock(), direct=direct, speaks=speaks
-    )
+def source(*mappings: TopicMapping, speaks: bool = True) -> RosSource:
+    return RosSource(mappings or DEFAULT_MAPPINGS, MessageTypes(), SystemClock(), speaks=speaks)
 
 
 def latch(topic: str = "/madrob/door/locked", type_name: str = BOOL) -> TopicMapping:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from typing import TypeVar
 
-from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.testbeds.evidence_choice import (
     EvidenceChoice,
@@ -26,18 +25,9 @@ from madrob_console.testbeds.ros.connection import (
     RosObject,
     in_namespace,
 )
-from madrob_console.testbeds.ros.intake import (
-    LossCounter,
-    QosSwitch,
-    Received,
-    arrival,
-    can_take,
-    offered_by_all,
-    other_version,
-    same_version,
-)
-from madrob_console.testbeds.ros.types import Definition, installed_type, prefixes
-from recorder.bag import Durability, RawMessage, Topic, topic_problem
+from madrob_console.testbeds.ros.intake import DescribeTopic, Intake, Received, arrival
+from madrob_console.testbeds.ros.types import describe_installed, prefixes
+from recorder.bag import Durability, RawMessage, Topic
 
 # A topic of the evidence, from discovery to its messages.
 #
@@ -83,25 +73,18 @@ class EvidenceIntake:
         name: str,
         limit: TopicLimit,
         largest: int,
-        installed: Callable[[str], tuple[RosObject, Definition]],
+        describe: DescribeTopic,
         *,
-        direct: bool,
         named: bool = False,
     ) -> None:
         self.name = name
-        self.type = ""
         self._node = node
         self._limit = limit
         self._largest = largest
-        self._installed = installed
-        self._direct = direct
-        self._topic: Topic | None = None
-        self._handover: QosSwitch | None = None
+        self._describe = describe
+        self._intake = self._new_intake()
         self._rate_limit = RateLimit(limit.most_rate)
-        self._losses = LossCounter()
-        self._lost_before = 0
-        self._publishers = 0
-        self._problem = ""
+        self._refusal = ""
         self._largest_seen = 0
         self._too_large = 0
         self._kept: deque[RawMessage] = deque(maxlen=_KEPT)
@@ -112,7 +95,7 @@ class EvidenceIntake:
 
     @property
     def topic(self) -> Topic | None:
-        return self._topic
+        return self._intake.topic
 
     @property
     def kept(self) -> tuple[RawMessage, ...]:
@@ -120,86 +103,38 @@ class EvidenceIntake:
 
     @property
     def kept_for_late(self) -> bool:
-        topic = self._topic
+        topic = self.topic
         return topic is not None and topic.qos.durability is Durability.TRANSIENT_LOCAL
 
-    def discover(self, infos: Sequence[RosObject], *, recording: bool) -> None:
+    def discover(self, *, recording: bool) -> None:
         """Subscribes as the publishers need it; while `recording` the type must stay the same."""
-        types = {str(info.topic_type) for info in infos}
-        if self.type and types and self.type not in types and not recording:
+        self._refusal = ""
+        if self._intake.found_type != self._intake.type and not recording:
             self.close()
-            self.type = ""
-        if not self.type and types:
-            self.type = str(infos[0].topic_type)
-        usable = [info for info in infos if info.topic_type == self.type]
-        others = sorted(types - {self.type})
-        self._problem = ""
-        if others:
-            other = terminal_safe(others[0])[:80]
-            self._problem = f"it is also {other}: that is not recorded"
-            if not usable:
-                self._problem = f"its type has become {other}: not recorded before the next run"
-        if self._handover is not None:
-            self._handover.forget_delivered()
-        if not usable or self.left_alone or not self._prepare(usable[0]):
-            return
-        qos = offered_by_all([info.qos_profile for info in usable])
-        assert self._handover is not None
-        assert self._topic is not None
-        self._handover.listen(qos, len(usable))
-        if self._handover.qos == qos != self._topic.qos:
-            topic = self._topic
-            self._topic = Topic(topic.name, topic.type, topic.definition, topic.type_hash, qos)
+            self._intake = self._new_intake()
+        if not self.left_alone:
+            self._intake.discover()
 
-    def _prepare(self, info: RosObject) -> bool:
-        if self._topic is not None:
-            return True
-        try:
-            message_class, definition = self._installed(self.type)
-        except MadrobError as error:
-            self._problem = f"not recorded: {terminal_safe(str(error))}"
-            return False
-        if not same_version(info, definition.type_hash):
-            self._problem = f"not recorded: {other_version(self.type)}"
-            return False
-        topic = Topic(self.name, self.type, definition.text, definition.type_hash)
-        if (refused := topic_problem(topic)) is not None:
-            self._problem = terminal_safe(refused)
-            return False
-        self._topic = topic
-        self._handover = QosSwitch(
-            self._node,
-            self.name,
-            message_class,
-            direct=self._direct,
-            depth=FIRST_DEPTH,
-            absolute=True,
-        )
-        return True
+    def _new_intake(self) -> Intake:
+        return Intake(self._node, self.name, self._describe, depth=FIRST_DEPTH)
 
     def take_messages(self, now: int, wall: int) -> TakenEvidence | None:
         """What has arrived; `now` is steady time, ns, and `wall` the same on the system clock."""
         self._now = now
         self._silence.listen(now)
-        topic, handover = self._topic, self._handover
-        if topic is None or handover is None or handover.qos is None:
+        topic, intake = self.topic, self._intake
+        if topic is None or not intake.subscribed:
             return None
-        before = self._publishers
-        received = handover.take_messages(self._most)
-        self._publishers = handover.publishers
-        if self._publishers == 0 and before:
-            self._lost_before += self._losses.lost or 0
-            self._losses = LossCounter()
-        self._losses.see((r.sequence for r in received), max(before, self._publishers))
+        received = intake.take_messages(self._most)
         if received:
             self._size = max(len(each.data) for each in received)
-            handover.depth = _depth(self._size, handover.depth)
+            intake.depth = _depth(self._size, intake.depth)
         taken = TakenEvidence(topic, self._limit)
         for each in received:
             self._sort(each, arrival(each.received_ns, now, wall), taken)
         self._count(taken.messages)
         if self.left_alone:
-            handover.close()
+            intake.close()
         return taken
 
     @property
@@ -226,7 +161,9 @@ class EvidenceIntake:
         elif not self._rate_limit.passes(at):
             taken.left_out += 1
         else:
-            message = RawMessage(self.name, self.type, received.data, received.source_ns, at)
+            message = RawMessage(
+                self.name, self._intake.type, received.data, received.source_ns, at
+            )
             taken.messages.append(message)
 
     def _count(self, messages: Sequence[RawMessage]) -> None:
@@ -239,14 +176,14 @@ class EvidenceIntake:
     @property
     def lost(self) -> int:
         """Messages lost on the way here, as far as sequence numbers or DDS tell."""
-        counted = self._losses.lost
-        if counted is None and self._handover is not None:
-            counted = self._handover.reported_lost
-        return self._lost_before + (counted or 0)
+        counted = self._intake.lost
+        return self._intake.reported_lost if counted is None else counted
 
     @property
     def flow(self) -> TopicFlow:
-        problem = self._problem
+        problem = self._refusal or self._intake.problem or ""
+        if problem and not self._refusal and not self._intake.subscribed:
+            problem = f"not recorded: {problem}"
         if self._largest_seen and not problem:
             size, most = self._largest_seen / 1e6, self._largest / 1e6
             problem = f"messages of {size:.1f} MB are not recorded, the limit is {most:g} MB"
@@ -255,8 +192,8 @@ class EvidenceIntake:
         rate, byte_rate = self._meter.rates(time.monotonic())
         return TopicFlow(
             self.name,
-            self.type,
-            self._publishers,
+            self._intake.type,
+            self._intake.publishers,
             rate,
             byte_rate,
             self.lost,
@@ -268,13 +205,11 @@ class EvidenceIntake:
     def refuse(self, why: str) -> None:
         with suppress(Exception):  # the same may be wrong with its end
             self.close()
-        self._handover, self._topic = None, None
-        self._problem = why
+        self._intake = self._new_intake()
+        self._refusal = why
 
     def close(self) -> None:
-        if self._handover is not None:
-            self._handover.close()
-        self._handover, self._topic = None, None
+        self._intake.close()
         self._kept.clear()
 
 
@@ -311,9 +246,8 @@ class EvidenceIntakes:
         self._choice = choice
         self._own = _resolved(domain, own_topics, ros_args)
         self._connection = connection = Connection(domain)
-        self._direct = can_take()
-        self._node = connection.node(name, spun=not self._direct)
-        self._installed = cache(partial(installed_type, prefixes=prefixes(environment)))
+        self._node = connection.node(name, spun=False)
+        self._describe = cache(partial(describe_installed, prefixes(environment)))
         self._intakes: dict[str, EvidenceIntake] = {}
         self.left_over: tuple[str, ...] = ()
         self.unseen: tuple[str, ...] = ()
@@ -321,30 +255,28 @@ class EvidenceIntakes:
 
     def discover(self, *, recording: bool) -> None:
         """Looks for topics and their publishers; call it a few times a second."""
-        wanted = []
         names = {name for name, _ in self._node.get_topic_names_and_types()} - self._own
-        for name in names:
-            if not self._choice.wants(name):
-                continue
-            infos = self._node.get_publishers_info_by_topic(name)
-            if infos or name in self._intakes:
-                wanted.append((name, infos))
-        for name, infos in sorted(wanted, key=lambda each: each[0]):
+        wanted = sorted(
+            name
+            for name in names
+            if self._choice.wants(name)
+            and (name in self._intakes or self._node.count_publishers(name))
+        )
+        for name in wanted:
             if name not in self._intakes and len(self._intakes) < MOST_TOPICS:
                 self._intakes[name] = EvidenceIntake(
                     self._node,
                     name,
                     self._choice.limit(name),
                     self._choice.largest,
-                    self._installed,
-                    direct=self._direct,
+                    self._describe,
                     named=name in self._choice.topics,
                 )
             if name in self._intakes:
                 intake = self._intakes[name]
-                _named(intake, partial(intake.discover, infos, recording=recording))
-        self.left_over = tuple(name for name, _ in wanted if name not in self._intakes)
-        there = {name for name, _ in wanted}
+                _named(intake, partial(intake.discover, recording=recording))
+        self.left_over = tuple(name for name in wanted if name not in self._intakes)
+        there = set(wanted)
         there |= {name for name in names if any(matches(p, name) for p in self._choice.excluded)}
         self.unseen = self._choice.unmatched(there | self._own)
         self.scored = tuple(p for p in self._choice.unmatched(there) if p not in self.unseen)
@@ -353,10 +285,7 @@ class EvidenceIntakes:
                 self._intakes.pop(name).close()
 
     def rest(self, duration: float) -> None:
-        if self._direct:
-            time.sleep(duration)
-        else:
-            self._connection.spin(duration)
+        time.sleep(duration)
 
     def take_messages(self, now_ns: Callable[[], int]) -> Iterator[TakenEvidence]:
         for intake in self._intakes.values():

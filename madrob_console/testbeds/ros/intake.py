@@ -1,4 +1,4 @@
-"""One configured topic on the wire: found, subscribed without a loss, emptied, losses counted."""
+"""Topics of a ROS domain: found, subscribed without a loss, taken as bytes, losses counted."""
 
 from __future__ import annotations
 
@@ -9,22 +9,14 @@ from dataclasses import replace
 from functools import partial
 from itertools import islice, pairwise
 from operator import attrgetter
-from pathlib import Path
+from typing import TypeAlias
 
 import msgspec
 
 from madrob_console.common.clock import NS
 from madrob_console.common.errors import MadrobError
-from madrob_console.messages.codec import describe_topic
-from madrob_console.messages.message_types import MessageTypes
-from madrob_console.testbeds.ros.connection import (
-    RosObject,
-    in_namespace,
-    load_message_class,
-    load_module,
-)
-from madrob_console.testbeds.ros.types import find_definition
-from madrob_console.testbeds.source import TopicStatus
+from madrob_console.common.names import terminal_safe
+from madrob_console.testbeds.ros.connection import RosObject, in_namespace, load_module
 from recorder.bag import Durability, Qos, Reliability, Topic
 
 # One raw subscription: bytes from the wire, and their times.
@@ -49,12 +41,6 @@ class Received(msgspec.Struct, frozen=True, gc=False):
     sequence: int | None
 
 
-def can_take() -> bool:
-    """Whether this rclpy can take messages without an executor."""
-    implementation = load_module("rclpy.impl.implementation_singleton").rclpy_implementation
-    return hasattr(implementation.Subscription, "take_message")
-
-
 def qos_profile(qos: Qos, depth: int) -> RosObject:
     rclpy_qos = load_module("rclpy.qos")
     return rclpy_qos.QoSProfile(
@@ -77,9 +63,8 @@ def offered_by_all(profiles: list[RosObject]) -> Qos:
 class Inbox:
     """A raw subscription that is emptied by `take_messages`.
 
-    A `direct` one takes from DDS (8-17 us a message) instead of by callbacks (91-231 us); its node
-    is in no executor, else in one that is spun before each take. An `absolute` name was found in
-    the domain; no remapping applies.
+    It takes from DDS itself (8-17 us a message) instead of by callbacks (91-231 us): its node is
+    in no executor.
     """
 
     def __init__(
@@ -89,25 +74,21 @@ class Inbox:
         topic: str,
         qos: Qos,
         *,
-        direct: bool,
         depth: int = QUEUE_DEPTH,
-        absolute: bool = False,
     ) -> None:
         self.qos = qos
         self.depth = depth
         self._reported = 0
         self._node = node
         self._class = message_class
-        self._direct = direct
-        self._arrived: list[tuple[bytes, dict[str, int]]] = []
         # rclpy's default event callbacks print warnings into the terminal
         quiet = load_module("rclpy.event_handler").SubscriptionEventCallbacks(
             use_default_callbacks=False
         )
         self._subscription = node.create_subscription(
             message_class,
-            topic if absolute else in_namespace(topic),
-            self._on_message,
+            in_namespace(topic),
+            _never_spun,
             qos_profile(qos, depth),
             raw=True,
             event_callbacks=quiet,
@@ -132,9 +113,6 @@ class Inbox:
 
     def take_messages(self, most: int | None = None) -> list[Received]:
         """At most so many messages; DDS keeps the newest of the others."""
-        if not self._direct:
-            taken, self._arrived = self._arrived, []
-            return [_received(*message) for message in taken]
         handle = self._subscription.handle
         with handle:
             waiting = iter(partial(handle.take_message, self._class, True), None)
@@ -145,8 +123,9 @@ class Inbox:
             self._losses.destroy_when_not_in_use()
         self._node.destroy_subscription(self._subscription)
 
-    def _on_message(self, data: bytes, info: dict[str, int]) -> None:
-        self._arrived.append((data, info))
+
+def _never_spun(_message: RosObject) -> None:
+    """The callback that a subscription has to have."""
 
 
 def _received(data: bytes, info: dict[str, int]) -> Received:
@@ -217,16 +196,12 @@ class QosSwitch:
         name: str,
         message_class: RosObject,
         *,
-        direct: bool,
         depth: int = QUEUE_DEPTH,
-        absolute: bool = False,
     ) -> None:
         self._node = node
         self._name = name
         self._class = message_class
-        self._direct = direct
         self.depth = depth
-        self._absolute = absolute
         self._inbox: Inbox | None = None
         self._former: Inbox | None = None
         self._ends = 0.0
@@ -276,15 +251,7 @@ class QosSwitch:
         self._former = self._inbox = None
 
     def _open(self, qos: Qos) -> Inbox:
-        return Inbox(
-            self._node,
-            self._class,
-            self._name,
-            qos,
-            direct=self._direct,
-            depth=self.depth,
-            absolute=self._absolute,
-        )
+        return Inbox(self._node, self._class, self._name, qos, depth=self.depth)
 
     def _take_former(self) -> list[Received]:
         if self._former is None:
@@ -343,110 +310,146 @@ class LossCounter:
             self.restart()
 
 
-def same_version(info: RosObject, type_hash: str) -> bool:
-    """Whether publisher and console have the same fields in the type, as far as both tell."""
-    theirs = str(info.topic_type_hash)
-    return not type_hash or not theirs.startswith("RIHS") or theirs == type_hash
+DescribeTopic: TypeAlias = Callable[[str, str], tuple[RosObject, Topic]]
+"""(topic, type) -> the class of the messages and what a bag says of the topic.
 
-
-def other_version(type_name: str) -> str:
-    return (
-        f"its publisher has another version of {type_name}: "
-        "install the same version of the package on both machines"
-    )
+It raises MadrobError with the remedy where the topic cannot be taken.
+"""
 
 
 class Intake:
-    """A testbed topic, from its discovery on. One thread, except for the properties."""
+    """One topic of a ROS domain, of any type, from its discovery on.
+
+    It subscribes when the first publisher appears, with the quality of service that all publishers
+    offer: what they keep for late joiners comes, too. Without a `type_name` the topic has the type
+    of the publisher that is found first. A change of `depth` takes effect at the next discovery.
+    After `close` a discovery subscribes again. One thread, except for the properties.
+    """
 
     def __init__(
         self,
         node: RosObject,
         name: str,
-        type_name: str,
+        describe: DescribeTopic,
+        type_name: str = "",
         *,
-        types: MessageTypes,
-        prefixes: Sequence[Path],
-        direct: bool,
+        depth: int = QUEUE_DEPTH,
     ) -> None:
         self.name = name
         self.type = type_name
+        self.depth = depth
         self._node = node
+        self._describe = describe
+        self._configured = bool(type_name)
         self._losses = LossCounter()
-        self._class: RosObject = None
-        self._type_hash = ""
         self._topic: Topic | None = None
+        self._switch: QosSwitch | None = None
         self._found_type = type_name
+        self._unusable: str | None = None
         self._problem: str | None = None
         self._publishers = 0
         self._publisher_ids: frozenset[bytes] = frozenset()
-        self._unusable = self._prepare(types, prefixes)
-        self._handover = QosSwitch(node, name, self._class, direct=direct)
+        if type_name:
+            self._prepare()
 
     @property
     def topic(self) -> Topic | None:
+        """What a bag says of the topic; None as long as it is not known, or unusable."""
         return self._topic
 
-    def status(self, dropped: int) -> TopicStatus:
-        lost = self._losses.lost
-        return TopicStatus(
-            topic=self.name,
-            type=self._found_type,
-            publishers=self._publishers,
-            lost=None if lost is None else lost + dropped,
-            problem=self._unusable or self._problem,
-        )
+    @property
+    def found_type(self) -> str:
+        """The type of what is published; `type` where nothing is."""
+        return self._found_type
+
+    @property
+    def subscribed(self) -> bool:
+        return self._switch is not None and self._switch.qos is not None
+
+    @property
+    def publishers(self) -> int:
+        """The publishers that were matched at the last take."""
+        return self._publishers
+
+    @property
+    def lost(self) -> int | None:
+        """Messages lost by the sequence numbers of the publisher; None = unknown."""
+        return self._losses.lost
+
+    @property
+    def reported_lost(self) -> int:
+        """Messages lost according to DDS since the subscription; 0 where it does not tell."""
+        return 0 if self._switch is None else self._switch.reported_lost
+
+    @property
+    def problem(self) -> str | None:
+        """Why no message, or not every publisher's, can be taken."""
+        return self._unusable or self._problem
 
     def discover(self) -> None:
+        """Looks at the publishers and subscribes as they need it; call it a few times a second."""
         infos = self._node.get_publishers_info_by_topic(in_namespace(self.name))
-        usable = [
-            i for i in infos if i.topic_type == self.type and same_version(i, self._type_hash)
-        ]
+        if infos and not self.type:
+            self.type = str(infos[0].topic_type)
+            self._prepare()
+        usable = [i for i in infos if i.topic_type == self.type and self._same_version(i)]
         misfits = [i for i in infos if i not in usable]
         self._problem = self._misfit(misfits[0], alone=not usable) if misfits else None
-        self._found_type = self.type if usable or not infos else infos[0].topic_type
+        self._found_type = self.type if usable or not infos else str(infos[0].topic_type)
         ids = frozenset(bytes(i.endpoint_gid) for i in usable)
         if ids.isdisjoint(self._publisher_ids):
             self._losses.restart()
         if ids:
             self._publisher_ids = ids
-        self._handover.forget_delivered()
-        if usable and not self._unusable:
-            self._listen(offered_by_all([i.qos_profile for i in usable]), len(usable))
+        if self._switch is None or self._topic is None:
+            return
+        self._switch.depth = self.depth
+        self._switch.forget_delivered()
+        if usable:
+            qos = offered_by_all([i.qos_profile for i in usable])
+            self._switch.listen(qos, len(usable))
+            if self._switch.qos == qos != self._topic.qos:
+                self._topic = replace(self._topic, qos=qos)
 
-    def take_messages(self) -> list[Received]:
-        if self._handover.qos is None:
+    def take_messages(self, most: int | None = None) -> list[Received]:
+        """What has arrived, at most so many messages; DDS keeps `depth` of the others."""
+        if self._switch is None:
             return []
         before = self._publishers
-        received = self._handover.take_messages()
-        self._publishers = self._handover.publishers
+        received = self._switch.take_messages(most)
+        self._publishers = self._switch.publishers
         self._losses.see((r.sequence for r in received), max(before, self._publishers))
         return received
 
     def close(self) -> None:
-        self._handover.close()
+        if self._switch is not None:
+            self._switch.close()
+        self._losses.restart()
 
-    def _prepare(self, types: MessageTypes, prefixes: Sequence[Path]) -> str | None:
-        definition = find_definition(self.type, prefixes)
+    def _prepare(self) -> None:
         try:
-            self._class = load_message_class(self.type)
-            if definition is not None:
-                types.register(self.type, definition.text)
-                self._type_hash = definition.type_hash
-            self._topic = describe_topic(types, self.name, self.type)
+            message_class, self._topic = self._describe(self.name, self.type)
         except MadrobError as error:
-            return str(error)
-        return None
+            self._unusable = str(error)
+            return
+        self._switch = QosSwitch(self._node, self.name, message_class, depth=self.depth)
+
+    def _same_version(self, info: RosObject) -> bool:
+        """Whether publisher and console have the same fields in the type, as far as both tell."""
+        ours = "" if self._topic is None else self._topic.type_hash
+        theirs = str(info.topic_type_hash)
+        return not ours or not theirs.startswith("RIHS") or theirs == ours
 
     def _misfit(self, info: RosObject, *, alone: bool) -> str:
+        found = terminal_safe(str(info.topic_type))[:80]
         if not alone:
-            other = "another version of it" if info.topic_type == self.type else info.topic_type
+            other = "another version of it" if info.topic_type == self.type else found
             return f"another publisher sends {other}: stop that one"
         if info.topic_type == self.type:
-            return other_version(self.type)
-        return f"its type is {info.topic_type}, not {self.type}: correct the settings"
-
-    def _listen(self, qos: Qos, publishers: int) -> None:
-        self._handover.listen(qos, publishers)
-        if self._topic is not None and self._handover.qos == qos != self._topic.qos:
-            self._topic = replace(self._topic, qos=qos)
+            return (
+                f"its publisher has another version of {found}: "
+                "install the same version of the package on both machines"
+            )
+        if self._configured:
+            return f"its type is {found}, not {self.type}: correct the settings"
+        return f"its type has become {found}: not recorded before the next run"

@@ -9,7 +9,6 @@ import time
 from bisect import bisect_right
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from operator import attrgetter
 from typing import TypeVar
@@ -26,8 +25,8 @@ from madrob_console.testbeds.ros.connection import (
     in_namespace,
     load_message_class,
 )
-from madrob_console.testbeds.ros.intake import Intake, arrivals, can_take, qos_profile
-from madrob_console.testbeds.ros.types import prefixes
+from madrob_console.testbeds.ros.intake import Intake, arrivals, qos_profile
+from madrob_console.testbeds.ros.types import describe_registered, prefixes
 from madrob_console.testbeds.ros.watches import (
     DoorParameters,
     InfoWatch,
@@ -118,14 +117,13 @@ class RosSource:
         MadrobError: a topic is mapped with two types, or the domain does not exist.
     """
 
-    def __init__(  # noqa: PLR0913  what it joins, and how
+    def __init__(
         self,
         mappings: Sequence[TopicMapping],
         types: MessageTypes,
         clock: Clock,
         domain: int | None = None,
         *,
-        direct: bool = True,
         speaks: bool = True,
         ros_args: Sequence[str] = (),
         environment: Mapping[str, str] = os.environ,
@@ -135,7 +133,6 @@ class RosSource:
         self._own_topics = referee_topics(types)
         self._clock = clock
         self._domain = domain_id(domain, environment)
-        self._direct = direct
         self._speaks = speaks
         self._ros_args = ros_args
         self._environment = environment
@@ -183,9 +180,8 @@ class RosSource:
         self._thread.start()
 
     def _join(self, connection: Connection) -> tuple[DoorParameters, RefereeWatch, InfoWatch]:
-        self._direct = self._direct and can_take()
         self._console = console = connection.node(console_name(), spun=False)
-        listener = connection.node("intake", beside=console, spun=not self._direct)
+        listener = connection.node("intake", beside=console, spun=False)
         self._publishers = {
             topic.name: console.create_publisher(
                 load_message_class(topic.type),
@@ -197,17 +193,10 @@ class RosSource:
         }
         self._door = DoorParameters(connection.node("parameters", beside=console))
         self._referees = RefereeWatch(console, speaks=self._speaks)
-        self._info = InfoWatch(listener, self._types, self._clock, direct=self._direct)
-        places = prefixes(self._environment)
+        self._info = InfoWatch(listener, self._types, self._clock)
+        describe = partial(describe_registered, self._types, prefixes(self._environment))
         self._intakes = tuple(
-            Intake(
-                listener,
-                name,
-                type_name,
-                types=self._types,
-                prefixes=places,
-                direct=self._direct,
-            )
+            Intake(listener, name, describe, type_name)
             for name, type_name in self._configured.items()
         )
         return self._door, self._referees, self._info
@@ -226,10 +215,17 @@ class RosSource:
             return tuple(
                 TopicStatus(name, type_name, 0) for name, type_name in self._configured.items()
             )
-        states = (i.status(self._mailbox.dropped(i.name)) for i in self._intakes)
-        if self._failure is None:
-            return tuple(states)
-        return tuple(replace(s, problem=s.problem or self._failure) for s in states)
+        return tuple(map(self._intake_status, self._intakes))
+
+    def _intake_status(self, intake: Intake) -> TopicStatus:
+        lost = intake.lost
+        return TopicStatus(
+            topic=intake.name,
+            type=intake.found_type,
+            publishers=intake.publishers,
+            lost=None if lost is None else lost + self._mailbox.dropped(intake.name),
+            problem=intake.problem or self._failure,
+        )
 
     def configure(self, condition: Condition) -> None:
         if self._door is not None:
@@ -295,7 +291,7 @@ class RosSource:
             self._try(info.hear_clock)
             self._mailbox.put_messages(self._try(self._take) or [])
             self._failure = self._failing
-            if self._direct and not door.pending:
+            if not door.pending:
                 self._stop.wait(_PERIOD)
             else:
                 self._try(partial(connection.spin, _PERIOD))

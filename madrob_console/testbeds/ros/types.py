@@ -6,14 +6,17 @@ import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rosbags.interfaces import Nodetype
 from rosbags.typesys import TypesysError, get_types_from_msg
 
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
+from madrob_console.messages.codec import describe_topic
+from madrob_console.messages.message_types import MessageTypes, nested_types
 from madrob_console.testbeds.ros.connection import RosObject, load_message_class
+from recorder.bag import Topic, topic_problem
 
 _SEPARATOR = "=" * 80
 
@@ -32,13 +35,31 @@ def prefixes(environment: Mapping[str, str]) -> tuple[Path, ...]:
     return (*(Path(path) for path in paths if path), Path(sys.prefix))
 
 
-def installed_type(type_name: str, prefixes: Sequence[Path]) -> tuple[RosObject, Definition]:
-    """The class of a type and its definition; MadrobError where its package is not installed."""
+def describe_registered(
+    types: MessageTypes, prefixes: Sequence[Path], topic: str, type_name: str
+) -> tuple[RosObject, Topic]:
+    """A topic whose type becomes one of the `types`; MadrobError where the type is unusable."""
+    message_class = load_message_class(type_name)
+    definition = find_definition(type_name, prefixes)
+    if definition is None:
+        return message_class, describe_topic(types, topic, type_name)
+    types.register(type_name, definition.text)
+    described = describe_topic(types, topic, type_name)
+    return message_class, replace(described, type_hash=definition.type_hash or described.type_hash)
+
+
+def describe_installed(
+    prefixes: Sequence[Path], topic: str, type_name: str
+) -> tuple[RosObject, Topic]:
+    """A topic as its installed package has it; MadrobError where that cannot be recorded."""
     message_class = load_message_class(type_name)
     definition = find_definition(type_name, prefixes)
     if definition is None:
         raise MadrobError(f"{type_name} has no .msg file here: install its package again, whole")
-    return message_class, definition
+    described = Topic(topic, type_name, definition.text, definition.type_hash)
+    if (refused := topic_problem(described)) is not None:
+        raise MadrobError(terminal_safe(refused))
+    return message_class, described
 
 
 def find_definition(type_name: str, prefixes: Sequence[Path]) -> Definition | None:
@@ -93,8 +114,6 @@ def _type_hash(type_name: str, prefixes: Sequence[Path]) -> str:
 
 def _nested(type_name: str, text: str) -> list[str]:
     try:
-        fields = get_types_from_msg(text, type_name)[type_name][1]
+        return nested_types(type_name, get_types_from_msg(text, type_name))
     except (TypesysError, ValueError, LookupError):
         return []
-    inner = [f[1][0] if f[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else f for _, f in fields]
-    return [f[1] for f in inner if f[0] == Nodetype.NAME]

@@ -143,7 +143,7 @@ class InfoWatch:
     follow it.
     """
 
-    def __init__(self, node: RosObject, types: MessageTypes, clock: Clock, *, direct: bool) -> None:
+    def __init__(self, node: RosObject, types: MessageTypes, clock: Clock) -> None:
         self.clock_problem: str | None = None
         self._said = SILENT
         self._clock = clock
@@ -151,9 +151,9 @@ class InfoWatch:
         self.topic: Topic = describe_topic(types, INFO_TOPIC, INFO_TYPE, _LATCHED)
         self._types = types
         message_class = load_message_class(INFO_TYPE)
-        self._inbox = Inbox(node, message_class, INFO_TOPIC, _LATCHED, direct=direct, depth=_DEPTH)
+        self._inbox = Inbox(node, message_class, INFO_TOPIC, _LATCHED, depth=_DEPTH)
         message_class, qos = load_message_class(_CLOCK_TYPE), Qos(Reliability.BEST_EFFORT)
-        self._clock_inbox = Inbox(node, message_class, "/clock", qos, direct=direct, depth=1)
+        self._clock_inbox = Inbox(node, message_class, "/clock", qos, depth=1)
 
     @property
     def heard(self) -> Announcement:

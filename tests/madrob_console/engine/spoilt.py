@@ -58,7 +58,7 @@ class Fault(StrEnum):
     TRUNCATED = "truncated"
     NOTHING_INSIDE = "no bytes"
     HUGE_LENGTH = "claims 2 GB"
-    TOO_LARGE = "40 kB"
+    TOO_LARGE = "400 kB"
     RANDOM = "random bytes"
 
 
@@ -77,7 +77,7 @@ _BYTES: dict[Fault, Callable[[bytes], bytes]] = {
     Fault.TRUNCATED: lambda data: data[: len(data) // 2],
     Fault.NOTHING_INSIDE: lambda _: b"",
     Fault.HUGE_LENGTH: lambda data: with_length(data, 2**31 - 1),
-    Fault.TOO_LARGE: lambda data: data + bytes(40_000),
+    Fault.TOO_LARGE: lambda data: data + bytes(400_000),
 }
 
 _VALUES: dict[Fault, float | None] = {

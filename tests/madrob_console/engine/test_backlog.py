@@ -17,7 +17,6 @@ from madrob_console.referee.run import Phase
 from madrob_console.testbeds.ros import ros_source
 from madrob_console.testbeds.ros.intake import Received
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import RawMessage
 from scoring.protocol import Outcome, Signal
 from scoring.result import Result
@@ -190,15 +189,13 @@ class Topic:
 
     def __init__(self, mapping: TopicMapping, types: MessageTypes) -> None:
         self.name, self.type = mapping.topic, mapping.type
+        self.found_type, self.publishers, self.lost, self.problem = self.type, 1, 0, None
         self.topic = describe_topic(types, mapping.topic, mapping.type)
         self.arrived: list[Received] = []
 
     def take_messages(self) -> Sequence[Received]:
         taken, self.arrived = self.arrived, []
         return taken
-
-    def status(self, dropped: int) -> TopicStatus:
-        return TopicStatus(self.name, self.type, 1, dropped)
 
 
 class Wire(ros_source.RosSource):

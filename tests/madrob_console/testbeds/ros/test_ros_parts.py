@@ -17,12 +17,13 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, referee_topics
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
-from madrob_console.testbeds.ros import RosSource, evidence_intake
+from madrob_console.testbeds.ros import RosSource
+from madrob_console.testbeds.ros import intake as ros_intake
 from madrob_console.testbeds.ros.connection import RosObject, load_message_class, load_module
 from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
 from madrob_console.testbeds.ros.intake import LossCounter, QosSwitch
 from madrob_console.testbeds.ros.ros_source import Mailbox
-from madrob_console.testbeds.ros.types import find_definition, installed_type, prefixes
+from madrob_console.testbeds.ros.types import describe_installed, find_definition, prefixes
 from madrob_console.testbeds.ros.watches import console_name, door_parameters, second_referee
 from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, info_text
 from recorder.bag import Durability, RawMessage, Reliability
@@ -146,7 +147,7 @@ def test_a_type_that_no_workspace_has_is_not_found(workspace: Path) -> None:
 
 def test_a_type_without_its_definition_is_refused_with_the_remedy(workspace: Path) -> None:
     with pytest.raises(MadrobError, match=r"Bool has no [.]msg file here: install its package"):
-        installed_type(BOOL, [workspace])
+        describe_installed([workspace], "/hall/door", BOOL)
 
 
 @pytest.mark.parametrize("text", ["", "{", '{"type_hashes": [{}]}', '{"type_hashes": 3}'])
@@ -631,7 +632,7 @@ def test_a_topic_on_which_ros_fails_is_named_and_ends_no_other(
                 raise RuntimeError("no such thing\nas a subscription")
             super().listen(qos, publishers)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(evidence_intake, "QosSwitch", Failing)
+    monkeypatch.setattr(ros_intake, "QosSwitch", Failing)
     here = Listening(ros_domain, "/hall/**")
     bad, good = (peer.publisher(f"/hall/{name}", BOOL) for name in ("bad", "good"))
 
