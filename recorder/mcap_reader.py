@@ -14,6 +14,7 @@ import struct
 import zlib
 from collections.abc import Iterable, Iterator
 from collections.abc import Set as AbstractSet
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import BinaryIO, TypeAlias
 
@@ -178,6 +179,7 @@ _PARSERS = {
     Opcode.STATISTICS: Statistics.read,
 }
 _WANTED = frozenset({*_PARSERS, Opcode.MESSAGE, Opcode.CHUNK}) - {Opcode.CHUNK_INDEX}
+_CHUNKS = frozenset({Opcode.CHUNK})
 _IN_CHUNKS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL})  # beside messages
 _MESSAGE = int(Opcode.MESSAGE)
 
@@ -288,10 +290,59 @@ def _record_at(file: BinaryIO, offset: int, size: int) -> McapRecord:
     raise DamageError(f"there is no record at byte {offset}")
 
 
+@dataclass(frozen=True, slots=True)
+class ChunkPlace:
+    """A chunk on disk; log times in ns since the epoch. No `channels` = they are unknown."""
+
+    offset: int
+    begin_ns: int
+    end_ns: int
+    channels: frozenset[int] = frozenset()
+
+    def distance(self, at_ns: int) -> int:
+        return max(self.begin_ns - at_ns, at_ns - self.end_ns, 0)
+
+
+def chunk_places(file: BinaryIO) -> list[ChunkPlace]:
+    """By the summary; without all of them there, as while a file is written, by their heads."""
+    places: dict[int, ChunkPlace] = {}
+    told = None
+    with suppress(DamageError):
+        for record in read_summary(file, chunks=True):
+            if isinstance(record, Statistics):
+                told = record.chunk_count
+            elif isinstance(record, ChunkIndex):
+                offset, channels = record.chunk_start_offset, record.message_index_offsets
+                places[offset] = ChunkPlace(
+                    offset, record.message_start_time, record.message_end_time, frozenset(channels)
+                )
+    if len(places) != told:
+        places.clear()
+        with suppress(DamageError):
+            size = file.seek(0, io.SEEK_END)
+            for frame in _frames(file, len(MCAP0_MAGIC), size, _CHUNKS, most=_HEAD.size):
+                if len(frame.body) == _HEAD.size:
+                    begin_ns, end_ns, *_ = _HEAD.unpack_from(frame.body)
+                    places[frame.offset] = ChunkPlace(frame.offset, begin_ns, end_ns)
+    return list(places.values())
+
+
+def read_chunk(file: BinaryIO, offset: int) -> bytes:
+    """The records of a chunk: of one that is cut off those that are left, of a damaged one none."""
+    with suppress(DamageError):
+        for frame in _frames(file, offset, file.seek(0, io.SEEK_END), _CHUNKS):
+            return unpack(frame.body).records if frame.offset == offset else b""
+    return b""
+
+
 def _frames(
-    stream: BinaryIO, offset: int, size: int, wanted: AbstractSet[Opcode] = _WANTED
+    stream: BinaryIO,
+    offset: int,
+    size: int,
+    wanted: AbstractSet[Opcode] = _WANTED,
+    most: int = RECORD_LIMIT,
 ) -> Iterator[_Frame]:
-    """The wanted records from `offset` to byte `size`, where one must end.
+    """The wanted records from `offset` to byte `size`, where one must end; `most` bytes of each.
 
     A chunk may be cut, as the last frame; any other record that is not whole is a DamageError.
     """
@@ -306,13 +357,13 @@ def _frames(
         following = offset + FRAME.size + length
         if following > size:
             if opcode == Opcode.CHUNK:
-                rest = min(size - stream.tell(), RECORD_LIMIT)
+                rest = min(size - stream.tell(), most)
                 yield _Frame(opcode, offset, stream.read(rest), whole=False)
             raise DamageError(f"it is torn at byte {offset}", offset)
         if opcode in wanted:
             if length > RECORD_LIMIT:
                 raise DamageError(f"the record at byte {offset} claims {length} bytes", offset)
-            yield _Frame(opcode, offset, stream.read(length), whole=True)
+            yield _Frame(opcode, offset, stream.read(min(length, most)), whole=True)
         offset = following
 
 
@@ -426,6 +477,9 @@ class Catalogue:
             and bool(self.records) == bool(self.statistics.metadata_count)
             and all(channel.schema_id in self._schemas for channel in self._channels.values())
         )
+
+    def channels_of(self, topic: str) -> set[int]:
+        return {number for number, one in self._channels.items() if one.topic == topic}
 
     def topics(self) -> list[Topic]:
         return self._known(self._channels)

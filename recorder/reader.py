@@ -83,7 +83,7 @@ class Bag:
         self._topics: dict[str, Topic] = {}
         for file in files:
             try:
-                catalogue, damage = _catalogue(file)
+                catalogue, damage = read_catalogue(file)
                 topics = catalogue.topics()
             except (DamageError, OSError) as error:
                 if not self._files:
@@ -167,7 +167,8 @@ def read_items(file: BinaryIO) -> Iterator[BagItem]:
         raise DamageError(f"{count} of {statistics.message_count} messages are left")
 
 
-def _catalogue(path: Path) -> tuple[Catalogue, str | None]:
+def read_catalogue(path: Path) -> tuple[Catalogue, str | None]:
+    """What a file holds beside messages, and why it may not be all."""
     with open_recording(path) as file:
         try:
             catalogue = Catalogue(read_summary(file))

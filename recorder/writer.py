@@ -6,6 +6,7 @@ The caller never waits for the disk, and the order of `put_message` is the order
 from __future__ import annotations
 
 import os
+import sys
 import threading
 import time
 from collections import Counter, deque
@@ -17,56 +18,91 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from recorder.bag import MAX_NS, METADATA_FILE, RawMessage, Topic, bag_file_name, topic_problem
+from recorder.bag import (
+    MAX_NS,
+    METADATA_FILE,
+    RawMessage,
+    Topic,
+    bag_file_name,
+    evidence_file_name,
+    topic_problem,
+)
 from recorder.errors import RecorderError, remedy
 from recorder.mcap_writer import CHUNK_BYTES, McapFile
-from recorder.survey import metadata_part, prepare_metadata, put_listing, put_metadata
+from recorder.survey import metadata_part, prepare_metadata, put_listing, put_metadata, remove
 
-# A bag folder while it is written: made exclusively, and a bag from its first moment on.
+# The file that is written, in a folder that is a bag from its first moment on.
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """A further file of a bag that others record; it gives way to them.
+
+    Attributes:
+        folder: of the bag.
+        number: of the file, from 0.
+        refusal: called by the writer's thread before about each MB, with the bytes of the file
+            and those that come. It says why nothing more may be recorded: the file is then
+            finished. It may wait.
+    """
+
+    folder: Path
+    number: int
+    refusal: Callable[[int, int], str | None]
 
 
 class BagFolder:
-    """The folder, its recording and its `metadata.yaml`; not thread-safe.
+    """A folder and the new file of it that is recorded to; not thread-safe.
 
-    It is held open, so that it may be renamed while it is recorded to.
+    It is held open, so that it may be renamed while it is recorded to. Without evidence the folder
+    is new as well.
     """
 
     def __init__(
-        self, folder: Path, topics: Iterable[Topic], records: Mapping[str, Mapping[str, str]]
+        self,
+        place: Path | Evidence,
+        topics: Iterable[Topic],
+        records: Mapping[str, Mapping[str, str]],
     ) -> None:
         """Make everything; on disk on return. RecorderError leaves nothing behind."""
-        try:
-            folder.mkdir()
-        except FileExistsError:
-            raise RecorderError(
-                f"{folder} exists already; move it away or record under another name"
-            ) from None
-        except OSError as error:
-            raise _cannot_record(folder, error) from None
-        name = bag_file_name(folder.name)
-        self._folder, self._name = folder, name
+        if isinstance(place, Evidence):
+            folder, name = place.folder, evidence_file_name(place.folder.name, place.number)
+        else:
+            folder, name = place, bag_file_name(place.name)
+        self._is_new = place is folder
         with ExitStack() as undo:
-            undo.callback(_remove, folder, name)
             try:
+                if self._is_new:
+                    folder.mkdir()
+                    undo.callback(_remove_new, folder)
                 self._fd = os.open(folder, os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
                 undo.callback(os.close, self._fd)
                 self.file = McapFile(self._fd, name)
+                undo.callback(remove, self._fd, name)
                 undo.callback(self.file.close)
                 self.file.start(topics, records)
-                prepare_metadata(self._fd, self.file.information())
-                put_metadata(self._fd)
-                _sync_folder(folder.parent)
+                if self._is_new:
+                    prepare_metadata(self._fd, self.file.information())
+                    put_metadata(self._fd)
+                    _sync_folder(folder.parent)
+                else:
+                    os.fsync(self._fd)
+            except FileExistsError:
+                made = folder if self._is_new else folder / name
+                raise RecorderError(
+                    f"{made} exists already; move it away or record under another name"
+                ) from None
             except OSError as error:
                 raise _cannot_record(folder, error) from None
-            undo.pop_all()
+            self._undo = undo.pop_all()
 
     def finish(self) -> None:
-        """Complete the recording and `metadata.yaml`; both are on disk on return.
+        """Complete the file and `metadata.yaml`; both are on disk on return.
 
-        It lists the evidence that is whole by then; later evidence lists itself.
+        The recording lists the evidence that is whole by then; later evidence lists itself.
         """
         self.file.finish()
-        put_listing(self._fd, self.file.information())
+        put_listing(self._fd, self.file.information() if self._is_new else None)
 
     def close(self) -> None:
         with suppress(OSError):
@@ -75,9 +111,8 @@ class BagFolder:
             os.close(self._fd)
 
     def remove(self) -> None:
-        """Delete the bag; only as long as nothing was recorded."""
-        self.close()
-        _remove(self._folder, self._name)
+        """Delete what is new; only as long as nothing was recorded."""
+        self._undo.close()
 
 
 def _cannot_record(folder: Path, error: OSError) -> RecorderError:
@@ -86,8 +121,8 @@ def _cannot_record(folder: Path, error: OSError) -> RecorderError:
     return RecorderError(f"cannot record to {folder}: {error.strerror or error}; {hint}")
 
 
-def _remove(folder: Path, name: str) -> None:
-    for made in (name, METADATA_FILE, metadata_part()):
+def _remove_new(folder: Path) -> None:
+    for made in (METADATA_FILE, metadata_part()):
         with suppress(OSError):
             (folder / made).unlink()
     with suppress(OSError):
@@ -136,7 +171,8 @@ class RecorderStats:
         dropped: those handed over that are not and will not be in the bag.
         queued_bytes: memory of the messages on their way to the file.
         seconds_since_sync: since everything received had reached the disk; None before `open`.
-        error: why the recording failed, with the remedy.
+        end_ns: log time of the last message in the file, ns since the epoch; None without any.
+        error: why the recording failed, or evidence was refused, with the remedy.
     """
 
     state: RecorderState
@@ -147,6 +183,7 @@ class RecorderStats:
     queued_bytes: int
     file_bytes: int
     seconds_since_sync: float | None
+    end_ns: int | None
     error: str | None
 
 
@@ -154,7 +191,7 @@ class RecorderStats:
 class BagSummary:
     """The outcome of a recording; log times in ns since the epoch, None without messages.
 
-    `error` says why the bag is unfinished, with the remedy; else None.
+    `error` says why the bag is unfinished, or evidence was refused, with the remedy; else None.
     """
 
     folder: Path
@@ -197,6 +234,9 @@ class Account:
 _OVERHEAD_BYTES = 256
 """Memory of a queued message beside its data, so that many small ones are bounded as well."""
 
+SYNC_BYTES = 4_000_000
+"""Evidence is synced after so many bytes: a sync of what is scored then waits for no more."""
+
 _RECORDING, _FULL = RecorderState.RECORDING, DropReason.QUEUE_FULL
 """Used for each message; Python 3.11 takes 0.2 us to look up a member."""
 
@@ -214,7 +254,7 @@ class BagWriter:
     """Records one bag; every method may be called from any thread.
 
     Args:
-        folder: the bag folder, made by `open`; its parent must exist.
+        place: the bag folder, made by `open`, whose parent must exist; or a file of evidence.
         topics: known beforehand; later ones by `add_topic`.
         records: MCAP metadata records by name, written before the first message.
         flush_period: seconds of `clock` between two syncs, about the most that a crash can cost.
@@ -225,7 +265,7 @@ class BagWriter:
 
     def __init__(
         self,
-        folder: Path,
+        place: Path | Evidence,
         topics: Sequence[Topic],
         records: Mapping[str, Mapping[str, str]],
         *,
@@ -234,7 +274,8 @@ class BagWriter:
         block_when_full: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.folder = folder
+        self._place = place
+        self.folder = place.folder if isinstance(place, Evidence) else place
         self._topics: dict[str, Topic] = {}
         self._first_topics = tuple(topics)
         self._records = dict(records)
@@ -254,6 +295,8 @@ class BagWriter:
         self._span: tuple[int | None, int | None] = (None, None)
         self._file_bytes = 0
         self._synced: float | None = None
+        self._synced_bytes = 0
+        self._asked_bytes = sys.maxsize
         self._error: str | None = None
         self._thread: threading.Thread | None = None
 
@@ -266,7 +309,7 @@ class BagWriter:
             raise RecorderError(f"{self.folder} was recorded or closed before; make a new recorder")
         for topic in self._first_topics:
             self._check(topic)
-        bag = BagFolder(self.folder, self._topics.values(), self._records)
+        bag = BagFolder(self._place, self._topics.values(), self._records)
         self._file_bytes = bag.file.size
         self._synced = self._clock()
         # A daemon: a program that ends without `close` must not hang on it.
@@ -352,6 +395,7 @@ class BagWriter:
                 queued_bytes=self._queued,
                 file_bytes=self._file_bytes,
                 seconds_since_sync=None if self._synced is None else self._clock() - self._synced,
+                end_ns=self._span[1],
                 error=self._error,
             )
 
@@ -386,8 +430,7 @@ class BagWriter:
 
     def _refusal(self, message: RawMessage, cost: int) -> DropReason | None:
         if self._state is not _RECORDING or self._closing:
-            failed = self._state is RecorderState.FAILED
-            return DropReason.FAILED if failed else DropReason.NOT_RECORDING
+            return DropReason.FAILED if self._error is not None else DropReason.NOT_RECORDING
         topic = self._topics.get(message.topic)
         if topic is None:
             return DropReason.UNKNOWN_TOPIC
@@ -447,7 +490,11 @@ class BagWriter:
             self._changed.wait_for(self._work_is_due, timeout)
             batch, self._queue = self._queue, deque()
             size, last = self._queued, self._closing
+        if isinstance(self._place, Evidence):
+            self._asked_bytes = 0
         for item in batch:
+            if file.size > self._asked_bytes and not self._has_room(file, item):
+                return False
             match item:
                 case RawMessage():
                     file.add_message(item)
@@ -456,11 +503,31 @@ class BagWriter:
                 case _Record():
                     file.add_record(item.name, item.content)
         if self._until_sync() <= 0:
-            now = self._clock()
-            file.sync()
-            self._synced = now
+            self._sync(file)
         self._report(file, size)
         return not last
+
+    def _sync(self, file: McapFile) -> None:
+        now = self._clock()
+        file.sync()
+        self._synced, self._synced_bytes = now, file.size
+
+    def _has_room(self, file: McapFile, item: _Item) -> bool:
+        """Ask before each chunk whether evidence may go on; syncs what would hold others up."""
+        assert isinstance(self._place, Evidence)
+        if file.size - self._synced_bytes >= SYNC_BYTES:
+            self._sync(file)
+        self._asked_bytes = file.size
+        size = len(item.data) if isinstance(item, RawMessage) else _OVERHEAD_BYTES
+        refusal = self._place.refusal(file.size, file.pending + size)
+        if refusal is None:
+            return True
+        file.sync()
+        self._report(file)
+        with self._changed:
+            self._closing, self._error = True, refusal
+            self._give_up_rest()
+        return False
 
     def _until_sync(self) -> float:
         """Seconds until the next sync is due, negative when overdue."""
@@ -496,7 +563,11 @@ class BagWriter:
                 self._account.saved.clear()
                 self._span, self._file_bytes = (None, None), 0
             self._error = f"recording to {self.folder} failed: {cause}; {kept}"
-            self._account.drop_rest()
-            self._queue.clear()
-            self._queued = 0
-            self._changed.notify_all()
+            self._give_up_rest()
+
+    def _give_up_rest(self) -> None:
+        """With the lock held."""
+        self._account.drop_rest()
+        self._queue.clear()
+        self._queued = 0
+        self._changed.notify_all()

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from statistics import median
-from typing import Self
 
 from madrob_console.common.clock import nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
@@ -15,7 +15,9 @@ from madrob_console.messages.codec import HEAD, TopicMapping, begins_with_header
 from madrob_console.messages.message_types import types_of
 from recorder.bag import RawMessage, Topic, is_evidence
 from recorder.errors import RecorderError
-from recorder.seeking import Found, Seeker
+from recorder.mcap_reader import DamageError
+from recorder.reader import bag_files, read_bag
+from recorder.seeking import Seeker
 from scoring.protocol import Signal
 
 PICTURE_TYPES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
@@ -26,21 +28,21 @@ FARTHEST = 1.0
 MOST_CAMERAS = 16
 """Of more cameras, the first by name are used."""
 
-_STAMPS_LOOKED_AT = 100
+_STAMPS_LOOKED_AT, _MESSAGES_LOOKED_AT = 100, 10_000
 _LATEST = 2**62  # ns: what lies behind is no time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraFrame:
-    """A picture that was found, and not read yet; received `difference` s after the instant."""
+    """A camera's message, received `difference` s after the instant."""
 
-    found: Found
+    message: RawMessage
     difference: float
 
     @property
     def log(self) -> float:
         """When it was received, s since the epoch."""
-        return seconds(self.found.log_ns)
+        return seconds(self.message.receive_ns)
 
 
 def has_evidence(folder: Path) -> bool:
@@ -51,7 +53,7 @@ def has_evidence(folder: Path) -> bool:
 
 
 class Cameras:
-    """The cameras of a run's evidence, open to look for frames; a context manager.
+    """The cameras of a run's evidence.
 
     The topics of `mappings` carry the testbed's signals, whose clock is that of all events.
     """
@@ -62,21 +64,25 @@ class Cameras:
         mappings: Sequence[TopicMapping],
         wanted: Callable[[str], bool] = lambda _topic: True,
     ) -> None:
-        with ExitStack() as undo:
-            try:
-                self._frames = undo.enter_context(Seeker(folder, evidence=True))
-                self.problems = list(self._frames.problems)
-                self._delay = _delay_of_testbed(folder, mappings)
-            except RecorderError as error:
-                raise MadrobError(str(error)) from None
-            self.topics = self._found_cameras(wanted)
-            self._open = undo.pop_all()
+        self.problems: list[str] = []
+        self._files: list[Seeker] = []
+        try:
+            for path in bag_files(folder, evidence=True)[0]:
+                self._open(path)
+            self._delay = _delay_of_testbed(folder, mappings)
+        except (OSError, RecorderError) as error:
+            raise MadrobError(str(error)) from None
+        self.topics = self._found_cameras(wanted)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._open.close()
+    def _open(self, path: Path) -> None:
+        try:
+            file = Seeker(path)
+        except (DamageError, OSError) as error:
+            self.problems.append(f"{path.name}: {error}")
+            return
+        self._files.append(file)
+        if file.problem is not None:
+            self.problems.append(f"{path.name}: {file.problem}")
 
     def log_time(self, time: float) -> float:
         """The log time of an instant by the testbed's clock, both in s since the epoch."""
@@ -90,22 +96,26 @@ class Cameras:
         begin, end = log - FARTHEST, log + FARTHEST
         if not 0 <= begin < end < seconds(_LATEST):
             return None
-        there = self._frames.between(camera.name, nanoseconds(begin), nanoseconds(end))
-        frames = (CameraFrame(found, seconds(found.log_ns) - log) for found in there)
+        found = (
+            file.nearest(camera.name, nanoseconds(log), nanoseconds(FARTHEST))
+            for file in self._files
+        )
+        frames = (
+            CameraFrame(message, seconds(message.receive_ns) - log)
+            for message in found
+            if message is not None
+        )
         return min(frames, key=lambda frame: abs(frame.difference), default=None)
 
-    def message(self, frame: CameraFrame, limit: int) -> RawMessage:
-        """RecorderError if it cannot be read, or has more than `limit` bytes."""
-        return self._frames.message(frame.found, limit)
-
     def _found_cameras(self, wanted: Callable[[str], bool]) -> tuple[Topic, ...]:
-        topics = sorted(
-            (t for t in self._frames.topics() if t.type in PICTURE_TYPES and wanted(t.name)),
-            key=lambda topic: topic.name,
-        )
-        if len(topics) > MOST_CAMERAS:
-            self.problems.append(f"{len(topics)} cameras: {MOST_CAMERAS} are shown")
-        return tuple(topics[:MOST_CAMERAS])
+        known: dict[str, Topic] = {}
+        for file in self._files:
+            for topic in file.topics:
+                if topic.type in PICTURE_TYPES and wanted(topic.name):
+                    known.setdefault(topic.name, topic)
+        if len(known) > MOST_CAMERAS:
+            self.problems.append(f"{len(known)} cameras: {MOST_CAMERAS} are shown")
+        return tuple(known[name] for name in sorted(known)[:MOST_CAMERAS])
 
 
 def _delay_of_testbed(folder: Path, mappings: Sequence[TopicMapping]) -> float:
@@ -114,15 +124,18 @@ def _delay_of_testbed(folder: Path, mappings: Sequence[TopicMapping]) -> float:
     From the door, the source of most events, else the first signal with stamps. Its first messages
     tell it: what is stamped after a step of the clock is scored as if there had been none.
     """
-    with Seeker(folder) as recording:
-        topics = {topic.name: topic for topic in recording.topics()}
-        for mapping in sorted(mappings, key=lambda one: one.signal is not Signal.DOOR):
-            topic = topics.get(mapping.topic)
-            if topic is not None and _is_stamped(topic):
-                delays = _first_delays(recording, topic.name)
-                if delays:
-                    return median(delays)
-    return 0.0
+    recording = read_bag(folder)
+    topics = {topic.name: topic for topic in recording.topics()}
+    by_use = sorted(mappings, key=lambda one: one.signal is not Signal.DOOR)
+    names = [one.topic for one in by_use if one.topic in topics and _is_stamped(topics[one.topic])]
+    delays: defaultdict[str, list[float]] = defaultdict(list)
+    for message in islice(recording.messages(), _MESSAGES_LOOKED_AT if names else 0):
+        stamp = header_stamp(message.data[:HEAD]) if message.topic in names else None
+        if stamp is not None:
+            delays[message.topic].append(seconds(message.receive_ns) - stamp)
+            if len(delays[names[0]]) == _STAMPS_LOOKED_AT:
+                break
+    return next((median(delays[name]) for name in names if delays[name]), 0.0)
 
 
 def _is_stamped(topic: Topic) -> bool:
@@ -130,16 +143,6 @@ def _is_stamped(topic: Topic) -> bool:
         return begins_with_header(types_of([topic]), topic.type)
     except MadrobError:  # nobody knows its type
         return False
-
-
-def _first_delays(recording: Seeker, name: str) -> list[float]:
-    delays = []
-    for one in recording.first(name)[:_STAMPS_LOOKED_AT]:
-        with suppress(RecorderError):
-            stamp = header_stamp(recording.head(one, HEAD))
-            if stamp is not None:
-                delays.append(seconds(one.log_ns) - stamp)
-    return delays
 
 
 SIDE = 960

@@ -138,8 +138,7 @@ def pictures_of(
         return fnmatchcase(topic, cameras)
 
     try:
-        with Cameras(folder, mappings, wanted) as found:
-            return _Maker(found, side, monotonic).pictures(moments)
+        return _Maker(Cameras(folder, mappings, wanted), side, monotonic).pictures(moments)
     except MadrobError as error:
         return RunPictures(PictureIndex(problems=(terminal_safe(str(error)),)))
 
@@ -194,7 +193,7 @@ class _Maker:
         self._names = _file_names([camera.name for camera in cameras.topics])
         self._monotonic = monotonic
         self._until = monotonic() + WORKING_TIME
-        self._made: dict[tuple[int, int, int], tuple[Jpeg, str] | str] = {}
+        self._made: dict[tuple[str, int], tuple[Jpeg, str] | str] = {}
         self._files: dict[str, bytes] = {}
         self._left_out = 0
 
@@ -248,26 +247,20 @@ class _Maker:
         )
 
     def _picture(self, frame: CameraFrame) -> tuple[Jpeg, str] | str:
-        if frame.found.key not in self._made:
-            self._made[frame.found.key] = self._decode(frame)
-        return self._made[frame.found.key]
+        key = frame.message.topic, frame.message.receive_ns
+        if key not in self._made:
+            self._made[key] = self._decode(frame.message)
+        return self._made[key]
 
-    def _decode(self, frame: CameraFrame) -> tuple[Jpeg, str] | str:
-        from madrob_console.archive.picture import (
-            MOST_BYTES,
-            MOST_MESSAGE,
-            PictureError,
-            decoded,
-            jpeg,
-        )
+    def _decode(self, message: RawMessage) -> tuple[Jpeg, str] | str:
+        from madrob_console.archive.picture import MOST_BYTES, PictureError, decoded, jpeg
 
         try:
-            message: RawMessage = self._cameras.message(frame, MOST_MESSAGE)
             most = round(MOST_BYTES * max(1.0, (self._side / SIDE) ** 2))
             picture, scale = decoded(message, self._side)
             return jpeg(picture, most), scale
-        except (PictureError, RecorderError) as error:
-            return terminal_safe(str(error)).removeprefix(f"{frame.found.topic.name}: ")
+        except PictureError as error:
+            return terminal_safe(str(error))
 
 
 def nothing_near(entry: PictureEntry) -> str:

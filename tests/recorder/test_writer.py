@@ -30,11 +30,11 @@ from mcap_ros2.decoder import DecoderFactory
 from msgspec.structs import replace
 from rosbags.highlevel import AnyReader
 
-from recorder.bag import MAX_NS, RawMessage, Topic
+from recorder.bag import MAX_NS, RawMessage, Topic, evidence_file_name
 from recorder.errors import RecorderError
 from recorder.mcap_writer import CHUNK_BYTES, McapFile, McapWriter
 from recorder.reader import read_bag
-from recorder.writer import BagWriter, DropReason, RecorderState
+from recorder.writer import BagWriter, DropReason, Evidence, RecorderState
 from tests.recorder.samples import door_messages, door_topics, strings, talk
 from tests.watching import until
 
@@ -332,6 +332,90 @@ def test_stats_are_a_picture_of_one_instant(tmp_path: Path) -> None:
         assert before.received == {}
         with pytest.raises(FrozenInstanceError):
             before.written = 1  # type: ignore[misc]
+
+
+def evidence(folder: Path, limit: int = 2**62, number: int = 0) -> BagWriter:
+    """A writer of a camera whose file may have so many bytes."""
+
+    def refusal(size: int, coming: int) -> str | None:
+        return "the budget is used up" if size + coming > limit else None
+
+    return BagWriter(Evidence(folder, number, refusal), [CAMERA], {})
+
+
+CAMERA = Topic("/camera", "sensor_msgs/msg/Image", "uint8[] data\n")
+
+
+def frames(count: int, size: int = 500_000) -> list[RawMessage]:
+    data = random.Random(1).randbytes(size + count)
+    return [
+        RawMessage(CAMERA.name, CAMERA.type, data[number : number + size], number, number)
+        for number in range(1, count + 1)
+    ]
+
+
+def test_evidence_is_a_further_file_that_the_bag_lists_when_it_ends(tmp_path: Path) -> None:
+    scored, seen = strings(["a", "b"]), frames(20)
+    with BagWriter(tmp_path / "bag", [talk()], {}) as writer:
+        with evidence(tmp_path / "bag") as camera:
+            assert all(map(camera.put_message, seen))
+        assert all(map(writer.put_message, scored))
+        with evidence(tmp_path / "bag", number=1) as camera:
+            assert all(map(camera.put_message, seen))
+    assert list(read_bag(tmp_path / "bag").messages()) == scored
+    assert list(read_bag(tmp_path / "bag", evidence=True).messages()) == [*seen, *seen]
+    with AnyReader([tmp_path / "bag"]) as reader:
+        assert reader.message_count == 42
+
+
+def test_evidence_without_room_ends_in_a_whole_file_and_counts_what_it_has_not(
+    tmp_path: Path,
+) -> None:
+    sent = frames(20)
+    BagWriter(tmp_path / "bag", [talk()], {}).__enter__().close()
+    with evidence(tmp_path / "bag", limit=4_100_000) as camera:
+        for message in sent:
+            camera.put_message(message)
+        until(lambda: camera.stats().error is not None)
+        assert not camera.put_message(sent[0])
+    summary = camera.close()
+    assert summary.error == "the budget is used up"
+    assert 3_000_000 < summary.file_bytes < 4_100_000
+    kept = list(read_bag(tmp_path / "bag", evidence=True).messages())
+    assert kept == sent[: len(kept)]
+    assert read_bag(tmp_path / "bag", evidence=True).complete
+    assert summary.counts == {CAMERA.name: len(kept)}
+    assert summary.dropped == {CAMERA.name: 21 - len(kept)}
+    assert camera.stats().drop_reasons == {DropReason.FAILED: 21 - len(kept)}
+    assert camera.stats().queued_bytes == 0
+
+
+def test_large_messages_of_evidence_take_no_more_memory_than_the_queue_may(tmp_path: Path) -> None:
+    BagWriter(tmp_path / "bag", [talk()], {}).__enter__().close()
+    go_on = threading.Event()
+
+    def wait(_size: int, _coming: int) -> None:
+        go_on.wait()
+
+    place = Evidence(tmp_path / "bag", 0, wait)
+    with BagWriter(place, [CAMERA], {}, queue_bytes=3_000_000) as camera:
+        assert [camera.put_message(message) for message in frames(8)] == [True] * 5 + [False] * 3
+        assert camera.stats().queued_bytes <= 3_000_000
+        go_on.set()
+    assert camera.stats().drop_reasons == {DropReason.QUEUE_FULL: 3}
+    assert len(list(read_bag(tmp_path / "bag", evidence=True).messages())) == 5
+
+
+def test_evidence_that_cannot_be_recorded_leaves_nothing(tmp_path: Path) -> None:
+    BagWriter(tmp_path / "bag", [talk()], {}).__enter__().close()
+    there = tmp_path / "bag" / evidence_file_name("bag", 0)
+    there.write_bytes(b"precious")
+    with pytest.raises(RecorderError, match=r"_evidence_0.mcap exists already; move it away"):
+        evidence(tmp_path / "bag").open()
+    with pytest.raises(RecorderError, match="No such file"):
+        evidence(tmp_path / "none").open()
+    assert there.read_bytes() == b"precious"
+    assert len(list((tmp_path / "bag").iterdir())) == 3
 
 
 NOISE = random.Random(0).randbytes(4 * CHUNK_BYTES)
