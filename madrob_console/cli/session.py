@@ -112,6 +112,7 @@ def _evidence_client(
         return None
     from madrob_console.engine.evidence_process import EvidenceProcess
     from madrob_console.engine.evidence_status import ListenFor
+    from madrob_console.engine.supervisor import Supervisor
 
     observe = ListenFor(
         domain_id(options.ros_domain(arguments, settings), os.environ),
@@ -119,7 +120,9 @@ def _evidence_client(
         own_topics(settings, types),
         tuple(arguments.ros_args),
     )
-    return EvidenceProcess(observe)
+    evidence = EvidenceProcess(observe)
+    Supervisor(evidence)
+    return evidence
 
 
 def own_topics(settings: Settings, types: MessageTypes) -> tuple[str, ...]:

@@ -322,10 +322,9 @@ class Recording:
         start: planned start, s since the epoch; stands in the folder's name.
         topics: those known by now; more can be added.
         lossless: wait for the disk instead of dropping (virtual time).
-        evidence: whether others record into the folder, too.
     """
 
-    def __init__(  # noqa: PLR0913  what it records, and with what
+    def __init__(
         self,
         root: Path,
         record: RunRecord,
@@ -334,7 +333,6 @@ class Recording:
         *,
         lossless: bool,
         reading: Reader,
-        evidence: bool = False,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         setup = record.setup
@@ -354,7 +352,6 @@ class Recording:
             self._writer.open()
         except RecorderError as error:
             raise MadrobError(str(error)) from None
-        self._evidence_folder = _handle_of(self.folder) if evidence else None
 
     def add_topics(self, topics: Sequence[Topic]) -> None:
         for topic in topics:
@@ -364,14 +361,6 @@ class Recording:
 
     def record_messages(self, messages: Iterable[RawMessage]) -> None:
         self._writer.put_all(messages)
-
-    def take_evidence_folder(self) -> int | None:
-        """The folder's handle, once, for the evidence recorder, which closes it.
-
-        It stays good when the folder is renamed.
-        """
-        handle, self._evidence_folder = self._evidence_folder, None
-        return handle
 
     def dropped(self) -> dict[str, int]:
         return dict(self._writer.stats().dropped)
@@ -425,8 +414,6 @@ class Recording:
 
     def close(self) -> BagSummary:
         """Write what is queued and finish the bag; waits for the disk as long as it takes."""
-        if (handle := self.take_evidence_folder()) is not None:
-            os.close(handle)
         return self._writer.close(None)
 
 
@@ -435,10 +422,3 @@ def _problem_of(folder: Path) -> str | None:
         return None
     why = "cannot be written" if os.path.lexists(folder) else "is gone"
     return f"{folder} {why}: the result would not be on disk"
-
-
-def _handle_of(folder: Path) -> int | None:
-    try:
-        return os.open(folder, os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
-    except OSError:
-        return None  # the run goes on; no evidence is recorded, which is told

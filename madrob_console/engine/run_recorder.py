@@ -192,10 +192,6 @@ class EventPublisher:
 COUNTING = 0.5
 """The result waits at most this long for all of the evidence to be counted, s."""
 
-_NO_FOLDER = EvidenceAccount(
-    problems=("nothing was recorded: the run's folder could not be opened a second time",)
-)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenRecording:
@@ -228,7 +224,6 @@ class RunRecorder:
         self._closing: Recording | None = None
         self._closed_view = RecorderView("closed")
         self._lost_before: dict[str, int] = {}
-        self._has_evidence = False
 
     @property
     def recording(self) -> bool:
@@ -270,7 +265,6 @@ class RunRecorder:
             self._source.topics(),
             lossless=config.lossless,
             reading=self._keepers.reading,
-            evidence=self._evidence_client.status is not None,
         )
         entries = (*self._event_publisher.entries, entry)
         return self._keepers.own.submit_job(partial(_open, record, make, entries, promise), done)
@@ -283,12 +277,9 @@ class RunRecorder:
             self._recording.add_topics(self._source.topics())
             self.record_messages([replace(told, receive_ns=now_ns)])  # said before the bag was open
         self._lost_before = self._lost()
-        folder = opened.recording.take_evidence_folder()
-        self._has_evidence = folder is not None
-        if folder is not None:
+        if self._evidence_client.status is not None:
             place = EvidencePlace(
-                folder,
-                opened.recording.folder.name,
+                str(opened.recording.folder.absolute()),
                 self._clock.now_ns(),
                 time.monotonic_ns(),
                 most_bytes=self._room.budget_left,
@@ -313,7 +304,7 @@ class RunRecorder:
         recording = self._closing = self._recording
         assert recording is not None
         self._recording = None
-        self._evidence_client.end()
+        self._evidence_client.end_recording()
         self._event_publisher.detach()
         losses = tuple(self._losses())
 
@@ -340,11 +331,7 @@ class RunRecorder:
     def evidence(self, start: float) -> EvidenceAccount | None:
         """Account of the evidence; None = none is wanted. `start` is in s since the epoch."""
         status = self._evidence_client.status
-        if status is None:
-            return None
-        if not self._has_evidence:
-            return _NO_FOLDER
-        return status.account_since(start)
+        return None if status is None else status.account_since(start)
 
     def view(self) -> RecorderView:
         recording = self._recording or self._closing

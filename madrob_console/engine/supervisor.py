@@ -241,6 +241,12 @@ class Worker:
         """Whether messages wait until the process takes them."""
         return self._child is not None and bool(self._child.out)
 
+    def wait_until_left(self, limit: float) -> None:
+        """Wait for the end of a process that is not wanted any more, `limit` s at most."""
+        end = time.monotonic() + limit
+        while (self._child or self._leaving) is not None and time.monotonic() < end:
+            time.sleep(0.01)
+
     # ------------------------------------------------------------------ for the supervisor
 
     @property
@@ -308,11 +314,13 @@ class Worker:
                 self._leaving.kill()
 
     def _reap(self, now: float, child: Child) -> float:
-        ended = child.ended
-        if not ended and now - self._left_at < END_TIME:
+        ended, waited = child.ended, now - self._left_at
+        may_go_on = self.goes_on and not self.wanted and not child.stopped
+        if not ended and waited < END_TIME:
             return 0.05
-        if not ended:
+        if not ended and not may_go_on and waited < 2 * END_TIME:
             child.kill()  # it may hang in a disk: then nobody can end it
+            return 0.05
         self._leaving = None
         self._pause(self._why or ended or "it did not end by itself")
         return 0.0
