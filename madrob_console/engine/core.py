@@ -17,7 +17,7 @@ from madrob_console.engine.current_run import Acting, CurrentRun
 from madrob_console.engine.disk import DiskThreads, T
 from madrob_console.engine.durable_acts import EarlierRuns, Told
 from madrob_console.engine.engine_config import EngineConfig, EvidenceRoom
-from madrob_console.engine.evidence_client import EvidenceClient, NoEvidence
+from madrob_console.engine.evidence_client import EvidenceClient
 from madrob_console.engine.observation import Backlog, Interrupt, Observation
 from madrob_console.engine.replay import NO_ACTS, OWN_RUN, EngineContext, Replay
 from madrob_console.engine.requests import NO_REPLAY, PlaybackCommand
@@ -88,7 +88,7 @@ class Engine:
         self._replay = replay
         self._keepers = keepers or DiskThreads.inline()
         self._scorer = scorer or InlineScorer()
-        self._evidence_client = evidence_client or NoEvidence()
+        self._evidence_client = evidence_client or EvidenceClient()
         self._teams = NO_TEAMS
         self._plan = NO_PLAN
         self._engine_context = EngineContext(

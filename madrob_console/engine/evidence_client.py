@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import msgspec
 
@@ -171,55 +169,31 @@ class EvidenceStatus:
         return troubles
 
 
-class EvidenceClient(Protocol):
-    """Records evidence beside the engine. Nothing here waits; calls are the core's."""
+class EvidenceClient:
+    """Records evidence beside the engine: this one none. Nothing waits; calls are the core's."""
 
     @property
     def status(self) -> EvidenceStatus | None:
         """None = no evidence is wanted, or there can be none."""
-        ...
+        return None
 
     def warm(self) -> None:
         """Get ready: topics shall be found before the first start."""
-        ...
 
-    def begin_recording(self, place: EvidencePlace) -> None: ...
+    def begin_recording(self, place: EvidencePlace) -> None:
+        """It goes on until `end_recording`."""
 
-    def end_recording(self) -> None: ...
+    def end_recording(self) -> None:
+        """Nothing more is recorded."""
 
     def await_account(self, limit: float) -> None:
-        """Wait until the account has all up to the `end`, `limit` s at most; not for the core."""
-        ...
+        """Wait until all that was recorded is counted, `limit` s at most; not for the core."""
 
-    def hold_writing(self, *, held: bool) -> None: ...
+    def hold_writing(self, *, held: bool) -> None:
+        """Leave the disk to scoring."""
 
     def close(self) -> None:
         """End it; the recording gets complete by itself."""
-        ...
-
-
-class NoEvidence:
-    """An `EvidenceClient` that records nothing."""
-
-    status = None
-
-    def warm(self) -> None:
-        """Nothing is needed."""
-
-    def begin_recording(self, place: EvidencePlace) -> None:
-        raise AssertionError(f"no evidence is wanted for {place.folder}")
-
-    def end_recording(self) -> None:
-        """Nothing was begun."""
-
-    def await_account(self, limit: float) -> None:
-        """Nothing is counted."""
-
-    def hold_writing(self, *, held: bool) -> None:
-        """Nothing is written."""
-
-    def close(self) -> None:
-        """Nothing was begun."""
 
 
 # Faults of the testbed that enter a run's journal and its data quality.
@@ -347,10 +321,7 @@ class EvidenceNotes:
     def __init__(self) -> None:
         self._faults = FaultNotes()
         self._told = -math.inf
-        self._begun = self._over = 0
-        self._silences: Counter[str] = Counter()
-        self._back: Counter[str] = Counter()
-        self._late: set[str] = set()
+        self._noted: set[tuple[object, ...]] = set()
 
     def due(self, status: EvidenceStatus, start: float, now: float) -> list[str]:
         """What is to be noted now, in words; `start` of the run and `now` are s since the epoch."""
@@ -360,33 +331,34 @@ class EvidenceNotes:
             *self._of_topics(status, now),
         ]
 
+    def _is_new(self, *what: object) -> bool:
+        known = what in self._noted
+        self._noted.add(what)
+        return not known
+
     def _of_gaps(self, status: EvidenceStatus, start: float) -> Iterator[str]:
-        for gap in status.gaps[self._begun :]:
-            self._begun += 1
-            yield f"nothing is recorded since {gap.since(start).begin:+.1f} s: {gap.why}"
-        for gap in status.gaps[self._over :]:
-            if gap.end is None:
-                return
-            self._over += 1
-            yield f"recorded again, missing {gap.since(start).words}"
+        for number, gap in enumerate(status.gaps):
+            since = gap.since(start)
+            if self._is_new("gap", number, gap.number):
+                yield f"nothing is recorded since {since.begin:+.1f} s: {gap.why}"
+            if gap.end is not None and self._is_new("recorded", number, gap.number):
+                yield f"recorded again, missing {since.words}"
 
     def _of_silences(self, status: EvidenceStatus, start: float) -> Iterator[str]:
         late: dict[str, str] = {}
         silent: dict[str, str] = {}
         back: dict[str, str] = {}
         for one in status.recorded:
-            name, silences = one.topic, one.silences
-            if one.first is not None and name not in self._late:
-                self._late.add(name)
-                late[name] = first_words(one.first, start)
-            over = sum(silence.end is not None for silence in silences)
-            if over > self._back[name]:
-                back[name] = f"comes again, {silence_words(silences[over - 1 : over], start)}"
-            elif len(silences) > max(over, self._silences[name]):
-                silent[name] = silence_words(silences[-1:], start)
-            self._silences[name], self._back[name] = len(silences), max(over, self._back[name])
+            if one.first is not None and self._is_new("late", one.topic):
+                late[one.topic] = first_words(one.first, start)
+            for number, silence in enumerate(one.silences):
+                words = silence_words([silence], start)
+                goes_on = silence.end is None
+                if self._is_new(one.topic, number, silence.number, goes_on):
+                    (silent if goes_on else back)[one.topic] = words
+        back = {topic: f"comes again, {words}" for topic, words in back.items()}
         for told in late, silent, back:
-            yield from _in_a_line({name: words for name, words in told.items() if words})
+            yield from _in_a_line({topic: words for topic, words in told.items() if words})
 
     def _of_topics(self, status: EvidenceStatus, now: float) -> Iterator[str]:
         if 0 <= now - self._told < PERIOD:

@@ -9,17 +9,19 @@ import time
 from collections import deque
 from collections.abc import Sequence
 
-from madrob_console.engine.evidence_client import EvidencePlace, EvidenceStatus
+import msgspec
+
+from madrob_console.engine.evidence_client import EvidenceClient, EvidencePlace, EvidenceStatus
 from madrob_console.engine.evidence_status import (
     EvidenceNews,
     EvidenceRecording,
     FinishFile,
     LeaveDisk,
     ListenFor,
-    news_of,
     status_of,
 )
 from madrob_console.engine.supervisor import END_TIME, Worker
+from madrob_console.engine.wire import decoded
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.engine.evidence_worker")
 
@@ -30,10 +32,11 @@ NEARLY_WRITTEN = 0.1
 """Wait of a recording's account for the last of it to be in its file, s."""
 
 _PERIOD = 0.25
+_told: msgspec.msgpack.Decoder[EvidenceNews] = msgspec.msgpack.Decoder(EvidenceNews)
 
 
-class EvidenceProcess(Worker):
-    """Has evidence recorded in a process of its own; an `EvidenceClient`.
+class EvidenceProcess(Worker, EvidenceClient):
+    """Has evidence recorded in a process of its own.
 
     The process listens from `warm` on, so that all topics are found before a run, and writes into
     the bag of a run while ordered to. One that has ended, or hangs, is started again and goes on in
@@ -43,11 +46,11 @@ class EvidenceProcess(Worker):
     patience = 4.0
     longest = 30.0
     goes_on = True
+    status = EvidenceStatus()
 
     def __init__(self, observe: ListenFor, command: Sequence[str] = COMMAND) -> None:
         super().__init__(command)
         self._observe = observe
-        self._status = EvidenceStatus()
         self._warm = self._closed = self._held = False
         self._orders: deque[EvidencePlace | FinishFile | LeaveDisk] = deque()
         self._counted, self._written = threading.Event(), threading.Event()
@@ -59,11 +62,6 @@ class EvidenceProcess(Worker):
         self._trouble = ""
 
     # ------------------------------------------------------------------ the engine's thread
-
-    @property
-    def status(self) -> EvidenceStatus:
-        """From any thread."""
-        return self._status
 
     def warm(self) -> None:
         self._warm = True
@@ -91,7 +89,7 @@ class EvidenceProcess(Worker):
             self.ring()
 
     def close(self) -> None:
-        """See `EvidenceClient`; an unfinished process goes on alone for a while."""
+        """An unfinished process goes on alone for a while."""
         self._closed = True
         self.ring()
         self.wait_until_left(2 * END_TIME + 1.0)
@@ -135,7 +133,10 @@ class EvidenceProcess(Worker):
             self.send(order)
 
     def take(self, data: bytes) -> None:
-        self._news, self._heard = news_of(data), time.monotonic()
+        self._news, self._heard = (
+            decoded(_told, data, "a message of the process that records evidence"),
+            time.monotonic(),
+        )
         self._trouble = ""
         recording = self._recording
         if recording is not None:
@@ -158,6 +159,4 @@ class EvidenceProcess(Worker):
 
     def _tell(self) -> None:
         trouble = self._trouble and f"the evidence process is started again: {self._trouble}"
-        self._status = status_of(
-            time.monotonic(), self._news, self._heard, trouble, self._recording
-        )
+        self.status = status_of(time.monotonic(), self._news, self._heard, trouble, self._recording)

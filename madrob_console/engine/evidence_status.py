@@ -9,7 +9,6 @@ import msgspec
 
 from madrob_console.common.clock import NS
 from madrob_console.engine.evidence_client import EvidencePlace, EvidenceStatus
-from madrob_console.engine.wire import decoded
 from madrob_console.referee.evidence_account import (
     EvidenceGap,
     EvidenceTopic,
@@ -86,17 +85,6 @@ class EvidenceNews(msgspec.Struct, frozen=True):
 
 ToEvidence = ListenFor | RecordInto | FinishFile | LeaveDisk
 
-_orders: msgspec.msgpack.Decoder[ToEvidence] = msgspec.msgpack.Decoder(ToEvidence)
-_told: msgspec.msgpack.Decoder[EvidenceNews] = msgspec.msgpack.Decoder(EvidenceNews)
-
-
-def order_of(data: bytes) -> ToEvidence:
-    return _orders.decode(data)
-
-
-def news_of(data: bytes) -> EvidenceNews:
-    return decoded(_told, data, "a message of the process that records evidence")
-
 
 QUIET = 1.5
 """A process or a disk without activity for this long is reported as silent, s."""
@@ -167,7 +155,6 @@ class EvidenceRecording:
     def hear(self, news: EvidenceNews, now: float) -> None:
         """Take a report of its own process; reports of later ones do not mention this recording."""
         if news.number != self._number:
-            self._given_up |= self.ended is not None and now - self.ended > SLOW_END
             return
         if self._there is None and news.settled:
             self._there = {topic.topic for topic in news.topics}
@@ -236,7 +223,8 @@ class EvidenceRecording:
             problems.append(f"the evidence process had to be started again{times}: {reasons}{more}")
         if self._given_up and self._ends:
             problems.append("its last file is not complete: `madrob recover` repairs it")
-        problems += filter(None, (news.problem, news.failed))
+        if news.failed:
+            problems.append(news.failed)
         if (silent := self._silent_at_end) > QUIET:
             problems.append(
                 f"the evidence process said nothing in the last {silent:.0f} s of the recording: "

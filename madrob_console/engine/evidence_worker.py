@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import math
 import os
 import select
 import signal
@@ -16,7 +17,6 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -33,15 +33,14 @@ from madrob_console.engine.evidence_status import (
     ListenFor,
     RecordInto,
     ToEvidence,
-    order_of,
 )
 from madrob_console.engine.supervisor import frames
 from madrob_console.engine.wire import frame
 from madrob_console.referee.evidence_account import EvidenceLoss, EvidenceTopic
 from madrob_console.referee.records import format_size
-from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
+from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes, TakenEvidence
 from madrob_console.testbeds.ros.watches import console_name
-from recorder.bag import RawMessage, Topic, is_evidence
+from recorder.bag import is_evidence
 from recorder.errors import RecorderError
 from recorder.recovery import recover_evidence
 from recorder.survey import summarised
@@ -51,7 +50,10 @@ from recorder.writer import BagWriter, Evidence, RecorderState
 
 
 QUEUE_BYTES = 96_000_000
-"""Memory of what waits for the disk: some seconds of four cameras."""
+"""Memory of what waits for the disk, of all files: some seconds of four cameras."""
+
+LEAST_QUEUE_BYTES = 8_000_000
+"""Memory of what waits for a file while earlier ones wait for the disk."""
 
 SYNC_PERIOD = 0.5
 """s"""
@@ -73,22 +75,24 @@ class EvidenceFile:
     else is called by one thread, and waits for no disk.
     """
 
-    def __init__(self, order: RecordInto, *, held: bool) -> None:
+    def __init__(self, order: RecordInto, queue_bytes: int, *, held: bool) -> None:
         place = order.place
         self.number = order.number
         self.unrepaired = ""
         self.finished = False
         self._folder = Path(place.folder)
+        self._folder_fd = -1
         self._most_bytes = place.most_bytes
         self._least_free = place.least_free
         self._held = held
         self._ending = self._left = False
-        self._folder_fd = -1
         self._began = time.monotonic()
         self._problem = ""
-        self._early: list[tuple[Topic, Sequence[RawMessage]]] = []
-        self._early_bytes = 0
+        self._early: list[TakenEvidence] = []
+        self._came: Counter[str] = Counter()
         self._bytes: Counter[str] = Counter()
+        self._left_out: Counter[str] = Counter()
+        self._too_large: Counter[str] = Counter()
         self._behind: Counter[str] = Counter()
         self._first: dict[str, float] = {}
         self._writer = BagWriter(
@@ -96,43 +100,46 @@ class EvidenceFile:
             (),
             {},
             flush_period=SYNC_PERIOD,
-            queue_bytes=QUEUE_BYTES,
+            queue_bytes=queue_bytes,
         )
         self._is_open, self._ended = threading.Event(), threading.Event()
         self._changed = threading.Condition()  # guards `_held` and `_left`
         self._thread = threading.Thread(target=self._work, name="evidence", daemon=True)
         self._thread.start()
 
-    def record_messages(self, topic: Topic, messages: Sequence[RawMessage]) -> None:
-        """Have messages of a topic recorded; counts what finds no room."""
-        if not messages:
-            return
-        size = sum(len(message.data) for message in messages)
-        self._first.setdefault(topic.name, messages[0].receive_ns / NS)
-        if self._is_open.is_set():
-            self._put(topic, messages)
-        elif self._early_bytes + size <= QUEUE_BYTES:
-            self._early.append((topic, messages))
-            self._early_bytes += size
-        else:
-            self._behind[topic.name] += len(messages)
-            return
-        self._bytes[topic.name] += size
+    @property
+    def takes(self) -> bool:
+        """Whether messages find room: until the file is there they wait in memory, then in DDS."""
+        return self._is_open.is_set() or self._bytes.total() < QUEUE_BYTES
 
-    def _put(self, topic: Topic, messages: Sequence[RawMessage]) -> None:
-        self._writer.add_topic(topic)
-        refused = len(messages) - self._writer.put_all(messages)
-        if refused and not self.problem:
-            self._behind[topic.name] += refused
+    @property
+    def queued_bytes(self) -> int:
+        return self._writer.stats().queued_bytes
+
+    def record(self, taken: TakenEvidence) -> None:
+        """Have messages of a topic recorded; counts those that are left out or find no room."""
+        name = taken.topic.name
+        self._left_out[name] += taken.left_out
+        self._too_large[name] += taken.too_large
+        if taken.messages:
+            self._first.setdefault(name, taken.messages[0].receive_ns / NS)
+            self._came[name] += len(taken.messages)
+            self._bytes[name] += sum(len(message.data) for message in taken.messages)
+            self._early.append(taken)
+        self.advance()
 
     def advance(self) -> None:
-        """Hand on what came before the file was there; call it many times a second."""
-        if self._is_open.is_set():
-            for topic, messages in self._early:
-                self._put(topic, messages)
-            self._early.clear()
-            if self._ending:
-                self._ended.set()
+        """Hand on what came, once the file is there; call it many times a second."""
+        if not self._is_open.is_set():
+            return
+        for taken in self._early:
+            self._writer.add_topic(taken.topic)
+            refused = len(taken.messages) - self._writer.put_all(taken.messages)
+            if refused and not self.problem:
+                self._behind[taken.topic.name] += refused
+        self._early.clear()
+        if self._ending:
+            self._ended.set()
 
     def hold_writing(self, *, held: bool) -> None:
         """Write nothing while scoring waits for the disk."""
@@ -162,50 +169,42 @@ class EvidenceFile:
     def problem(self) -> str:
         return self._problem or self._writer.stats().error or ""
 
-    def counted(self, topics: Sequence[EvidenceTopic]) -> tuple[EvidenceTopic, ...]:
-        """The topics with what was recorded of them and lost here."""
-        stats = self._writer.stats()
-        return tuple(
-            self._counted(one, stats.received.get(one.topic, 0), stats.dropped.get(one.topic, 0))
-            for one in topics
-        )
-
-    def _counted(self, topic: EvidenceTopic, received: int, dropped: int) -> EvidenceTopic:
-        name = topic.topic
-        early = sum(len(messages) for one, messages in self._early if one.name == name)
-        came, messages = received + early, received + early - dropped
-        behind = self._behind[name]
-        refused = max(0, dropped - behind)
-        return replace(
-            topic,
-            messages=messages,
-            bytes=self._bytes[name] * messages // max(1, came),
-            lost=topic.lost
-            | ({EvidenceLoss.BEHIND: behind} if behind else {})
-            | ({EvidenceLoss.DISK: refused} if refused else {}),
-            first=self._first.get(name),
-        )
-
     def told(self, news: EvidenceNews) -> EvidenceNews:
-        """The report with the status of this file."""
+        """The report with the status of this file, and with what was recorded of the topics."""
         stats = self._writer.stats()
-        waiting = sum(stats.received.values()) - sum(stats.dropped.values()) - stats.written
-        torn, unsynced = stats.state is RecorderState.FAILED, stats.seconds_since_sync
-        if unsynced is None:
-            unsynced = time.monotonic() - self._began
+        unsynced, end = stats.seconds_since_sync, stats.end_ns
+        unwritten = self._came.total() - sum(stats.dropped.values()) - stats.written
         return msgspec.structs.replace(
             news,
             number=self.number,
-            topics=self.counted(news.topics),
+            topics=tuple(
+                self._counted(one, stats.dropped.get(one.topic, 0)) for one in news.topics
+            ),
             failed=terminal_safe(self.problem),
             size=stats.file_bytes,
             queued=stats.queued_bytes,
-            unsynced=unsynced,
-            unwritten=None if torn else waiting + sum(len(each) for _, each in self._early),
-            saved=None if stats.end_ns is None else stats.end_ns / NS,
+            unsynced=time.monotonic() - self._began if unsynced is None else unsynced,
+            unwritten=None if stats.state is RecorderState.FAILED else unwritten,
+            saved=None if end is None else end / NS,
             ended=self._ending,
             finished=self.finished,
             unrepaired=self.unrepaired,
+        )
+
+    def _counted(self, topic: EvidenceTopic, dropped: int) -> EvidenceTopic:
+        name, came = topic.topic, self._came[topic.topic]
+        lost = {
+            EvidenceLoss.BEHIND: self._behind[name],
+            EvidenceLoss.TOO_LARGE: self._too_large[name],
+            EvidenceLoss.DISK: dropped - self._behind[name],
+        }
+        return replace(
+            topic,
+            messages=came - dropped,
+            bytes=self._bytes[name] * (came - dropped) // max(1, came),
+            left_out=self._left_out[name],
+            lost=topic.lost | {why: number for why, number in lost.items() if number > 0},
+            first=self._first.get(name),
         )
 
     # Its thread, and that of the writer.
@@ -294,64 +293,42 @@ END_TIME = 20.0
 
 _PERIOD = 0.02
 _DISCOVERY = 0.5
-_MOST_UNFINISHED = 3
-"""Most recordings unfinished by a slow disk; before that no other is begun."""
+
+_decoder: msgspec.msgpack.Decoder[ToEvidence] = msgspec.msgpack.Decoder(ToEvidence)
 
 _LOWEST_OF_BEST_EFFORT = (2 << 13) | 7
 _IOPRIO_SET = {"x86_64": 251, "aarch64": 30}
 """Number of the system call ioprio_set(2), which the C library lacks."""
 
 
-class OrderLine:
-    """The connection to the engine."""
+class EvidenceDesk:
+    """Carries out the orders that come by the `link`, and reports."""
 
     def __init__(self, link: socket.socket) -> None:
         self._link = link
         self._received = bytearray()
-
-    def orders(self) -> list[ToEvidence]:
-        """The orders that have come; raises `EOFError` when the engine has gone."""
-        while select.select([self._link], [], [], 0)[0]:
-            data = self._link.recv(1 << 16)
-            if not data:
-                raise EOFError
-            self._received += data
-        return [order_of(each) for each in frames(self._received)]
-
-    def send_news(self, news: EvidenceNews) -> None:
-        self._link.sendall(frame(news))
-
-
-class EvidenceDesk:
-    """Carries out orders, and reports."""
-
-    def __init__(self, line: OrderLine) -> None:
-        self._line = line
         self._intakes: EvidenceIntakes | None = None
         self._files: list[EvidenceFile] = []
         self._recording: EvidenceFile | None = None
         self._anchor: tuple[int, int] | None = None
-        self._held = False
-        self._left_out: Counter[str] = Counter()
-        self._too_large: Counter[str] = Counter()
+        self._held = self._settled = False
         self._problem = ""
-        self._settles = 0.0
-        self._settled = False
+        self._settles = math.inf
 
     def work(self) -> None:
+        """Until the engine has gone; raises `EOFError` then."""
         told = found = 0.0
         finished = 0
         while True:
-            orders, before = self._line.orders(), finished
+            orders, before = self._orders(), finished
             for order in orders:
                 self._carry_out(order)
             finished = sum(one.finished for one in self._files)
             now = time.monotonic()
-            if self._intakes is not None:
-                if now - found >= _DISCOVERY:
-                    self._intakes.discover(recording=self._recording is not None)
-                    found = now
-                self._take(self._intakes)
+            if self._intakes is not None and now - found >= _DISCOVERY:
+                self._intakes.discover(recording=self._recording is not None)
+                found = now
+            self._take()
             for file in self._files:
                 file.advance()
             if orders or finished > before or now - told >= TELL_PERIOD:
@@ -366,14 +343,22 @@ class EvidenceDesk:
         if self._intakes is not None:
             self._intakes.close()
 
+    def _orders(self) -> list[ToEvidence]:
+        while select.select([self._link], [], [], 0)[0]:
+            data = self._link.recv(1 << 16)
+            if not data:
+                raise EOFError
+            self._received += data
+        return [_decoder.decode(each) for each in frames(self._received)]
+
     def _carry_out(self, order: ToEvidence) -> None:
         match order:
             case ListenFor():
                 self._listen(order)
             case RecordInto() if self._intakes is not None:
                 self._begin(order, self._intakes)
-            case FinishFile() if self._recording is not None and self._intakes is not None:
-                self._take(self._intakes)
+            case FinishFile() if self._recording is not None:
+                self._take()
                 self._recording.end()
                 self._tell()  # before a topic that has gone is forgotten
                 self._recording = self._anchor = None
@@ -401,28 +386,23 @@ class EvidenceDesk:
         for file in self._files:
             file.leave()
         self._files = [file for file in self._files if not file.finished]
-        if len(self._files) >= _MOST_UNFINISHED:
-            self._problem = "the disk has not taken earlier evidence: nothing new is recorded"
-            return
-        self._problem = ""
-        place = order.place
-        self._anchor = (place.steady_ns, place.monotonic_ns)
-        self._take(intakes)  # what came before the recording is none of it
-        self._left_out.clear()
-        self._too_large.clear()
-        self._recording = EvidenceFile(order, held=self._held)
+        room = QUEUE_BYTES - sum(file.queued_bytes for file in self._files)
+        self._anchor = (order.place.steady_ns, order.place.monotonic_ns)
+        self._take()  # what came before the recording is none of it
+        self._recording = EvidenceFile(order, max(room, LEAST_QUEUE_BYTES), held=self._held)
         self._files.append(self._recording)
         for kept in intakes.begin_recording():
             now = self._now_ns()
             said = [msgspec.structs.replace(message, receive_ns=now) for message in kept.messages]
-            self._recording.record_messages(kept.topic, said)
+            self._recording.record(TakenEvidence(kept.topic, said))
 
-    def _take(self, intakes: EvidenceIntakes) -> None:
-        for taken in intakes.take_messages(self._now_ns):
-            if self._recording is not None:
-                self._left_out[taken.topic.name] += taken.left_out
-                self._too_large[taken.topic.name] += taken.too_large
-                self._recording.record_messages(taken.topic, taken.messages)
+    def _take(self) -> None:
+        recording = self._recording
+        if self._intakes is None or not (recording is None or recording.takes):
+            return
+        for taken in self._intakes.take_messages(self._now_ns):
+            if recording is not None:
+                recording.record(taken)
 
     def _now_ns(self) -> int:
         """Steady time: that of the engine while there is a recording (protocol section 8)."""
@@ -434,7 +414,7 @@ class EvidenceDesk:
     def _tell(self) -> None:
         news = EvidenceNews(problem=self._problem)
         if (intakes := self._intakes) is not None:
-            topics = tuple(map(self._with_left_out, intakes.topics()))
+            topics = intakes.topics()
             complete = bool(topics) and not intakes.unseen and all(one.rate for one in topics)
             self._settled |= complete or time.monotonic() > self._settles
             news = EvidenceNews(
@@ -443,14 +423,8 @@ class EvidenceDesk:
                 left_over=intakes.left_over,
                 unseen=intakes.unseen,
                 scored=intakes.scored,
-                problem=self._problem,
             )
-        self._line.send_news(self._files[-1].told(news) if self._files else news)
-
-    def _with_left_out(self, topic: EvidenceTopic) -> EvidenceTopic:
-        too_large = self._too_large[topic.topic]
-        lost = {EvidenceLoss.TOO_LARGE: too_large} if too_large else {}
-        return replace(topic, left_out=self._left_out[topic.topic], lost=topic.lost | lost)
+        self._link.sendall(frame(self._files[-1].told(news) if self._files else news))
 
 
 def give_way() -> None:
@@ -468,7 +442,7 @@ def main() -> None:
     give_way()
     with Path(os.devnull).open("w") as nothing:
         os.dup2(nothing.fileno(), sys.stdout.fileno())  # what DDS says there is of no program's
-    desk = EvidenceDesk(OrderLine(socket.socket(fileno=int(sys.argv[1]))))
+    desk = EvidenceDesk(socket.socket(fileno=int(sys.argv[1])))
     try:
         with suppress(EOFError, ConnectionError):
             desk.work()

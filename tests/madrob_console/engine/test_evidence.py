@@ -15,6 +15,7 @@ from madrob_console.cli.repairing import repair_all
 from madrob_console.engine.core import DISK_WAITS, Engine
 from madrob_console.engine.engine_config import STEADY_FOR
 from madrob_console.engine.evidence_client import (
+    EvidenceClient,
     EvidenceNotes,
     EvidencePlace,
     EvidencePlan,
@@ -42,16 +43,15 @@ RECORDED = EvidenceTopic(LEFT, COMES.type, 600, 120_000_000)
 HOUR = 3600.0
 
 
-class ToldWitness:
+class ToldWitness(EvidenceClient):
     """Says what a test tells it to."""
 
+    status = EvidenceStatus(ready=True, topics=(COMES,))
+
     def __init__(self) -> None:
-        self.status = EvidenceStatus(ready=True, topics=(COMES,))
         self.places: list[EvidencePlace] = []
         self.held: list[bool] = []
         self.counted: dict[str, Any] = {}  # what it says when it is asked to the end
-
-    def warm(self) -> None: ...
 
     def begin_recording(self, place: EvidencePlace) -> None:
         self.places.append(place)
@@ -67,8 +67,6 @@ class ToldWitness:
 
     def hold_writing(self, *, held: bool) -> None:
         self.held.append(held)
-
-    def close(self) -> None: ...
 
     def lose(self, number: int) -> None:
         self.tell(recorded=(replace(RECORDED, lost={EvidenceLoss.BEHIND: number}),))

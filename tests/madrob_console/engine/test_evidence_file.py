@@ -18,8 +18,9 @@ from madrob_console.config import Settings, load_settings
 from madrob_console.engine import evidence_worker
 from madrob_console.engine.evidence_client import EvidencePlace
 from madrob_console.engine.evidence_status import EvidenceNews, RecordInto
-from madrob_console.engine.evidence_worker import EvidenceFile
+from madrob_console.engine.evidence_worker import QUEUE_BYTES, EvidenceFile
 from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceLoss, EvidenceTopic
+from madrob_console.testbeds.ros.evidence_intake import TakenEvidence
 from recorder.bag import RawMessage, Topic, evidence_file_name
 from recorder.reader import read_bag
 from recorder.survey import summarised
@@ -40,13 +41,12 @@ def message(topic: Topic, number: int, size: int = 100_000) -> RawMessage:
 class Recorded:
     """A file of evidence, and what its process would report of it."""
 
-    def __init__(self, order: RecordInto) -> None:
-        self.file = EvidenceFile(order, held=False)
+    def __init__(self, order: RecordInto, queue_bytes: int = QUEUE_BYTES) -> None:
+        self.file = EvidenceFile(order, queue_bytes, held=False)
 
     def take(self, *numbers: int, topic: Topic = LEFT, size: int = 100_000) -> None:
         for number in numbers:
-            self.file.record_messages(topic, [message(topic, number, size)])
-        self.file.advance()
+            self.file.record(TakenEvidence(topic, [message(topic, number, size)]))
 
     @property
     def news(self) -> EvidenceNews:
@@ -73,11 +73,15 @@ class Recorded:
 
 @contextmanager
 def recording(
-    folder: Path, most_bytes: int = PLENTY, least_free: int = 0, number: int = 0
+    folder: Path,
+    most_bytes: int = PLENTY,
+    least_free: int = 0,
+    number: int = 0,
+    queue_bytes: int = QUEUE_BYTES,
 ) -> Iterator[Recorded]:
     with BagWriter(folder, [], {}):
         place = EvidencePlace(str(folder), 0, 0, most_bytes, least_free)
-        recorded = Recorded(RecordInto(1, number, place))
+        recorded = Recorded(RecordInto(1, number, place), queue_bytes)
         yield recorded
         recorded.end()
     recorded.file.close(time.monotonic() + 30.0)
@@ -99,7 +103,7 @@ def free_disk(monkeypatch: pytest.MonkeyPatch, free: list[int]) -> None:
 
 def test_what_comes_before_the_file_is_there_is_in_it(folder: Path) -> None:
     with recording(folder) as run:
-        run.file.record_messages(LEFT, [message(LEFT, 0)])
+        run.take(0)
         assert (run.topic().messages, run.news.unwritten) == (1, 1)
         run.take(1)
     assert published(folder) == [1, 2]
@@ -124,11 +128,8 @@ def test_nothing_is_written_while_the_score_needs_the_disk_and_all_of_it_then(
     assert (run.news.unwritten, run.news.failed) == (0, "")
 
 
-def test_memory_is_bounded_and_what_finds_no_room_is_counted(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(evidence_worker, "QUEUE_BYTES", QUEUE)
-    with recording(folder) as run:
+def test_memory_is_bounded_and_what_finds_no_room_is_counted(folder: Path) -> None:
+    with recording(folder, queue_bytes=QUEUE) as run:
         run.hold()
         run.take(*range(100))
         assert run.news.queued <= QUEUE
@@ -182,8 +183,8 @@ def test_the_largest_message_that_settings_allow_is_recorded(folder: Path) -> No
         settings_with_largest(folder.parent, 91)
     largest = settings_with_largest(folder.parent, 90).recording.choice.largest
     with recording(folder) as run:
-        run.file.record_messages(LEFT, [RawMessage(LEFT.name, LEFT.type, bytes(largest), 1, 1)])
-        run.file.advance()
+        huge = RawMessage(LEFT.name, LEFT.type, bytes(largest), 1, 1)
+        run.file.record(TakenEvidence(LEFT, [huge]))
     assert (run.topic().messages, run.topic().lost) == (1, {})
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from rosbags.highlevel import AnyReader
 
-from madrob_console.archive.evidence import settled_account
+from madrob_console.archive.evidence import repair_evidence, settled_account
 from madrob_console.common.clock import NS
 from madrob_console.engine.evidence_client import EvidencePlace, EvidenceStatus
 from madrob_console.engine.evidence_process import COMMAND, EvidenceProcess
@@ -205,6 +205,40 @@ def test_a_process_that_hangs_is_told_ended_and_started_again(
         os.kill(here.evidence.pid, signal.SIGSTOP)
         here.evidence.close()
         assert time.monotonic() - begin < 6  # the end waits for nobody
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("phase", ["listens", "begins", "records", "has ended"])
+def test_in_every_phase_a_spoilt_process_is_told_within_3_s_and_another_one_goes_on(
+    ros_domain: int, tmp_path: Path, phase: str, how: signal.Signals
+) -> None:
+    def spoil(now: str) -> None:
+        if now == phase:
+            spoilt, began = here.evidence.pid, time.monotonic()
+            assert spoilt is not None
+            os.kill(spoilt, how)
+            here.until(lambda status: status.trouble(START) is not None)
+            assert time.monotonic() - began < 3.0
+            until(lambda: here.evidence.pid not in (None, spoilt))
+
+    with cameras(CAMERAS), hall(tmp_path, ros_domain) as here:
+        here.comes(LEFT)
+        spoil("listens")
+        with here.recording(ended=lambda: spoil("has ended")):
+            spoil("begins")
+            here.until(lambda _: here.topic().messages >= 10)
+            spoil("records")
+            before = here.topic().messages
+            here.until(lambda _: here.topic().messages >= before + 10)
+            here.until(lambda status: status.trouble(START) is None)
+        told = here.account
+    repair_evidence(here.folder)
+    account = settled(here.folder, told)
+    assert Counter(m.topic for m in here.recorded()) == {
+        one.topic: one.messages for one in account.topics
+    }
+    assert account.gaps or phase in ("listens", "has ended")
 
 
 AILING = (
