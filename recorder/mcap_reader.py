@@ -327,12 +327,13 @@ def chunk_places(file: BinaryIO) -> list[ChunkPlace]:
     return list(places.values())
 
 
-def read_chunk(file: BinaryIO, offset: int) -> bytes:
-    """The records of a chunk: of one that is cut off those that are left, of a damaged one none."""
+def read_chunk(file: BinaryIO, offset: int) -> ChunkContent:
     with suppress(DamageError):
         for frame in _frames(file, offset, file.seek(0, io.SEEK_END), _CHUNKS):
-            return unpack(frame.body).records if frame.offset == offset else b""
-    return b""
+            if frame.offset == offset:
+                return unpack(frame.body)
+            break
+    return ChunkContent(b"", "is not where it should be")
 
 
 def _frames(
@@ -443,7 +444,6 @@ class Catalogue:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._by_channel: dict[int, Topic] = {}
-        self._fresh: list[int] = []
         self._qos: dict[str, Qos] = {}
         self._qos_size = 0
         self._size = 0
@@ -461,7 +461,6 @@ class Catalogue:
                 if len(self._channels) == TOPIC_LIMIT:
                     raise DamageError(f"it has more than {TOPIC_LIMIT} channels")
                 self._channels[record.id] = record
-                self._fresh.append(record.id)
             case Metadata():
                 self._grow(len(record.name) + _text_size(record.metadata))
                 self.records[record.name] = record.metadata
@@ -481,23 +480,10 @@ class Catalogue:
     def channels_of(self, topic: str) -> set[int]:
         return {number for number, one in self._channels.items() if one.topic == topic}
 
-    def topics(self) -> list[Topic]:
-        return self._known(self._channels)
-
-    def fresh_topics(self) -> list[Topic]:
-        """The new topics since the last call. Raises ForeignError if one is not of ROS 2."""
-        fresh, self._fresh = self._fresh, []
-        return self._known(fresh)
-
-    def topic(self, channel_id: int) -> Topic:
-        """Raises ForeignError if it is not of ROS 2, DamageError if it is not in the file."""
-        if channel_id not in self._by_channel:
-            self._by_channel[channel_id] = self._make_topic(channel_id)
-        return self._by_channel[channel_id]
-
-    def _known(self, channel_ids: Iterable[int]) -> list[Topic]:
+    def topics(self, channel_ids: Iterable[int] | None = None) -> list[Topic]:
+        """Of some channels, or all. Raises ForeignError if one is not of ROS 2."""
         topics = []
-        for channel_id in channel_ids:
+        for channel_id in self._channels if channel_ids is None else channel_ids:
             try:
                 topics.append(self.topic(channel_id))
             except ForeignError:
@@ -505,6 +491,12 @@ class Catalogue:
             except DamageError:  # its messages cannot be read either, and then say so
                 continue
         return topics
+
+    def topic(self, channel_id: int) -> Topic:
+        """Raises ForeignError if it is not of ROS 2, DamageError if it is not in the file."""
+        if channel_id not in self._by_channel:
+            self._by_channel[channel_id] = self._make_topic(channel_id)
+        return self._by_channel[channel_id]
 
     def _make_topic(self, channel_id: int) -> Topic:
         channel = self._channels.get(channel_id)
@@ -545,3 +537,11 @@ def _text_size(metadata: dict[str, str]) -> int:
 
 def _shown(name: str) -> str:
     return name if name.isprintable() and len(name) <= _SHOWN else repr(name[:_SHOWN])
+
+
+def read_outline(file: BinaryIO) -> Catalogue:
+    """What a file holds beside messages, by its summary; DamageError where that is not all."""
+    catalogue = Catalogue(read_summary(file))
+    if not catalogue.whole:
+        raise DamageError("its summary is not complete")
+    return catalogue

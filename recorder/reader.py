@@ -27,6 +27,7 @@ from recorder.mcap_reader import (
     DamageError,
     ForeignError,
     Gap,
+    read_outline,
     read_records,
     read_summary,
 )
@@ -35,7 +36,7 @@ RECOVERY_RECORD = "recovery"
 """The metadata record of a repaired bag; its `problem` says what the torn one had lost."""
 
 BagItem: TypeAlias = Topic | RawMessage | Metadata | Gap
-"""In storage order; a topic comes before its messages."""
+"""In storage order; a topic comes before its messages, and may come again."""
 
 METADATA_LIMIT = 1024 * 1024
 """The most bytes of `metadata.yaml` that are read; a topic takes some 600."""
@@ -155,11 +156,11 @@ def read_items(file: BinaryIO) -> Iterator[BagItem]:
                     with suppress(DamageError):
                         for known in read_summary(file):
                             catalogue.add_record(known)
-                    yield from catalogue.fresh_topics()
+                    yield from catalogue.topics()
             case _:
                 catalogue.add_record(record)
                 if isinstance(record, Channel):
-                    yield from catalogue.fresh_topics()
+                    yield from catalogue.topics([record.id])
                 elif isinstance(record, Metadata):
                     yield record
     statistics = catalogue.statistics
@@ -170,12 +171,8 @@ def read_items(file: BinaryIO) -> Iterator[BagItem]:
 def read_catalogue(path: Path) -> tuple[Catalogue, str | None]:
     """What a file holds beside messages, and why it may not be all."""
     with open_recording(path) as file:
-        try:
-            catalogue = Catalogue(read_summary(file))
-            if catalogue.whole:
-                return catalogue, None
-        except DamageError:
-            pass  # unfinished, or a writer that makes no summary
+        with suppress(DamageError):  # unfinished, or a writer that makes no summary
+            return read_outline(file), None
         catalogue = Catalogue()
         problem: str | None = None
         try:
@@ -191,13 +188,14 @@ def read_catalogue(path: Path) -> tuple[Catalogue, str | None]:
         return catalogue, problem
 
 
-def open_recording(path: Path) -> BinaryIO:
-    """Raises ForeignError for a pipe or a folder."""
-    number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe must not block
+def open_recording(path: str | Path, folder_fd: int | None = None) -> BinaryIO:
+    """Raises ForeignError for a pipe or a folder, and OSError for a link in an open folder."""
+    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC  # a pipe must not block
+    number = os.open(path, flags | (os.O_NOFOLLOW if folder_fd else 0), dir_fd=folder_fd)
     if stat.S_ISREG(os.fstat(number).st_mode):
         return os.fdopen(number, "rb")
     os.close(number)
-    raise ForeignError(f"{path.name} is not a file")
+    raise ForeignError(f"{PurePath(path).name} is not a file")
 
 
 def bag_files(folder: Path, *, evidence: bool = False) -> tuple[list[Path], str | None]:

@@ -11,11 +11,13 @@ it would take the same room once more.
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import BinaryIO, TypeAlias
 
@@ -39,27 +41,15 @@ from recorder.reader import (
     listed_names,
     natural_order,
     not_a_bag,
+    open_recording,
     read_items,
     refuse_sqlite,
 )
-from recorder.survey import (
-    TORN,
-    Survey,
-    keep,
-    listing,
-    lock,
-    metadata_part,
-    open_file,
-    prepare_metadata,
-    put_back,
-    put_listing,
-    put_metadata,
-    remove,
-    summarised,
-)
+from recorder.survey import Survey, listing, put_listing, remove, summarised
 
 _SUFFIX = ".mcap"
 _PART = ".recovering"
+_TORN = ".torn"
 
 _REMEDIES = {
     errno.ENOSPC: "make room on its disk or copy it to another",
@@ -116,16 +106,20 @@ def recover(path: Path, new_records: NewRecords = dict) -> Recovered:
     `new_records` are added to the new file. Raises RecorderError; nothing is then lost.
     """
     try:
-        folder, name, in_bag = _find(path)
+        file, is_alone = _recording_at(path)
         with ExitStack() as stack:
-            folder_fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
-            stack.callback(os.close, folder_fd)
-            recovered = _recover_file(folder / name, folder_fd, new_records, in_bag=in_bag)
-            if path.is_dir():
-                done, hopeless = _recover_evidence(folder, folder_fd)
-                recovered = replace(recovered, evidence=tuple(done), hopeless=tuple(hopeless))
-            elif is_evidence(name) and recovered.changed:
+            folder_fd = _open_folder(file.parent, stack)
+            recovered, information = _recover_file(file, folder_fd, new_records)
+            if is_alone:
+                is_listed = _is_listed(file.parent, folder_fd, information)
+                if recovered.cut or not is_listed:
+                    put_listing(folder_fd, information)
+                    recovered = replace(recovered, metadata=file.parent / METADATA_FILE)
+            elif is_evidence(file.name) and recovered.cut:
                 put_listing(folder_fd)
+            if path.is_dir():
+                done, hopeless = _recover_evidence(path, folder_fd)
+                recovered = replace(recovered, evidence=done, hopeless=hopeless)
             return recovered
     except ForeignError as error:
         raise not_a_bag(path, error) from None
@@ -136,11 +130,9 @@ def recover(path: Path, new_records: NewRecords = dict) -> Recovered:
 def recover_evidence(folder: Path) -> tuple[Recovered, ...]:
     """The recording is left alone."""
     try:
-        folder_fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
-        try:
-            return tuple(_recover_evidence(folder, folder_fd)[0])
-        finally:
-            os.close(folder_fd)
+        with ExitStack() as stack:
+            folder_fd = _open_folder(folder, stack)
+            return _recover_evidence(folder, folder_fd)[0]
     except OSError as error:
         raise _refused(folder, error) from None
 
@@ -152,7 +144,14 @@ def _refused(path: Path, error: OSError) -> RecorderError:
     )
 
 
-def _find(path: Path) -> tuple[Path, str, bool]:
+def _open_folder(folder: Path, stack: ExitStack) -> int:
+    folder_fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
+    stack.callback(os.close, folder_fd)
+    return folder_fd
+
+
+def _recording_at(path: Path) -> tuple[Path, bool]:
+    """The recording, and whether it is all that its folder has beside evidence."""
     if path.is_dir():
         files = _files(path)
         refuse_sqlite(path, files)
@@ -161,101 +160,80 @@ def _find(path: Path) -> tuple[Path, str, bool]:
                 f"{path} holds {len(files)} recordings; repair each of the files, "
                 f"then make their {METADATA_FILE} by `ros2 bag reindex`"
             )
-        return path, files[0].name, True
+        return path / files[0].name, True
     path = Path(os.path.realpath(path))
     refuse_sqlite(path, [path])
     if path.suffix != _SUFFIX:
         path.stat()
         raise ForeignError(f"its name does not end in {_SUFFIX}")
-    try:
-        in_bag = bag_files(path.parent)[0] == [path]
-    except (RecorderError, ForeignError):
-        in_bag = False
-    return path.parent, path.name, in_bag
+    with suppress(RecorderError, ForeignError):
+        return path, bag_files(path.parent)[0] == [path]
+    return path, False
 
 
 def _files(folder: Path) -> list[Path]:
     try:
         return bag_files(folder)[0]
     except ForeignError:
-        torn = list(folder.glob(f"*{_SUFFIX}{TORN}"))
+        torn = list(folder.glob(f"*{_SUFFIX}{_TORN}"))
         if len(torn) != 1:
             raise
-        return [torn[0].with_suffix("")]  # an exchange was cut off, see `put_back`
+        return [torn[0].with_suffix("")]  # an exchange was cut off, see `_put_back`
 
 
-def _recover_file(
-    path: Path, folder_fd: int, new_records: NewRecords = dict, *, in_bag: bool = False
-) -> Recovered:
-    put_back(folder_fd, path.name)
-    with open_file(folder_fd, path.name) as file:
-        lock(folder_fd, path.name, file)
-        return _repair(path, folder_fd, file, new_records, in_bag=in_bag)
-
-
-def _recover_evidence(folder: Path, folder_fd: int) -> tuple[list[Recovered], list[str]]:
+def _recover_evidence(
+    folder: Path, folder_fd: int
+) -> tuple[tuple[Recovered, ...], tuple[str, ...]]:
     """A file with a summary is taken for whole and not read."""
-    names = {name.partition(TORN)[0] for name in os.listdir(folder_fd)}
+    names = {name.partition(_TORN)[0] for name in os.listdir(folder_fd)}
     done: list[Recovered] = []
     hopeless: list[str] = []
     for name in sorted(filter(is_evidence, names), key=natural_order):
-        file = folder / name
         if summarised(folder_fd, name) is not None:
             continue
         try:
-            done.append(_recover_file(file, folder_fd))
+            done.append(_recover_file(folder / name, folder_fd)[0])
         except ForeignError as error:
-            hopeless.append(f"{file} is no evidence: {error}; remove it")
+            hopeless.append(f"{folder / name} is no evidence: {error}; remove it")
         except RecorderError as error:
             hopeless.append(str(error))
         except OSError as error:
-            hopeless.append(str(_refused(file, error)))
-    if any(file.changed for file in done):
+            hopeless.append(str(_refused(folder / name, error)))
+    if any(file.cut for file in done):
         put_listing(folder_fd)
-    return done, hopeless
+    return tuple(done), tuple(hopeless)
 
 
-def _repair(
-    path: Path, folder_fd: int, file: BinaryIO, new_records: NewRecords, *, in_bag: bool
-) -> Recovered:
-    before = os.fstat(file.fileno())
-    survey = Survey.of(file, path)
-    information = survey.information()
-    part = path.name + _PART
-    torn = metadata = None
-    with ExitStack() as undo:
+def _recover_file(
+    path: Path, folder_fd: int, new_records: NewRecords = dict
+) -> tuple[Recovered, BagInformation]:
+    name, torn = path.name, None
+    _put_back(folder_fd, name)
+    with open_recording(name, folder_fd) as file:
+        _lock(folder_fd, name, file)
+        before = os.fstat(file.fileno())
+        survey = Survey.of(file, path)
+        information = survey.information()
         if survey.cut:
-            remove(folder_fd, part)
-            undo.callback(_give_up, folder_fd, part)
-            new = McapFile(folder_fd, part, listed_as=path.name)
-            undo.callback(new.close)  # it is locked up to the end
-            _write(new, file, survey, new_records())
-            _compare(folder_fd, part, path, information)
-        listed = listing(folder_fd, information) if in_bag else None
-        if listed is not None and (survey.cut or not _described(path.parent, listed)):
-            remove(folder_fd, metadata_part())
-            undo.callback(_give_up, folder_fd, metadata_part())
-            prepare_metadata(folder_fd, listed)
-            metadata = path.parent / METADATA_FILE
-        after = os.fstat(file.fileno())
-        if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
-            raise RecorderError(f"{path} is being written; end its recording, then try again")
-        if survey.cut:
-            if not (is_evidence(path.name) and survey.only_cut_off):
-                torn = path.with_name(keep(folder_fd, path.name))
+            with ExitStack() as undo:
+                undo.callback(remove, folder_fd, name + _PART)
+                remove(folder_fd, name + _PART)
+                new = McapFile(folder_fd, name + _PART, listed_as=name)
+                undo.callback(new.close)  # it is locked up to the end
+                _write(new, file, survey, new_records())
+                _compare(folder_fd, path, information)
+                after = os.fstat(file.fileno())
+                if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
+                    raise RecorderError(
+                        f"{path} is being written; end its recording, then try again"
+                    )
+                if not (is_evidence(name) and survey.only_cut_off):
+                    torn = path.with_name(_keep(folder_fd, name))
+                    os.fsync(folder_fd)
+                os.rename(name + _PART, name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
                 os.fsync(folder_fd)
-            os.rename(part, path.name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
-            os.fsync(folder_fd)
-        if metadata is not None:
-            if _is_damaged(metadata):
-                keep(folder_fd, METADATA_FILE)
-            put_metadata(folder_fd)
-    return Recovered(path, survey.messages, torn, metadata, tuple(survey.cut), survey.tail_bytes)
-
-
-def _give_up(folder_fd: int, name: str) -> None:
-    with suppress(OSError):
-        remove(folder_fd, name)
+    cut = tuple(survey.cut)
+    return Recovered(path, survey.messages, torn, None, cut, survey.tail_bytes), information
 
 
 def _write(
@@ -277,8 +255,8 @@ def _write(
     new.finish()
 
 
-def _compare(folder_fd: int, part: str, path: Path, information: BagInformation) -> None:
-    with open_file(folder_fd, part) as file:
+def _compare(folder_fd: int, path: Path, information: BagInformation) -> None:
+    with open_recording(path.name + _PART, folder_fd) as file:
         again = Survey.of(file, path)
     if again.cut or again.information() != information:
         raise RecorderError(
@@ -287,27 +265,96 @@ def _compare(folder_fd: int, part: str, path: Path, information: BagInformation)
         )
 
 
-def _described(folder: Path, information: BagInformation) -> bool:
+def _is_listed(folder: Path, folder_fd: int, information: BagInformation) -> bool:
+    """Whether `metadata.yaml` tells what is there; a damaged one is kept under a second name."""
+    listed = listing(folder_fd, information) or information
+    files = (listed, *listed.more)
+    counts = sum((Counter(file.counts) for file in files), Counter[str]())
     try:
         document = bag_information(folder)
         topics = document["topics_with_message_count"]
         told = {topic["topic_metadata"]["name"]: topic["message_count"] for topic in topics}
-        files = (information, *information.more)
-        counts = sum((Counter(file.counts) for file in files), Counter[str]())
         return (
             document["message_count"] == counts.total()
             and {name: number for name, number in told.items() if number} == counts
             and listed_names(document) == [file.file_name for file in files]
         )
-    except (FileNotFoundError, *YAML_PROBLEMS):
-        return False
-
-
-def _is_damaged(metadata: Path) -> bool:
-    try:
-        bag_information(metadata.parent)
     except FileNotFoundError:
         return False
     except YAML_PROBLEMS:
-        return True
-    return False
+        _keep(folder_fd, METADATA_FILE)
+        return False
+
+
+# The file to be repaired: locked, kept under a second name, always there.
+#
+# All names are names in one open folder, so that no link leads out of it.
+
+
+_NO_LINKS = {errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK}
+
+
+def _lock(folder_fd: int, name: str, file: BinaryIO) -> None:
+    """Lock a file against recording and repair until it is closed; RecorderError if locked."""
+    busy = RecorderError(f"{name} is being written; end its recording or repair, then try again")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise busy from None
+    except OSError:
+        pass  # not every network disk has locks
+    if not _is_named(folder_fd, name, os.fstat(file.fileno())):
+        raise busy  # a repair has just ended
+
+
+def _keep(folder_fd: int, name: str) -> str:
+    """Give a file a second name, `NAME.torn`; where a disk has no hard links, a new name."""
+    info = os.stat(name, dir_fd=folder_fd, follow_symlinks=False)
+    for number in count(1):
+        kept = _torn_name(name, number)
+        if _is_named(folder_fd, kept, info):
+            return kept  # an earlier repair was ended here
+        if _exists(folder_fd, kept):
+            continue
+        try:
+            os.link(name, kept, src_dir_fd=folder_fd, dst_dir_fd=folder_fd, follow_symlinks=False)
+        except OSError as error:
+            if error.errno not in _NO_LINKS:
+                raise
+            os.rename(name, kept, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
+        return kept
+    raise AssertionError
+
+
+def _put_back(folder_fd: int, name: str) -> None:
+    """Undo the first half of an exchange that was cut off, on a disk without hard links.
+
+    RecorderError if the exchange is going on.
+    """
+    if _exists(folder_fd, name) or not _exists(folder_fd, _torn_name(name, 1)):
+        return
+    last = next(n for n in count(1) if not _exists(folder_fd, _torn_name(name, n + 1)))
+    kept = _torn_name(name, last)
+    with open_recording(kept, folder_fd) as file:
+        _lock(folder_fd, kept, file)
+        if not _exists(folder_fd, name):
+            os.rename(kept, name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
+
+
+def _torn_name(name: str, number: int) -> str:
+    return name + _TORN + (f".{number}" if number > 1 else "")
+
+
+def _exists(folder_fd: int, name: str) -> bool:
+    try:
+        os.stat(name, dir_fd=folder_fd, follow_symlinks=False)
+    except FileNotFoundError:
+        return False
+    return True
+
+
+def _is_named(folder_fd: int, name: str, info: os.stat_result) -> bool:
+    try:
+        return os.path.samestat(os.stat(name, dir_fd=folder_fd, follow_symlinks=False), info)
+    except FileNotFoundError:
+        return False

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import errno
-import fcntl
 import os
 import re
-import stat
 import threading
 from collections import Counter
 from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import count
 from pathlib import Path
 from typing import BinaryIO
 
@@ -26,7 +22,7 @@ from recorder.bag import (
     is_evidence,
 )
 from recorder.errors import RecorderError
-from recorder.mcap_reader import Catalogue, DamageError, ForeignError, Gap, read_summary
+from recorder.mcap_reader import DamageError, ForeignError, Gap, read_outline
 from recorder.reader import (
     METADATA_LIMIT,
     end_of,
@@ -34,6 +30,7 @@ from recorder.reader import (
     left_out,
     listed_names,
     natural_order,
+    open_recording,
     read_items,
 )
 
@@ -124,106 +121,13 @@ class Survey:
     def _check_summary(self, file: BinaryIO) -> None:
         """Readers trust the summary; without checksums it may differ from the file."""
         try:
-            summary = Catalogue(read_summary(file))
-            if not summary.whole:
-                self.cut.append("its summary is not complete")
-            elif {topic.name: topic for topic in reversed(summary.topics())} != self.topics:
+            summary = read_outline(file)
+            if {topic.name: topic for topic in reversed(summary.topics())} != self.topics:
                 self.cut.append("its summary tells of other topics")
         except ForeignError:
             self.cut.append("its summary tells of other topics")
         except DamageError as error:
             self.cut.append(str(error))
-
-
-# The file to be repaired: locked, kept under a second name, always there.
-#
-# All names are names in one open folder, so that no link leads out of it.
-
-
-TORN = ".torn"
-
-_NO_LINKS = {errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK}
-
-
-def open_file(folder_fd: int, name: str) -> BinaryIO:
-    """Raises ForeignError for what is no plain file, OSError for a link."""
-    flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-    fd = os.open(name, flags, dir_fd=folder_fd)
-    if not stat.S_ISREG(os.fstat(fd).st_mode):
-        os.close(fd)
-        raise ForeignError(f"{name} is not a file")
-    return os.fdopen(fd, "rb")
-
-
-def lock(folder_fd: int, name: str, file: BinaryIO) -> None:
-    """Lock a file against recording and repair until it is closed; RecorderError if locked."""
-    busy = RecorderError(f"{name} is being written; end its recording or repair, then try again")
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise busy from None
-    except OSError:
-        pass  # not every network disk has locks
-    if not _is_named(folder_fd, name, os.fstat(file.fileno())):
-        raise busy  # a repair has just ended
-
-
-def keep(folder_fd: int, name: str) -> str:
-    """Give a file a second name, `NAME.torn`; where a disk has no hard links, a new name."""
-    info = os.stat(name, dir_fd=folder_fd, follow_symlinks=False)
-    for number in count(1):
-        kept = _torn_name(name, number)
-        if _is_named(folder_fd, kept, info):
-            return kept  # an earlier repair was ended here
-        if _exists(folder_fd, kept):
-            continue
-        try:
-            os.link(name, kept, src_dir_fd=folder_fd, dst_dir_fd=folder_fd, follow_symlinks=False)
-        except OSError as error:
-            if error.errno not in _NO_LINKS:
-                raise
-            os.rename(name, kept, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
-        return kept
-    raise AssertionError
-
-
-def put_back(folder_fd: int, name: str) -> None:
-    """Undo the first half of an exchange that was cut off, on a disk without hard links.
-
-    RecorderError if the exchange is going on.
-    """
-    if _exists(folder_fd, name) or not _exists(folder_fd, _torn_name(name, 1)):
-        return
-    last = next(n for n in count(1) if not _exists(folder_fd, _torn_name(name, n + 1)))
-    kept = _torn_name(name, last)
-    with open_file(folder_fd, kept) as file:
-        lock(folder_fd, kept, file)
-        if not _exists(folder_fd, name):
-            os.rename(kept, name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
-
-
-def remove(folder_fd: int, name: str) -> None:
-    with suppress(FileNotFoundError):
-        os.unlink(name, dir_fd=folder_fd)
-
-
-def _torn_name(name: str, number: int) -> str:
-    return name + TORN + (f".{number}" if number > 1 else "")
-
-
-def _exists(folder_fd: int, name: str) -> bool:
-    try:
-        os.stat(name, dir_fd=folder_fd, follow_symlinks=False)
-    except FileNotFoundError:
-        return False
-    return True
-
-
-def _is_named(folder_fd: int, name: str, info: os.stat_result) -> bool:
-    try:
-        return os.path.samestat(os.stat(name, dir_fd=folder_fd, follow_symlinks=False), info)
-    except FileNotFoundError:
-        return False
 
 
 # `metadata.yaml` of a bag of several files: the recording first, then its evidence.
@@ -252,13 +156,7 @@ def put_listing(
     for _ in range(_GOES):
         if listed is None:
             break
-        try:
-            prepare_metadata(folder_fd, listed)
-            put_metadata(folder_fd)
-        except OSError:
-            with suppress(OSError):
-                os.unlink(metadata_part(), dir_fd=folder_fd)
-            raise
+        write_metadata(folder_fd, listed)
         before, listed = listed, listing(folder_fd, recording, without)
         if listed == before:
             break
@@ -288,7 +186,7 @@ def listing(
 
 def _told(folder_fd: int) -> list[str]:
     try:
-        with open_file(folder_fd, METADATA_FILE) as file:
+        with open_recording(METADATA_FILE, folder_fd) as file:
             names = listed_names(information_in(file.read(METADATA_LIMIT)))
     except (DamageError, OSError, *YAML_PROBLEMS):
         return []
@@ -306,11 +204,10 @@ def _is_readable(listed: BagInformation) -> bool:
 
 def summarised(folder_fd: int, name: str) -> BagInformation | None:
     try:
-        with open_file(folder_fd, name) as file:
-            catalogue = Catalogue(read_summary(file))
+        with open_recording(name, folder_fd) as file:
+            catalogue = read_outline(file)
         topics, statistics = catalogue.topics(), catalogue.statistics
-        if statistics is None or not catalogue.whole:
-            return None
+        assert statistics is not None
         counts = Counter[str]()
         for channel, number in statistics.channel_message_counts.items():
             counts[catalogue.topic(channel).name] += number
@@ -324,9 +221,22 @@ def summarised(folder_fd: int, name: str) -> BagInformation | None:
     return BagInformation(name, topics, counts, start_ns, end_ns)
 
 
-def metadata_part() -> str:
-    """Unique to its writer; no reader looks at it."""
-    return f"{METADATA_FILE}.{threading.get_native_id()}.part"
+def write_metadata(folder_fd: int, information: BagInformation) -> None:
+    """Replace `metadata.yaml`, on disk on return; a crash leaves one or the other."""
+    part = f"{METADATA_FILE}.{threading.get_native_id()}.part"  # no reader looks at it
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+    try:
+        with os.fdopen(
+            os.open(part, flags, 0o666, dir_fd=folder_fd), "w", encoding="utf-8"
+        ) as file:
+            file.write(information.metadata_yaml())
+            file.flush()
+            os.fsync(file.fileno())
+        os.rename(part, METADATA_FILE, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
+        os.fsync(folder_fd)
+    except OSError:
+        remove(folder_fd, part)
+        raise
 
 
 def remove_metadata_parts(folder_fd: int) -> None:
@@ -335,17 +245,7 @@ def remove_metadata_parts(folder_fd: int) -> None:
         os.unlink(name, dir_fd=folder_fd)
 
 
-def prepare_metadata(folder_fd: int, information: BagInformation) -> None:
-    """Write the next `metadata.yaml` beside the current one; on disk on return."""
-    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
-    fd = os.open(metadata_part(), flags, 0o666, dir_fd=folder_fd)
-    with os.fdopen(fd, "w", encoding="utf-8") as file:
-        file.write(information.metadata_yaml())
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def put_metadata(folder_fd: int) -> None:
-    """Make the prepared `metadata.yaml` the one that counts; a crash leaves one or the other."""
-    os.rename(metadata_part(), METADATA_FILE, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
-    os.fsync(folder_fd)
+def remove(folder_fd: int, name: str) -> None:
+    """Where that is refused, whoever needs the name gone is told by the next call."""
+    with suppress(OSError):
+        os.unlink(name, dir_fd=folder_fd)

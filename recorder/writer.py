@@ -29,7 +29,7 @@ from recorder.bag import (
 )
 from recorder.errors import RecorderError, remedy
 from recorder.mcap_writer import CHUNK_BYTES, McapFile
-from recorder.survey import metadata_part, prepare_metadata, put_listing, put_metadata, remove
+from recorder.survey import put_listing, remove
 
 # The file that is written, in a folder that is a bag from its first moment on.
 
@@ -65,16 +65,16 @@ class BagFolder:
         records: Mapping[str, Mapping[str, str]],
     ) -> None:
         """Make everything; on disk on return. RecorderError leaves nothing behind."""
+        self._is_new = not isinstance(place, Evidence)
         if isinstance(place, Evidence):
             folder, name = place.folder, evidence_file_name(place.folder.name, place.number)
         else:
             folder, name = place, bag_file_name(place.name)
-        self._is_new = place is folder
         with ExitStack() as undo:
             try:
                 if self._is_new:
                     folder.mkdir()
-                    undo.callback(_remove_new, folder)
+                    undo.callback(_remove_folder, folder)
                 self._fd = os.open(folder, os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
                 undo.callback(os.close, self._fd)
                 self.file = McapFile(self._fd, name)
@@ -82,8 +82,8 @@ class BagFolder:
                 undo.callback(self.file.close)
                 self.file.start(topics, records)
                 if self._is_new:
-                    prepare_metadata(self._fd, self.file.information())
-                    put_metadata(self._fd)
+                    undo.callback(remove, self._fd, METADATA_FILE)
+                    put_listing(self._fd, self.file.information())
                     _sync_folder(folder.parent)
                 else:
                     os.fsync(self._fd)
@@ -121,10 +121,7 @@ def _cannot_record(folder: Path, error: OSError) -> RecorderError:
     return RecorderError(f"cannot record to {folder}: {error.strerror or error}; {hint}")
 
 
-def _remove_new(folder: Path) -> None:
-    for made in (METADATA_FILE, metadata_part()):
-        with suppress(OSError):
-            (folder / made).unlink()
+def _remove_folder(folder: Path) -> None:
     with suppress(OSError):
         folder.rmdir()
 

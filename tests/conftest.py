@@ -3,6 +3,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import tempfile
 from collections.abc import Generator
 
 import pytest
@@ -16,6 +17,10 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # a suite that a shell starts in the background would hand on that Ctrl+C is ignored
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# locks and logs of engines are none of the user's
+_state = tempfile.TemporaryDirectory(prefix="madrob-")
+os.environ["XDG_STATE_HOME"] = _state.name
 
 # textual reads these when it is imported
 for name in ("NO_COLOR", "TEXTUAL_THEME", "COLORTERM", "TEXTUAL_COLOR_SYSTEM", "COLUMNS", "LINES"):

@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from madrob_console.archive.folders import JOURNAL_FILE, run_folder_names
-from madrob_console.archive.history import History, RunSummary, time_words
+from madrob_console.archive.history import History, RunSummary
 from madrob_console.archive.result_summary import listed_in
 from madrob_console.archive.run_journal import (
     RunJournal,
@@ -25,6 +25,7 @@ from madrob_console.archive.run_journal import (
 from madrob_console.common.clock import seconds
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import locked_by_another, open_plain, opened_folder
+from madrob_console.common.formatting import time_words
 from madrob_console.referee.evidence_account import CUT_OFF, EvidenceAccount
 from madrob_console.referee.journal import Entry, Origin, refusal_words
 from madrob_console.referee.rebuild import Change

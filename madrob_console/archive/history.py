@@ -47,6 +47,7 @@ from madrob_console.archive.run_journal import (
 )
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Stamp, atomic_write, read_bounded, stamp_of
+from madrob_console.common.formatting import time_words
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.flags import Flag
 from madrob_console.referee.records import TeamWord
@@ -131,11 +132,6 @@ VOID = "VOID"
 
 
 TWICE = "TWICE"
-
-
-def time_words(at: float) -> str:
-    """Local date and time of day, `21 Nov 14:28`, of s since the epoch."""
-    return time.strftime("%d %b %H:%M", time.localtime(at))
 
 
 class ConditionWords(NamedTuple):

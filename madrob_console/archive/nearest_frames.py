@@ -64,7 +64,7 @@ class Cameras:
         mappings: Sequence[TopicMapping],
         wanted: Callable[[str], bool] = lambda _topic: True,
     ) -> None:
-        self.problems: list[str] = []
+        self._problems: list[str] = []
         self._files: list[Seeker] = []
         try:
             for path in bag_files(folder, evidence=True)[0]:
@@ -76,13 +76,15 @@ class Cameras:
 
     def _open(self, path: Path) -> None:
         try:
-            file = Seeker(path)
+            self._files.append(Seeker(path))
         except (DamageError, OSError) as error:
-            self.problems.append(f"{path.name}: {error}")
-            return
-        self._files.append(file)
-        if file.problem is not None:
-            self.problems.append(f"{path.name}: {file.problem}")
+            self._problems.append(f"{path.name}: {error}")
+
+    @property
+    def problems(self) -> list[str]:
+        """What is wrong with the evidence, as far as it was read, a line each."""
+        torn = [f"{file.path.name}: {file.problem}" for file in self._files if file.problem]
+        return [*self._problems, *torn]
 
     def log_time(self, time: float) -> float:
         """The log time of an instant by the testbed's clock, both in s since the epoch."""
@@ -114,7 +116,7 @@ class Cameras:
                 if topic.type in PICTURE_TYPES and wanted(topic.name):
                     known.setdefault(topic.name, topic)
         if len(known) > MOST_CAMERAS:
-            self.problems.append(f"{len(known)} cameras: {MOST_CAMERAS} are shown")
+            self._problems.append(f"{len(known)} cameras: {MOST_CAMERAS} are shown")
         return tuple(known[name] for name in sorted(known)[:MOST_CAMERAS])
 
 

@@ -43,7 +43,7 @@ _QUALITIES = (85, 70, 50, 30, 15)
 _SHOWN = 40
 _PLAIN_NAME = re.compile(r"[0-9A-Za-z_]{1,40}")
 
-Pixels = NDArray[np.uint8]
+Numbers = NDArray[Any]
 
 
 class PictureError(MadrobError):
@@ -71,11 +71,20 @@ def decoded(message: RawMessage, side: int = SIDE) -> Decoded:
         content = standard_types().decode(message.type, message.data)
     except MessageError:
         raise PictureError(f"its bytes are no {message.type}") from None
-    packed = message.type == _PACKED
+    if message.type == _PACKED:
+        return _small(lambda: Decoded(_unpacked(bytes(content.data), side)), side)
+    return _small(lambda: _raw(content), side)
+
+
+def opened(data: bytes, side: int = SIDE) -> Image.Image:
+    """A JPEG that was kept, as `decoded` makes it."""
+    return _small(lambda: Decoded(_unpacked(data, side)), side).picture
+
+
+def _small(decode: Callable[[], Decoded], side: int) -> Decoded:
     try:
-        found = Decoded(_unpacked(bytes(content.data), side)) if packed else _raw(content)
-        picture = found.picture
-        picture.thumbnail((side, side), Image.Resampling.BILINEAR, reducing_gap=2.0)
+        found = decode()
+        found.picture.thumbnail((side, side), Image.Resampling.BILINEAR, reducing_gap=2.0)
     except PictureError:
         raise
     except MemoryError:
@@ -83,21 +92,8 @@ def decoded(message: RawMessage, side: int = SIDE) -> Decoded:
     except Exception as error:  # noqa: BLE001  damaged pictures raise what they like
         words = terminal_safe(str(error))[:100] or type(error).__name__
         raise PictureError(f"it cannot be decoded ({words})") from None
-    picture.info.clear()  # comments and profiles are not for whoever gets the file
+    found.picture.info.clear()  # comments and profiles are not for whoever gets the file
     return found
-
-
-def opened(data: bytes, side: int = SIDE) -> Image.Image:
-    """A JPEG that was kept, as `decoded` makes it."""
-    try:
-        picture = _unpacked(data, side)
-        picture.thumbnail((side, side), Image.Resampling.BILINEAR)
-    except PictureError:
-        raise
-    except Exception as error:  # noqa: BLE001  damaged pictures raise what they like
-        raise PictureError(f"it cannot be decoded ({type(error).__name__})") from None
-    picture.info.clear()
-    return picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +138,7 @@ def _unpacked(data: bytes, side: int) -> Image.Image:
     picture.draft("RGB", (side, side))  # a large JPEG is decoded small
     picture.load()
     if picture.mode.startswith(("I", "F")):  # 16 bits of grey
-        return _grey(np.asarray(picture, dtype=np.float64))
+        return _stretched(np.asarray(picture, dtype=np.float64))
     has_colour = picture.mode not in ("1", "L", "LA")
     return picture.convert("RGB" if has_colour else "L")
 
@@ -174,11 +170,10 @@ def _raw(message: Message) -> Decoded:
     width, height, step = int(message.width), int(message.height), int(message.step)
     _check_size(width, height)
     encoding = str(message.encoding)
-    depth = _DEPTHS.get(encoding)
-    if depth is None and encoding not in _ENCODINGS:
+    if encoding not in _ENCODINGS:
         name = encoding if _PLAIN_NAME.fullmatch(encoding) else repr(encoding[:_SHOWN])
         raise PictureError(f"the encoding {terminal_safe(name)} is not shown")
-    size = _ENCODINGS[encoding][0] if depth is None else depth.size
+    number, size, make = _ENCODINGS[encoding]
     data = np.frombuffer(message.data, dtype=np.uint8)
     row = width * size
     if step < row or step * height > len(data):
@@ -186,85 +181,41 @@ def _raw(message: Message) -> Decoded:
             f"{width} x {height} pixels of {encoding} in rows of {step} bytes are not in its "
             f"{len(data)} bytes"
         )
-    rows = data[: step * height].reshape(height, step)[:, :row]
-    if depth is not None:
-        return _depth(rows, depth, ">" if message.is_bigendian else "<")
-    make = _ENCODINGS[encoding][1]
-    if encoding in _WIDE:
-        return Decoded(make(rows.view() if message.is_bigendian else _swapped(rows)))
-    return Decoded(make(rows))
+    rows = np.ascontiguousarray(data[: step * height].reshape(height, step)[:, :row])
+    found = make(rows.view(f"{'>' if message.is_bigendian else '<'}{number}"))
+    return found if isinstance(found, Decoded) else Decoded(found)
 
 
-class _Depth(NamedTuple):
-    """How distances are sent: bytes per pixel, numpy's type, its unit in m."""
-
-    size: int
-    number: str
-    unit: float
-
-
-def _depth(rows: Pixels, kind: _Depth, order: str) -> Decoded:
-    """Distances as grey: the nearest dark, the farthest white, no distance black."""
-    found = np.ascontiguousarray(rows).view(f"{order}{kind.number}")
-    there = np.isfinite(found) if kind.number == "f4" else found > 0
-    if not there.any():
-        raise PictureError("no pixel of it has a depth")
-    depths = found[there].astype(np.float64)  # they may be as far apart as float32 goes
-    low, high = float(depths.min()), float(depths.max())
-    depths -= low
-    depths *= (255 - _NEAREST) / ((high - low) or 1.0)
-    depths += _NEAREST
-    grey = np.zeros(found.shape, np.uint8)
-    grey[there] = np.rint(depths, out=depths)
-    words = f"depth {low * kind.unit:.3g} to {high * kind.unit:.3g} m"
-    return Decoded(_picture("L", grey), words if there.all() else f"{words}, black: none")
-
-
-def _swapped(rows: Pixels) -> Pixels:
-    height, size = rows.shape
-    return (
-        np.ascontiguousarray(rows).reshape(height, size // 2, 2)[:, :, ::-1].reshape(height, size)
-    )
-
-
-def _picture(mode: str, pixels: NDArray[Any]) -> Image.Image:
+def _picture(mode: str, pixels: Numbers) -> Image.Image:
     height, width = pixels.shape[:2]
     return Image.frombytes(mode, (width, height), np.ascontiguousarray(pixels, np.uint8).tobytes())
 
 
-def _mono(rows: Pixels) -> Image.Image:
-    return _picture("L", rows)
+def _grey(values: Numbers) -> Image.Image:
+    return _picture("L", values)
 
 
-def _mono16(rows: Pixels) -> Image.Image:
-    return _grey(_wide(rows))
-
-
-def _wide(rows: Pixels) -> NDArray[Any]:
-    return np.ascontiguousarray(rows).view(">u2")
-
-
-def _grey(values: NDArray[Any]) -> Image.Image:
+def _stretched(values: Numbers) -> Image.Image:
     """The brightest is white: few cameras use all of 16 bits."""
     finite = np.nan_to_num(values.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0).clip(0)
     brightest = float(finite.max(initial=0.0)) or 1.0
     return _picture("L", finite * (255 / brightest))
 
 
-def _colours(*order: int) -> Callable[[Pixels], Image.Image]:
+def _colours(*order: int) -> Callable[[Numbers], Image.Image]:
     """`order` gives the places of red, green and blue, and how many bytes there are in all."""
     *places, size = order
 
-    def make(rows: Pixels) -> Image.Image:
+    def make(rows: Numbers) -> Image.Image:
         return _picture("RGB", rows.reshape(rows.shape[0], -1, size)[:, :, places])
 
     return make
 
 
-def _yuv(luma: int, blue: int, red: int) -> Callable[[Pixels], Image.Image]:
+def _yuv(luma: int, blue: int, red: int) -> Callable[[Numbers], Image.Image]:
     """Two pixels in four bytes; the places of the first brightness and of both colours."""
 
-    def make(rows: Pixels) -> Image.Image:
+    def make(rows: Numbers) -> Image.Image:
         height, size = rows.shape
         if size % 4:
             raise PictureError("an odd number of pixels in a row")
@@ -276,13 +227,13 @@ def _yuv(luma: int, blue: int, red: int) -> Callable[[Pixels], Image.Image]:
     return make
 
 
-def _bayer(pattern: str, *, wide: bool = False) -> Callable[[Pixels], Image.Image]:
+def _bayer(pattern: str, shift: int) -> Callable[[Numbers], Image.Image]:
     """Each square of four becomes one pixel; `pattern` names its colours, row by row."""
     red, blue = pattern.index("r"), pattern.index("b")
     greens = [place for place, colour in enumerate(pattern) if colour == "g"]
 
-    def make(rows: Pixels) -> Image.Image:
-        values = _wide(rows) >> 8 if wide else rows
+    def make(rows: Numbers) -> Image.Image:
+        values = rows >> shift
         height, width = (size - size % 2 for size in values.shape)
         if not height or not width:
             raise PictureError("it is smaller than one square of its pattern")
@@ -293,33 +244,49 @@ def _bayer(pattern: str, *, wide: bool = False) -> Callable[[Pixels], Image.Imag
     return make
 
 
+def _depth(unit: float) -> Callable[[Numbers], Decoded]:
+    """Distances, by REP 118, as grey: the nearest dark, the farthest white, no distance black."""
+
+    def make(found: Numbers) -> Decoded:
+        there = np.isfinite(found) if found.dtype.kind == "f" else found > 0
+        if not there.any():
+            raise PictureError("no pixel of it has a depth")
+        depths = found[there].astype(np.float64)  # they may be as far apart as float32 goes
+        low, high = float(depths.min()), float(depths.max())
+        depths -= low
+        depths *= (255 - _NEAREST) / ((high - low) or 1.0)
+        depths += _NEAREST
+        grey = np.zeros(found.shape, np.uint8)
+        grey[there] = np.rint(depths, out=depths)
+        words = f"depth {low * unit:.3g} to {high * unit:.3g} m"
+        return Decoded(_picture("L", grey), words if there.all() else f"{words}, black: none")
+
+    return make
+
+
+_NEAREST = 40
 _PATTERNS = ("rggb", "bggr", "gbrg", "grbg")
 
 _RGB, _BGR = _colours(0, 1, 2, 3), _colours(2, 1, 0, 3)
 _UYVY, _YUYV = _yuv(1, 0, 2), _yuv(0, 1, 3)
 
-_ENCODINGS: Mapping[str, tuple[int, Callable[[Pixels], Image.Image]]] = {
-    "rgb8": (3, _RGB),
-    "bgr8": (3, _BGR),
-    "8UC3": (3, _BGR),
-    "rgba8": (4, _colours(0, 1, 2, 4)),
-    "bgra8": (4, _colours(2, 1, 0, 4)),
-    "8UC4": (4, _colours(2, 1, 0, 4)),
-    "mono8": (1, _mono),
-    "8UC1": (1, _mono),
-    "mono16": (2, _mono16),
-    "yuv422": (2, _UYVY),
-    "uyvy": (2, _UYVY),
-    "yuv422_yuy2": (2, _YUYV),
-    "yuyv": (2, _YUYV),
-    **{f"bayer_{pattern}8": (1, _bayer(pattern)) for pattern in _PATTERNS},
-    **{f"bayer_{pattern}16": (2, _bayer(pattern, wide=True)) for pattern in _PATTERNS},
+_ENCODINGS: Mapping[str, tuple[str, int, Callable[[Numbers], Image.Image | Decoded]]] = {
+    "rgb8": ("u1", 3, _RGB),
+    "bgr8": ("u1", 3, _BGR),
+    "8UC3": ("u1", 3, _BGR),
+    "rgba8": ("u1", 4, _colours(0, 1, 2, 4)),
+    "bgra8": ("u1", 4, _colours(2, 1, 0, 4)),
+    "8UC4": ("u1", 4, _colours(2, 1, 0, 4)),
+    "mono8": ("u1", 1, _grey),
+    "8UC1": ("u1", 1, _grey),
+    "mono16": ("u2", 2, _stretched),
+    "yuv422": ("u1", 2, _UYVY),
+    "uyvy": ("u1", 2, _UYVY),
+    "yuv422_yuy2": ("u1", 2, _YUYV),
+    "yuyv": ("u1", 2, _YUYV),
+    "32FC1": ("f4", 4, _depth(1.0)),
+    "16UC1": ("u2", 2, _depth(0.001)),
+    **{f"bayer_{pattern}8": ("u1", 1, _bayer(pattern, 0)) for pattern in _PATTERNS},
+    **{f"bayer_{pattern}16": ("u2", 2, _bayer(pattern, 8)) for pattern in _PATTERNS},
 }
-"""By the names of `sensor_msgs/image_encodings.hpp`: bytes per pixel and the decoder."""
-
-_DEPTHS: Mapping[str, _Depth] = {"32FC1": _Depth(4, "f4", 1.0), "16UC1": _Depth(2, "u2", 0.001)}
-"""Distances, by REP 118: m, or mm with 0 for none."""
-
-_NEAREST = 40
-
-_WIDE = frozenset({"mono16", *(f"bayer_{pattern}16" for pattern in _PATTERNS)})
+"""By the names of `sensor_msgs/image_encodings.hpp`: numpy's numbers, bytes a pixel, decoder."""

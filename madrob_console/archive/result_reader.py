@@ -15,7 +15,6 @@ from madrob_console.archive.result_summary import (
     FileDigest,
     ListedResult,
     MarksPart,
-    PagedResult,
     RemarksPart,
     SetupPart,
     StepsPart,
@@ -65,7 +64,6 @@ _Listed = TypeVar("_Listed", bound=ListedResult)
 _formats = msgspec.json.Decoder(_Format)
 _anything: msgspec.json.Decoder[Any] = msgspec.json.Decoder()
 _results = msgspec.json.Decoder(ListedResult)
-_paged = msgspec.json.Decoder(PagedResult)
 _tabled = msgspec.json.Decoder(TabledResult)
 _files = msgspec.json.Decoder(_Files)
 _steps = msgspec.json.Decoder(StepsPart)
@@ -133,13 +131,7 @@ def _flags_of(data: bytes) -> tuple[Flag, ...]:
     except _DAMAGED:
         return ()
     quality = Quality(remarks=tuple(marks.quality.remarks))
-    return flags(marks, marks.steps, marks.source, quality)
-
-
-def read_paged_result(folder: str) -> PagedResult:
-    """As `read_result`, with what the page of a run needs."""
-    data, _ = _read(folder)
-    return _own(_decoded(_paged, data), folder, data)
+    return flags(marks.run, marks.steps, marks.source, quality)
 
 
 def earlier_issues(folder: Path, reissues: Iterable[Reissuing]) -> tuple[ListedResult, ...]:

@@ -25,21 +25,16 @@ from madrob_console.common.files import open_plain, refusal
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.flags import Flag
 from madrob_console.referee.records import (
-    AcceptedDoubts,
     Closure,
-    Correction,
     FalseStart,
     Incident,
     JournalMark,
-    Protest,
-    Reissuing,
     Sha256,
     TestbedFault,
-    Voiding,
     Waiver,
     derived_run_id,
 )
-from madrob_console.referee.run import VALID_OUTCOMES
+from madrob_console.referee.run import VALID_OUTCOMES, Run
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import Libraries
 from scoring.procedure import Ruling, StepRecord
@@ -264,7 +259,7 @@ class RemarksPart(msgspec.Struct):
 
 
 class MarksPart(msgspec.Struct, frozen=True):
-    """Stands in for flags in a result of a version that wrote none."""
+    """Stands in for flags in a result of 0.1.0, which wrote none."""
 
     outcome: Outcome
     source: SourceKind
@@ -275,39 +270,20 @@ class MarksPart(msgspec.Struct, frozen=True):
     waivers: tuple[Waiver, ...]
     rulings: tuple[Ruling, ...]
     closure: Closure | None
-    voided: Voiding | None = None
-    corrections: tuple[Correction, ...] = ()
-    setup: RunKind = RunKind()
 
     @property
-    def practice(self) -> bool:
-        return self.setup.practice
-
-    @property
-    def out_of_plan(self) -> bool:
-        return False
-
-    @property
-    def team_reason(self) -> str:
-        return ""
-
-    @property
-    def accepted_doubts(self) -> tuple[AcceptedDoubts, ...]:
-        return ()
-
-    @property
-    def protests(self) -> tuple[Protest, ...]:
-        return ()
-
-    @property
-    def faults(self) -> tuple[TestbedFault, ...]:
-        """Found among the remarks, as `Run.remarks` words them."""
+    def run(self) -> Run:
+        """As far as flags need it; faults are among the remarks, as `Run.remarks` words them."""
         found = (text for text in self.quality.remarks if text.startswith(("fault at ", "fault: ")))
-        return tuple(TestbedFault(0.0, text) for text in found)
-
-    @property
-    def unrecorded(self) -> int:
-        return 0
+        return Run(
+            outcome=self.outcome,
+            false_starts=self.false_starts,
+            incidents=self.incidents,
+            waivers=self.waivers,
+            rulings=self.rulings,
+            closure=self.closure,
+            faults=tuple(TestbedFault(0.0, text) for text in found),
+        )
 
 
 class EventPart(msgspec.Struct, frozen=True):
@@ -316,13 +292,6 @@ class EventPart(msgspec.Struct, frozen=True):
     time: float
     since_start: float
     event: Name
-
-
-class PagedResult(ListedResult, frozen=True):
-    """What the page of a run also reads."""
-
-    steps: Annotated[tuple[StepRecord, ...], Meta(max_length=len(Step))] = ()
-    reissues: tuple[Reissuing, ...] = ()
 
 
 class TabledResult(ListedResult, frozen=True):

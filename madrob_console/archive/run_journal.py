@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -22,6 +21,7 @@ from madrob_console.archive.result_summary import ListedResult
 from madrob_console.common import files
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold, open_plain, read_all, refusal, stamp_of
+from madrob_console.common.formatting import utc_text
 from madrob_console.common.names import terminal_safe
 from madrob_console.referee.acts import FileProtest, Finalise
 from madrob_console.referee.journal import HOLD_FILE, LARGEST_JOURNAL, Entry, Journal, read_journal
@@ -105,13 +105,9 @@ def ever_protested(folder: Path) -> bool:
 def evidence_removed(folder: Path) -> str:
     """When the evidence of a run was removed; empty = never, or unknown."""
     try:
-        return read_run_journal(folder).run.evidence_removed(_utc)
+        return read_run_journal(folder).run.evidence_removed(utc_text)
     except (UnusableJournalError, OSError):
         return ""
-
-
-def _utc(at: float) -> str:
-    return time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(at))
 
 
 def _run_of(entries: tuple[Entry, ...]) -> Run:

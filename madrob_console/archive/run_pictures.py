@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -50,13 +49,6 @@ _LARGEST_PICTURE = 1_000_000
 _NOT_PLAIN = re.compile(r"[^0-9A-Za-z]+")
 
 
-class CameraEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """A camera in the index."""
-
-    topic: str
-    type: str
-
-
 class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
     """A picture in the index, or why there is none. Times in s since the epoch.
 
@@ -89,7 +81,6 @@ class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
 class PictureIndex(msgspec.Struct, frozen=True, kw_only=True):
     """The content of `index.json`; `problems` says what else is wrong with the evidence."""
 
-    cameras: tuple[CameraEntry, ...] = ()
     pictures: tuple[PictureEntry, ...] = ()
     problems: tuple[str, ...] = ()
     format: int = INDEX_FORMAT
@@ -125,11 +116,14 @@ def pictures_of(
     cameras: str = "*",
     side: int = SIDE,
     monotonic: Callable[[], float] = time.monotonic,
+    *,
+    name_distance: bool = False,
 ) -> RunPictures:
     """The nearest frame of each camera at each moment, decoded; none without evidence.
 
     A wrong picture of a camera is reported in one line and harms nothing else. `cameras` is a
     pattern for topic names, `side` the most pixels in a row and column, `monotonic` real time, s.
+    With `name_distance` a file's name has the distance of its frame: for files without the index.
     """
     if not has_evidence(folder):
         return NO_PICTURES
@@ -138,7 +132,8 @@ def pictures_of(
         return fnmatchcase(topic, cameras)
 
     try:
-        return _Maker(Cameras(folder, mappings, wanted), side, monotonic).pictures(moments)
+        found = Cameras(folder, mappings, wanted)
+        return _Maker(found, side, monotonic, name_distance=name_distance).pictures(moments)
     except MadrobError as error:
         return RunPictures(PictureIndex(problems=(terminal_safe(str(error)),)))
 
@@ -187,9 +182,12 @@ def _write(place: Path, pictures: RunPictures) -> None:
 class _Maker:
     """Finds and decodes until `WORKING_TIME` is up."""
 
-    def __init__(self, cameras: Cameras, side: int, monotonic: Callable[[], float]) -> None:
+    def __init__(
+        self, cameras: Cameras, side: int, monotonic: Callable[[], float], *, name_distance: bool
+    ) -> None:
         self._cameras = cameras
         self._side = side
+        self._name_distance = name_distance
         self._names = _file_names([camera.name for camera in cameras.topics])
         self._monotonic = monotonic
         self._until = monotonic() + WORKING_TIME
@@ -205,8 +203,7 @@ class _Maker:
                 f"{self._left_out} pictures were not made: at most {MOST_PICTURES}, and "
                 f"{WORKING_TIME:g} s of work; `madrob pictures` makes single ones"
             )
-        described = tuple(CameraEntry(topic=c.name, type=c.type) for c in self._cameras.topics)
-        index = PictureIndex(cameras=described, pictures=tuple(entries), problems=tuple(problems))
+        index = PictureIndex(pictures=tuple(entries), problems=tuple(problems))
         return RunPictures(index, self._files)
 
     def _at(self, number: int, moment: Moment) -> Iterator[PictureEntry]:
@@ -239,7 +236,10 @@ class _Maker:
         made = self._picture(frame)
         if isinstance(made, str):
             return msgspec.structs.replace(known, problem=made)
-        name = f"{entry.moment:02d}_{_plain(entry.event)}_{self._names[entry.topic]}.jpg"
+        ms = _ms(known)
+        side = "" if not ms else "_later" if ms > 0 else "_earlier"
+        distance = f"_{abs(ms)}_ms{side}" if self._name_distance else ""
+        name = f"{entry.moment:02d}_{_plain(entry.event)}_{self._names[entry.topic]}{distance}.jpg"
         file, scale = made
         self._files[name] = file.data
         return msgspec.structs.replace(
@@ -279,22 +279,6 @@ def difference_words(entry: PictureEntry) -> str:
     if is_far(entry):
         return f"{abs(ms)} ms {'LATER' if ms > 0 else 'EARLIER'}"
     return f"{ms:+d} ms" if ms else "0 ms"
-
-
-def named_by_distance(made: RunPictures) -> RunPictures:
-    """With the distance of each frame in its file name, for files without an index."""
-    names: dict[str, str] = {}
-    for entry in made.index.pictures:
-        if entry.file in made.files:
-            ms, (stem, ending) = _ms(entry), os.path.splitext(entry.file)  # noqa: PTH122
-            side = "" if not ms else "_later" if ms > 0 else "_earlier"
-            names[entry.file] = f"{stem}_{abs(ms)}_ms{side}{ending}"
-    listed = tuple(
-        msgspec.structs.replace(entry, file=names.get(entry.file, entry.file))
-        for entry in made.index.pictures
-    )
-    index = msgspec.structs.replace(made.index, pictures=listed)
-    return RunPictures(index, {names[name]: data for name, data in made.files.items()})
 
 
 def _ms(entry: PictureEntry) -> int:

@@ -1,21 +1,33 @@
-"""`python -m madrob_console.cli.aside ...`: work that gives way to everything else.
+"""`python -m madrob_console.cli.aside QUEUE PAUSE HANDLE`: work that gives way to everything.
 
-`page FILE` writes the report of the scored run that comes pickled on the standard input, `repair
-FOLDER` makes results of a results folder again that are not what their journals say, `renew FOLDER`
-reports that tell of other runs than there are now, and what stands behind it is a `madrob` command
-that is carried out first; anything else is a `madrob` command.
+It works off the chores in a folder (`ChoreQueue`), one after the other, and tells the engine at the
+other end of the socket with this handle. When the engine has ended, it goes on until nothing is
+due.
 """
 
 from __future__ import annotations
 
+import io
 import os
-import pickle
 import signal
+import socket
 import sys
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 from typing import NoReturn
 
-from madrob_console.engine.reports import OLDER, PAGE, RENEW, REPAIR
+import msgspec
+
+from madrob_console.engine.reports import (
+    Chore,
+    ChoreKind,
+    ChoreQueue,
+    Finished,
+    Look,
+    Resting,
+)
+from madrob_console.engine.supervisor import frames
+from madrob_console.engine.wire import frame
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.cli.aside")
 """Command line that starts a process for such work."""
@@ -24,58 +36,104 @@ NICENESS = 10
 """Added to the niceness of the caller: the engine, a run, a screen come first."""
 
 
+_AGAIN = 0.5  # s
+
+
+class _Terminated(BaseException):
+    """A run begins: what is under way leaves no half-written file behind."""
+
+
+class EngineLink:
+    """The socket to the engine, which may have ended."""
+
+    def __init__(self, link: socket.socket) -> None:
+        self.number = 0
+        self._link = link
+        self._received = bytearray()
+
+    def tell(self, message: msgspec.Struct) -> None:
+        with suppress(OSError):
+            self._link.sendall(frame(message))
+
+    def wait_for_look(self) -> bool:
+        """Wait until the engine asks for something; False once it has ended."""
+        looks: list[bytes] = []
+        while not looks and (data := self._link.recv(1 << 16)):
+            self._received += data
+            looks = list(frames(self._received))
+        if looks:
+            self.number = msgspec.msgpack.decode(looks[-1], type=Look).number
+        return bool(looks)
+
+
 def main() -> int:
-    """Work with low priority; SIGTERM leaves no half-written file behind."""
-    signal.signal(signal.SIGTERM, _end)
+    folder, pause, handle = sys.argv[1:]
+    for number in (signal.SIGTERM, signal.SIGALRM):
+        signal.signal(number, _end)
     os.nice(NICENESS)
-    if sys.argv[1:2] == [PAGE]:
-        _page(Path(sys.argv[2]))
-        return 0
+    queue = ChoreQueue(Path(folder), float(pause))
+    link = EngineLink(socket.socket(fileno=int(handle)))
+    try:
+        queue.hold()
+        while link.wait_for_look() or queue.rest == 0:
+            while (chore := queue.take_next()) is not None:
+                finished = carry_out(chore)
+                if not finished.again:
+                    queue.finish()
+                link.tell(finished)
+            link.tell(Resting(link.number, queue.rest))
+    except _Terminated:
+        queue.give_back()
+        return 128 + signal.SIGTERM
+    return 0
+
+
+def carry_out(chore: Chore) -> Finished:
+    """Do a chore as the command of its name would, with what it prints caught."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = _code_of(chore)
+    said, complained = (text.getvalue().strip().rpartition("\n")[2] for text in (out, err))
+    return Finished(chore, code, said, complained)
+
+
+def _code_of(chore: Chore) -> int:
     from madrob_console.cli.main import main as madrob
-
-    if sys.argv[1:2] not in ([REPAIR], [RENEW]):
-        return madrob()
-    chore, results, *command = sys.argv[1:]
-    code = madrob(command) if command else 0
-    if (older := _all_of(Path(results), repair=chore == REPAIR)) != 0:
-        print(OLDER)
-    return code or older
-
-
-def _page(file: Path) -> None:
-    """Write a report without reading and scoring the run again, and without SciPy and pandas."""
     from madrob_console.cli.output import BAD_INPUT, complain
-    from madrob_console.cli.repairing import write_report
+    from madrob_console.cli.repairing import renew_all, renew_report, repair_all
     from madrob_console.common.errors import MadrobError
     from madrob_console.pages.surroundings import Surroundings
 
+    folder = Path(chore.arguments[0])
+    problems: list[str] = []
     try:
-        write_report(file.parent, pickle.load(sys.stdin.buffer), Surroundings())
+        match chore.kind:
+            case ChoreKind.REPORT:
+                renew_report(folder, Surroundings())
+            case ChoreKind.RENEW:
+                problems = list(renew_all(folder))
+            case ChoreKind.REPAIR:
+                problems = list(repair_all(folder))
+            case _:
+                return madrob([chore.kind.value, *chore.arguments])
     except (MadrobError, OSError, MemoryError) as error:
         complain(str(error) or "no memory: end other programs")
         # the disk, file handles or memory may come back; the run's folder does not
-        sys.exit(os.EX_TEMPFAIL if file.parent.is_dir() else BAD_INPUT)
-
-
-def _all_of(results: Path, *, repair: bool) -> int:
-    from madrob_console.cli.output import BAD_INPUT, complain
-    from madrob_console.cli.repairing import renew_all, repair_all
-    from madrob_console.common.errors import MadrobError
-
-    bad = 0
-    try:
-        for problem in repair_all(results) if repair else renew_all(results):
-            complain(problem)
-            bad += 1
-    except MadrobError as error:
-        complain(error)
+        return os.EX_TEMPFAIL if folder.is_dir() else BAD_INPUT
+    except SystemExit as error:  # of wrong options
+        return error.code if isinstance(error.code, int) else BAD_INPUT
+    except Exception as error:  # noqa: BLE001  one bug costs one chore
+        complain(f"{chore.name}: {error!r}")
         return BAD_INPUT
-    return BAD_INPUT if bad else 0
+    for problem in problems:
+        complain(problem)
+    return BAD_INPUT if problems else 0
 
 
-def _end(number: int, _frame: object) -> NoReturn:
-    sys.exit(128 + number)
+def _end(_number: int, _frame: object) -> NoReturn:
+    signal.setitimer(signal.ITIMER_REAL, _AGAIN)  # an import may have swallowed it
+    raise _Terminated
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    os._exit(main())  # at once: libraries' threads may be at work when a run begins

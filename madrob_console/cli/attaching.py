@@ -10,7 +10,6 @@ import socket
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, assert_never
 
@@ -18,10 +17,8 @@ from madrob_console.cli import options
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.config import Settings
-from madrob_console.engine import wire
-from madrob_console.engine.control import ENDING
-from madrob_console.engine.discovery import FoundEngine, found_at
-from madrob_console.engine.engine_lock import Owned, Place, owned_by, place_of
+from madrob_console.engine.discovery import found_at, running_engines
+from madrob_console.engine.engine_lock import Owned, names_in_use, owned_by, state_folder
 from madrob_console.engine.requests import Role
 from madrob_console.testbeds.ros_domain import domain_id
 
@@ -33,9 +30,6 @@ STARTING_TIME = 30.0
 
 TAKEN = 75
 """Exit code of an engine whose testbed already has one; EX_TEMPFAIL of sysexits."""
-
-_ANSWERING_TIME = 5.0
-"""Timeout for an engine to identify itself, after which it counts as hung, s."""
 
 _PERIOD = 0.02
 
@@ -82,85 +76,54 @@ def owned_testbed(arguments: argparse.Namespace, settings: Settings) -> Owned:
 
 def attach(arguments: argparse.Namespace, settings: Settings, role: Role) -> RemoteEngine:
     """Attach to the engine; a referee's console starts it where none runs."""
+    from madrob_console.engine.client import NotYetError
+
     owned = owned_testbed(arguments, settings)
-    who = who_am_i()
-    if (engine := _running(owned, role, who)) is not None:
-        return _checked(engine, arguments, settings)
-    if role is Role.WATCH:
-        raise MadrobError(_NOTHING_TO_WATCH)
-    place = place_of(owned)
-    process = _start(arguments, place)
+    process: subprocess.Popen[bytes] | None = None
     end = time.monotonic() + STARTING_TIME
-    while time.monotonic() < end:
-        ended = process.poll() is not None
-        if (engine := _running(owned, role, who)) is not None:
-            return engine
-        if ended and process.returncode != TAKEN:  # another console's engine comes, then
-            raise MadrobError(_last_words(place))
+    while True:
+        ended = process is not None and process.poll() is not None
+        late = time.monotonic() > end
+        try:
+            if (engine := _running(owned, role)) is not None:
+                return _checked(engine, arguments, settings)
+        except NotYetError as error:
+            for found in running_engines(owned.testbed) if late else ():
+                raise MadrobError(f"the engine ({found.who}) {error}: {found.end_words}") from None
+        else:
+            if role is Role.WATCH:
+                raise MadrobError(_NOTHING_TO_WATCH)
+            if process is None:
+                process = _start(arguments, owned)
+            elif ended and process.returncode != TAKEN:  # another console's engine comes, then
+                raise MadrobError(_last_words(owned))
+            elif late:
+                raise MadrobError(
+                    f"the engine did not start within {STARTING_TIME:g} s: see {_log(owned)}"
+                )
         time.sleep(_PERIOD)
-    raise MadrobError(f"the engine did not start within {STARTING_TIME:g} s: see {place.log}")
 
 
 def demand_engine(arguments: argparse.Namespace, settings: Settings) -> None:
-    owned = owned_testbed(arguments, settings)
-    if _found(owned) is None and not _listens(place_of(owned).socket):
+    if not running_engines(owned_testbed(arguments, settings).testbed):
         raise MadrobError(_NOTHING_TO_WATCH)
 
 
-def _running(owned: Owned, role: Role, who: str) -> RemoteEngine | None:
+def _running(owned: Owned, role: Role) -> RemoteEngine | None:
     from madrob_console.engine.client import RemoteEngine
 
-    end = time.monotonic() + STARTING_TIME
-    while (found := _found(owned)) is not None:
-        if (socket_path := _socket_of(found)) is not None:
-            with suppress(OSError):  # it is lost, and made again in a moment
-                return RemoteEngine(socket_path, role, who, found.pid)
-        if time.monotonic() > end:
-            raise MadrobError(f"the engine ({found.who}) {_not_yet(found)}: {found.end_words}")
-        time.sleep(_PERIOD)
-    try:
-        return RemoteEngine(place_of(owned).socket, role, who)  # it has no name, if it is there
-    except OSError:
-        return None
-
-
-def _found(owned: Owned) -> FoundEngine | None:
-    with suppress(MadrobError):
-        return found_at(owned.testbed, _ANSWERING_TIME)
+    for name in names_in_use(owned.testbed):
+        try:
+            return RemoteEngine(name, role, who_am_i())
+        except TimeoutError:
+            if (found := found_at(name)) is not None:
+                killed = "; it was killed and waits for a disk" if found.killed else ""
+                raise MadrobError(
+                    f"the engine is there, but silent ({found.who}{killed}): {found.end_words}"
+                ) from None
+        except OSError:
+            continue  # it has just ended, or is another user's process
     return None
-
-
-def _listens(path: Path) -> bool:
-    """Whether a process listens on a socket: an engine may hold no other name."""
-    with socket.socket(socket.AF_UNIX) as connection:
-        return connection.connect_ex(str(path)) == 0
-
-
-def _socket_of(found: FoundEngine) -> Path | None:
-    """Socket on which an engine accepts screens; None: not yet; MadrobError: it accepts none."""
-    presence = found.presence
-    ends_it = found.end_words
-    if presence is None:
-        killed = "; it was killed and waits for a disk" if found.killed else ""
-        raise MadrobError(f"the engine is there, but silent ({found.who}{killed}): {ends_it}")
-    if not presence.wire:
-        raise MadrobError(
-            f"a `madrob run` has the testbed ({found.who}): wait for its end, or {ends_it}"
-        )
-    if presence.wire != wire.VERSION:
-        raise MadrobError(
-            f"the engine ({found.who}) speaks version {presence.wire}, this console "
-            f"{wire.VERSION}: {ends_it}, then start the console again"
-        )
-    if presence.phase == ENDING:
-        return None  # it is soon gone
-    return Path(presence.socket) if presence.socket else None
-
-
-def _not_yet(found: FoundEngine) -> str:
-    if found.presence is not None and found.presence.phase == ENDING:
-        return "is ending and not gone yet: a disk may hold it up"
-    return "has no socket for screens yet"
 
 
 def _checked(
@@ -179,10 +142,10 @@ def _checked(
     return engine
 
 
-def _start(arguments: argparse.Namespace, place: Place) -> subprocess.Popen[bytes]:
+def _start(arguments: argparse.Namespace, owned: Owned) -> subprocess.Popen[bytes]:
     """Start the engine in a session of its own: no hang-up of this terminal reaches it."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
-    log = os.open(place.log, flags, 0o600)
+    log = os.open(_log(owned), flags, 0o600)
     try:
         return subprocess.Popen(
             [
@@ -221,9 +184,13 @@ def ros_words(arguments: argparse.Namespace) -> list[str]:
     return ["--ros-args", *arguments.ros_args] if arguments.ros_args else []
 
 
-def _last_words(place: Place) -> str:
+def _log(owned: Owned) -> Path:
+    return state_folder() / f"{owned.stem}.log"
+
+
+def _last_words(owned: Owned) -> str:
     try:
-        lines = place.log.read_text(errors="replace").strip().splitlines()
+        lines = _log(owned).read_text(errors="replace").strip().splitlines()
     except OSError:
         lines = []
     return lines[-1].removeprefix("madrob: ") if lines else "the engine ended without a word"

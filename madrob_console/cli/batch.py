@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import os
 import time
-import warnings
 from collections.abc import Callable, Generator, Sequence
-from contextlib import ExitStack, closing
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from madrob_console.cli import options
 from madrob_console.cli.options import results_folder, team_names
-from madrob_console.cli.output import children_spared, complain
+from madrob_console.cli.output import complain
 from madrob_console.cli.parsing import whole_within
+from madrob_console.cli.sharing import in_order
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 
@@ -25,56 +22,7 @@ if TYPE_CHECKING:
     from madrob_console.config import Settings
     from madrob_console.pages.competition import CompetitionStandings
 
-WORTH_A_PROCESS = 10
-"""By default a process gets at least this many items: it needs a second to start."""
-
-_Item = TypeVar("_Item")
 _Done = TypeVar("_Done")
-
-
-def in_order(
-    work: Callable[[_Item], _Done], items: Sequence[_Item], jobs: int | None = None
-) -> Generator[_Done, None, None]:
-    """Do the work on every item; yield the results in the order of the items, as they get ready.
-
-    Few items, or one job, are worked on in this process, without joblib. Closing the generator
-    ends the work in progress. `work`, its argument and its result must be importable by name.
-    `jobs` None = as many as there are cores and enough to do.
-    """
-    count = len(items) // WORTH_A_PROCESS if jobs is None else min(jobs, len(items))
-    if jobs is None and count > 1:
-        from joblib import cpu_count
-
-        count = min(count, cpu_count())
-    if count < 2:
-        return (work(item) for item in items)
-    return _in_processes(work, items, count)
-
-
-def _in_processes(
-    work: Callable[[_Item], _Done], items: Sequence[_Item], count: int
-) -> Generator[_Done, None, None]:
-    from concurrent.futures.process import BrokenProcessPool
-
-    from joblib import Parallel, delayed
-    from joblib.externals.loky.backend.resource_tracker import ensure_running
-
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", module=r"joblib\.")  # results that nobody waits for
-        # of the folders that it cleans up after Ctrl+C
-        os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker:UserWarning")
-        ensure_running()  # or its start would let Ctrl+C through to the workers
-        try:
-            with ExitStack() as stack:
-                with children_spared():
-                    parallel = Parallel(n_jobs=count, return_as="generator", batch_size=1)
-                    results = parallel(delayed(work)(item) for item in items)
-                    stack.callback(results.close)  # it kills what still works
-                yield from results
-        except BrokenProcessPool:
-            raise MadrobError(
-                "a worker process died: make memory free, or use --jobs 1 to see at which run"
-            ) from None
 
 
 # How the work on many runs is shared: processes here, or a cluster.
@@ -114,29 +62,16 @@ def shared(
     """Do the work on every run, where the arguments say; yield the results in order.
 
     `work`, its argument and its result must be importable by name. `lost` makes the result of a run
-    that no worker of a cluster survives. `at_once` limits the results in memory; None = they are
+    that no worker survives. `at_once` limits the results in memory; None = they are
     small.
     """
     if arguments.scheduler is None or not runs:
-        jobs = arguments.jobs
-        if at_once is None:
-            return in_order(work, runs, jobs)
-        blocks = [runs[begin : begin + at_once] for begin in range(0, len(runs), at_once)]
-        return _one_by_one(partial(in_order, work, jobs=jobs), blocks)
+        return in_order(work, runs, lost, arguments.jobs, at_once)
     from madrob_console.cli.cluster import on_cluster
 
     named = [*(path.absolute() for path in arguments.paths), runs[0].path, runs[-1].path]
     there = [path for path in named if path.exists()]
     return on_cluster(work, runs, arguments.scheduler, there, lost, at_once=at_once)
-
-
-def _one_by_one(
-    share: Callable[[Sequence[RunPath]], Generator[_Done, None, None]],
-    blocks: Sequence[Sequence[RunPath]],
-) -> Generator[_Done, None, None]:
-    for block in blocks:
-        with closing(share(block)) as done:
-            yield from done
 
 
 def lost_words(run: RunPath, why: str) -> str:

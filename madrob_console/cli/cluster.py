@@ -9,11 +9,11 @@ import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from madrob_console.cli.output import complain
+from madrob_console.cli.sharing import AgainError, DeadWorkerError, results
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 
@@ -100,117 +100,76 @@ def on_cluster(
         threads = sum(client.nthreads().values())
         ahead = max(_LEAST_AHEAD, _AHEAD * threads)
         ahead = ahead if at_once is None else min(ahead, at_once)
-        yield from _Spread(client, work, items, lost).results(ahead)
+        yield from results(_ClusterWorkers(client, work), items, lost, ahead)
 
 
-class _Spread(Generic[_Item, _Done]):
-    def __init__(
-        self,
-        client: Client,
-        work: Callable[[_Item], _Done],
-        items: Sequence[_Item],
-        lost: Callable[[_Item, str], _Done],
-    ) -> None:
+class _ClusterWorkers(Generic[_Item, _Done]):
+    """The workers of a cluster that fit; one that does not gets nothing after its first item."""
+
+    def __init__(self, client: Client, work: Callable[[_Item], _Done]) -> None:
         self._client = client
         self._work = work
-        self._items = items
-        self._lost = lost
-        self._waiting: dict[Future, int] = {}
-        self._ready: dict[int, _Done] = {}
-        self._suspects: list[int] = []
         self._misfits: dict[str, str] = {}
 
-    def results(self, ahead: int) -> Iterator[_Done]:
-        """Yield results in the order of the items; at most `ahead` are out or ready at once."""
-        left = iter(range(len(self._items)))
-        try:
-            for number in range(len(self._items)):
-                while number not in self._ready:
-                    if self._suspects and not self._waiting:
-                        self._try_alone(self._suspects.pop())
-                        continue
-                    room = ahead - len(self._waiting) - len(self._ready)
-                    for each in islice(left, 0 if self._suspects else max(room, 0)):
-                        self._hand_out(each)
-                    self._take(last=False)
-                yield self._ready.pop(number)
-        finally:
-            if self._waiting:
-                self._client.cancel(list(self._waiting), force=True)
-
-    def _hand_out(self, number: int) -> None:
+    def hand_out(self, item: _Item) -> Future:
         fitting = None
         if self._misfits:
             fitting = [each for each in self._client.nthreads() if each not in self._misfits]
             if not fitting:
                 *_, problem = self._misfits.values()
                 raise MadrobError(f"no worker is left that fits: {problem}")
-        future = self._client.submit(
+        return self._client.submit(
             answer_of,
             self._work,
-            self._items[number],
+            item,
             worker_facts(()),
             pure=False,
             workers=fitting,
             allow_other_workers=fitting is not None,  # once all of these are gone
         )
-        self._waiting[future] = number
 
-    def _try_alone(self, number: int) -> None:
-        self._hand_out(number)
-        while self._waiting:
-            self._take(last=True)
-
-    def _take(self, *, last: bool) -> None:
+    def wait(self, handles: Sequence[Future]) -> Iterable[Future]:
         from distributed import wait
 
         try:
-            done = wait(list(self._waiting), timeout=_LOOK, return_when="FIRST_COMPLETED").done
+            done: set[Future] = wait(handles, timeout=_LOOK, return_when="FIRST_COMPLETED").done
         except TimeoutError:
             if not self._client.nthreads():
                 complain("the cluster has no workers: waiting for some; Ctrl+C stops")
-            return
+            return ()
         except _CANCELLED:
             raise _gone() from None
-        for future in done:
-            self._take_one(future, last=last)
+        return done
 
-    def _take_one(self, future: Future, *, last: bool) -> None:
+    def answer(self, handle: Future) -> _Done:
         from distributed import KilledWorker
 
-        number = self._waiting[future]
-        item = self._items[number]
         try:
-            answer = future.result(timeout=_LOOK)
+            answer = handle.result(timeout=_LOOK)
         except _CANCELLED:
             raise _gone() from None
         except KilledWorker:
-            if last:
-                why = "every worker died that worked on it: too little memory, or a fault of it"
-                self._ready[number] = self._lost(item, why)
-            else:
-                self._suspects.append(number)
-        except Exception as error:  # noqa: BLE001  # of this item and no other
-            if future.status != "error":  # it went with its worker before it was taken: once more
-                return
+            why = "every worker died that worked on it: too little memory, or a fault of it"
+            raise DeadWorkerError(why) from None
+        except Exception as error:  # noqa: BLE001  of this item and no other
+            if handle.status != "error":  # it went with its worker before it was taken: once more
+                raise AgainError from None
             why = f"the cluster could not do it ({type(error).__name__}: {str(error)[:200]})"
-            self._ready[number] = self._lost(item, terminal_safe(why))
-        else:
-            self._take_answer(number, answer)
-        del self._waiting[future]
-
-    def _take_answer(self, number: int, answer: object) -> None:
+            raise DeadWorkerError(terminal_safe(why)) from None
         if not isinstance(answer, _Answer):
             raise MadrobError("a worker answers as no madrob-console does: install the same there")
         problem = _misfit(answer.worker, answer.facts)
         if problem is None:
-            self._ready[number] = answer.done
-            return
-        known = answer.worker in self._misfits
-        self._misfits[answer.worker] = problem
-        self._hand_out(number)
-        if not known:
+            done: _Done = answer.done
+            return done
+        if answer.worker not in self._misfits:
             complain(f"{problem}; others do its share")
+        self._misfits[answer.worker] = problem
+        raise AgainError
+
+    def cancel(self, handles: Sequence[Future]) -> None:
+        if handles:
+            self._client.cancel(list(handles), force=True)
 
 
 @contextmanager

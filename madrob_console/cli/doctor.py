@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 
 from madrob_console.cli.doctor_ros import Finding, Severity, look_at_ros, overheard
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.engine_lock import runtime_folder
+from madrob_console.common.formatting import counted, format_size, listed
+from madrob_console.engine.engine_lock import state_folder
 from madrob_console.referee.competition_plan import PlanSource, unknown_teams
 from madrob_console.referee.evidence_account import EvidenceTopic
 from madrob_console.referee.lists import TeamSource
-from madrob_console.referee.records import counted, format_size, listed
 from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
 from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
 from madrob_console.testbeds.ros_domain import domain_id
@@ -55,7 +55,7 @@ def doctor(  # noqa: PLR0913  what it looks at
         ("results", lambda: look_at_results(results, disk_space)),
         ("lists", lists),
         ("terminal", lambda: look_at_terminal(environment)),
-        ("socket", lambda: iter((look_at_socket(environment),))),
+        ("state", lambda: iter((look_at_state_folder(),))),
         ("ros", lambda: look_at_ros(mappings, domain, listen, environment, abort=abort)),
         ("evidence", evidence),
     )
@@ -75,7 +75,7 @@ def verdict(findings: Sequence[Finding]) -> str:
     if not usable(findings):
         return "not usable: see the errors above"
     warnings = sum(finding.severity is Severity.WARNING for finding in findings)
-    return f"usable, {warnings} warning{'s' if warnings > 1 else ''}" if warnings else "usable"
+    return f"usable, {counted(warnings, 'warning')}" if warnings else "usable"
 
 
 def look_at_python() -> Iterator[Finding]:
@@ -164,23 +164,12 @@ def look_at_lists(teams: TeamSource, plan: PlanSource) -> Iterator[Finding]:
 # A finding about the engine's socket.
 
 
-def look_at_socket(environment: Mapping[str, str], root: Path = Path("/")) -> Finding:
-    """Check where the socket lies; below `root` stands whether systemd runs the machine."""
-    managed = (root / "run/systemd/system").is_dir()
+def look_at_state_folder() -> Finding:
+    """Check where the engine's lock and log lie."""
     try:
-        folder = runtime_folder()
+        return Finding(Severity.OK, "state", str(state_folder()))
     except MadrobError as error:
-        return Finding(Severity.ERROR, "socket", str(error))
-    given = environment.get("XDG_RUNTIME_DIR", "")
-    if given and folder.parent == Path(given):
-        return Finding(Severity.OK, "socket", str(folder))
-    what = f"XDG_RUNTIME_DIR is {f'{given}, which cannot be used' if given else 'not set'}"
-    return Finding(
-        Severity.WARNING if given or managed else Severity.OK,
-        "socket",
-        f"{folder}: {what}, as after `su` or `sudo`; log in as yourself, or set it to a folder of "
-        "your own",
-    )
+        return Finding(Severity.ERROR, "state", str(error))
 
 
 # Findings about the evidence: topics that would be recorded now, and their cost.

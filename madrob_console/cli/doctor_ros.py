@@ -20,6 +20,7 @@ from tempfile import TemporaryFile
 
 from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
 from madrob_console.messages.codec import TopicMapping
 from madrob_console.messages.message_types import MessageTypes
@@ -271,7 +272,7 @@ def _topic(status: TopicStatus, rate: float, *, optional: bool) -> Finding:
         if optional:
             return Finding(Severity.OK, status.topic, "no publisher (optional)")
         return Finding(Severity.WARNING, status.topic, "no publisher: start the testbed")
-    found = f"{status.publishers} publisher{'s' if status.publishers > 1 else ''}, {status.type}"
+    found = f"{counted(status.publishers, 'publisher')}, {status.type}"
     if rate == 0 and not optional:
         return Finding(Severity.WARNING, status.topic, f"{found}, but silent: look at its sensor")
     if status.publishers > 1:

@@ -6,7 +6,6 @@ import argparse
 import os
 import signal
 import threading
-import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
@@ -19,15 +18,10 @@ from madrob_console.common.version import software_version
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from madrob_console.config import Settings
     from madrob_console.engine.core import Engine
-    from madrob_console.engine.engine_thread import LocalEngine
+    from madrob_console.engine.engine_lock import Owned
     from madrob_console.engine.reports import Reporting
-    from madrob_console.engine.server import EngineServer
-    from madrob_console.engine.server_socket import FallenThreads
-    from madrob_console.engine.service import ServiceManager
     from madrob_console.referee.competition_plan import PlanSource
     from madrob_console.referee.lists import TeamSource
 
@@ -104,11 +98,11 @@ def serve(arguments: argparse.Namespace) -> int:
     from msgspec.structs import replace
 
     from madrob_console.cli.attaching import TAKEN, owned_testbed
-    from madrob_console.cli.running_engines import owning
+    from madrob_console.cli.running_engines import owning, run_words
     from madrob_console.config import load_settings
     from madrob_console.engine import wire
-    from madrob_console.engine.engine_lock import HeldError, place_of
-    from madrob_console.engine.service import ServiceManager, log_to_journal
+    from madrob_console.engine.engine_lock import HeldError
+    from madrob_console.engine.service import ServiceManager, keep_told, log_to_journal
 
     log_to_journal(os.environ)
     manager = ServiceManager(os.environ)
@@ -120,30 +114,19 @@ def serve(arguments: argparse.Namespace) -> int:
         except HeldError as error:
             complain(error)
             return TAKEN if error.same else BAD_INPUT
-        control, presence, holding = owns
-        place = place_of(owned)
+        server, known, holding = owns
         with imports_kept():
-            import asyncio
-
-            from madrob_console.cli import aside
             from madrob_console.cli.session import open_engine
             from madrob_console.engine.engine_thread import LocalEngine
-            from madrob_console.engine.reports import Reporting
             from madrob_console.engine.scoring_process import ScoringProcess
-            from madrob_console.engine.server import EngineServer
-            from madrob_console.engine.server_socket import raise_handles
-            from madrob_console.engine.service import begin_abort_over_ros
+            from madrob_console.engine.service import FallenThreads, begin_abort_over_ros
+            from madrob_console.engine.supervisor import Supervisor
 
-        raise_handles()
-        fallen = _fallen_threads()
+        fallen = FallenThreads()
+        threading.excepthook = fallen.note
         engine = open_engine(arguments, settings, ScoringProcess)
-        reporting = Reporting(
-            aside.COMMAND,
-            lambda: engine.busy,
-            named_places(arguments, settings),
-            reports=settings.results.reports,
-            publish=site_arguments(arguments, settings),
-        )
+        reporting = _reporting(arguments, settings, engine, owned)
+        supervisor = Supervisor(reporting)
         _follow_lists(
             options.team_source(arguments, settings),
             options.plan_source(arguments, settings),
@@ -152,44 +135,58 @@ def serve(arguments: argparse.Namespace) -> int:
             stack,
         )
         local = LocalEngine(engine, reporting, lambda: fallen.problem)
+        repairing = threading.Timer(REPAIR_AFTER, local.repair)
         try:
             if settings.ros.abort:
                 engine.source.offer_abort(lambda: begin_abort_over_ros(local))
-            server = EngineServer(
-                local,
-                engine.source.label,
-                _idle_time(arguments, settings, engine.source.kind),
-                time.monotonic,
-            )
-            _end_in_order(server)
-            presence = replace(presence, version=software_version(), testbed=engine.source.label)
-            control.describe = lambda: server.presence(presence)
-            asyncio.run(_serve(server, place.socket, manager, local))
+            for number in (signal.SIGTERM, signal.SIGINT):
+                signal.signal(number, lambda *_: server.over.put(None))
+            known = replace(known, version=software_version(), testbed=engine.source.label)
+            server.admit_screens(local, known, _idle_time(arguments, settings, engine.source.kind))
+            repairing.start()
+            keep_told(manager, local, run_words, server.over)
         finally:
+            repairing.cancel()
             manager.send_assignments("STOPPING=1")
+            server.dismiss_screens()
             local.close()
             if engine.disk_silence:
                 holding.keep()
-    reporting.close()  # another engine may begin meanwhile
+    reporting.finish()  # another engine may begin meanwhile
+    supervisor.close()
     return FAILED if local.failed else 0
 
 
-def _fallen_threads() -> FallenThreads:
-    from madrob_console.engine.server_socket import FallenThreads
+def _reporting(
+    arguments: argparse.Namespace, settings: Settings, engine: Engine, owned: Owned
+) -> Reporting:
+    from madrob_console.cli import aside
+    from madrob_console.engine.engine_lock import state_folder
+    from madrob_console.engine.reports import QUEUE_FOLDER, Reporting, Wanted
 
-    fallen = FallenThreads()
-    threading.excepthook = fallen.note
-    return fallen
+    results = engine.config.results
+    queue = results / QUEUE_FOLDER
+    if engine.replay is not None:
+        queue = state_folder() / f"{owned.stem}.queue"
+    wanted = Wanted(
+        settings.results.reports,
+        site_arguments(arguments, settings),
+        named_places(arguments, settings),
+    )
+    return Reporting(aside.COMMAND, queue, results, lambda: engine.busy, engine.write, wanted)
 
 
 def _follow_lists(
     teams: TeamSource, plan: PlanSource, engine: Engine, reporting: Reporting, stack: ExitStack
 ) -> None:
-    from madrob_console.engine.engine_thread import ListWatch
+    from madrob_console.engine.engine_thread import ListWatch, follow_lists
 
     changed = reporting.publish
-    stack.callback(ListWatch(teams, engine.hear_of_teams, changed=changed).close)
-    stack.callback(ListWatch(plan, engine.hear_of_plan, changed=changed).close)
+    lists = (
+        ListWatch(teams.file, teams.read, engine.hear_of_teams, changed),
+        ListWatch(plan.file, plan.read, engine.hear_of_plan, changed),
+    )
+    stack.callback(follow_lists(lists))
 
 
 def _idle_time(arguments: argparse.Namespace, settings: Settings, kind: SourceKind) -> float:
@@ -198,31 +195,3 @@ def _idle_time(arguments: argparse.Namespace, settings: Settings, kind: SourceKi
     if arguments.idle_time is None and kind is not SourceKind.ROS:
         return min(idle_time, PRACTICE_IDLE_TIME)
     return idle_time
-
-
-def _end_in_order(server: EngineServer) -> None:
-    """End the server at SIGTERM and SIGINT.
-
-    The loop's own handlers would end it before the run is closed.
-    """
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: server.stop())
-
-
-async def _serve(
-    server: EngineServer, path: Path, manager: ServiceManager, engine: LocalEngine
-) -> None:
-    import asyncio
-
-    from madrob_console.cli.running_engines import run_words
-    from madrob_console.engine.service import keep_told
-
-    async def tell() -> None:
-        await server.reachable.wait()
-        await keep_told(manager, engine, run_words, server.stop)
-
-    loop = asyncio.get_running_loop()
-    loop.call_later(REPAIR_AFTER, engine.repair)
-    telling = asyncio.create_task(tell())
-    await server.serve(path)
-    telling.cancel()

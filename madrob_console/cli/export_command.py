@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from madrob_console.cli import options
 from madrob_console.cli.output import BAD_INPUT, Complaints, complain, progress
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
 
@@ -118,8 +119,7 @@ def _told(export: Export, notes: Sequence[str] = ()) -> int:
     others = (f"another name of the team, {words}" for words in export.other_names)
     for words in (*export.renamed, *others, *notes):
         print(f"note: {terminal_safe(words)}")
-    plural = "" if export.runs == 1 else "s"
-    print(f"{export.runs} run{plural}, {export.files} files, {export.size / 1e6:.1f} MB")
+    print(f"{counted(export.runs, 'run')}, {export.files} files, {export.size / 1e6:.1f} MB")
     print(terminal_safe(str(export.path)))
     return BAD_INPUT if export.problems else 0
 
@@ -180,7 +180,7 @@ def rendered_report(run: Path, around: Surroundings) -> tuple[dict[str, bytes], 
         from madrob_console.archive.run_pictures import run_pictures, stored_pictures
         from madrob_console.archive.scored import score_opened
         from madrob_console.common.version import software_version
-        from madrob_console.pages.page import report_html
+        from madrob_console.pages.report import report_html
 
     try:
         scored = score_opened(run)

@@ -270,13 +270,14 @@ def children_spared() -> Iterator[None]:
     if not (_is_main_thread() and isinstance(interruption, Interruption)):
         yield
         return
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # what comes meanwhile waits
+    waits = {signal.SIGINT, signal.SIGALRM}  # the alarm is that of an interruption
+    signal.pthread_sigmask(signal.SIG_BLOCK, waits)  # what comes meanwhile waits
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # they inherit it
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, interruption)
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, waits)
 
 
 def _importing(frame: FrameType | None) -> bool:

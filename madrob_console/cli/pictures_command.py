@@ -96,7 +96,6 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
     from madrob_console.archive.nearest_frames import SIDE, has_evidence
     from madrob_console.archive.run_pictures import (
         moments_in,
-        named_by_distance,
         pictures_of,
         renewed_pictures,
     )
@@ -118,10 +117,9 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
     else:
         scored = score_opened(run)
         moments, mappings = moments_in(scored), scored.record.mappings
-    made = pictures_of(run, moments, mappings, arguments.camera, arguments.width or SIDE)
+    side, is_at = arguments.width or SIDE, bool(arguments.at)
+    made = pictures_of(run, moments, mappings, arguments.camera, side, name_distance=is_at)
     _with_cameras(made, run, arguments.camera)
-    if arguments.at:
-        made = named_by_distance(made)
     folder = output or Path()
     within = folder.resolve().is_relative_to(run.resolve())
     begin = "" if within else f"{run.absolute().name}_"
@@ -165,7 +163,7 @@ def _asked(run: Path, at: Sequence[str]) -> tuple[Sequence[Moment], Sequence[Top
     from madrob_console.archive.run_pictures import events_of
     from madrob_console.archive.run_record import moments_called
     from madrob_console.archive.scored import read_recorded_run, score_opened
-    from madrob_console.referee.records import seconds_of
+    from madrob_console.common.formatting import seconds_of
     from recorder.errors import RecorderError
 
     events: Sequence[tuple[str, float]] = ()

@@ -50,7 +50,7 @@ def write_report(folder: Path, scored: Scored, around: Surroundings) -> None:
     from madrob_console.archive.run_pictures import renewed_pictures
     from madrob_console.common.files import atomic_write
     from madrob_console.common.version import software_version
-    from madrob_console.pages.page import report_html
+    from madrob_console.pages.report import report_html
 
     seen = renewed_pictures(folder, scored)
     page = report_html(scored, software_version(), around.place_of(folder, scored), seen)

@@ -95,7 +95,7 @@ def _page(path: Path, output: Path | None, around: Surroundings) -> Iterator[Nam
         from madrob_console.archive.run_pictures import renewed_pictures, run_pictures
         from madrob_console.archive.scored import score_opened
         from madrob_console.common.version import software_version
-        from madrob_console.pages.page import report_html
+        from madrob_console.pages.report import report_html
         from madrob_console.pages.surroundings import NOWHERE
 
     if _published(path):

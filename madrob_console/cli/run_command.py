@@ -132,7 +132,7 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.cli.session import UnattendedRun, open_engine, print_replay
         from madrob_console.common.version import software_version
         from madrob_console.config import load_settings
-        from madrob_console.engine.reports import Reporting
+        from madrob_console.engine.reports import QUEUE_FOLDER, Reporting, Wanted
         from madrob_console.engine.snapshot import label_of
 
     settings = load_settings(arguments.settings)
@@ -146,13 +146,20 @@ def main(arguments: argparse.Namespace) -> int:
     site = site_arguments(arguments, settings)
     reporting = None
     if reports or site:
-        reporting = Reporting(aside.COMMAND, lambda: engine.busy, reports=reports, publish=site)
+        reporting = Reporting(
+            aside.COMMAND,
+            engine.config.results / QUEUE_FOLDER,
+            engine.config.results,
+            lambda: engine.busy,
+            engine.write,
+            Wanted(reports, site),
+        )
     run = UnattendedRun(engine, reporting)
     with ExitStack() as stack:
-        control, presence, _ = stack.enter_context(owning(arguments, owned))
-        presence = replace(presence, version=software_version())
-        control.describe = lambda: replace(
-            presence.with_run(engine.run, busy=engine.busy),
+        server, known, _ = stack.enter_context(owning(arguments, owned))
+        known = replace(known, version=software_version())
+        server.describe = lambda: replace(
+            known.with_run(engine.run, busy=engine.busy),
             testbed=label_of(engine.source.label, practice=engine.run.practice),
         )
         stack.enter_context(run.stopping_on_signals())

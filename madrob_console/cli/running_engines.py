@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import getpass
+import math
 import os
 import shlex
+import signal
 import sys
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import resources
@@ -16,21 +17,31 @@ from string import Template
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.attaching import TAKEN, owned_testbed, ros_words
+from madrob_console.cli.attaching import TAKEN, engine_options, owned_testbed
 from madrob_console.cli.output import BAD_INPUT, complain, says_yes
 from madrob_console.cli.parsing import Parser
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import RELEASE
-from madrob_console.config import Settings, load_settings
+from madrob_console.config import load_settings
 from madrob_console.engine import wire
-from madrob_console.engine.control import ControlPort, Inquiry, WhoAnswer, ask_owner, stop_answer_in
-from madrob_console.engine.discovery import EngineHandle, FoundEngine, Holding, all_engines, held
-from madrob_console.engine.engine_lock import Owned, results_name
+from madrob_console.engine.discovery import (
+    FoundEngine,
+    Holding,
+    ask,
+    has_ended,
+    held,
+    process_of,
+    running_engines,
+    send_signals,
+)
+from madrob_console.engine.engine_lock import Owned
+from madrob_console.engine.wire import WhoAnswer
 from madrob_console.referee.run import Phase
 from madrob_console.ui.look.words import PHASES
 
 if TYPE_CHECKING:
+    from madrob_console.engine.server import EngineServer
     from madrob_console.engine.snapshot import Snapshot
 
 ENDING_TIME = 30.0
@@ -46,83 +57,65 @@ _UNSEEN = "whether a run goes on cannot be seen"
 
 
 def _all_the_same(found: FoundEngine) -> str:
-    by_itself = found.presence is not None and not found.presence.wire  # `madrob run`
+    by_itself = found.answer is not None and not found.answer.wire  # `madrob run`
     what = "aborted and does not count" if by_itself else "cut off and kept as interrupted"
-    unsaved = found.presence is not None and found.presence.unsaved
+    unsaved = found.answer is not None and found.answer.unsaved
     lost = ", and what is not on disk by then is lost" if unsaved else ""
     return f"--force ends it all the same: a run that goes on is {what}{lost}"
 
 
 def status() -> int:
     """Print one line for each engine of this user; exit code 1 if there is none."""
-    found, unseen = all_engines()
+    found = running_engines()
     for one in found:
         print(status_line(one))
-        for remark in one.presence.remarks if one.presence else ():
+        for remark in one.answer.remarks if one.answer else ():
             print(f"  {terminal_safe(remark)}")
-    _complain_of(unseen)
     if not found:
         print("no engine runs")
     return 0 if found else 1
 
 
 def status_line(found: FoundEngine) -> str:
-    parts = [f"{found.label}: {found.process}"]
-    presence = found.presence
-    if presence is None:
-        parts += [_without_answer(found)]
-        if (folder := found.locked_folder) is not None:
-            parts.append(f"runs in {terminal_safe(str(folder))}")
-        if found.killed:
-            parts.append("killed: it ends when a disk answers")
+    parts = [found.who.replace(", ", ": ", 1)]
+    answer = found.answer
+    if answer is None:
+        parts.append("there, but silent")
     else:
-        known = presence.phase in list(Phase)
-        parts.append(PHASES[Phase(presence.phase)] if known else terminal_safe(presence.phase))
-        if presence.run:
-            parts.append(terminal_safe(presence.run))
-        if presence.screens:
-            parts.append("1 screen" if presence.screens == 1 else f"{presence.screens} screens")
-        if presence.results:
-            parts.append(f"runs in {terminal_safe(presence.results)}")
-        if presence.wire not in (0, wire.VERSION):
-            parts.append(f"of another version ({terminal_safe(presence.version)})")
-        if presence.socket and not Path(presence.socket).exists():
-            parts.append("its socket is lost, it is made again at once")
-    return ", ".join(parts)
-
-
-def _without_answer(found: FoundEngine) -> str:
-    if found.silent:
-        return "there, but silent"
-    if found.speaks == wire.VERSION:
-        where = "in another network namespace, " if found.pid else ""
-        return f"{where}more is not seen from here"
-    version = "" if found.speaks is None else f" (it speaks {found.speaks}, not {wire.VERSION})"
-    return f"of another version, which says no more{version}"
+        known = answer.phase in list(Phase)
+        parts.append(PHASES[Phase(answer.phase)] if known else answer.phase)
+        if answer.run:
+            parts.append(answer.run)
+        if answer.screens:
+            parts.append("1 screen" if answer.screens == 1 else f"{answer.screens} screens")
+    if found.results is not None:
+        parts.append(f"runs in {found.results}")
+    if answer is not None and answer.wire not in (0, wire.VERSION):
+        parts.append(f"of another version ({answer.version})")
+    if answer is None and found.killed:
+        parts.append("killed: it ends when a disk answers")
+    return terminal_safe(", ".join(parts))
 
 
 def run_words(snapshot: Snapshot) -> str:
-    run = WhoAnswer().with_run(snapshot.run, busy=False).run
-    return ", ".join(filter(None, (PHASES[snapshot.run.phase], run)))
+    return ", ".join(filter(None, (PHASES[snapshot.run.phase], wire.run_title(snapshot.run))))
 
 
 def stop(arguments: argparse.Namespace) -> int:
     """End the named engines, or the only one; exit code 1 if one goes on or none is found."""
-    is_meant = _Named(arguments)
-    found, unseen = all_engines(is_meant.names)
-    chosen = [one for one in found if is_meant(one)]
-    _complain_of(unseen)
+    is_meant = _named_by(arguments)
+    found = running_engines()
+    chosen = [one for one in found if all(is_so(one) for is_so in is_meant)]
     if not chosen:
-        what = "the engine that is named does not run" if is_meant.named else "no engine runs"
+        what = "the engine that is named does not run" if is_meant else "no engine runs"
         print(f"{what}; these do:" if found else what)
         _list(found)
-        return 1 if is_meant.named else 0
+        return 1 if is_meant else 0
     if len(chosen) > 1 and not arguments.all:
         print(f"{len(chosen)} engines run: name one of them, or end them with --all")
         _list(chosen)
         return 1
-    codes = [_end(one, force=arguments.force) for one in chosen]
-    return max(codes)
+    return max(_end(one, force=arguments.force) for one in chosen)
 
 
 def _list(found: Sequence[FoundEngine]) -> None:
@@ -130,90 +123,61 @@ def _list(found: Sequence[FoundEngine]) -> None:
         print(f"  {status_line(one)}: {one.end_words}")
 
 
-def _complain_of(unseen: Sequence[str]) -> None:
-    for problem in unseen:
-        complain(problem)
-
-
-class _Named:
-    """Selects the engines that the command line names, by their `names` or other facts."""
-
-    def __init__(self, arguments: argparse.Namespace) -> None:
-        self.names: list[str] = []
-        self._tests: list[Callable[[FoundEngine], bool]] = []
-        domain, results = arguments.domain, arguments.results
-        if (pid := arguments.pid) is not None:
-            self._tests.append(lambda one: one.pid == pid)
-        if arguments.testbed is not None:
-            settings = load_settings(arguments.settings)
-            owned = owned_testbed(arguments, settings)
-            self._tests.append(lambda one: one.kind == owned.kind)
-            match owned.kind:
-                case SourceKind.ROS:
-                    domain = owned.domain
-                case SourceKind.SIMULATED if results is None:
-                    results = options.results_folder(arguments, settings)
-                case SourceKind.REPLAY:
-                    self._tests.append(lambda one: one.testbed == owned.testbed)
-                    self.names.append(owned.testbed)
-        if domain is not None:
-            self._tests.append(lambda one: one.domain == domain)
-            self.names.append(f"domain/{domain}")
-        if results is not None:
-            self._add_results(results.expanduser().resolve())
-
-    @property
-    def named(self) -> bool:
-        return bool(self._tests)
-
-    def _add_results(self, folder: Path) -> None:
-        name = results_name(folder)
-        self._tests.append(lambda one: name in one.names or one.results == folder)
-        if name is not None:
-            self.names.append(name)
-
-    def __call__(self, found: FoundEngine) -> bool:
-        return all(is_so(found) for is_so in self._tests)
+def _named_by(arguments: argparse.Namespace) -> list[Callable[[FoundEngine], bool]]:
+    """What holds of the engine that the command line names; empty where it names none."""
+    tests: list[Callable[[FoundEngine], bool]] = []
+    pid, domain, results = arguments.pid, arguments.domain, arguments.results
+    if pid is not None:
+        tests.append(lambda one: one.pid == pid)
+    if arguments.testbed is not None:
+        settings = load_settings(arguments.settings)
+        owned = owned_testbed(arguments, settings)
+        if owned.kind is SourceKind.SIMULATED:  # whatever is simulated in its results folder
+            tests.append(lambda one: one.kind == owned.kind)
+            results = options.results_folder(arguments, settings)
+        else:
+            tests.append(lambda one: one.testbed == owned.testbed)
+    elif domain is not None:
+        tests.append(lambda one: one.domain == domain)
+    if results is not None:
+        folder = results.expanduser().resolve()
+        tests.append(lambda one: one.has_results_in(folder))
+    return tests
 
 
 def _end(found: FoundEngine, *, force: bool) -> int:
     """End an engine, unless that needs a yes that is not given; 0 if it has ended."""
     try:
-        with EngineHandle(found) as handle:
-            return _end_process(found, handle, force=force)
+        with process_of(found) as process:
+            return _end_process(found, process, force=force)
     except ProcessLookupError:
         return _say(found, "ended")
-    except MadrobError as error:
-        complain(error)
-        return 1
 
 
-def _end_process(found: FoundEngine, handle: EngineHandle, *, force: bool) -> int:
-    presence = found.presence
-    against = _UNSEEN if presence is None else presence.against_stopping
+def _end_process(found: FoundEngine, process: int, *, force: bool) -> int:
+    answer = found.answer
+    against = _UNSEEN if answer is None else answer.against_stopping
     if against and not force:
         if not says_yes(f"{found.who}: {against}. End it all the same? [y/N] "):
             return _say(found, f"goes on, {against}; {_all_the_same(found)}", 1)
         force = True
-    told, hangs = False, found.silent
-    if presence is not None:
-        heard = ask_owner(found.names[0], Inquiry("stop", force))
-        answer = stop_answer_in(heard.line if heard else b"")
-        if answer.refused:
-            return _say(
-                found, f"goes on, {terminal_safe(answer.refused)}; {_all_the_same(found)}", 1
-            )
-        told = answer.ends or heard is None
-        hangs = heard is not None and not heard.line
-    if not told:
-        handle.terminate()
-    patience = HANGING_TIME if hangs else ENDING_TIME
-    if handle.ended(patience):
-        lost = presence is not None and presence.unsaved
+    patience, told = ENDING_TIME, None
+    try:
+        if answer is not None:
+            told = ask(found.name, wire.Stop(force))
+    except (TimeoutError, MadrobError):
+        answer = None
+    if isinstance(told, wire.StopAnswer) and told.refused:
+        return _say(found, f"goes on, {terminal_safe(told.refused)}; {_all_the_same(found)}", 1)
+    if answer is None:
+        patience = HANGING_TIME  # one that was stopped has to go on to end in order
+        send_signals(process, signal.SIGTERM, signal.SIGCONT)
+    if has_ended(process, patience):
+        lost = answer is not None and answer.unsaved
         return _say(found, "ended; what it could not write is lost" if lost else "ended")
     _say(found, f"{found.process} has not ended within {patience:g} s, it is killed")
-    handle.kill()
-    if handle.ended(KILLING_TIME):
+    send_signals(process, signal.SIGKILL)
+    if has_ended(process, KILLING_TIME):
         return _say(found, "ended; the next engine asks about a run that went on")
     return _say(found, "goes on: the machine waits for a disk, and ends it when that answers", 1)
 
@@ -229,32 +193,36 @@ def _say(found: FoundEngine, words: str, code: int = 0) -> int:
 @contextmanager
 def owning(
     arguments: argparse.Namespace, owned: Owned, wire_version: int = 0
-) -> Iterator[tuple[ControlPort, WhoAnswer, Holding]]:
-    """Hold the names that an engine owns, and answer inquiries, while inside.
+) -> Iterator[tuple[EngineServer, WhoAnswer, Holding]]:
+    """Hold what an engine owns, and answer on its socket, while inside.
 
     `wire_version` is the version that it will speak with screens; 0 = it accepts none. Yields the
-    port that answers, its answer until more is known, and the held names.
+    server, its answer until more is known, and what is held.
 
     Raises:
         HeldError: another engine has some of it.
     """
-    lock_testbed = bool(wire_version) or owned.domain is not None
-    with held(owned, lock_testbed=lock_testbed) as holding:
+    with held(owned) as holding:
+        from madrob_console.engine.server import STARTING, EngineServer
+
         for remark in holding.remarks:
             complain(remark)
-        presence = WhoAnswer(
-            os.getpid(),
+        known = WhoAnswer(
             RELEASE,
             wire_version,
-            kind=owned.kind.value,
-            domain=owned.domain,
             results="" if owned.results is None else str(owned.results),
-            started=time.time(),
             console=_console_options(arguments, owned) if wire_version else (),
             remarks=holding.remarks,
         )
-        with ControlPort(holding.listening, lambda: presence) as control:
-            yield control, presence, holding
+        this = FoundEngine(holding.name, os.getpid(), known, None)
+        rejected = STARTING
+        if not wire_version:
+            rejected = wire.Rejected(
+                f"a `madrob run` has the testbed ({this.who}): wait for its end, or "
+                f"{this.end_words}"
+            )
+        with EngineServer(holding.listening, known, rejected, this.end_words) as server:
+            yield server, known, holding
 
 
 def _console_options(arguments: argparse.Namespace, owned: Owned) -> tuple[str, ...]:
@@ -285,40 +253,29 @@ _ROS_ENVIRONMENT = (
 
 
 def print_unit(arguments: argparse.Namespace) -> int:
-    settings = load_settings(arguments.settings)
-    owned = owned_testbed(arguments, settings)
+    """Print `engine.service`, filled in."""
+    owned = owned_testbed(arguments, load_settings(arguments.settings))
     if owned.kind is SourceKind.REPLAY:
         raise MadrobError("a replay needs no service: use --testbed ros or simulated")
-    print(_unit(arguments, settings, owned, os.environ), end="")
-    return 0
-
-
-def _unit(
-    arguments: argparse.Namespace, settings: Settings, owned: Owned, environment: Mapping[str, str]
-) -> str:
-    """`engine.service`, filled in."""
-    testbed = _testbed(arguments, settings, owned)
-    idle = "inf" if arguments.idle_time is None else f"{arguments.idle_time:g}"
-    teams = options.team_source(arguments, settings).file if arguments.teams else None
-    listed = [] if teams is None else [f"--teams={teams}"]
-    plan = options.plan_source(arguments, settings).file if arguments.plan else None
-    listed += [] if plan is None else [f"--plan={plan}"]
-    options_of_serve = [*testbed, *listed, f"--idle-time={idle}", *ros_words(arguments)]
-    madrob, system = _command_line(), arguments.system
-    ros = _ros_environment(environment) if owned.kind is SourceKind.ROS else ()
+    arguments.testbed, arguments.domain = [owned.kind.value], owned.domain
+    arguments.results, arguments.idle_time = owned.results, arguments.idle_time or math.inf
+    system = arguments.system
+    ros = _ros_environment(os.environ) if owned.kind is SourceKind.ROS else ()
     template = resources.files("madrob_console") / "cli" / "engine.service"
-    return Template(template.read_text(encoding="utf-8")).substitute(
+    filled = Template(template.read_text(encoding="utf-8")).substitute(
         name=f"madrob-{owned.stem.replace('_', '-')}",
         testbed=owned.words,
         network="Wants=network-online.target\nAfter=network-online.target" if system else "",
         user=f"User={getpass.getuser()}" if system else "",
-        serve=_quoted([*madrob, "engine", "serve", *options_of_serve]),
-        stop=_quoted([*madrob, "engine", "stop", "--force", *testbed]),
+        folder=str(Path.cwd()).replace("%", "%%"),
+        serve=_quoted([*_command_line(), "engine", "serve", *engine_options(arguments)]),
         ros="\n".join(f"Environment={_quoted([f'{name}={value}'])}" for name, value in ros),
         target="multi-user" if system else "default",
         taken=TAKEN,
         bad_input=BAD_INPUT,
     )
+    print(filled, end="")
+    return 0
 
 
 def _command_line() -> list[str]:
@@ -338,21 +295,6 @@ def _ros_environment(environment: Mapping[str, str]) -> Iterator[tuple[str, str]
             value = os.pathsep.join(parts)
         if value:
             yield name, value
-
-
-def _testbed(arguments: argparse.Namespace, settings: Settings, owned: Owned) -> list[str]:
-    """Options that name the testbed, with absolute paths."""
-    words = [f"--results={options.results_folder(arguments, settings)}"]
-    if owned.domain is not None:
-        words.insert(0, f"--domain={owned.domain}")
-    else:
-        values = ((name, getattr(arguments, name)) for name in options.SIMULATION)
-        words += [f"--{name}={value}" for name, value in values if value is not None]
-    if arguments.settings is not None:
-        words.append(f"--settings={arguments.settings.expanduser().absolute()}")
-    if arguments.use_sim_time:
-        words.append("--use-sim-time")
-    return ["--testbed", owned.kind.value, *words]
 
 
 def _quoted(words: Sequence[str]) -> str:
@@ -382,14 +324,14 @@ def engines_meant(arguments: argparse.Namespace, results: Path) -> tuple[FoundEn
     usual = _parsed(())
     if any(getattr(arguments, name) != getattr(usual, name) for name in _NAMING):
         return ()
-    found, _ = all_engines()
-    engines = tuple(one for one in found if one.presence is not None and one.presence.console)
+    found = running_engines()
+    engines = tuple(one for one in found if one.answer is not None and one.answer.console)
     return tuple(one for one in engines if one.results == results) or engines
 
 
 def mean(arguments: argparse.Namespace, engine: FoundEngine) -> None:
-    assert engine.presence is not None
-    typed = _parsed(engine.presence.console)
+    assert engine.answer is not None
+    typed = _parsed(engine.answer.console)
     for name in _NAMING:
         setattr(arguments, name, getattr(typed, name))
 

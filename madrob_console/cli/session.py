@@ -29,6 +29,7 @@ from madrob_console.engine.replay import Replay
 from madrob_console.engine.reports import Reporting
 from madrob_console.engine.run_recorder import EventLog
 from madrob_console.engine.scorer import InlineScorer, Scorer
+from madrob_console.engine.supervisor import Supervisor
 from madrob_console.messages.codec import referee_topics
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, Waive, ZeroHandle
@@ -361,8 +362,8 @@ class UnattendedRun:
         assert scored is not None
         for line in result_lines(scored.result, scored.flags):
             print(line)
-        if self._engine.result_problem:
-            print(self._engine.result_problem)
+        if self._engine.refused:
+            print(self._engine.refused)
         if self._reporting is not None:
             self._wait_for_report(self._reporting)
         print(f"run folder: {self._engine.folder}", flush=True)
@@ -370,7 +371,9 @@ class UnattendedRun:
 
     def _wait_for_report(self, reporting: Reporting) -> None:
         self._signal = None
+        supervisor = Supervisor(reporting)
         while not reporting.wait(_LOOK_PERIOD) and self._signal is None:
             pass
+        supervisor.close()
         if reporting.problem is not None:
             print(reporting.problem)

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
+from madrob_console.common.formatting import time_of_day
 from madrob_console.engine.public_state import SpectatorState
 from madrob_console.engine.snapshot import Weight
 from madrob_console.referee.acts import ConfirmPose, Finalise, SetUp, Start, ZeroHandle
 from madrob_console.referee.flags import undecided
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.run import Phase
-from madrob_console.ui.link import EngineLink, EngineSearch
+from madrob_console.ui.link import EngineLink
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 
@@ -41,7 +42,6 @@ def follow_engine(open_client: Callable[[], EngineClient], lines: StateLines) ->
         BrokenPipeError: the reader of the standard output has gone.
     """
     link = EngineLink(open_client, time.monotonic)
-    search = EngineSearch(link, time.monotonic, lambda connect: connect())
     reader = select.poll()
     reader.register(sys.stdout, 0)
     before: Snapshot | None = None
@@ -54,7 +54,7 @@ def follow_engine(open_client: Callable[[], EngineClient], lines: StateLines) ->
                 print(line, flush=True)
             before = snapshot
             if snapshot.pulse.gone:
-                search.look_for_engine()
+                link.look_for_engine(lambda look: look())
     finally:
         link.close()
     raise BrokenPipeError
@@ -94,12 +94,12 @@ _ENDS = {
 def plain_lines(before: Snapshot | None, now: Snapshot) -> Iterator[str]:
     """What has happened between two states, in English sentences with their times."""
     if before is None or (before.pulse.gone and not now.pulse.gone):
-        yield f"{_time_of_day(now.time)} watching {now.label}: {_standing(now)}"
+        yield f"{time_of_day(now.time)} watching {now.label}: {_standing(now)}"
         return
     start, stop = now.run.start, now.run.stop
     for at, text in sorted(_events(before, now), key=itemgetter(0)):
         during = start is not None and start < at <= (stop or at)
-        yield f"{f'{at - start:+.1f} s' if start and during else _time_of_day(at)} {text}"
+        yield f"{f'{at - start:+.1f} s' if start and during else time_of_day(at)} {text}"
 
 
 def _events(before: Snapshot, now: Snapshot) -> Iterator[tuple[float, str]]:
@@ -195,7 +195,3 @@ def _result_words(snapshot: Snapshot) -> str:
     if waiting := undecided(snapshot.flags):
         words += f"; undecided: {'; '.join(flag.words for flag in waiting)}"
     return words
-
-
-def _time_of_day(epoch: float) -> str:
-    return time.strftime("%H:%M:%S", time.localtime(epoch))

@@ -183,7 +183,7 @@ class _StandardOutput(BytesIO):
 
 def _samples(arguments: argparse.Namespace) -> int:
     from madrob_console.archive.folders import all_runs_at
-    from madrob_console.cli.batch import in_order
+    from madrob_console.cli.sharing import in_order
     from madrob_console.export.rows import check_writable
 
     output: Path = arguments.output
@@ -193,7 +193,7 @@ def _samples(arguments: argparse.Namespace) -> int:
     write = partial(write_samples, output=output, rules=arguments.ruleset, kind=arguments.format)
     to_write = [run for run in runs if chosen[run.own_name] is run]
     with (
-        closing(in_order(write, to_write, arguments.jobs)) as results,
+        closing(in_order(write, to_write, _lost, arguments.jobs)) as results,
         progress("runs") as tell,
         Complaints() as bad,
     ):
@@ -211,6 +211,10 @@ def _samples(arguments: argparse.Namespace) -> int:
                     print(terminal_safe(str(path)), flush=True)
             tell(number, len(runs))
     return BAD_INPUT if bad.count else 0
+
+
+def _lost(run: RunPath, why: str) -> _Written:
+    return _Written(problem=f"{run.name}: its samples are not written: {why}")
 
 
 def write_samples(

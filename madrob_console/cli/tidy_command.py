@@ -14,6 +14,7 @@ from madrob_console.cli import options
 from madrob_console.cli.output import BAD_INPUT, Complaints, progress, says_yes, somebody_there
 from madrob_console.cli.parsing import period, size, whole_within
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
 
@@ -72,8 +73,8 @@ def main(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.archive.evidence import evidence_at, run_going_on
         from madrob_console.common.files import free_space
+        from madrob_console.common.formatting import format_size
         from madrob_console.config import load_settings
-        from madrob_console.ui.look.words import size_text
 
     settings = load_settings(arguments.settings)
     limits = _limits(arguments, settings.protests.filing)
@@ -89,10 +90,10 @@ def main(arguments: argparse.Namespace) -> int:
         print(terminal_safe(line))
     going = [one for one in found if not one.kept]
     room = sum(one.size for one in going)
-    stays = size_text(sum(one.size for one in found) - room)
-    then = f"{size_text(free)} free now, {size_text(free + room)} then"
-    runs = f"{len(going)} run{'' if len(going) == 1 else 's'}"
-    print(f"evidence of {runs}, {size_text(room)}, can go; {stays} stay; {then}")
+    stays = format_size(sum(one.size for one in found) - room)
+    then = f"{format_size(free)} free now, {format_size(free + room)} then"
+    runs = counted(len(going), "run")
+    print(f"evidence of {runs}, {format_size(room)}, can go; {stays} stay; {then}")
     if lacking := _lacking(limits, free + room):
         print(lacking)
     if not going or arguments.dry_run:
@@ -118,20 +119,20 @@ def _limits(arguments: argparse.Namespace, filing: float) -> TidyLimits:
 
 
 def _lacking(limits: TidyLimits, free: float) -> str:
-    from madrob_console.ui.look.words import size_text
+    from madrob_console.common.formatting import format_size
 
     wanted = limits.until_free
     if wanted is None or free >= wanted:
         return ""
-    lacking = size_text(wanted - free)
-    return f"--until-free {size_text(wanted)} is not reached: {lacking} are lacking"
+    lacking = format_size(wanted - free)
+    return f"--until-free {format_size(wanted)} is not reached: {lacking} are lacking"
 
 
 def _lines(found: Sequence[RunEvidence], now: float) -> list[str]:
-    from madrob_console.ui.look.words import size_text
+    from madrob_console.common.formatting import format_size
 
     rows = [
-        (one.run.folder, _age(now - one.run.started), size_text(one.size), one.kept)
+        (one.run.folder, _age(now - one.run.started), format_size(one.size), one.kept)
         for one in found
     ]
     longest = max((len(row[0]) for row in rows), default=0)
@@ -152,7 +153,7 @@ def _age(seconds: float) -> str:
 def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int:
     from madrob_console.archive.evidence import remove_evidence
     from madrob_console.common.files import free_space
-    from madrob_console.ui.look.words import size_text
+    from madrob_console.common.formatting import format_size
 
     removed: list[RunEvidence] = []
     with Complaints() as bad:
@@ -167,8 +168,8 @@ def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int
                     removed.append(one)
         _renew_reports(removed, bad)
     free = free_space(root)
-    total = size_text(sum(one.size for one in removed))
-    left = "" if free is None else f"; {size_text(free)} free"
+    total = format_size(sum(one.size for one in removed))
+    left = "" if free is None else f"; {format_size(free)} free"
     print(f"removed {total} of evidence of {len(removed)} of {len(going)} runs{left}")
     if free is not None and (lacking := _lacking(limits, free)):
         print(lacking)

@@ -1,1 +1,1 @@
-"""What all rooms share: errors, clock, names, version, and files that may be hostile."""
+"""What all rooms share: errors, clock, names, version, formats, and files that may be hostile."""

@@ -1,104 +1,44 @@
-"""The screens' end of the socket, and the state that crosses it part by part."""
+"""The screens' end of the socket."""
 
 from __future__ import annotations
 
 import itertools
 import os
-import select
 import socket
 import threading
 import time
-from collections.abc import Mapping
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
-from dataclasses import dataclass, fields
-from functools import cache
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 import msgspec
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine import wire
+from madrob_console.engine.discovery import has_ended
 from madrob_console.engine.disk import PriorityQueue
-from madrob_console.engine.engine_lock import peer_of
+from madrob_console.engine.engine_lock import connect_to
 from madrob_console.engine.engine_thread import begun, fail
 from madrob_console.engine.requests import NO_ANSWER, Request, Role, T
-from madrob_console.engine.snapshot import Snapshot
+from madrob_console.engine.snapshot import RightToAct, Snapshot
 from madrob_console.engine.wire import ON_ITS_WAY, awaited
 
-# The state in parts: each is encoded once, when it has changed.
-#
-# A part is a field of `Snapshot`. The log and the result, which are most of the state, cross only
-# when they have changed. An idle engine sends a sign of life.
+GREETING_TIME = 5.0
+"""An engine that does not greet a screen within this time is silent, s."""
+
+_snapshots = msgspec.msgpack.Decoder(Snapshot)
+_rights = msgspec.msgpack.Decoder(RightToAct)
 
 
-SIGN_OF_LIFE = 0.5
-"""How often an engine without news sends its time, s; its pulse says if its core stands still."""
-
-OWN = "right"
-"""The part that differs by screen: it crosses beside the others."""
-
-_NAMES = tuple(field.name for field in fields(Snapshot))
-_SHARED = tuple(name for name in _NAMES if name != OWN)
+def snapshot_of(state: wire.State) -> Snapshot:
+    snapshot = wire.decoded(_snapshots, state.snapshot, "a message of an engine")
+    return replace(snapshot, right=wire.decoded(_rights, state.right, "a message of an engine"))
 
 
-class Outgoing:
-    """News of the engine's state, for screens that saw different versions last."""
-
-    def __init__(self) -> None:
-        self.version = 0
-        self._sent: Snapshot | None = None
-        self._sent_at = 0.0
-        self._parts: dict[str, tuple[int, msgspec.Raw]] = {}
-        self._frames: dict[int, bytes] = {}
-
-    def show(self, snapshot: Snapshot, now: float) -> None:
-        """Take the engine's latest snapshot; `now` is s of a monotonic clock."""
-        sent = self._sent
-        new = [
-            name
-            for name in _SHARED
-            if sent is None or getattr(snapshot, name) != getattr(sent, name)
-        ]
-        if new in ([], ["time"]) and now - self._sent_at < SIGN_OF_LIFE:
-            return
-        self.version += 1
-        for name in new:
-            self._parts[name] = (self.version, wire.raw(getattr(snapshot, name)))
-        self._frames.clear()
-        self._sent, self._sent_at = snapshot, now
-
-    def since(self, version: int) -> bytes:
-        """What is new since a version, encoded; everything since version 0."""
-        if version not in self._frames:
-            new = {name: raw for name, (since, raw) in self._parts.items() if since > version}
-            self._frames[version] = wire.frame(wire.State(new))
-        return self._frames[version]
-
-
-class Incoming:
-    """The state as it has arrived so far."""
-
-    def __init__(self) -> None:
-        self._parts: dict[str, Any] = {}
-
-    def apply_state(self, state: wire.State) -> Snapshot | None:
-        """The updated state; None while parts of the first one are missing."""
-        for name, raw in state.parts.items():
-            if name not in _NAMES:
-                raise MadrobError("not a message of an engine: an unknown part of its state")
-            self._parts[name] = wire.decoded(_decoders()[name], raw, "a message of an engine")
-        return Snapshot(**self._parts) if len(self._parts) == len(_NAMES) else None
-
-
-@cache
-def _decoders() -> Mapping[str, msgspec.msgpack.Decoder[Any]]:
-    types = get_type_hints(Snapshot)
-    return {name: msgspec.msgpack.Decoder(types[name]) for name in _NAMES}
-
-
-_GREETING_TIME = 10.0
+class NotYetError(MadrobError):
+    """The engine starts or ends: ask again in a moment."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,42 +68,34 @@ class _Asked:
 
 
 class RemoteEngine:
-    """A connection to an engine; an `EngineClient`.
+    """A connection to the engine with a name; an `EngineClient`.
 
-    `who` is this screen's name at other screens. `pid` is the engine's process, if known:
-    another process may have taken its socket.
+    `who` is this screen's name at other screens.
 
     Raises:
-        MadrobError: the engine rejects this screen, or does not speak.
-        OSError: there is no engine.
+        NotYetError: it starts or ends.
+        MadrobError: it rejects this screen.
+        TimeoutError: it is silent.
+        OSError: this user has no engine with the name, or it has just ended.
     """
 
-    def __init__(self, path: Path, role: Role, who: str, pid: int = 0) -> None:
+    def __init__(self, name: str, role: Role, who: str) -> None:
         self._numbers = itertools.count(1)
         self._asked: dict[int, _Asked] = {}
         self._outbox: PriorityQueue[_Asked] = PriorityQueue()
         self._failure: str | None = None
         self._lost, self._again = _LOST[role], _AGAIN[role]
-        self._incoming = Incoming()
         self._process: int | None = None
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._socket.settimeout(_GREETING_TIME)
+        self._socket, self.pid = connect_to(name, GREETING_TIME)
         try:
-            self._socket.connect(str(path))
-            _refuse_strangers(self._socket, pid)
             self._socket.sendall(wire.frame(wire.Hello(wire.VERSION, role, who)))
-            welcome, self._snapshot = self._greeted()
-        except (TimeoutError, EOFError):
-            self._socket.close()
-            raise MadrobError("the engine does not answer: `madrob engine stop` ends it") from None
+            self.results, self._snapshot = self._greeted()
         except BaseException:
             self._socket.close()
             raise
-        self.results = Path(welcome.results)
-        self.pid = welcome.pid
-        if (peer := peer_of(self._socket).pid) not in (0, os.getpid()):
+        if self.pid != os.getpid():
             with suppress(OSError):
-                self._process = os.pidfd_open(peer)
+                self._process = os.pidfd_open(self.pid)
         self._socket.settimeout(None)
         self._threads = [
             threading.Thread(target=work, name=name, daemon=True)
@@ -182,11 +114,7 @@ class RemoteEngine:
     @property
     def _goes_on(self) -> bool:
         """Whether the engine's process still exists: a disk may hold it up while closing."""
-        if self._process is None:
-            return False
-        poll = select.poll()
-        poll.register(self._process, select.POLLIN)
-        return not poll.poll(0)
+        return self._process is not None and not has_ended(self._process)
 
     def begin_request(self, request: Request[T]) -> Future[T]:
         deadline = time.monotonic() + request.latest_begin
@@ -233,34 +161,28 @@ class RemoteEngine:
             with suppress(OSError):
                 self._socket.shutdown(socket.SHUT_RDWR)
 
-    def _greeted(self) -> tuple[wire.Welcome, Snapshot]:
-        welcome: wire.Welcome | None = None
-        snapshot: Snapshot | None = None
-        while welcome is None or snapshot is None:
-            match self._receive():
-                case wire.Welcome() as welcome:
-                    pass
-                case wire.State() as state:
-                    snapshot = self._incoming.apply_state(state)
-                case wire.Rejected(reason):
-                    raise MadrobError(reason)
-                case wire.Reply():
-                    raise MadrobError("the engine speaks another language")
-        return welcome, snapshot
+    def _greeted(self) -> tuple[Path, Snapshot]:
+        match wire.receive(self._socket):
+            case wire.Welcome(results, state):
+                return Path(results), snapshot_of(state)
+            case wire.Rejected(reason, again):
+                raise (NotYetError if again else MadrobError)(reason)
+            case _:
+                raise MadrobError("the engine speaks another language")
 
     def _listen(self) -> None:
         try:
             while True:
-                match self._receive():
+                match wire.receive(self._socket):
                     case wire.State() as state:
-                        self._snapshot = self._incoming.apply_state(state) or self._snapshot
+                        self._snapshot = snapshot_of(state)
                     case wire.Reply() as reply:
                         if (asked := self._asked.pop(reply.number, None)) is not None:
                             asked.take(reply)
                     case wire.Rejected(reason):
                         self._failure = reason
                         return
-        except (OSError, EOFError):
+        except OSError:
             self._failure = self._failure or self._lost
         except MadrobError as error:
             self._failure = str(error)
@@ -274,21 +196,6 @@ class RemoteEngine:
         why = str(error) or type(error).__name__
         return f"the connection to the engine has failed ({why}): {self._again}"
 
-    def _receive(self) -> wire.ToScreen:
-        (length,) = wire.LENGTH.unpack(self._exactly(wire.LENGTH.size))
-        if length > wire.LARGEST_STATE:
-            raise MadrobError(f"a message of {length} bytes is too long")
-        return wire.message_of(self._exactly(length))
-
-    def _exactly(self, size: int) -> bytes:
-        data = bytearray()
-        while len(data) < size:
-            part = self._socket.recv(min(size - len(data), 1 << 20))
-            if not part:
-                raise EOFError
-            data += part
-        return bytes(data)
-
 
 _ENDS = "the engine is ending: it closes its files, which a disk may hold up"
 _LOST = {
@@ -298,12 +205,3 @@ _LOST = {
     Role.WATCH: "the engine has ended: what you see is old; the next one is looked for",
 }
 _AGAIN = {Role.REFEREE: "Ctrl+R connects again", Role.WATCH: "it is tried again"}
-
-
-def _refuse_strangers(connection: socket.socket, pid: int) -> None:
-    """Accept only an engine of this user, or of root."""
-    peer = peer_of(connection)
-    if peer.user not in (os.getuid(), 0):
-        raise MadrobError("another user's process listens where the engine should")
-    if pid and peer.pid != pid:
-        raise ConnectionRefusedError

@@ -33,7 +33,7 @@ from madrob_console.referee.competition_plan import NO_PLAN, Plan
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.rebuild import after
-from madrob_console.referee.records import Trouble, new_run_id
+from madrob_console.referee.records import FaultKind, new_run_id
 from madrob_console.referee.run import Phase, Run
 from madrob_console.testbeds.source import INFO_TOPIC, Source
 from recorder.bag import RawMessage
@@ -63,7 +63,7 @@ class Engine:
     no evidence is recorded.
 
     Attributes:
-        on_result: called with the run's folder and the scored run, pickled, when its result is on
+        on_result: called with the run's folder when its result is on
             disk; must not wait.
         on_left_unsettled: called with the next result after a run was left whose evidence was still
             being written: its journal must say how much of it is there; must not wait.
@@ -83,12 +83,10 @@ class Engine:
         self.source = source
         # a recording says itself what was read of it
         self.config = config.limited() if replay is None else config
-        self.on_result: Callable[[Path, bytes | memoryview], None] | None = None
+        self.on_result: Callable[[Path], None] | None = None
         self.on_left_unsettled: Callable[[], None] | None = None
-        self._replay = replay
-        self._keepers = keepers or DiskThreads.inline()
-        self._scorer = scorer or InlineScorer()
-        self._evidence_client = evidence_client or EvidenceClient()
+        self.replay = replay
+        keepers = keepers or DiskThreads.inline()
         self._teams = NO_TEAMS
         self._plan = NO_PLAN
         self._engine_context = EngineContext(
@@ -97,10 +95,10 @@ class Engine:
             self.config,
             types,
             replay,
-            self._keepers,
-            self._scorer,
-            self._evidence_client,
-            EvidenceRoom(self.config, self._keepers.reading),
+            keepers,
+            scorer or InlineScorer(),
+            evidence_client or EvidenceClient(),
+            EvidenceRoom(self.config, keepers.reading),
         )
         self._begin()
 
@@ -111,20 +109,19 @@ class Engine:
 
     def _begin(self) -> None:
         config, engine_context = self.config, self._engine_context
-        if self._replay is not None:
-            self._replay.begin_replay()
+        if self.replay is not None:
+            self.replay.begin_replay()
         self._looked: float | None = None
         self._watched = 0.0
         self._observation = observation = Observation(
             config.mappings, config.thresholds, config.limits, engine_context.types
         )
-        self._sensors = observation.sensors
         self._backlog = backlog = Backlog(observation.receive)
-        self._pre_start = pre_start = PreStart(engine_context, self._sensors)
-        self._earlier = EarlierRuns(config.results, self._keepers)
-        self._at_hand = at_hand = CurrentRun(engine_context, observation, self._earlier, self._tell)
-        self._recorder = at_hand.recorder
-        self._result = at_hand.result
+        self._pre_start = pre_start = PreStart(engine_context, observation.sensors)
+        self._earlier = EarlierRuns(config.results, engine_context.keepers)
+        self.current_run = at_hand = CurrentRun(
+            engine_context, observation, self._earlier, self._tell
+        )
         self._acting = acting = Acting(engine_context, at_hand, self.situation, self._advance)
         self._view = StateView(engine_context, observation, backlog, pre_start, at_hand, acting)
 
@@ -132,74 +129,67 @@ class Engine:
 
     @property
     def log(self) -> EventLog:
-        return self._at_hand.event_publisher.log
+        return self.current_run.event_publisher.log
 
     @property
     def run(self) -> Run:
-        return self._at_hand.run
+        return self.current_run.run
 
     @property
     def scored(self) -> RenderedResult | None:
-        return self._result.scored
-
-    @property
-    def result_problem(self) -> str | None:
-        return self._result.problem
+        return self.current_run.result.scored
 
     @property
     def folder(self) -> Path | None:
-        return self._at_hand.folder
+        return self.current_run.folder
 
     @property
     def unwritten(self) -> tuple[int, float]:
         """How many lines of the journal are not on disk, and for how long, s. From any thread."""
-        return self._at_hand.event_publisher.unwritten
+        return self.current_run.event_publisher.journal.unwritten
 
     @property
     def refused(self) -> str:
         """What of the current run is in memory alone and retried. From any thread."""
-        return self._result.problem or self._at_hand.event_publisher.problem or ""
+        journal = self.current_run.event_publisher.journal
+        return self.current_run.result.problem or journal.problem or ""
 
     @property
     def waiting(self) -> tuple[str, ...]:
         """Earlier runs that are in memory alone, and why. From any thread."""
-        return self._result.waiting
+        return self.current_run.result.waiting
 
     @property
     def writing(self) -> str:
         """The act that takes effect when it is on disk; empty = none. From any thread."""
-        waiting = self._acting.waiting
+        waiting = self._acting.durable.waiting
         return "" if waiting is None else waiting.name
 
     @property
     def busy(self) -> bool:
         """Whether a run goes on or its files are being written; never for a replay."""
-        if self._replay is not None:
+        if self.replay is not None:
             return False
-        files = self._recorder.open or self._result.writing
-        return self._acting.waiting is not None or self.run.active or files
+        files = self.current_run.recorder.open or self.current_run.result.writing
+        return self._acting.durable.waiting is not None or self.run.active or files
 
     @property
     def disk_silence(self) -> float:
         """How long the disk has not answered, s; 0 while nothing waits for it. From any thread."""
-        keepers = self._keepers
-        return max(keepers.own.silent, keepers.reading.silent, self._recorder.silent)
-
-    @property
-    def replay(self) -> Replay | None:
-        return self._replay
+        return max(self._engine_context.keepers.own.silent, self.current_run.recorder.silent)
 
     def now(self) -> float:
         return self._engine_context.now()
 
     def open(self) -> None:
         self.source.open()
-        if self._replay is not None:
-            self._repeat_decisions(self._replay)  # before the first message
+        if self.replay is not None:
+            self._repeat_decisions(self.replay)  # before the first message
             self.step(0.0)
             return
-        self._at_hand.event_publisher.announce_state(self.run)
+        self.current_run.event_publisher.announce_state(self.run)
         self._earlier.find_cut_off_runs()
+        self._pre_start.free_disk(self.now())  # known before the first start
 
     def step(self, timeout: float, interrupt: Interrupt | None = None) -> None:
         """Take the testbed's messages within `timeout` s of clock time, and decide.
@@ -207,51 +197,56 @@ class Engine:
         `interrupt` is asked between two messages whether the owner wants a turn; without it, and in
         virtual time and replays, a step ends only after all messages were processed.
         """
-        self._keepers.deliver()
-        self._scorer.deliver()
+        self._engine_context.keepers.deliver()
+        self._engine_context.scorer.deliver()
         self._looked = self.now()
-        if self._replay is not None or self.config.lossless:
+        if self.replay is not None or self.config.lossless:
             interrupt = None
-        if self._result.hurries:
+        if self.current_run.result.hurries:
             timeout = min(timeout, HURRIED_STEP)
         if not self._backlog.full:
             self._receive(self.source.take_messages(0.0 if self._backlog else timeout))
         self._backlog.work_off(interrupt)
         self._looked = self._backlog.seen(self._looked)
-        if self._replay is not None:
-            self._repeat_decisions(self._replay)
+        if self.replay is not None:
+            self._repeat_decisions(self.replay)
         self._advance()
 
     def close(self) -> None:
         """Disconnect; a current run is cut off, scored as interrupted and kept."""
         acts = self._acting.durable
         if acts.waiting is not None and not acts.withdraw("the engine ended"):
-            self._keepers.own.wait_until_idle(CLOSING_TIME)  # it takes effect
+            self._engine_context.keepers.own.wait_until_idle(CLOSING_TIME)  # it takes effect
         if self.busy and self.run.active:
-            self._at_hand.interrupt("the console was closed during the run")
-        if self._recorder.recording:
+            self.current_run.interrupt("the console was closed during the run")
+        if self.current_run.recorder.recording:
             self._finish()
         answers = self._settle()
-        self._evidence_client.close()
+        self._engine_context.evidence_client.close()
         if answers:
-            self._at_hand.settle_evidence(self.now(), ending=True)
+            self.current_run.settle_evidence(self.now(), ending=True)
             self._settle()
-        self._scorer.close()
+        self._engine_context.scorer.close()
         if answers:
-            self._result.end(self.now(), busy=self.run.active)
-        self._at_hand.event_publisher.close()
+            self.current_run.result.end(self.folder, self.now())
+        self.current_run.event_publisher.journal.close()
         self.source.close()
-        self._keepers.close(CLOSING_TIME if answers else 0.0)
+        self._engine_context.keepers.close(CLOSING_TIME if answers else 0.0)
 
     def _settle(self) -> bool:
-        answers = self._keepers.own.wait_until_idle(CLOSING_TIME)  # the bag is closed
-        if answers and self._scorer.wait_until_idle(CLOSING_TIME):
-            answers = self._keepers.own.wait_until_idle(CLOSING_TIME)  # the result is written
-        return answers
+        own, scorer = self._engine_context.keepers.own, self._engine_context.scorer
+        bag_is_closed = own.wait_until_idle(CLOSING_TIME)
+        if bag_is_closed and scorer.wait_until_idle(CLOSING_TIME):
+            return own.wait_until_idle(CLOSING_TIME)  # the result is written
+        return bag_is_closed
 
     def read(self, job: Callable[[], T], *, first: bool = True) -> Future[T]:
-        """Have something read that the run does not need. From any thread; see `Reader`."""
-        return self._keepers.reading.submit_job(job, first=first)
+        """Have something read that the run does not need. From any thread; see `DiskJobs`."""
+        return self._engine_context.keepers.reading.submit_job(job, first=first)
+
+    def write(self, job: Callable[[], None]) -> Future[None]:
+        """Have a small file written, after what is written of the run. From any thread."""
+        return self._engine_context.keepers.own.submit_job(job)
 
     def next_run_number(
         self,
@@ -271,30 +266,25 @@ class Engine:
 
     def _tell(self, folder: Path, scored: RenderedResult) -> None:
         if self.on_result is not None:
-            self.on_result(folder, scored.report)
-        if self._at_hand.left_unsettled and self.on_left_unsettled is not None:
-            self._at_hand.left_unsettled = False
+            self.on_result(folder)
+        if self.current_run.left_unsettled and self.on_left_unsettled is not None:
+            self.current_run.left_unsettled = False
             self.on_left_unsettled()
 
     # ------------------------------------------------------------------ earlier runs
 
-    @property
-    def generation(self) -> int:
-        """See `CurrentRun`. From any thread."""
-        return self._at_hand.generation
-
     def opening_refusal(self, instead_of: int | None = None) -> str | None:
         """Why no earlier run can be opened now, in words; `instead_of`: see `open_run`."""
-        if self._replay is not None:
+        if self.replay is not None:
             return OWN_RUN
-        if self.run.active or self._acting.waiting is not None:
+        if self.run.active or self._acting.durable.waiting is not None:
             return "a run is going on"
         if self.run.phase in (Phase.STOPPED, Phase.FINAL) and not (
-            self._result.settled or self._result.hopeless
+            self.current_run.result.settled or self.current_run.result.hopeless
         ):
             return "the result of the last run is being written"
-        if instead_of not in (None, self.generation):
-            return self._at_hand.came_words
+        if instead_of not in (None, self.current_run.generation):
+            return self.current_run.came_words
         return None
 
     def hear_of_teams(self, teams: TeamList) -> None:
@@ -306,12 +296,12 @@ class Engine:
         self._plan = plan
 
     def warm(self) -> None:
-        self._scorer.warm()
-        self._evidence_client.warm()
+        self._engine_context.scorer.warm()
+        self._engine_context.evidence_client.warm()
 
     def read_run(self, folder: Path) -> Future[EarlierRun]:
         """Read an earlier run, to open it. From any thread."""
-        return self._scorer.read(folder)
+        return self._engine_context.scorer.read(folder)
 
     def open_run(
         self,
@@ -327,15 +317,15 @@ class Engine:
         Reading took a while: a run set up since the `generation` `instead_of` stays. `done` is
         called once, in this thread: why that is not possible, in words, or None.
         """
-        asked = self.generation if instead_of is None else instead_of
+        asked = self.current_run.generation if instead_of is None else instead_of
         refusal = partial(self.opening_refusal, asked)
         refused = refusal()
         if refused is not None or opened.folder == self.folder:
             done(refused)
-        elif opened.folder in self._result:
+        elif opened.folder in self.current_run.result:
             done("its result waits for the disk")
         else:
-            take_up = partial(self._at_hand.take_up, opened, invalid=invalid)
+            take_up = partial(self.current_run.take_up, opened, invalid=invalid)
             self._earlier.reopen(opened, refusal, take_up, done)
 
     # ------------------------------------------------------------------ acts
@@ -344,15 +334,15 @@ class Engine:
         now = self._sensors_now
         return Situation(
             run=self.run,
-            scored=self._result.settled,
-            hopeless=self._result.hopeless,
+            scored=self.current_run.result.settled,
+            hopeless=self.current_run.result.hopeless,
             simulated=self.source.announcement.simulated,
-            indicators=self._result.indicators,
+            indicators=self.current_run.result.indicators,
             refused=self.refused,
             look=lambda: self._pre_start.checks(
-                self.run, self.source, now, self._at_hand.drift, self._teams
+                self.run, self.source, now, self.current_run.drift, self._teams
             ),
-            measure=lambda: self._sensors.handle_rest(now),
+            measure=lambda: self._observation.sensors.handle_rest(now),
             rest_force=self.config.thresholds.touch_force / 2,
             teams=self._teams,
             steps=self._observation.steps,
@@ -366,7 +356,7 @@ class Engine:
     @property
     def _sensors_now(self) -> float:
         """Time up to which all messages were taken: a program held up makes no topic silent."""
-        return self.now() if self._looked is None or self._replay is not None else self._looked
+        return self.now() if self._looked is None or self.replay is not None else self._looked
 
     def submit(
         self,
@@ -382,7 +372,7 @@ class Engine:
         it took effect. A refused act never takes effect later. A known `id` is answered again,
         not done twice.
         """
-        if self._replay is not None:
+        if self.replay is not None:
             done(NO_ACTS)
         else:
             self._acting.submit(act, done, id, origin)
@@ -398,50 +388,51 @@ class Engine:
     # ------------------------------------------------------------------ what time brings
 
     def _receive(self, messages: Sequence[RawMessage]) -> None:
-        recording = self._recorder.recording and not self._at_hand.over
+        recording = self.current_run.recorder.recording and not self.current_run.over
         if recording:
-            self._recorder.record_messages(messages)
-        self._backlog.add_messages(messages, recorded=recording or self._replay is not None)
+            self.current_run.recorder.record_messages(messages)
+        self._backlog.add_messages(messages, recorded=recording or self.replay is not None)
 
     def _advance(self) -> None:
-        now, at_hand = self.now(), self._at_hand
+        now, at_hand = self.now(), self.current_run
         self._acting.durable.withdraw_overdue()
         if not 0 <= now - self._watched < WATCH_PERIOD:
             self._watched = now
             self._watch(now)
         at_hand.go_on(*self._observation.advance(at_hand.run, now, self._backlog.seen(now)))
         over = at_hand.decided is not None and now >= at_hand.decided + POST_ROLL
-        if over and self._recorder.recording:
+        if over and self.current_run.recorder.recording:
             # nothing more is recorded; what is, is judged
             at_hand.over |= self._backlog.recorded > 0
             if not self._backlog.recorded:
                 self._finish()
-        self._result.retry_writing(now, busy=at_hand.run.active)
+        self.current_run.result.retry_writing(now, busy=at_hand.run.active)
 
     def _watch(self, now: float) -> None:
         # also while a bag is closed and then: evidence that was held is let go again
-        self._evidence_client.hold_writing(held=self._recorder.silent > DISK_WAITS)
-        if not self._recorder.recording:
-            self._at_hand.settle_evidence(now)
+        evidence_client = self._engine_context.evidence_client
+        evidence_client.hold_writing(held=self.current_run.recorder.silent > DISK_WAITS)
+        if not self.current_run.recorder.recording:
+            self.current_run.settle_evidence(now)
             return
-        self._recorder.record_late_topics()
-        troubles: dict[tuple[str, Trouble], str] = dict(
-            self._sensors.troubles(self.source.status(), self._sensors_now)
+        self.current_run.recorder.record_late_topics()
+        faults: dict[tuple[str, FaultKind], str] = dict(
+            self._observation.sensors.faults(self.source.status(), self._sensors_now)
         )
         if (other := self.source.other_referee) is not None:
-            troubles[REFEREE_STATE_TOPIC, Trouble.SEVERAL_PUBLISHERS] = other
+            faults[REFEREE_STATE_TOPIC, FaultKind.SEVERAL_PUBLISHERS] = other
         if (told := testbed_problem(self.source.announcement, self.run)) is not None:
-            troubles[INFO_TOPIC, Trouble.ANNOUNCEMENT] = told
+            faults[INFO_TOPIC, FaultKind.ANNOUNCEMENT] = told
         if (behind := self._backlog.problem) is not None:
-            troubles["engine", Trouble.BEHIND] = behind
-        self._at_hand.note_troubles(troubles, now)
-        if (status := self._evidence_client.status) is not None:
-            self._at_hand.note_evidence(status, now)
+            faults["engine", FaultKind.BEHIND] = behind
+        self.current_run.note_faults(faults, now)
+        if (status := evidence_client.status) is not None:
+            self.current_run.note_evidence(status, now)
 
     def _finish(self) -> None:
         self._receive(self.source.take_messages(0.0))  # what is still on its way
         self._backlog.work_off()
-        self._at_hand.finish()
+        self.current_run.finish()
 
     # ------------------------------------------------------------------ a recorded run
 
@@ -451,17 +442,17 @@ class Engine:
         Going back begins the run anew and goes on to the requested time, so that the screen
         always shows what the data up to then say.
         """
-        if self._replay is None:
+        if self.replay is None:
             return NO_REPLAY
         before = self.now()
-        refused = self._replay.control(command)
+        refused = self.replay.control(command)
         if self.now() < before:
             self._begin()
             self.open()
         return refused
 
     def _repeat_decisions(self, replay: Replay) -> None:
-        at_hand = self._at_hand
+        at_hand = self.current_run
         for entry in replay.due():
             self._advance()
             run = after(at_hand.run, entry)

@@ -14,11 +14,11 @@ from madrob_console.archive.folders import give_out_run_number
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.engine.durable_acts import Answers, DurableActs, EarlierRuns, Told
 from madrob_console.engine.evidence_client import EvidenceNotes, EvidenceStatus, RunFaults
-from madrob_console.engine.journal_writer import OpenJournal
+from madrob_console.engine.journal_writer import OpenJournal, Recording
 from madrob_console.engine.observation import Happening, Observation, RunTracker
 from madrob_console.engine.replay import DECIDED_ANEW, EngineContext
 from madrob_console.engine.result_writer import CurrentResult
-from madrob_console.engine.run_recorder import EventPublisher, OpenRecording, RunRecorder
+from madrob_console.engine.run_recorder import EventPublisher, RunRecorder
 from madrob_console.engine.scorer import EarlierRun, RenderedResult, ToScore
 from madrob_console.referee.acts import (
     ACTS,
@@ -34,7 +34,7 @@ from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.flags import unrecorded_words
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change, after
-from madrob_console.referee.records import TestbedFault, Trouble
+from madrob_console.referee.records import FaultKind, TestbedFault
 from madrob_console.referee.run import Phase, Run, note_fault, stop
 from scoring.protocol import Outcome
 
@@ -134,7 +134,7 @@ class CurrentRun:
         if self.opened is None:
             self.kept = self.run.cleared
         self._leave()
-        self.event_publisher.go_on(journal, opened.entries)
+        self.event_publisher.journal.adopt(journal, opened.entries)
         self.opened, self.record = opened, opened.scored.record
         stood = replace(opened.scored.run, journal=None)
         self.folder, self.run = opened.folder, stood
@@ -169,8 +169,8 @@ class CurrentRun:
         self._evidence_notes = EvidenceNotes()
         self.recorder.clear()
 
-    def adopt(self, made: OpenRecording) -> None:
-        self.record, self.folder = made.record, made.recording.folder
+    def adopt(self, made: Recording) -> None:
+        self.record, self.folder = made.record, made.folder
         self.recorder.adopt(made, self._engine_context.clock.now_ns())
 
     # ------------------------------------------------------------------ what becomes of it
@@ -197,11 +197,8 @@ class CurrentRun:
             return
         assert self.record is not None
         before = observation.sensors.newest() if self._replay is None else None
-        follow, silence = (
-            self._engine_context.scorer.follow,
-            self._engine_context.config.limits.lost,
-        )
-        observation.course = RunTracker(self.record, run, follow, silence, before)
+        follow, limits = self._engine_context.scorer.follow, self._engine_context.config.limits
+        observation.course = RunTracker(self.record, run, follow, limits.lost, before)
 
     def interrupt(
         self, reason: str, at: float | None = None, outcome: Outcome = Outcome.INTERRUPTED
@@ -227,11 +224,11 @@ class CurrentRun:
         self.write(entry)
         return entry
 
-    def note_troubles(self, troubles: Mapping[tuple[str, Trouble], str], now: float) -> None:
+    def note_faults(self, faults: Mapping[tuple[str, FaultKind], str], now: float) -> None:
         """Note each lasting fault of the testbed once; `now` is s since the epoch."""
-        self._note_faults(self._fault_notes.due(troubles, now))
+        self._write_faults(self._fault_notes.due(faults, now))
 
-    def _note_faults(self, faults: Iterable[TestbedFault]) -> None:
+    def _write_faults(self, faults: Iterable[TestbedFault]) -> None:
         for fault in faults:
             details = {"time": fault.time, "kind": fault.kind}
             self.note(Happening(Origin.SYSTEM, Change.FAULT, fault.text, details))
@@ -254,7 +251,7 @@ class CurrentRun:
     def finish(self) -> None:
         """Nothing more is recorded: have the bag closed, and the run scored."""
         self.result.hurry()
-        self._note_faults(self._fault_notes.all())
+        self._write_faults(self._fault_notes.all())
         self.recorder.finish(self._recorded)
 
     def _recorded(self, missing: tuple[str, ...], unrecorded: int) -> None:
@@ -296,14 +293,9 @@ class CurrentRun:
             if self.run.closure is None:
                 self.score()
 
-        look, keepers = (
-            partial(settled_account, self.folder, told, self.run.start),
-            self._engine_context.keepers,
-        )
-        if ending:
-            keepers.own.submit_job(look, heard)
-        else:
-            keepers.reading.submit_job(look, heard)
+        keepers = self._engine_context.keepers
+        disk = keepers.own if ending else keepers.reading
+        disk.submit_job(partial(settled_account, self.folder, told, self.run.start), heard)
 
     def score(self, *, write: bool = True) -> None:
         """Ask for its result, and have it written unless `write` says no."""
@@ -349,18 +341,13 @@ class Acting:
             engine_context, at_hand.event_publisher, at_hand.recorder, situation, self._take_effect
         )
 
-    @property
-    def waiting(self) -> type[Act] | None:
-        """From any thread."""
-        return self.durable.waiting
-
     def refusals(self, situation: Situation) -> dict[str, str]:
         """Act name -> why no such act is possible now; those that are possible are missing."""
         found, active = refusals(situation), situation.run.active
         for act in ACTS:
             if act.name not in found and (why := self.durable.refusal(act, active=active)):
                 found[act.name] = why
-        if self.waiting is not None and not active:
+        if self.durable.waiting is not None and not active:
             found.pop(Abort.name, None)
         return found
 
@@ -389,10 +376,8 @@ class Acting:
             self._do(act, origin)
             answer(None)
         else:
-            name, at = (
-                name or f"{self._engine_context.clock.now_ns():x}",
-                self._engine_context.now(),
-            )
+            at = self._engine_context.now()
+            name = name or f"{self._engine_context.clock.now_ns():x}"
             act, prepare = self._completed(act)
             durable.submit(act, lambda act: _line_of(act, run, at, origin, name), answer, prepare)
 
@@ -427,7 +412,7 @@ class Acting:
             at_hand.event_publisher.announce_start_pose(run.setup.start_pose)
         self._done(run)
 
-    def _take_effect(self, act: Act, entry: Entry, made: OpenRecording | None) -> None:
+    def _take_effect(self, act: Act, entry: Entry, made: Recording | None) -> None:
         at_hand = self._at_hand
         if made is not None:
             at_hand.adopt(made)

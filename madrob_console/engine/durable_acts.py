@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.run_journal import Unfinished, find_unfinished
 from madrob_console.engine.disk import DiskThreads, why_not
-from madrob_console.engine.journal_writer import OpenJournal, Promise
+from madrob_console.engine.journal_writer import Line, OpenJournal, Recording
 from madrob_console.engine.replay import EngineContext
-from madrob_console.engine.run_recorder import EventPublisher, OpenRecording, RunRecorder
+from madrob_console.engine.run_recorder import EventPublisher, RunRecorder
 from madrob_console.engine.scorer import EarlierRun
 from madrob_console.referee.acts import Act, Consequence, Finalise, Situation
 from madrob_console.referee.journal import Entry, Origin
@@ -34,6 +36,11 @@ class _Known:
         self.refused: str | None = None
         self.waiting: list[Told] = []
 
+    def tell(self, refused: str | None) -> None:
+        self.answered, self.refused = True, refused
+        for done in self.waiting:
+            done(refused)
+
 
 class Answers:
     """Remembers acts by the ids that their screens made."""
@@ -48,25 +55,15 @@ class Answers:
         """
         if not name:
             return done
-        known = self._known.get(name)
-        if known is None:
-            self._known[name] = known = _Known()
-            known.waiting.append(done)
-            while len(self._known) > MOST_KNOWN:
-                self._known.popitem(last=False)
-            return lambda refused: _tell(known, refused)
+        new = name not in self._known
+        known = self._known.setdefault(name, _Known())
         if known.answered:
             done(known.refused)
         else:
             known.waiting.append(done)
-        return None
-
-
-def _tell(known: _Known, refused: str | None) -> None:
-    known.answered, known.refused = True, refused
-    waiting, known.waiting = known.waiting, []
-    for done in waiting:
-        done(refused)
+        while len(self._known) > MOST_KNOWN:
+            self._known.popitem(last=False)
+        return known.tell if new else None
 
 
 DURABLE_WITHIN = 2.0
@@ -75,29 +72,35 @@ DURABLE_WITHIN = 2.0
 SILENT = 1.0
 """A disk without an answer for this long gets nothing new, s."""
 
-TakeEffect = Callable[[Act, Entry, OpenRecording | None], None]
+TakeEffect = Callable[[Act, Entry, Recording | None], None]
 """Carries out an act whose line is on disk; a start also gets the files of its run."""
 
 
+@dataclass(eq=False)
 class _Pending:
-    """An act that waits for the disk until its `deadline`, s of the monotonic clock."""
+    """An act that waits for the disk until its `deadline`, s of the monotonic clock.
 
-    def __init__(self, act: Act, promise: Promise, answer: Told, deadline: float) -> None:
-        self.act = act
-        self.promise = promise
-        self.deadline = deadline
-        self.job: Future[OpenRecording | None] | None = None
-        self.incomplete = False
-        self.then: Callable[[], None] | None = None
-        self._answer = answer
+    Its `job` makes the files of a run that starts, or completes the act; a line has none.
+    """
+
+    act: Act
+    line: Line
+    answer: Told
+    deadline: float
+    job: Future[Any] | None = None
+    then: Callable[[], None] | None = None
+
+    @property
+    def starts(self) -> bool:
+        return Consequence.RECORDING in self.act.consequences
 
     def tell(self, refused: str | None) -> None:
-        self._answer(refused)
+        self.answer(refused)
         if self.then is not None:
             self.then()
 
     def withdrawal(self, now: float, why: str) -> Entry:
-        details = {"id": self.promise.entry.id, "act": self.act.name}
+        details = {"id": self.line.entry.id, "act": self.act.name}
         return Entry(now, Origin.SYSTEM, Change.WITHDRAWN, reason=why, details=details)
 
 
@@ -133,7 +136,7 @@ class DurableActs:
     def refusal(self, act: Act | type[Act], *, active: bool) -> str | None:
         """Why the disk allows no such act now, in words; `active`: a run goes on."""
         ends = act.urgent or act.name == Finalise.name or Consequence.NEW_RUN in act.consequences
-        if self._event_publisher.full and not ends:
+        if self._event_publisher.journal.full and not ends:
             return "the journal of this run is full: finalise it, then set up the next run"
         silent = self._keepers.own.silent
         if self.waiting is not None and not (act.at_once and active):
@@ -145,40 +148,42 @@ class DurableActs:
     def submit(
         self,
         act: Act,
-        line: Callable[[Act], Entry],
+        line_of: Callable[[Act], Entry],
         answer: Told,
         prepare: Callable[[], Act] | None = None,
     ) -> None:
         """Have an act carried out when its line is on disk; it is judged again then.
 
-        `line` makes its journal line, with an id. `answer` is called once: why the act was
-        refused, in words, or None. `prepare` first completes the act, on the keeper's thread.
+        `line_of` makes its journal line, with an id. `answer` is called once: why the act was
+        refused, in words, or None. `prepare` first completes the act, in the disk's thread.
         """
-        promise, end = Promise(line(act)), self._keepers.monotonic() + DURABLE_WITHIN
-        pending = self._pending = _Pending(act, promise, answer, end)
-        if Consequence.RECORDING in act.consequences:
+        deadline = self._keepers.monotonic() + DURABLE_WITHIN
+        pending = self._pending = _Pending(act, Line(line_of(act)), answer, deadline)
+        if pending.starts:
             self._clock.hold_steady()
-            run, done = self._situation().run, partial(self._opened, pending)
-            pending.job = self._recorder.start(run, promise, done)
+            run, opened = self._situation().run, partial(self._opened, pending)
+            pending.job = self._recorder.start(run, pending.line, opened)
         elif prepare is not None:
-            pending.incomplete = True
-            self._keepers.own.submit_job(prepare, partial(self._prepared, pending, line))
+            prepared = partial(self._prepared, pending, line_of)
+            pending.job = self._keepers.own.submit_job(prepare, prepared)
         else:
-            self._event_publisher.promise(promise, partial(self._kept, pending))
+            self._write(pending, pending.line.entry)
 
     def _prepared(
-        self, pending: _Pending, line: Callable[[Act], Entry], complete: Future[Act]
+        self, pending: _Pending, line_of: Callable[[Act], Entry], complete: Future[Act]
     ) -> None:
         if pending is not self._pending:
             return  # it was withdrawn
         if (refused := why_not(complete)) is not None:
-            self._pending = None
-            self._decided(pending, refused, None)
+            self._decide(pending, refused)
             return
-        pending.incomplete = False
-        pending.act = complete.result()
-        pending.promise = Promise(line(pending.act))
-        self._event_publisher.promise(pending.promise, partial(self._kept, pending))
+        pending.act, pending.job = complete.result(), None
+        self._write(pending, line_of(pending.act))
+
+    def _write(self, pending: _Pending, entry: Entry) -> None:
+        """To the journal alone; the rest is told when it takes effect."""
+        pending.line = Line(entry, partial(self._decide, pending))
+        self._event_publisher.journal.add_line(pending.line)
 
     def withdraw_overdue(self) -> None:
         pending = self._pending
@@ -194,17 +199,16 @@ class DurableActs:
         pending = self._pending
         assert pending is not None
         withdrawal = pending.withdrawal(self._engine_context.now(), why)
-        if not pending.promise.withdraw(withdrawal):
+        if not pending.line.withdraw(withdrawal):
             return False
         self._pending = None
-        if pending.incomplete:
-            pass  # there is no line of it yet
-        elif pending.job is None:
-            self._event_publisher.write(withdrawal, self._situation().run.start)
-        else:
-            pending.job.cancel()  # else its folder gets the line when the disk is back
+        if pending.job is not None:
+            pending.job.cancel()  # else the folder of a start gets the line when the disk is back
+        if pending.starts:
             self._clock.release()
             self._event_publisher.log.add_line(withdrawal, None)
+        elif pending.job is None:
+            self._event_publisher.write(withdrawal, self._situation().run.start)
         pending.tell(f"{why}: it is withdrawn")
         return True
 
@@ -216,33 +220,27 @@ class DurableActs:
         self._pending.then = then
         return False
 
-    def _opened(self, pending: _Pending, opened: Future[OpenRecording | None]) -> None:
-        if pending is not self._pending:
-            return  # it was withdrawn
+    def _opened(self, pending: _Pending, opened: Future[Recording | None]) -> None:
+        if pending is self._pending:  # else it was withdrawn
+            refused = why_not(opened)
+            self._decide(pending, refused, None if refused else opened.result())
+
+    def _decide(
+        self, pending: _Pending, refused: str | None, made: Recording | None = None
+    ) -> None:
+        """The disk has answered: carry the act out, if it is still possible."""
         self._pending = None
-        made = None
-        if (refused := why_not(opened)) is None:
-            made = opened.result()
-            assert made is not None
-            if (refused := pending.act.refusal(self._situation())) is not None:
-                line = pending.withdrawal(self._engine_context.now(), refused)
-                self._keepers.own.submit_job(partial(made.give_up, line))
-        if refused is not None:
+        situation = self._situation()
+        if refused is None and (refused := pending.act.refusal(situation)) is not None:
+            withdrawal = pending.withdrawal(self._engine_context.now(), refused)
+            if made is None:
+                self._event_publisher.write(withdrawal, situation.run.start)
+            else:
+                self._keepers.own.submit_job(partial(made.give_up, withdrawal))
+        if refused is None:
+            self._take_effect(pending.act, pending.line.entry, made)
+        elif pending.starts:
             self._clock.release()
-        self._decided(pending, refused, made)
-
-    def _kept(self, pending: _Pending, refused: str | None) -> None:
-        self._pending = None
-        if refused is None:
-            situation = self._situation()
-            if (refused := pending.act.refusal(situation)) is not None:
-                line = pending.withdrawal(self._engine_context.now(), refused)
-                self._event_publisher.write(line, situation.run.start)
-        self._decided(pending, refused, None)
-
-    def _decided(self, pending: _Pending, refused: str | None, made: OpenRecording | None) -> None:
-        if refused is None:
-            self._take_effect(pending.act, pending.promise.entry, made)
         pending.tell(refused)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -10,7 +9,7 @@ from random import Random
 
 from madrob_console.archive.evidence import evidence_held
 from madrob_console.common.version import software_version
-from madrob_console.engine.disk import Reader
+from madrob_console.engine.disk import DiskJobs, RepeatedReading
 from madrob_console.engine.evidence_client import EvidencePlan
 from madrob_console.messages.codec import TopicMapping
 from madrob_console.referee.checks import SensorLimits
@@ -59,36 +58,26 @@ STEADY_FOR = 10.0
 class EvidenceRoom:
     """Tells how much evidence there is, and how much more can be recorded."""
 
-    def __init__(self, config: EngineConfig, reading: Reader) -> None:
+    def __init__(self, config: EngineConfig, reading: DiskJobs) -> None:
         self._config = config
-        self._reading = reading
-        self._asked: float | None = None
-        self._answered = True
-        self._held: int | None = None
+        look = partial(evidence_held, config.results)
+        self._held: RepeatedReading[int | None]
+        self._held = RepeatedReading(look, reading.submit_job, _PERIOD, None)
         self._rates: list[tuple[float, float]] = []
 
     def measure_room(self, now: float) -> None:
-        if self._config.evidence is None:
-            return
-        if self._asked is None or not 0 <= now - self._asked < _PERIOD:
-            self._asked = now
-            if self._answered:
-                self._answered = False
-                self._reading.submit_job(partial(evidence_held, self._config.results), self._heard)
-
-    def _heard(self, answer: Future[int]) -> None:
-        self._answered = True
-        self._held = None if answer.exception() else answer.result()
+        if self._config.evidence is not None:
+            self._held.look(now)
 
     @property
     def budget_left(self) -> int:
         """Bytes left of the budget; all of it until the runs were looked through."""
         plan = self._config.evidence
-        return 0 if plan is None else max(0, plan.budget - (self._held or 0))
+        return 0 if plan is None else max(0, plan.budget - (self._held.value or 0))
 
     def left(self, free: int | None) -> int | None:
         """Bytes of evidence that can be recorded; None = unknown. `free` is in bytes."""
-        if self._held is None or free is None:
+        if self._held.value is None or free is None:
             return None
         return max(0, min(self.budget_left, free - self._config.disk_needed))
 

@@ -1,33 +1,34 @@
-"""Names and files that an engine owns, by which it is found.
+"""What an engine owns: the locks that decide, and the name by which it is found.
 
-A name stands in the kernel's table of abstract Unix sockets: one process at a time has it, it
-lies on no disk, and it is gone with its process. No runtime folder that somebody removes takes it
-away.
+The kernel holds a lock for each results folder and each ROS domain; it vanishes with the process.
+A name stands in the kernel's table of abstract Unix sockets: it lies on no disk, so nobody can
+remove it. Each engine has a name of its own, so nobody can take it away either.
 """
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import hashlib
 import os
+import secrets
 import socket
 import stat
 import struct
-import tempfile
-import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from platformdirs import user_runtime_path
+from platformdirs import user_state_path
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.names import SourceKind
+from madrob_console.common.names import SourceKind, terminal_safe
 
 LOCK_FILE = ".madrob_engine.lock"
 """In a results folder: locked while an engine records to it; says which one."""
 
+_BACKLOG = 128
 _CREDENTIALS = struct.Struct("3i")
 _PROCESSES = Path("/proc")
 _TABLE = Path("/proc/net/unix")
@@ -60,12 +61,12 @@ class Owned:
 
     @property
     def testbed(self) -> str:
-        """The name of its testbed: `domain/0`, `simulated/5f3a...`."""
+        """The start of its name: `domain/0`, `simulated/5f3a...`."""
         return f"{'domain' if self.kind is SourceKind.ROS else self.kind.value}/{self.key}"
 
     @property
     def stem(self) -> str:
-        """The name of its files in the runtime folder: `ros_domain_0`, `simulated_5f3a...`."""
+        """The name of its files: `ros_domain_0`, `simulated_5f3a...`."""
         before = "ros_" if self.kind is SourceKind.ROS else ""
         return before + self.testbed.replace("/", "_")
 
@@ -84,41 +85,120 @@ def owned_by(kind: SourceKind, *what: object, results: Path | None) -> Owned:
     return Owned(kind, digest, results)
 
 
-def results_name(folder: Path) -> str | None:
-    """The name of a results folder, whatever path leads to it; None where there is no folder."""
+# ---------------------------------------------------------------------- locks
+
+
+def state_folder() -> Path:
+    """The user's folder for this machine's locks and logs, made with mode 0700 if there is none.
+
+    No end of a login removes it, and a home that several machines share has one for each.
+
+    Raises:
+        MadrobError: it cannot be made, or others may change it.
+    """
+    folder = user_state_path("madrob") / socket.gethostname()
     try:
+        for path in (*reversed(folder.parents), folder):
+            path.mkdir(mode=0o700, exist_ok=True)
         found = folder.stat()
+        others = found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o022
+        problem = "others may change it" if others else ""
+    except OSError as error:
+        problem = error.strerror or str(error)
+    if problem:
+        raise MadrobError(
+            f"{folder} cannot hold the engine's lock and log ({problem}): set XDG_STATE_HOME to a "
+            "folder of your own"
+        )
+    return folder
+
+
+def lock_file(path: Path) -> int:
+    """Lock a file until its handle is closed; a disk that hangs may hold this up.
+
+    Raises:
+        BlockingIOError: another process has it.
+    """
+    if not path.parent.is_dir():  # else not even that is written: the disk may hang
+        path.parent.mkdir(parents=True, exist_ok=True)
+    flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+    lock = os.open(path, flags, 0o600)
+    try:
+        if not stat.S_ISREG(os.fstat(lock).st_mode):
+            raise OSError(errno.EINVAL, "no plain file")  # noqa: TRY301
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.ftruncate(lock, 0)
+        os.pwrite(lock, f"pid {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
+    except BaseException:
+        os.close(lock)
+        raise
+    return lock
+
+
+def holder_in(path: Path) -> str:
+    """What a locked file says of its process; for people."""
+    try:
+        with path.open("rb") as file:
+            said = file.read(200).decode(errors="replace")
     except OSError:
-        return None
-    return f"results/{found.st_dev:x}-{found.st_ino:x}"
+        said = ""
+    return terminal_safe(said.strip()) or "it does not say which"
+
+
+# ---------------------------------------------------------------------- names
 
 
 def address_of(name: str) -> str:
     return f"\0madrob/{os.getuid()}/{name}"
 
 
-def names_in_use() -> dict[str, int]:
+def listen_on(testbed: str) -> tuple[str, socket.socket]:
+    """Listen on a name of this process: `domain/0/4711`; another one if a stranger has that."""
+    name = f"{testbed}/{os.getpid()}"
+    while True:
+        listening = socket.socket(socket.AF_UNIX)
+        try:
+            listening.bind(address_of(name))
+            listening.listen(_BACKLOG)
+        except OSError as error:
+            listening.close()
+            if error.errno != errno.EADDRINUSE:
+                raise
+            name = f"{testbed}/{os.getpid()}.{secrets.token_hex(4)}"
+        else:
+            return name, listening
+
+
+def testbed_in(name: str) -> str:
+    return name.rpartition("/")[0]
+
+
+def names_in_use(testbed: str | None = None) -> dict[str, int]:
     """Names of this user on which a process listens, and the number of its socket.
 
+    A process of another user may have made some of them.
+
     Raises:
-        OSError: this system does not show them.
+        MadrobError: this system does not show them.
     """
     prefix, found = f"@madrob/{os.getuid()}/", dict[str, int]()
-    with _TABLE.open(errors="replace") as table:
-        for line in table:
-            # Num RefCount Protocol Flags Type St Inode Path
-            words = line.split()
-            if len(words) == 8 and words[3] == _LISTENS and words[7].startswith(prefix):
-                found[words[7].removeprefix(prefix)] = int(words[6])
+    try:
+        table = _TABLE.read_text(errors="replace")
+    except OSError as error:
+        raise MadrobError(f"no engine can be found: {_TABLE}: {error.strerror}") from None
+    for line in table.splitlines():
+        # Num RefCount Protocol Flags Type St Inode Path
+        words = line.split()
+        if len(words) == 8 and words[3] == _LISTENS and words[7].startswith(prefix):
+            name = words[7].removeprefix(prefix)
+            if testbed in (None, testbed_in(name)):
+                found[name] = int(words[6])
     return found
 
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """The process at the other end of a Unix socket.
-
-    Where it cannot be seen (another container), `pid` is 0 and `user` -1.
-    """
+    """The process at the other end of a Unix socket."""
 
     pid: int
     user: int
@@ -130,121 +210,61 @@ def peer_of(connection: socket.socket) -> Peer:
     return Peer(pid, user)
 
 
-def holder_of(name: str) -> Peer:
-    """The process that listens on a name, for when it accepts no connection.
-
-    The kernel says who made a socket. A socket that is not seen belongs to another user.
-    """
-    with suppress(OSError, KeyError):
-        target = f"socket:[{names_in_use()[name]}]"
-        for process in _PROCESSES.iterdir():
-            if process.name.isdecimal():
-                with suppress(OSError):
-                    for file in (process / "fd").iterdir():
-                        if file.readlink().name == target:
-                            return Peer(int(process.name), file.stat().st_uid)
-    return Peer(0, -1)
-
-
-# The folder of an engine's sockets and lock files, and a testbed's name in it.
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """The files of the engine of one testbed, in a folder that only the user may enter.
-
-    Every console on that testbed has the same `name`.
-    """
-
-    folder: Path
-    name: str
-
-    @property
-    def socket(self) -> Path:
-        """Where it listens; exists only while it runs."""
-        return self.folder / f"{self.name}.sock"
-
-    @property
-    def log(self) -> Path:
-        return self.folder / f"{self.name}.log"
-
-    @contextmanager
-    def taken(self) -> Iterator[None]:
-        """Hold the lock file: a stranger may have the name, older versions know no names."""
-        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
-        lock = os.open(self.folder / f"{self.name}.lock", flags, 0o600)
-        try:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise HeldError(
-                    f"another engine has {self.name}: `madrob engine stop` ends it", same=True
-                ) from None
-            yield
-        finally:
-            os.close(lock)
-
-
-def make_private(folder: Path) -> None:
-    for path in (*reversed(folder.parents), folder):
-        path.mkdir(mode=0o700, exist_ok=True)
-
-
-def runtime_folder() -> Path:
-    """The user's folder for sockets, made with mode 0700 if there is none.
+def connect_to(name: str, patience: float) -> tuple[socket.socket, int]:
+    """Connect to the process of this user that has a name; returns its number, too.
 
     Raises:
-        MadrobError: it cannot be made, or others may enter it.
+        TimeoutError: it has hung so long that others wait in its backlog, too.
+        OSError: nobody has the name, or another user.
     """
-    folder = Path("the runtime folder")
+    connection = socket.socket(socket.AF_UNIX)
+    limit = struct.pack("ll", int(patience), int(1e6 * (patience % 1)))
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a fallback in /tmp: it is checked below
-            folder = user_runtime_path("madrob")
-        make_private(folder)
-        own = _is_own(folder)
-    except OSError as error:
-        raise MadrobError(
-            f"{folder} cannot be used for the engine's socket ({error.strerror or error}): set "
-            "XDG_RUNTIME_DIR to a folder of your own"
-        ) from None
-    if not own:
-        raise MadrobError(
-            f"{folder}: others may enter it; make it yours with `chmod 700`, or set "
-            "XDG_RUNTIME_DIR to a folder of your own"
-        )
-    return folder
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
+        connection.connect(address_of(name))
+        connection.settimeout(patience)
+        peer = peer_of(connection)
+        if peer.user != os.getuid():
+            raise ConnectionRefusedError  # noqa: TRY301
+    except BlockingIOError:
+        connection.close()
+        raise TimeoutError from None
+    except BaseException:
+        connection.close()
+        raise
+    return connection, peer.pid
 
 
-def place_of(owned: Owned) -> Place:
-    return Place(runtime_folder(), owned.stem)
-
-
-def runtime_folders() -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """Folders that may hold sockets of this user, and what is wrong with them, in words.
-
-    Logins have another one than services and programs without a login.
-    """
-    problems = []
-    folders = [
-        Path(f"/run/user/{os.getuid()}/madrob"),
-        Path(tempfile.gettempdir(), f"runtime-{os.getuid()}", "madrob"),
-    ]
+def holder_of(name: str) -> int | None:
+    """The process of this user that listens on a name, whether or not it answers."""
     try:
-        folders.insert(0, runtime_folder())
-    except MadrobError as error:
-        problems.append(str(error))
-    found = {}
-    for folder in folders:
-        try:
-            if _is_own(folder):
-                found[folder.resolve()] = folder
-        except OSError:
-            continue  # there is none
-    return tuple(found.values()), tuple(problems)
+        knock, holder = connect_to(name, 1.0)
+    except TimeoutError:
+        pid = name.rpartition("/")[2].partition(".")[0]
+    except OSError:
+        return None
+    else:
+        knock.close()
+        return holder
+    with suppress(OSError, KeyError):  # whether the process that is named has it
+        target = f"socket:[{names_in_use()[name]}]"
+        own = pid.isdecimal() and (_PROCESSES / pid).stat().st_uid == os.getuid()
+        if own and any(file.name == target for file in files_of(int(pid))):
+            return int(pid)
+    return None
 
 
-def _is_own(folder: Path) -> bool:
-    found = folder.lstat()
-    own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
-    return own and not stat.S_IMODE(found.st_mode) & 0o077
+def threads_of(pid: int) -> list[Path]:
+    """The threads of a process in /proc: the first may be gone while another one hangs."""
+    with suppress(OSError):
+        return list((_PROCESSES / str(pid) / "task").iterdir())
+    return []
+
+
+def files_of(pid: int) -> Iterator[Path]:
+    """What a process has open, as far as this one may see."""
+    for thread in threads_of(pid):
+        with suppress(OSError):
+            for file in (thread / "fd").iterdir():
+                with suppress(OSError):
+                    yield file.readlink()

@@ -1,25 +1,26 @@
-"""An engine in its own thread, its local client, and the watch over lists and protests."""
+"""An engine in its own thread, its local client, and what is read for it: lists and protests."""
 
 from __future__ import annotations
 
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeAlias, TypeVar
+from typing import Any, Generic, TypeVar
 
 import msgspec
 
 from madrob_console.archive.folders import parse_folder_name
-from madrob_console.archive.history import History, RunSummary, time_words
+from madrob_console.archive.history import History, RunSummary
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Stamp, stamp_of
+from madrob_console.common.formatting import time_words
 from madrob_console.engine.core import Engine
-from madrob_console.engine.disk import PriorityQueue
+from madrob_console.engine.disk import PriorityQueue, RepeatedReading
 from madrob_console.engine.reports import Reporting
 from madrob_console.engine.requests import (
     NO_ANSWER,
@@ -52,140 +53,104 @@ from madrob_console.referee.records import format_deadline, format_due
 L = TypeVar("L")
 
 PERIOD = 1.0
-"""How often the file is checked, s."""
+"""How often the files are checked, s."""
 
 FIRST_READING = 2.0
-"""An engine waits this long for the first reading, s; then it begins without a list."""
-
-
-class ListSource(Protocol[L]):
-    """Where a list comes from."""
-
-    @property
-    def file(self) -> Path | None: ...
-
-    def read(self, before: L | None = None) -> L: ...
+"""An engine waits this long for the first reading, s; then it begins without lists."""
 
 
 class ListWatch(Generic[L]):
-    """Reads a list in a thread of its own: a disk that hangs holds nobody up.
+    """Reads a list again when its file has changed.
 
-    `told` gets the list and each that differs; `changed` is called after those. `period` is
-    in s.
+    `read` gets the list before, `told` the list and each that differs; `changed` is called
+    after those.
     """
 
     def __init__(
         self,
-        source: ListSource[L],
+        file: Path | None,
+        read: Callable[[L | None], L],
         told: Callable[[L], None],
-        period: float = PERIOD,
         changed: Callable[[], None] = lambda: None,
     ) -> None:
-        self._source = source
+        self.file = file
+        self._read = read
         self._told = told
         self._changed = changed
-        self._period = period
         self._list: L | None = None
         self._taken: Stamp | None = None
         self._seen: Stamp | None = None
-        self._read = threading.Event()
-        self._closed = threading.Event()
-        # a daemon: it may hang in the file's disk when the engine ends
-        self._thread = threading.Thread(target=self._work, name="lists", daemon=True)
-        self._thread.start()
-        self._read.wait(FIRST_READING)
-
-    def close(self) -> None:
-        self._closed.set()
 
     def read_if_changed(self) -> None:
         """Read the file if it has changed; a file that still changes is read the next time."""
-        stamp = self._stamp()
-        still, self._seen = stamp == self._seen, stamp
-        if not still or stamp == self._taken:
+        stamp, before = self._stamp(), self._list
+        rests, self._seen = stamp == self._seen, stamp
+        if before is not None and (not rests or stamp == self._taken):
             return
-        self._take(stamp)
+        self._list, self._taken = self._read(before), stamp
+        if self._list != before:
+            self._told(self._list)
+            if before is not None:
+                self._changed()
 
     def _stamp(self) -> Stamp | None:
         try:
-            return stamp_of(os.path.realpath(self._source.file or ""))  # it may be a link
+            return stamp_of(os.path.realpath(self.file or ""))  # it may be a link
         except ValueError:  # a path with a NUL in it
             return None
 
-    def _take(self, stamp: Stamp | None) -> None:
-        listed, self._taken = self._source.read(self._list), stamp
-        if listed != self._list:
-            first, self._list = self._list is None, listed
-            self._told(listed)
-            if not first:
-                self._changed()
 
-    def _work(self) -> None:
-        self._seen = self._stamp()
-        self._take(self._seen)
-        self._read.set()
-        while self._source.file is not None and not self._closed.wait(self._period):
-            self.read_if_changed()
+def follow_lists(watches: Sequence[ListWatch[Any]], period: float = PERIOD) -> Callable[[], None]:
+    """Read lists in a thread of their own: a disk that hangs holds nobody up.
+
+    Returns what ends it.
+    """
+    known, closed = threading.Event(), threading.Event()
+
+    def work() -> None:
+        for watch in watches:
+            watch.read_if_changed()
+        known.set()
+        files = [watch for watch in watches if watch.file is not None]
+        while files and not closed.wait(period):
+            for watch in files:
+                watch.read_if_changed()
+
+    # a daemon: it may hang in the files' disk when the engine ends
+    threading.Thread(target=work, name="lists", daemon=True).start()
+    known.wait(FIRST_READING)
+    return closed.set
 
 
-# A watch over the protests of all runs that wait for a decision.
+# The runs with a protest that waits for a decision.
 
 
 LOOKING_PERIOD = 60.0
 """How often protests are read, s: another console or machine may have filed one."""
 
-Read: TypeAlias = Callable[[Callable[[], Sequence[RunSummary]]], Future[Sequence[RunSummary]]]
+
+def protested_runs(history: History) -> Sequence[RunSummary]:
+    """The runs with an open protest, the one to be decided first at the beginning."""
+    open_ones = (run for run in history.refresh() if run.protest_due is not None)
+    return tuple(sorted(open_ones, key=lambda run: run.protest_due or 0.0))
 
 
-class ProtestWatch:
-    """Knows the runs with an open protest, as last read; `read` must not wait."""
-
-    def __init__(
-        self,
-        history: Callable[[], Sequence[RunSummary]],
-        read: Read,
-        monotonic: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._history = history
-        self._read = read
-        self._monotonic = monotonic
-        self._protested: Sequence[RunSummary] = ()
-        self._reading: Future[Sequence[RunSummary]] | None = None
-        self._seen: object = None
-        self._read_at = 0.0
-
-    def read_if_changed(self, seen: object) -> None:
-        """Read again after a change of `seen`, or after a while. Never waits."""
-        now = self._monotonic()
-        if self._reading is not None:
-            if not self._reading.done():
-                return
-            if self._reading.exception() is None:  # else it is read again after a while
-                runs = (run for run in self._reading.result() if run.protest_due is not None)
-                self._protested = tuple(sorted(runs, key=lambda run: run.protest_due or 0.0))
-            self._reading = None
-        if seen == self._seen and now - self._read_at < LOOKING_PERIOD:
-            return
-        self._seen, self._read_at = seen, now
-        self._reading = self._read(self._history)
-
-    def overdue(self, now: float, at_hand: str) -> Iterator[str]:
-        """Protests past their deadline; `now` in s since the epoch.
-
-        Without those of the run in the folder `at_hand`, which reports its own.
-        """
-        for run in self._protested:
-            if run.protest_due is not None and run.protest_due < now and run.folder != at_hand:
-                late = format_deadline(run.protest_due, now, time_words)
-                yield f"{_which(run)}: {late}; h opens it, P decides it"
-
-    def open(self, now: float) -> Iterator[str]:
-        """All open protests, in words; `now` in s since the epoch."""
-        protested = ((run, run.protest_due or now) for run in self._protested)
-        return (f"{_which(run)}: {format_due(due, now)}" for run, due in protested)
+def overdue_words(protested: Iterable[RunSummary], now: float, at_hand: str) -> Iterator[str]:
+    """Protests past their deadline, without the folder `at_hand`; `now` in s since the epoch."""
+    for run in protested:
+        if run.protest_due is not None and run.protest_due < now and run.folder != at_hand:
+            late = format_deadline(run.protest_due, now, time_words)
+            yield f"{_protest_against(run)}: {late}; h opens it, P decides it"
 
 
-def _which(run: RunSummary) -> str:
+def open_words(protested: Iterable[RunSummary], now: float) -> Iterator[str]:
+    """All open protests, in words; `now` in s since the epoch."""
+    return (
+        f"{_protest_against(run)}: {format_due(run.protest_due or now, now)}" for run in protested
+    )
+
+
+def _protest_against(run: RunSummary) -> str:
     which = f"run {run.run_number} of subject {run.subject} in condition {run.condition}"
     return f"protest against {which}"
 
@@ -262,8 +227,11 @@ class LocalEngine:
         self._turns: PriorityQueue[Turn] = PriorityQueue()
         self._begun: set[Turn] = set()
         self._history = History(engine.config.results)
-        self._protests = ProtestWatch(
-            self._history.refresh, lambda job: engine.read(job, first=False)
+        self._protested: RepeatedReading[Sequence[RunSummary]] = RepeatedReading(
+            lambda: protested_runs(self._history),
+            lambda job, done: engine.read(job, first=False).add_done_callback(done),
+            LOOKING_PERIOD,
+            (),
         )
         self._stop = threading.Event()
         self._failure: BaseException | None = None
@@ -346,16 +314,20 @@ class LocalEngine:
 
     def _look(self) -> None:
         reporting, engine = self._reporting, self._engine
-        others = [self._fallen()]
-        if reporting is not None:
-            others.insert(0, reporting.problem)
+        others = [None if reporting is None else reporting.problem, self._fallen()]
         if engine.replay is None:
             run, folder = engine.run, engine.folder
             if not run.active:  # then a disk has other things to do
-                seen = (engine.generation, run.issue, run.phase, run.protests, engine.busy)
-                self._protests.read_if_changed(seen)
+                seen = (
+                    engine.current_run.generation,
+                    run.issue,
+                    run.phase,
+                    run.protests,
+                    engine.busy,
+                )
+                self._protested.look(time.monotonic(), seen)
             at_hand = "" if folder is None else str(folder.relative_to(self.results))
-            others += self._protests.overdue(engine.now(), at_hand)
+            others += overdue_words(self._protested.value, engine.now(), at_hand)
         self._snapshot = engine.snapshot(None if reporting is None else reporting.exported, others)
 
     def begin_request(
@@ -418,7 +390,7 @@ class LocalEngine:
         if parse_folder_name(folder) is None:
             raise MadrobError(f"{folder!r} is no run folder")
         engine = self._engine
-        asked = engine.generation
+        asked = engine.current_run.generation
         if (refused := engine.opening_refusal()) is not None:
             return _answered(refused)
         answer: Future[str | None] = Future()
@@ -433,8 +405,11 @@ class LocalEngine:
 
             self._put(Turn(question, deadline, answer))
 
-        path = self.results / folder
-        engine.read(lambda: engine.read_run(path).result()).add_done_callback(show)
+        def read() -> None:
+            engine.read_run(self.results / folder).add_done_callback(show)
+
+        # a bag takes long: listings go on, and so does whoever asks a scorer of this process
+        threading.Thread(target=read, name="opening", daemon=True).start()
         return answer
 
     def _export(self, request: ExportTeam | ExportDossier) -> str | None:
@@ -478,12 +453,12 @@ class LocalEngine:
 
     @property
     def open_protests(self) -> Sequence[str]:
-        return tuple(self._protests.open(self._engine.now()))
+        return tuple(open_words(self._protested.value, self._engine.now()))
 
     def repair(self) -> None:
         """Have results made again that differ from their journals. Never waits."""
         if self._reporting is not None and self._engine.replay is None:
-            self._reporting.repair(self.results)
+            self._reporting.repair()
 
     @property
     def results(self) -> Path:
@@ -496,8 +471,7 @@ class LocalEngine:
     @property
     def unsaved(self) -> bool:
         """Whether anything of a run is in memory alone: the disk refuses it, or is silent."""
-        engine = self._engine
-        kept = engine.unwritten[0] or engine.refused or engine.waiting
+        kept = self._engine.unwritten[0] or self.not_on_disk
         return self._failure is None and bool(kept)
 
     @property

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import msgspec
 
+from madrob_console.common.formatting import listed
 from madrob_console.engine.snapshot import EvidenceView
 from madrob_console.referee.evidence_account import (
     EvidenceAccount,
@@ -17,7 +18,7 @@ from madrob_console.referee.evidence_account import (
     silence_words,
     unseen_words,
 )
-from madrob_console.referee.records import TestbedFault, Trouble, listed, merged, numbers_in
+from madrob_console.referee.records import FaultKind, TestbedFault, merged, numbers_in
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,14 +159,14 @@ class EvidenceStatus:
         return EvidenceAccount(topics, self.problems, self.unwritten, gaps)
 
     @property
-    def troubles(self) -> dict[tuple[str, Trouble], str]:
+    def troubles(self) -> dict[tuple[str, FaultKind], str]:
         troubles = {
-            (topic.topic, Trouble.EVIDENCE): words
+            (topic.topic, FaultKind.EVIDENCE): words
             for topic in self.recorded
             if (words := topic.troubles)
         }
         if self.problem is not None and self.gap is None:
-            troubles["recording", Trouble.EVIDENCE] = self.problem
+            troubles["recording", FaultKind.EVIDENCE] = self.problem
         return troubles
 
 
@@ -207,12 +208,12 @@ class FaultNotes:
     """Notes each trouble of each topic once a run."""
 
     def __init__(self) -> None:
-        self._since: dict[tuple[str, Trouble], float] = {}
-        self._noted: set[tuple[str, Trouble]] = set()
+        self._since: dict[tuple[str, FaultKind], float] = {}
+        self._noted: set[tuple[str, FaultKind]] = set()
 
     def due(
-        self, troubles: Mapping[tuple[str, Trouble], str], now: float
-    ) -> list[tuple[str, Trouble]]:
+        self, troubles: Mapping[tuple[str, FaultKind], str], now: float
+    ) -> list[tuple[str, FaultKind]]:
         """Which of the troubles are to be noted now; `now` is s since the epoch."""
         self._since = {key: self._since.get(key, now) for key in troubles}
         due = [
@@ -225,12 +226,12 @@ class FaultNotes:
 
 
 _PASSING = (
-    Trouble.SLOW,
-    Trouble.FLOOD,
-    Trouble.UNREADABLE,
-    Trouble.NO_READING,
-    Trouble.STAMPS,
-    Trouble.SKEW,
+    FaultKind.SLOW,
+    FaultKind.FLOOD,
+    FaultKind.UNREADABLE,
+    FaultKind.NO_READING,
+    FaultKind.STAMPS,
+    FaultKind.SKEW,
 )
 """Troubles whose words do not say how long they lasted."""
 
@@ -245,7 +246,7 @@ class _Cause:
         times, lasted: how often it came, and how long that was in all, s.
     """
 
-    kind: Trouble
+    kind: FaultKind
     begin: float
     seen: float
     worst: dict[str, str] = field(default_factory=dict)
@@ -279,9 +280,9 @@ class RunFaults:
 
     def __init__(self) -> None:
         self._notes = FaultNotes()
-        self._causes: dict[tuple[str, Trouble], _Cause] = {}
+        self._causes: dict[tuple[str, FaultKind], _Cause] = {}
 
-    def due(self, troubles: Mapping[tuple[str, Trouble], str], now: float) -> list[TestbedFault]:
+    def due(self, troubles: Mapping[tuple[str, FaultKind], str], now: float) -> list[TestbedFault]:
         """The faults that are new; `now` is s since the epoch."""
         known = list(self._causes.values())
         new = {kind: self._cause(kind, now) for _, kind in self._notes.due(troubles, now)}
@@ -292,7 +293,7 @@ class RunFaults:
                 cause.see(key[0], words, now)
         return [cause.fault() for cause in new.values() if cause not in known]
 
-    def _cause(self, kind: Trouble, now: float) -> _Cause:
+    def _cause(self, kind: FaultKind, now: float) -> _Cause:
         """The cause that goes on now, else a new one."""
         known = (one for one in self._causes.values() if one.kind is kind and one.goes_on(now))
         return next(known, _Cause(kind, now - LASTING, now))

@@ -8,6 +8,7 @@ from dataclasses import replace
 import msgspec
 
 from madrob_console.common.clock import NS
+from madrob_console.common.formatting import counted, format_size, listed
 from madrob_console.engine.evidence_client import EvidencePlace, EvidenceStatus
 from madrob_console.referee.evidence_account import (
     EvidenceGap,
@@ -15,7 +16,6 @@ from madrob_console.referee.evidence_account import (
     unseen_words,
     with_gap,
 )
-from madrob_console.referee.records import counted, format_size, listed
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
 
 

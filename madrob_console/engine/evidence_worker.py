@@ -25,6 +25,7 @@ import msgspec
 
 from madrob_console.common.clock import NS
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import format_size
 from madrob_console.common.names import terminal_safe
 from madrob_console.engine.evidence_status import (
     EvidenceNews,
@@ -37,7 +38,6 @@ from madrob_console.engine.evidence_status import (
 from madrob_console.engine.supervisor import frames
 from madrob_console.engine.wire import frame
 from madrob_console.referee.evidence_account import EvidenceLoss, EvidenceTopic
-from madrob_console.referee.records import format_size
 from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes, TakenEvidence
 from madrob_console.testbeds.ros.watches import console_name
 from recorder.bag import is_evidence

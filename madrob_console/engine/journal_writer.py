@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
@@ -11,10 +10,10 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
-from madrob_console.archive.folders import RunName, reserve_run_folder
+from madrob_console.archive.folders import JOURNAL_FILE, RunName, reserve_run_folder
 from madrob_console.archive.run_record import RECORD_NAME, RunRecord
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.disk import DiskJobs, Reader, why_not
+from madrob_console.engine.disk import DiskJobs, RepeatedReading, why_not
 from madrob_console.engine.snapshot import RecorderView
 from madrob_console.referee.journal import (
     LARGEST_JOURNAL,
@@ -32,38 +31,37 @@ from recorder.errors import RecorderError
 from recorder.writer import BagSummary, BagWriter, DropReason, RecorderState
 
 
-class Promise:
-    """A line that takes effect once it is on disk, unless it is withdrawn before.
+class Line:
+    """A line on its way to the journal on disk.
 
-    The first to decide, the keeper or the core, decides for good.
+    With `done` it is an act's: it takes effect once it is on disk, unless it is withdrawn before.
+    The first to decide, the disk's thread or the core, decides for good. `done` gets None when
+    the line is on disk, or the disk's refusal in words; it is not called for a withdrawn line.
     """
 
-    def __init__(self, entry: Entry) -> None:
+    def __init__(self, entry: Entry, done: Callable[[str | None], None] | None = None) -> None:
         self.entry = entry
+        self.done = done
+        self.added = 0.0  # to what waits for the disk, s of the monotonic clock
         self.withdrawal: Entry | None = None
-        self._decision = threading.Lock()
-        self._kept = False
-
-    def keep(self) -> bool:
-        """Take effect: the line is on disk. False if it was withdrawn before."""
-        with self._decision:
-            self._kept = self.withdrawal is None
-            return self._kept
-
-    def withdraw(self, withdrawal: Entry) -> bool:
-        """Cancel the effect; False if the line is on disk already and takes effect."""
-        with self._decision:
-            if not self._kept:
-                self.withdrawal = self.withdrawal or withdrawal
-            return not self._kept
+        self._effect: Future[None] = Future()
 
     @property
     def withdrawn(self) -> bool:
-        return self.withdrawal is not None
+        return self._effect.cancelled()
+
+    def keep(self) -> bool:
+        """Take effect, once: the line is on disk. False if it was withdrawn before."""
+        return self._effect.set_running_or_notify_cancel()
+
+    def withdraw(self, withdrawal: Entry) -> bool:
+        """Cancel the effect; False if the line is on disk already and takes effect."""
+        self.withdrawal = withdrawal
+        return self._effect.cancel()
 
 
 class OpenJournal:
-    """The journal file of one run. Everything in it waits for the disk: a keeper's part."""
+    """The journal file of one run. Everything in it waits for the disk."""
 
     def __init__(self, path: Path, journal: Journal, lines: Iterable[Entry]) -> None:
         self._path = path
@@ -118,29 +116,22 @@ class OpenJournal:
 
         Returns how many are on disk, and why not all. `again`: the disk refused before.
         """
-        count, problem = 0, None
-        deleted = self._deleted()
-        if not deleted:
-            count = self._journal.append(lines)
-            self._lines += lines[:count]
-            problem = None if count == len(lines) else self._refusal()
-            deleted = self._deleted()
-        if not deleted and (problem is None or not again):
-            return count, problem
-        rest = lines[count:]
-        try:
-            journal = up_to_date(self._path, (*self._lines, *rest), self._journal)
-        except (OSError, MadrobError) as error:
-            why = error.strerror if isinstance(error, OSError) else error
-            gone = f"the journal was deleted, a new one is refused ({why})"
-            return count, problem or gone
-        self._journal.close()
-        self._journal = journal
-        self._lines += rest
-        return len(lines), None
-
-    def _deleted(self) -> bool:
-        return not os.path.lexists(self._path)
+        count = self._journal.append(lines)
+        problem = None if count == len(lines) else self._refusal()
+        deleted = not os.path.lexists(self._path)
+        if deleted or (problem is not None and again):
+            try:
+                journal = up_to_date(self._path, (*self._lines, *lines), self._journal)
+            except (OSError, MadrobError) as error:
+                if deleted:
+                    why = error.strerror if isinstance(error, OSError) else error
+                    count, problem = 0, f"the journal was deleted, a new one is refused ({why})"
+            else:
+                self._journal.close()
+                self._journal = journal
+                count, problem = len(lines), None
+        self._lines += lines[:count]
+        return count, problem
 
     def _refusal(self) -> str:
         assert self._journal.refused is not None
@@ -150,43 +141,31 @@ class OpenJournal:
         self._journal.close()
 
 
-class _Line:
-    __slots__ = ("added", "done", "entry", "promise")
-
-    def __init__(
-        self,
-        entry: Entry,
-        added: float,
-        promise: Promise | None = None,
-        done: Callable[[str | None], None] | None = None,
-    ) -> None:
-        self.entry = entry
-        self.added = added
-        self.promise = promise
-        self.done = done
-
-
 _REMEDY = "see to the disk, then try again"
-
-_Written = tuple[list[_Line], str | None]
 
 
 class JournalKeeper:
-    """Hands the lines of one run after the other to a keeper; what the disk refuses waits.
+    """Has the lines of one run after the other written; what the disk refuses waits.
 
     Lines that come while the disk is busy are written together, by one sync.
     """
 
-    def __init__(self, keeper: DiskJobs, monotonic: Callable[[], float]) -> None:
-        self._keeper = keeper
+    def __init__(self, disk: DiskJobs, monotonic: Callable[[], float]) -> None:
+        self._disk = disk
         self._monotonic = monotonic
         self._file: OpenJournal | None = None
-        self._busy = False
-        self._problem: str | None = None
+        self.begin_journal()
+
+    def begin_journal(self, entries: Iterable[Entry] = ()) -> None:
+        """Leave the journal before; the next one has these `entries` so far."""
+        self.close()
         self._entries: list[Entry] = []
         self._mark = GrowingMark()
         self._size = 0  # bytes of these lines
-        self._waiting: tuple[_Line, ...] = ()
+        self._waiting: tuple[Line, ...] = ()
+        self._problem: str | None = None
+        for entry in entries:
+            self._stands(entry)
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -215,39 +194,24 @@ class JournalKeeper:
             return 0, 0.0
         return len(waiting), self._monotonic() - waiting[0].added
 
-    def begin_journal(self) -> None:
-        self.close()
-        self._entries, self._waiting, self._problem = [], (), None
-        self._mark, self._size = GrowingMark(), 0
-
-    def adopt(self, file: OpenJournal, entries: Iterable[Entry]) -> None:
-        known = list(entries)
-        self._waiting = tuple(
-            one for one in self._waiting if not any(one.entry is entry for entry in known)
-        )
-        self._entries, self._mark, self._size = [], GrowingMark(), 0
-        for entry in (*known, *(one.entry for one in self._waiting)):
-            self._stands(entry)
-        self._file, self._busy = file, False
+    def adopt(self, file: OpenJournal, entries: Sequence[Entry]) -> None:
+        """Go on in a journal that has these `entries`, with the lines that wait for it."""
+        waiting = [one for one in self._waiting if not any(one.entry is each for each in entries)]
+        self.begin_journal([*entries, *(one.entry for one in waiting)])
+        self._file, self._waiting = file, tuple(waiting)
         self._write()
 
     def close(self) -> None:
         if self._file is not None:
-            self._keeper.submit_job(self._file.close)
+            self._disk.submit_job(self._file.close)
         self._file, self._busy = None, False
 
-    def add_line(self, entry: Entry) -> None:
-        self._stands(entry)
-        self._waiting += (_Line(entry, self._monotonic()),)
-        self._write()
-
-    def promise(self, promise: Promise, done: Callable[[str | None], None]) -> None:
-        """Add a line that takes effect when it is on disk.
-
-        `done` gets None when it is, or at once the disk's refusal in words; it is not called for a
-        withdrawn line.
-        """
-        self._waiting += (_Line(promise.entry, self._monotonic(), promise, done),)
+    def add_line(self, line: Line) -> None:
+        """Have a line written: an act's stands when it is on disk, any other from now on."""
+        if line.done is None:
+            self._stands(line.entry)
+        line.added = self._monotonic()
+        self._waiting += (line,)
         self._write()
 
     def catch_up(self) -> None:
@@ -265,86 +229,74 @@ class JournalKeeper:
             return
         self._busy = True
 
-        def job() -> _Written:
-            wanted = [one for one in lines if one.promise is None or not one.promise.withdrawn]
-            count, problem = file.append([one.entry for one in wanted], again=again)
-            for one in wanted[:count]:
-                if one.promise is not None:
-                    one.promise.keep()
-            return wanted[:count], problem
+        def job() -> tuple[Sequence[Line], str | None]:
+            wanted = [line for line in lines if not line.withdrawn]
+            count, problem = file.append([line.entry for line in wanted], again=again)
+            return [line for line in wanted[:count] if line.keep()], problem
 
-        def done(answer: Future[_Written]) -> None:
+        def done(answer: Future[tuple[Sequence[Line], str | None]]) -> None:
             if file is self._file:
-                self._heard(lines, answer)
+                written, problem = ((), why) if (why := why_not(answer)) else answer.result()
+                self._heard(lines, written, problem)
 
-        self._keeper.submit_job(job, done)
+        self._disk.submit_job(job, done)
 
-    def _heard(self, lines: Sequence[_Line], answer: Future[_Written]) -> None:
-        self._busy = False
-        written: Sequence[_Line] = ()
-        self._problem = why_not(answer)
-        if self._problem is None:
-            written, self._problem = answer.result()
-        kept = [one for one in written if one.promise is not None and not one.promise.withdrawn]
-        refused = [
-            one
-            for one in (lines if self._problem is not None else ())
-            if one not in written and one.promise is not None and not one.promise.withdrawn
-        ]
-        gone = [*written, *refused]
+    def _heard(self, lines: Sequence[Line], written: Sequence[Line], problem: str | None) -> None:
+        self._busy, self._problem = False, problem
+        over = [line for line in lines if line in written or line.done is not None]
         self._waiting = tuple(
-            one
-            for one in self._waiting
-            if one not in gone and not (one.promise is not None and one.promise.withdrawn)
+            line for line in self._waiting if line not in over and not line.withdrawn
         )
-        for one in kept:
-            assert one.done is not None
-            self._stands(one.entry)
-            one.done(None)
-        for one in refused:
-            assert one.done is not None
-            one.done(f"{self._problem}: {_REMEDY}")
-        if self._problem is None or any(one.promise is not None for one in self._waiting):
+        for line in over:
+            if line.done is None or line.withdrawn:
+                continue
+            if line in written:
+                self._stands(line.entry)
+            line.done(None if line in written else f"{problem}: {_REMEDY}")
+        if problem is None or any(line.done is not None for line in self._waiting):
             self._write()  # what waits for nothing else is refused by the disk itself
 
 
-# The open recording of one run: its folder, its bag.
+# The open files of one run: its folder, bag and journal.
 
 
-_LOOK_PERIOD = 1.0
+LOOKING_PERIOD = 1.0
 """How often the folder is checked, s."""
 
 
 class Recording:
-    """Records one run into a new folder.
+    """Records one run into a new folder, in which it begins its journal.
 
     Args:
         start: planned start, s since the epoch; stands in the folder's name.
         topics: those known by now; more can be added.
+        entries: the journal's first lines; the last one is the start.
         lossless: wait for the disk instead of dropping (virtual time).
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  what it records, and with what
         self,
         root: Path,
         record: RunRecord,
         start: float,
         topics: Sequence[Topic],
+        entries: Sequence[Entry],
         *,
         lossless: bool,
-        reading: Reader,
+        disk: DiskJobs,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         setup = record.setup
         name = RunName(setup.subject, setup.condition.number, setup.run_number)
+        self.record = record
+        self.entries = entries
         self.folder = reserve_run_folder(root, name, start, practice=setup.practice)
         self._topics = {topic.name for topic in topics}
         self._scored = {mapping.topic for mapping in record.mappings}
         self._monotonic = monotonic
-        self._reading = reading
-        self._looked = monotonic()
-        self._answered = True
-        self._folder_problem: str | None = None
+        look = partial(_problem_of, self.folder)
+        self._folder_problem: RepeatedReading[str | None]
+        self._folder_problem = RepeatedReading(look, disk.submit_job, LOOKING_PERIOD, None)
         self._writer = BagWriter(
             self.folder, topics, {RECORD_NAME: record.to_metadata()}, block_when_full=lossless
         )
@@ -352,6 +304,17 @@ class Recording:
             self._writer.open()
         except RecorderError as error:
             raise MadrobError(str(error)) from None
+        try:
+            self.journal = OpenJournal.create(self.folder / JOURNAL_FILE, entries)
+        except MadrobError:
+            self.close()
+            raise
+
+    def give_up(self, withdrawal: Entry) -> None:
+        """Close it all: the run does not start. Its folder stays, its number is used."""
+        self.journal.append([withdrawal], again=False)
+        self.journal.close()
+        self.close()
 
     def add_topics(self, topics: Sequence[Topic]) -> None:
         for topic in topics:
@@ -376,7 +339,7 @@ class Recording:
         stats = self._writer.stats()
         problem = stats.error
         if stats.state is RecorderState.RECORDING:
-            problem = self._problem_of_folder()
+            problem = self._folder_problem.look(self._monotonic())
         return RecorderView(
             state=stats.state.value,
             messages=stats.written,
@@ -384,17 +347,6 @@ class Recording:
             dropped=sum(stats.dropped.values()),
             problem=problem,
         )
-
-    def _problem_of_folder(self) -> str | None:
-        now = self._monotonic()
-        if self._answered and now - self._looked >= _LOOK_PERIOD:
-            self._looked, self._answered = now, False
-            self._reading.submit_job(partial(_problem_of, self.folder), self._heard_of_folder)
-        return self._folder_problem
-
-    def _heard_of_folder(self, answer: Future[str | None]) -> None:
-        self._answered = True
-        self._folder_problem = None if answer.exception() else answer.result()
 
     def remarks(self) -> tuple[str, ...]:
         stats = self._writer.stats()
@@ -413,7 +365,10 @@ class Recording:
         return max(0, missing - stats.drop_reasons.get(DropReason.OTHER_TYPE, 0))
 
     def close(self) -> BagSummary:
-        """Write what is queued and finish the bag; waits for the disk as long as it takes."""
+        """Write what is queued and finish the bag; waits for the disk as long as it takes.
+
+        The journal goes on.
+        """
         return self._writer.close(None)
 
 

@@ -17,7 +17,7 @@ from madrob_console.messages.message_types import MessageError, MessageTypes
 from madrob_console.referee.checks import SensorLimits
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.records import FalseStart, Trouble
+from madrob_console.referee.records import FalseStart, FaultKind
 from madrob_console.referee.run import Phase, Run, begin_run, stop, time_out
 from recorder.bag import RawMessage
 from scoring.evaluate import LiveAssessment
@@ -279,7 +279,7 @@ class RunTracker:
                 self._known.add(event)
                 happened.append(_seen(Change.EVENT, event))
             if len(self._known) >= MOST_NOTED:
-                details = {"time": now, "kind": Trouble.FLICKERS}
+                details = {"time": now, "kind": FaultKind.FLICKERS}
                 happened.append(Happening(Origin.SYSTEM, Change.FAULT, FLICKERS, details))
                 return
 
@@ -351,10 +351,10 @@ class Observation:
 
     def receive(self, message: RawMessage, *, recorded: bool, shown: bool) -> None:
         """Take a message; only `recorded` ones count for a run, only `shown` ones reach screens."""
-        judged = recorded and self.course is not None
+        course = self.course if recorded else None
         if not shown:
             self.sensors.note_arrival(message)
-            if not judged:
+            if course is None:
                 return
         sample, error = None, None
         try:
@@ -363,13 +363,10 @@ class Observation:
             error = str(problem)
         if shown:
             self.sensors.receive(message, sample, error)
-        if not judged:
-            return
-        assert self.course is not None
-        if sample is not None:
-            self.course.feed(sample)
-        elif error is not None:
-            self.course.assessment.report_problem(error)
+        if course is not None and sample is not None:
+            course.feed(sample)
+        elif course is not None and error is not None:
+            course.assessment.report_problem(error)
 
     def advance(self, run: Run, now: float, seen: float) -> tuple[Run, list[Happening]]:
         if self.course is None or not run.active:

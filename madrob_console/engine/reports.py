@@ -1,351 +1,261 @@
-"""Reports, pages and zips, made in background processes of low priority."""
+"""Reports, pages and zips: a queue of chores on disk, worked off by a process of low priority."""
 
 from __future__ import annotations
 
-import errno
+import fcntl
+import math
 import os
-import signal
-import subprocess
-import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import NamedTuple
 
-from madrob_console.archive.folders import FRAMES_FOLDER, INDEX_PAGE, REPORT_FILE, results_folder_of
+import msgspec
+
+from madrob_console.archive.folders import FRAMES_FOLDER, INDEX_PAGE
 from madrob_console.common.names import terminal_safe
 from madrob_console.engine.snapshot import ExportView
-from recorder.errors import remedy
+from madrob_console.engine.supervisor import Worker
+from madrob_console.engine.wire import decoded
 
-# Background work, in processes of low priority.
-
-
-PERIOD = 0.1
-"""A process stops for a run within this time, s."""
+QUEUE_FOLDER = ".madrob_queue"
+"""In a results folder: a file for each chore that waits."""
 
 PAUSE = 10.0
-"""Pause before a chore is retried, s; doubled for each further try."""
-
-LONGEST_PAUSE = 80.0
-"""Longest pause, s."""
-
-_PATIENCE = 2.0  # with a process that was told to end, s
-
-
-@dataclass(frozen=True, slots=True)
-class Finished:
-    """Outcome of a chore.
-
-    Attributes:
-        code: the exit code of its process; None where none could be started.
-        said, complained: the last line that it printed, as output and as an error.
-        again: it lacked memory, file handles, a program or a disk, and is retried by itself.
-    """
-
-    code: int | None
-    said: str
-    complained: str
-    again: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class _Chore:
-    name: str
-    arguments: tuple[str, ...]
-    done: Callable[[Finished], None]
-    given: bytes | memoryview | None
-    pause: float
-
-
-class Background:
-    """Does one chore after the other, none while a run goes on, in a thread of its own.
-
-    A chore that a run cuts short is done again after the run; one that lacked something,
-    after a pause (in s). A chore replaces a waiting one of the same name. Nobody waits, and
-    no failing chore ends the thread. `busy` may be asked from any thread.
-    """
-
-    def __init__(
-        self, command: Sequence[str], busy: Callable[[], bool], pause: float = PAUSE
-    ) -> None:
-        self._command = tuple(command)
-        self._busy = busy
-        self._pause = pause
-        self._changed = threading.Condition()
-        self._waiting: dict[str, _Chore] = {}
-        self._resting: dict[str, tuple[float, _Chore]] = {}
-        self._working = False
-        self._closing = False
-        self._thread = threading.Thread(target=self._work, name="background", daemon=True)
-        self._thread.start()
-
-    def submit_chore(
-        self,
-        name: str,
-        arguments: Sequence[str],
-        done: Callable[[Finished], None],
-        given: bytes | memoryview | None = None,
-    ) -> None:
-        """`done` gets each try's outcome in the chores' thread; `given` is standard input."""
-        with self._changed:
-            self._resting.pop(name, None)
-            self._waiting.pop(name, None)  # it comes after all that was asked for before
-            self._waiting[name] = _Chore(name, tuple(arguments), done, given, self._pause)
-            self._changed.notify_all()
-
-    def wait(self, patience: float) -> bool:
-        """Wait at most `patience` s; whether everything is done, or pauses after a failure."""
-        with self._changed:
-            return self._changed.wait_for(lambda: not self._waiting and not self._working, patience)
-
-    def close(self, patience: float) -> None:
-        """Ignore runs from now on, and wait at most `patience` s; the rest goes on by itself."""
-        with self._changed:
-            self._closing = True
-            self._changed.notify_all()
-        self._thread.join(patience)
-        with self._changed:
-            left = (*self._waiting.values(), *(chore for _, chore in self._resting.values()))
-            self._waiting.clear()
-            self._resting.clear()
-        for chore in left:
-            with suppress(Exception):  # this program is at its end: nobody is there to be told
-                self._start(chore, subprocess.DEVNULL, subprocess.DEVNULL)
-
-    # ------------------------------------------------------------------ the thread
-
-    def _work(self) -> None:
-        while (chore := self._next()) is not None:
-            finished = self._attempt(chore)
-            with self._changed:
-                if finished is None:
-                    self._waiting.setdefault(chore.name, chore)
-                elif finished.again and chore.name not in self._waiting:
-                    self._rest(chore)
-                self._working = False
-                self._changed.notify_all()
-
-    def _rest(self, chore: _Chore) -> None:
-        later = replace(chore, pause=min(2 * chore.pause, LONGEST_PAUSE))
-        self._resting[chore.name] = (time.monotonic() + chore.pause, later)
-
-    def _next(self) -> _Chore | None:
-        with self._changed:
-            while True:
-                self._wake()
-                if self._waiting and not self._must_wait():
-                    self._working = True
-                    return self._waiting.pop(next(iter(self._waiting)))
-                if self._closing:
-                    return None
-                due = min((due for due, _ in self._resting.values()), default=None)
-                rest = None if due is None else max(0.0, due - time.monotonic())
-                self._changed.wait(PERIOD if self._waiting else rest)
-
-    def _wake(self) -> None:
-        now = time.monotonic()
-        for name in [name for name, (due, _) in self._resting.items() if due <= now]:
-            self._waiting[name] = self._resting.pop(name)[1]
-
-    def _must_wait(self) -> bool:
-        return self._busy() and not self._closing
-
-    def _attempt(self, chore: _Chore) -> Finished | None:
-        try:
-            finished = self._do(chore)
-            if finished is not None:
-                chore.done(finished)
-        except Exception as error:  # noqa: BLE001 - whatever it is, the others want to be done
-            finished = Finished(None, "", _words(error), isinstance(error, OSError | MemoryError))
-            with suppress(MemoryError):  # then it is told the next time
-                chore.done(finished)
-        return finished
-
-    def _do(self, chore: _Chore) -> Finished | None:
-        with _scratch() as out, _scratch() as err:
-            process = self._start(chore, out, err)
-            while True:
-                try:
-                    code = process.wait(PERIOD)
-                except subprocess.TimeoutExpired:
-                    if self._must_wait():
-                        _end(process)
-                        return None
-                    continue
-                again = code in (
-                    os.EX_TEMPFAIL,
-                    -signal.SIGKILL,
-                )  # which ends it for want of memory
-                return Finished(code, _last_line(out), _last_line(err), again)
-
-    def _start(
-        self, chore: _Chore, out: IO[bytes] | int, err: IO[bytes] | int
-    ) -> subprocess.Popen[bytes]:
-        with _scratch() as given:
-            if chore.given is not None:
-                given.write(chore.given)
-                given.seek(0)
-            return subprocess.Popen(
-                [*self._command, *chore.arguments],
-                stdin=given,
-                stdout=out,
-                stderr=err,
-                start_new_session=True,  # no hang-up and no Ctrl+C of a terminal reaches it
-            )
-
-
-def _scratch() -> IO[bytes]:
-    """A file without a name: a folder for temporary files may go while the engine runs."""
-    return os.fdopen(os.memfd_create("madrob"), "w+b")
-
-
-def _words(error: Exception) -> str:
-    if isinstance(error, MemoryError):
-        error = OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
-    if not isinstance(error, OSError):
-        return f"no process could be started ({type(error).__name__}: {error})"
-    why = error.strerror or str(error)
-    if error.filename is not None:
-        why = f"{error.filename}: {why}"
-    hint = remedy(error)
-    return f"no process could be started ({why})" + (f"; {hint}" if hint else "")
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    process.terminate()
-    try:
-        process.wait(_PATIENCE)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-
-
-def _last_line(file: IO[bytes]) -> str:
-    file.seek(0)
-    lines = file.read().decode(errors="replace").strip().splitlines()
-    return lines[-1] if lines else ""
-
-
-PAGE = "page"
-"""The chore that writes a report: its file follows, the scored run comes on standard input."""
-
-PICTURES = "pictures"
-"""The command that writes what cameras saw: a run, an instant and a folder follow."""
-
-REPAIR = "repair"
-"""The chore that makes results again that differ from their journals: a folder follows."""
-
-RENEW = "renew"
-"""The chore that makes outdated reports again: a folder follows, and maybe a command that comes
-first: one process draws the figures of report and site once.
-"""
-
-OLDER = "not all is up to date"
-"""The last line of such a chore that could not make everything."""
-
-PUBLISH = "publish"
-"""The command that writes the competition's pages: their folder and where the runs are follow."""
+"""Pause before a chore is retried, s."""
 
 CLOSING_TIME = 3.0
 """An engine that ends waits this long for unfinished chores, s; they go on without it, too."""
 
 
+class ChoreKind(StrEnum):
+    """What a chore is; its arguments follow in the command."""
+
+    REPORT = "report"
+    """Make the report of a run anew: its folder follows."""
+    RENEW = "renew"
+    """Make outdated reports again: a results folder follows."""
+    REPAIR = "repair"
+    """Make results again that differ from their journals, then outdated reports: a results folder
+    follows.
+    """
+    PUBLISH = "publish"
+    """`madrob publish`: a folder for the pages and where the runs are follow."""
+    EXPORT = "export"
+    """`madrob export`: the options follow."""
+    PICTURES = "pictures"
+    """`madrob pictures`: a run, an instant and a folder follow."""
+
+
+class Chore(msgspec.Struct, frozen=True):
+    """A chore replaces a waiting one of the same name."""
+
+    name: str
+    kind: ChoreKind
+    arguments: tuple[str, ...]
+
+
+class ChoreQueue:
+    """The chores that wait, as files in a folder: they survive the engine.
+
+    A file's name says when it was put there, its time when it is due.
+    """
+
+    def __init__(self, folder: Path, pause: float = PAUSE) -> None:
+        self._folder = folder
+        self._pause = pause
+        self._taken: list[Path] = []
+
+    def put(self, chore: Chore) -> None:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        part = self._folder / f"{time.time_ns()}.part"
+        part.write_bytes(msgspec.json.encode(chore))
+        part.replace(part.with_suffix(".json"))
+
+    def hold(self) -> None:
+        """Wait until no other process works the queue off; for the rest of this process."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        fcntl.flock(os.open(self._folder, os.O_RDONLY | os.O_CLOEXEC), fcntl.LOCK_EX)
+
+    def take_next(self) -> Chore | None:
+        """The chore that waits for longest, as it was put last; None where none is due.
+
+        It is due again after the pause, should this process end before it is finished.
+        """
+        waiting: dict[str, list[tuple[Path, Chore]]] = {}
+        for path in sorted(self._folder.glob("*.json")):
+            chore = msgspec.json.decode(path.read_bytes(), type=Chore)
+            waiting.setdefault(chore.name, []).append((path, chore))
+        for same in waiting.values():
+            path, chore = same[-1]
+            if self._rest(path) == 0:
+                self._set_due(path, self._pause)
+                self._taken = [path for path, _ in same]
+                return chore
+        return None
+
+    def finish(self) -> None:
+        """The chore that was taken is done; what was put meanwhile stays."""
+        for path in self._taken:
+            path.unlink()
+        self._taken = []
+
+    def give_back(self) -> None:
+        """The chore that was taken, if one was, is due at once."""
+        for path in self._taken:
+            self._set_due(path, 0.0)
+
+    @property
+    def rest(self) -> float:
+        """Time until a chore is due, s; infinite where none waits."""
+        return min(map(self._rest, self._folder.glob("*.json")), default=math.inf)
+
+    def _set_due(self, path: Path, pause: float) -> None:
+        due = time.time() + pause
+        os.utime(path, (due, due))
+
+    def _rest(self, path: Path) -> float:
+        rest = path.stat().st_mtime - time.time()
+        return rest if 0 < rest <= self._pause else 0.0  # the clock may have been set back
+
+
+# What crosses the socket between the engine and the process.
+
+
+class Look(msgspec.Struct, frozen=True, tag=True):
+    """Look at the queue: `number` chores have been put into it by now."""
+
+    number: int
+
+
+class Finished(msgspec.Struct, frozen=True, tag=True):
+    """Outcome of a chore.
+
+    Attributes:
+        code: its exit code.
+        said, complained: the last line that it printed, as output and as an error.
+    """
+
+    chore: Chore
+    code: int
+    said: str
+    complained: str
+
+    @property
+    def again(self) -> bool:
+        """Whether it lacked memory, file handles or a disk, and is retried by itself."""
+        return self.code == os.EX_TEMPFAIL
+
+    @property
+    def why_not(self) -> str:
+        """Why it was not done, in words; empty = it was."""
+        if not self.code:
+            return ""
+        why = terminal_safe(self.complained).removeprefix("madrob: ")
+        why = why or f"its process ended with {self.code}"
+        return f"{why}; it is tried again" if self.again else why
+
+
+class Resting(msgspec.Struct, frozen=True, tag=True):
+    """Nothing is due for `rest` s; `number` is that of the last `Look`."""
+
+    number: int
+    rest: float
+
+
+_answers: msgspec.msgpack.Decoder[Finished | Resting] = msgspec.msgpack.Decoder(Finished | Resting)
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What is made by itself.
+
+    Attributes:
+        reports: whether a run's report is made after each of its results.
+        publish: of `madrob publish`, after each result; empty = no pages are wanted.
+        options: of `madrob export`: results folder, settings.
+    """
+
+    reports: bool = True
+    publish: Sequence[str] = ()
+    options: Sequence[str] = ()
+
+
+EVERY_REPORT = Wanted()
+
+_UNMADE = {
+    ChoreKind.REPORT: "no report of {place.name}: {why}; `madrob report` makes it",
+    ChoreKind.RENEW: "reports of {place} are older than its results: {why}",
+    ChoreKind.PUBLISH: "the pages in {place} are not up to date: {why}",
+    ChoreKind.REPAIR: "{why}",
+}
+"""What screens show of a chore that was not done."""
+
+
 class _Unmade(NamedTuple):
+    kind: ChoreKind
     words: str
     again: bool
 
 
-class Reporting:
-    """Makes reports, pages and zips in the background, never during a run.
+class Reporting(Worker):
+    """Has reports, pages and zips made in the background, never during a run.
 
     Args:
-        command: the program that does the chores (`madrob_console.cli.aside`).
+        command: the program that works off the queue (`madrob_console.cli.aside`).
+        queue: the folder of the `ChoreQueue`.
+        results: the results folder.
         busy: whether a run goes on; may be asked from any thread.
-        options: of `madrob export`: results folder, settings.
-        publish: of `madrob publish`, after each result; empty = no pages are wanted.
+        write: has a job done that writes a file, and never waits for it.
         pause: before a chore is retried, s.
     """
+
+    goes_on = True
 
     def __init__(
         self,
         command: Sequence[str],
+        queue: Path,
+        results: Path,
         busy: Callable[[], bool],
-        options: Sequence[str] = (),
-        *,
-        reports: bool = True,
-        publish: Sequence[str] = (),
+        write: Callable[[Callable[[], None]], Future[None]],
+        wanted: Wanted = EVERY_REPORT,
         pause: float = PAUSE,
     ) -> None:
-        self._unmade: dict[Path, _Unmade] = {}
+        super().__init__((*command, str(queue), str(pause)))
         self.exported: ExportView | None = None
-        self._options = tuple(options)
-        self._reports = reports
-        self._publish = tuple(publish)
-        self._background = Background(command, busy, pause)
+        self._results = results
+        self._queue = ChoreQueue(queue, pause)
+        self._busy = busy
+        self._write = write
+        self._wanted = wanted
+        self._unmade: dict[str, _Unmade] = {}
+        self._frames: dict[str, Callable[[str], None]] = {}
+        self._closing = False
+        self._asked = self._put = self._looked = 0
+        self._due = math.inf
 
-    def report(self, folder: Path, scored: bytes | memoryview) -> None:
+    def report(self, folder: Path) -> None:
         """Make the report of a run anew, if it is wanted; the latest result counts.
 
         Then the reports of runs that are compared with it, and the competition's pages.
-        `scored` is the `Scored` run, pickled.
         """
-
-        def done(finished: Finished) -> None:
-            # a new one, not changed: others read it meanwhile
-            unmade = {f: one for f, one in self._unmade.items() if one.again and f != folder}
-            if finished.code != 0:
-                words = f"no report of {folder.name}: {_why(finished)}"
-                unmade[folder] = _Unmade(f"{words}; `madrob report` makes it", finished.again)
-            self._unmade = unmade
-
-        if self._reports:
-            self._background.submit_chore(
-                str(folder), [PAGE, str(folder / REPORT_FILE)], done, scored
-            )
-        self._all_of(results_folder_of(folder), RENEW, *self._publishing)
-
-    def publish(self) -> None:
-        if not self._publish:
-            return
-        site = Path(self._publish[0])
-
-        def done(finished: Finished) -> None:
-            unmade = {place: one for place, one in self._unmade.items() if place != site}
-            if finished.code != 0 and not self._wrote_pages(finished):
-                words = f"the pages in {site} are not up to date: {_why(finished)}"
-                unmade[site] = _Unmade(words, finished.again)
-            self._unmade = unmade
-
-        self._background.submit_chore(PUBLISH, self._publishing, done)
-
-    def _wrote_pages(self, finished: Finished) -> bool:
-        return finished.said == str(Path(self._publish[0]) / INDEX_PAGE)
-
-    def repair(self, results: Path) -> None:
-        """Make results and reports again that a power cut left out of date, then the pages."""
-        self._all_of(results, REPAIR)
+        if self._wanted.reports:
+            self._submit(f"report {folder.name}", ChoreKind.REPORT, str(folder))
+        self._submit("renew", ChoreKind.RENEW, str(self._results))
         self.publish()
 
-    @property
-    def _publishing(self) -> Sequence[str]:
-        return (PUBLISH, *self._publish) if self._publish else ()
+    def publish(self) -> None:
+        if self._wanted.publish:
+            self._submit("publish", ChoreKind.PUBLISH, *self._wanted.publish)
 
-    def _all_of(self, results: Path, chore: str, *command: str) -> None:
-        called = results / chore
-        made_too = {called, *map(Path, self._publish[:1])} if command else {called}
-
-        def done(finished: Finished) -> None:
-            unmade = {place: one for place, one in self._unmade.items() if place not in made_too}
-            if finished.code != 0 and not (command and self._wrote_pages(finished)):
-                why = _why(finished)
-                if chore == RENEW:
-                    why = f"reports or pages of {results} are older than its results: {why}"
-                unmade = {called: _Unmade(why, finished.again), **unmade}
-            self._unmade = unmade
-
-        self._background.submit_chore(chore, [chore, str(results), *command], done)
+    def repair(self) -> None:
+        """Make results and reports again that a power cut left out of date, then the pages."""
+        self._submit("repair", ChoreKind.REPAIR, str(self._results))
+        self.publish()
 
     def export(
         self, subject: int, competition: str | None = None, *, practice: bool = False
@@ -354,39 +264,25 @@ class Reporting:
         options = [f"--subject={subject}", "--without-evidence", *["--practice"] * practice]
         if competition is not None:
             options.append(f"--competition={competition}")
-        self._pack(ExportView(subject), f"team {subject}", options)
+        self._pack(ExportView(subject), options)
 
     def export_dossier(self, run: Path, called: str) -> None:
         """Pack everything about one run into a zip; `called`: its path in the results folder."""
-        self._pack(
-            ExportView(0, dossier=called), f"dossier {called}", [f"--run={run}", "--dossier"]
-        )
+        self._pack(ExportView(0, dossier=called), [f"--run={run}", "--dossier"])
 
-    def _pack(self, wanted: ExportView, name: str, options: Sequence[str]) -> None:
-        def done(finished: Finished) -> None:
-            if self.exported is None or self.exported.what != wanted.what:
-                return  # tried again, and meanwhile somebody wants to see another one
-            bad = finished.code != 0
-            path = finished.said if finished.said.endswith(".zip") else ""
-            why = _why(finished) if bad else ""
-            self.exported = replace(wanted, path=path, problem=why)
-
+    def _pack(self, wanted: ExportView, options: Sequence[str]) -> None:
         self.exported = wanted
-        self._background.submit_chore(name, ["export", *options, *self._options], done)
+        self._submit(wanted.what, ChoreKind.EXPORT, *options, *self._wanted.options)
 
     def frames(self, run: Path, at: float, done: Callable[[str, str], None]) -> None:
         """Write what the cameras saw `at` s from the start of a run into its folder.
 
-        `done` gets the folder with the files, or why there are none; in the thread of the
-        chores.
+        `done` gets the folder with the files, or why there are none; in another thread.
         """
-        instant, folder = f"{at:.3f}", run.absolute() / FRAMES_FOLDER
-
-        def told(finished: Finished) -> None:
-            done("" if finished.code else str(folder), _why(finished) if finished.code else "")
-
-        arguments = [PICTURES, str(run.absolute()), f"--at={instant}", f"--output={folder}"]
-        self._background.submit_chore(f"frames at {instant}", arguments, told)
+        folder, name = run.absolute() / FRAMES_FOLDER, f"frames at {at:.3f}"
+        self._frames[name] = lambda why: done("" if why else str(folder), why)
+        arguments = (str(run.absolute()), f"--at={at:.3f}", f"--output={folder}")
+        self._submit(name, ChoreKind.PICTURES, *arguments)
 
     @property
     def problem(self) -> str | None:
@@ -398,17 +294,89 @@ class Reporting:
         return unmade[-1].words + others
 
     def wait(self, patience: float) -> bool:
-        """Wait at most `patience` s; returns whether everything is made."""
-        return self._background.wait(patience)
+        """Wait at most `patience` s; whether everything is made, or pauses after a failure."""
+        end = time.monotonic() + patience
+        while (waits := self._waits) and time.monotonic() < end:
+            time.sleep(0.02)
+        return not waits
 
-    def close(self, patience: float = CLOSING_TIME) -> None:
-        """Wait at most `patience` s for the waiting chores; those under way go on anyway."""
-        self._background.close(patience)
+    @property
+    def _waits(self) -> bool:
+        return self._put < self._asked or self._due <= time.monotonic()
 
+    def finish(self, patience: float = CLOSING_TIME) -> None:
+        """Ignore runs from now on, and wait at most `patience` s; the rest goes on by itself."""
+        self._closing = True
+        self.ring()
+        self.wait(patience)
 
-def _why(finished: Finished) -> str:
-    words = terminal_safe(finished.complained).removeprefix("madrob: ")
-    if not words and finished.code == -signal.SIGKILL:
-        words = "its process was killed, as when memory is short: end other programs"
-    words = words or f"its process ended with {finished.code}"
-    return f"{words}; it is tried again" if finished.again else words
+    def _submit(self, name: str, kind: ChoreKind, *arguments: str) -> None:
+        self._asked += 1
+        chore = Chore(name, kind, arguments)
+
+        def written(answer: Future[None]) -> None:
+            if (error := answer.exception()) is not None:
+                self._hear(Finished(chore, os.EX_IOERR, "", str(error)))
+            self._put += 1
+            self._due = 0.0
+            self.ring()
+
+        self._write(lambda: self._queue.put(chore)).add_done_callback(written)
+
+    # ------------------------------------------------------------------ the supervisor's thread
+
+    @property
+    def wanted(self) -> bool:
+        return time.monotonic() >= self._due and (self._closing or not self._busy())
+
+    def begin(self) -> None:
+        self._looked = 0
+
+    def work(self, now: float) -> float:
+        if self.pid is not None and self._looked < self._put:
+            self._looked = self._put
+            self.send(Look(self._looked))
+        return 0.1  # s: a run may begin, or end
+
+    def take(self, data: bytes) -> None:
+        told = decoded(_answers, data, "a message of the process that makes reports")
+        self._unmade = {name: one for name, one in self._unmade.items() if name}
+        if isinstance(told, Finished):
+            self._hear(told)
+            return
+        self._due = time.monotonic() + told.rest
+        if told.number < self._put:
+            self._due = 0.0  # it looks again
+
+    def lose(self, why: str) -> None:
+        if not self._waits:
+            return
+        why = f"{why}; it is tried again"
+        words = f"no reports, pages and zips: {why}"
+        self._unmade = {**self._unmade, "": _Unmade(ChoreKind.REPAIR, words, again=True)}
+        if self.exported is not None and not self.exported.path:
+            self.exported = replace(self.exported, problem=why)
+
+    def _hear(self, finished: Finished) -> None:
+        chore, why, said = finished.chore, finished.why_not, finished.said
+        if chore.kind is ChoreKind.EXPORT:
+            if self.exported is not None and self.exported.what == chore.name:  # the latest wanted
+                path = said if said.endswith(".zip") else ""
+                self.exported = replace(self.exported, path=path, problem=why)
+            return
+        if chore.kind is ChoreKind.PICTURES:
+            if (done := self._frames.pop(chore.name, None)) is not None:
+                done(why)
+            return
+        place = Path(chore.arguments[0])
+        if said == str(place / INDEX_PAGE):
+            why = ""  # the pages are there, and name what cannot be read
+        unmade = {
+            name: one
+            for name, one in self._unmade.items()
+            if name != chore.name and (one.again or one.kind is not chore.kind)
+        }
+        if why:
+            words = _UNMADE[chore.kind].format(place=place, why=why)
+            unmade[chore.name] = _Unmade(chore.kind, words, finished.again)
+        self._unmade = unmade  # a new one, not changed: others read it meanwhile

@@ -12,7 +12,7 @@ from pathlib import Path
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.result_files import write_result
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.disk import DiskJobs, DiskThreads, why_not
+from madrob_console.engine.disk import DiskThreads, why_not
 from madrob_console.engine.run_recorder import EventPublisher
 from madrob_console.engine.scorer import RenderedResult, Scorer, ToScore
 from madrob_console.referee.flags import NO_INDICATORS
@@ -37,6 +37,11 @@ class Unwritten:
     entries: Sequence[Entry]
     problem: str
 
+    @property
+    def words(self) -> str:
+        setup = self.scored.record.setup
+        return f"run {setup.run_number} of subject {setup.subject}: {self.problem}"
+
     def write(self, now: float) -> None:
         """Write the missing journal lines, then the result; `now` is s since the epoch.
 
@@ -58,105 +63,6 @@ class Unwritten:
             journal.close()
 
 
-class ResultKeeper:
-    """Writes the result of the current run, and those of earlier runs that wait for the disk.
-
-    No run starts without room on the disk: few results wait. `written` is called for each
-    result of the current run that is on disk, `tell` for those of earlier runs, too. `anew`
-    has a result made again whose files may be readable now; it returns whether it is on its
-    way.
-    """
-
-    def __init__(
-        self,
-        keeper: DiskJobs,
-        written: Callable[[Path, RenderedResult], None],
-        tell: Callable[[Path, RenderedResult], None],
-        anew: Callable[[], bool],
-    ) -> None:
-        self.problem: str | None = None
-        self._keeper = keeper
-        self._written = written
-        self._tell = tell
-        self._anew = anew
-        self._at_hand: Path | None = None
-        self._refused: tuple[Path, RenderedResult] | None = None
-        self._waiting: dict[Path, Unwritten] = {}
-        self._tried = -math.inf
-        self._trying = 0
-
-    def __contains__(self, folder: Path) -> bool:
-        return folder in self._waiting
-
-    @property
-    def writing(self) -> bool:
-        return self._trying > 0
-
-    @property
-    def problems(self) -> tuple[str, ...]:
-        """Earlier runs that wait and why, in words. From any thread."""
-        return tuple(
-            f"run {run.scored.record.setup.run_number} of subject "
-            f"{run.scored.record.setup.subject}: {run.problem}"
-            for run in tuple(self._waiting.values())
-        )
-
-    def write(self, folder: Path, scored: RenderedResult, done: Callable[[], None]) -> None:
-        """Have the result of the current run written; `done` is called then, or when it failed."""
-
-        def heard(answer: Future[None]) -> None:
-            self._trying -= 1
-            why = why_not(answer)
-            if folder != self._at_hand:  # it was left meanwhile, and waits as such
-                return
-            if why is not None:
-                self.problem, self._refused = _not_on_disk(why), (folder, scored)
-            else:
-                self.problem = self._refused = None
-                self._written(folder, scored)
-                self._tell(folder, scored)
-            done()
-
-        self._at_hand = folder
-        self._trying += 1
-        self._keeper.submit_job(
-            partial(write_result, folder, scored.files, scored.run.issue), heard
-        )
-
-    def leave(self, unwritten: Unwritten | None) -> None:
-        self.problem = self._refused = self._at_hand = None
-        if unwritten is not None:
-            self._waiting[unwritten.folder] = unwritten
-            self._tried = -math.inf  # soon, before the next run begins
-
-    def due(self, now: float) -> bool:
-        """`now` is s since the epoch."""
-        return not 0 <= now - self._tried < RETRY_PERIOD
-
-    def try_again(self, now: float, *, busy: bool) -> None:
-        """Write what can be written at `now` (s since the epoch), while no run is `busy`."""
-        self._tried = now
-        if busy or self._trying:
-            return
-        if self._refused is not None and not self._anew():
-            self.write(*self._refused, lambda: None)
-        for run in tuple(self._waiting.values()):
-            self._trying += 1
-            self._keeper.submit_job(partial(run.write, now), partial(self._heard, run))
-
-    def _heard(self, run: Unwritten, answer: Future[None]) -> None:
-        self._trying -= 1
-        if (why := why_not(answer)) is not None:
-            self._waiting[run.folder] = replace(run, problem=_not_on_disk(why))
-        else:
-            del self._waiting[run.folder]
-            self._tell(run.folder, run.scored)
-
-
-def _not_on_disk(why: str) -> str:
-    return f"the result is NOT on disk: {why}"
-
-
 NOTICEABLE = 0.3
 """An outdated result stays on screen this long while the next one is made, s."""
 
@@ -167,8 +73,13 @@ HURRY = 1.0
 class CurrentResult:
     """Has the results of one run after the other made and written; shows each once on disk.
 
-    Results of earlier runs that the disk has refused wait here, too. `scored` is that of
-    the current run, once it can be shown.
+    What the disk refuses is made and written again, also when its run was left: no run starts
+    without room on the disk, so few results wait. `written` is called for each result of the
+    current run that is on disk, `tell` for those of earlier runs, too.
+
+    Attributes:
+        scored: the current run's result, once it can be shown.
+        problem: why that is not on disk, in words.
     """
 
     def __init__(
@@ -183,21 +94,25 @@ class CurrentResult:
         tell: Callable[[Path, RenderedResult], None],
     ) -> None:
         self.scored: RenderedResult | None = None
+        self.problem: str | None = None
         self._scorer = scorer
-        self._monotonic = keepers.monotonic
-        self._event_publisher = event_publisher
+        self._keepers = keepers
+        self._journal = event_publisher.journal
         self._again = again
+        self._written = written
         self._shown = shown
-        self._files = ResultKeeper(keepers.own, written, tell, self._anew)
-        self._asked = 0
-        self._awaited: int | None = None
+        self._tell = tell
+        self._folder: Path | None = None
+        self._unwritten: dict[Path, Unwritten] = {}
+        self._tried = -math.inf
+        self._trying = 0
+        self._awaited: ToScore | None = None
         self._awaited_since = 0.0
         self._hurries_until = -math.inf
-        self._ending = False
 
     def __contains__(self, folder: Path) -> bool:
         """Whether the result of an earlier run waits for the disk."""
-        return folder in self._files
+        return folder in self._unwritten
 
     @property
     def indicators(self) -> Mapping[IndicatorName, Indicator]:
@@ -221,7 +136,7 @@ class CurrentResult:
     def outdated(self) -> bool:
         """Whether a newer result is wanted and takes a while."""
         waits = self._awaited is not None
-        return waits and self._monotonic() - self._awaited_since > NOTICEABLE
+        return waits and self._keepers.monotonic() - self._awaited_since > NOTICEABLE
 
     @property
     def hopeless(self) -> bool:
@@ -229,28 +144,24 @@ class CurrentResult:
 
     @property
     def writing(self) -> bool:
-        return self._files.writing
-
-    @property
-    def problem(self) -> str | None:
-        return self._files.problem
+        return self._trying > 0
 
     @property
     def problems(self) -> tuple[str | None, ...]:
-        return (self._files.problem, self._scorer.problem, *self._files.problems)
+        return (self.problem, self._scorer.problem, *self.waiting)
 
     @property
     def waiting(self) -> tuple[str, ...]:
         """Earlier runs that are not on disk and why, in words. From any thread."""
-        return self._files.problems
+        return tuple(run.words for run in tuple(self._unwritten.values()))
 
     @property
     def hurries(self) -> bool:
-        return self._monotonic() < self._hurries_until
+        return self._keepers.monotonic() < self._hurries_until
 
     def hurry(self) -> None:
         """Check often: people wait for something that is made elsewhere."""
-        self._hurries_until = self._monotonic() + HURRY
+        self._hurries_until = self._keepers.monotonic() + HURRY
 
     def request_result(self, wanted: ToScore) -> None:
         """Request the result of the current run; replaces an earlier request.
@@ -258,57 +169,95 @@ class CurrentResult:
         With files the result goes to disk, and is shown once it is there or the disk has refused.
         """
         if self._awaited is None:
-            self._awaited_since = self._monotonic()
+            self._awaited_since = self._keepers.monotonic()
         self.hurry()
-        self._asked += 1
-        number = self._awaited = self._asked
+        wanted = replace(wanted, run=replace(wanted.run, journal=self._journal.mark))
+        self._awaited = wanted
 
         def done(scored: RenderedResult) -> None:
-            if number != self._awaited:
+            if wanted is not self._awaited:
                 return
             if wanted.files:
-                self._files.write(wanted.folder, scored, lambda: self._have(number, scored))
+                self._write(wanted, scored)
             else:
-                self._have(number, scored)
+                self._have(wanted, scored)
 
-        run = replace(wanted.run, journal=self._event_publisher.mark)
-        self._scorer.score(replace(wanted, run=run), done)
+        self._scorer.score(wanted, done)
 
-    def _have(self, number: int, scored: RenderedResult) -> None:
-        if number != self._awaited:
+    def _write(self, wanted: ToScore, scored: RenderedResult) -> None:
+        folder = wanted.folder
+
+        def heard(answer: Future[None]) -> None:
+            self._trying -= 1
+            if folder != self._folder:  # it was left meanwhile, and waits as such
+                return
+            self.problem = _not_on_disk(why) if (why := why_not(answer)) else None
+            if self.problem is None:
+                self._written(folder, scored)
+                self._tell(folder, scored)
+            self._have(wanted, scored)
+
+        self._folder = folder
+        self._trying += 1
+        write = partial(write_result, folder, scored.files, scored.run.issue)
+        self._keepers.own.submit_job(write, heard)
+
+    def _have(self, wanted: ToScore, scored: RenderedResult) -> None:
+        if wanted is not self._awaited:
             return
         self.scored, self._awaited = scored, None
         self._hurries_until = -math.inf
         self._shown(scored)
 
-    def _anew(self) -> bool:
-        """Have a result made again that the disk refused; False where none can come soon."""
-        if self._awaited is not None or self._ending:
-            return False
-        self._again()
-        return True
-
     def clear(self) -> None:
         self.scored = self._awaited = None
 
     def leave(self, folder: Path | None) -> None:
-        event_publisher = self._event_publisher
-        problem = self.problem or event_publisher.problem
-        if problem is None and event_publisher.unwritten[0]:
+        """The run is left: what is not on disk of it waits."""
+        problem = self.problem or self._journal.problem
+        if problem is None and self._journal.unwritten[0]:
             problem = "its journal waits for the disk"
-        unwritten = None
         if problem is not None and self.scored is not None and folder is not None:
-            unwritten = Unwritten(folder, self.scored, event_publisher.entries, problem)
-        self._files.leave(unwritten)
+            unwritten = Unwritten(folder, self.scored, self._journal.entries, problem)
+            self._unwritten[folder] = unwritten
+            self._tried = -math.inf  # soon, before the next run begins
+        self.problem = self._folder = None
 
     def retry_writing(self, now: float, *, busy: bool) -> None:
-        if self._files.due(now):
-            self._try_again(now, busy=busy)
+        """Write again what the disk refused; results only while no run is `busy`.
 
-    def end(self, now: float, *, busy: bool) -> None:
-        self._ending = True
-        self._try_again(now, busy=busy)
+        `now` is in s since the epoch.
+        """
+        if 0 <= now - self._tried < RETRY_PERIOD:
+            return
+        self._tried = now
+        self._journal.catch_up()
+        if busy or self._trying:
+            return
+        if self.problem is not None and self._awaited is None:
+            self._again()  # files that could not be read may be readable now
+        self._write_unwritten(now)
 
-    def _try_again(self, now: float, *, busy: bool) -> None:
-        self._event_publisher.catch_up()
-        self._files.try_again(now, busy=busy)
+    def end(self, folder: Path | None, now: float) -> None:
+        """The engine ends: try for the last time to write what the disk refused."""
+        self._journal.catch_up()
+        self.leave(folder)
+        self._journal.close()
+        self._write_unwritten(now)
+
+    def _write_unwritten(self, now: float) -> None:
+        for run in tuple(self._unwritten.values()):
+            self._trying += 1
+            self._keepers.own.submit_job(partial(run.write, now), partial(self._heard, run))
+
+    def _heard(self, run: Unwritten, answer: Future[None]) -> None:
+        self._trying -= 1
+        if (why := why_not(answer)) is not None:
+            self._unwritten[run.folder] = replace(run, problem=_not_on_disk(why))
+        else:
+            del self._unwritten[run.folder]
+            self._tell(run.folder, run.scored)
+
+
+def _not_on_disk(why: str) -> str:
+    return f"the result is NOT on disk: {why}"

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
-from dataclasses import dataclass
 from functools import partial
 
 from msgspec.structs import replace
 
-from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.run_record import RunRecord
-from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.engine.evidence_client import EvidenceClient, EvidencePlace
-from madrob_console.engine.journal_writer import JournalKeeper, OpenJournal, Promise, Recording
+from madrob_console.engine.journal_writer import JournalKeeper, Line, Recording
 from madrob_console.engine.public_state import PublishedState
 from madrob_console.engine.replay import EngineContext
 from madrob_console.engine.snapshot import LogLine, RecorderView, Weight
@@ -32,7 +29,6 @@ from madrob_console.referee.acts import Act
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import Change, act_of
-from madrob_console.referee.records import JournalMark
 from madrob_console.referee.run import Run, begin_countdown
 from recorder.bag import RawMessage
 from recorder.writer import BagSummary
@@ -91,7 +87,11 @@ def _done(act: Act) -> tuple[str, Weight]:
 
 
 class EventPublisher:
-    """Keeps the journal, log, topic and bag of one run after the other."""
+    """Keeps the journal, log, topic and bag of one run after the other.
+
+    Attributes:
+        recording: what is recorded now.
+    """
 
     def __init__(self, engine_context: EngineContext) -> None:
         self.log = EventLog()
@@ -99,73 +99,35 @@ class EventPublisher:
         self._clock = engine_context.clock
         self._types = types = engine_context.types
         self._type_names = {topic.name: topic.type for topic in referee_topics(types)}
-        self._lines = JournalKeeper(engine_context.keepers.own, engine_context.keepers.monotonic)
-        self._recording: Recording | None = None
+        keepers = engine_context.keepers
+        self.journal = JournalKeeper(keepers.own, keepers.monotonic)
+        self.recording: Recording | None = None
         self._early: list[RawMessage] = []
 
-    @property
-    def entries(self) -> tuple[Entry, ...]:
-        return self._lines.entries
-
-    @property
-    def mark(self) -> JournalMark:
-        return self._lines.mark
-
-    @property
-    def full(self) -> bool:
-        """Whether the journal takes only what ends the run and its result."""
-        return self._lines.full
-
-    @property
-    def problem(self) -> str | None:
-        return self._lines.problem
-
-    @property
-    def unwritten(self) -> tuple[int, float]:
-        """How many lines are not on disk, and for how long, s. From any thread."""
-        return self._lines.unwritten
-
     def begin_run(self) -> None:
-        self._lines.begin_journal()
+        self.journal.begin_journal()
         self.log.clear()
-        self._recording = None
+        self.recording = None
         self._early = []
 
-    def attach(self, recording: Recording, journal: OpenJournal, entries: Sequence[Entry]) -> None:
-        self._lines.adopt(journal, entries)
-        self._recording = recording
+    def attach(self, recording: Recording) -> None:
+        self.journal.adopt(recording.journal, recording.entries)
+        self.recording = recording
         now_ns = self._clock.now_ns()
-        self._record([replace(message, receive_ns=now_ns) for message in self._early])
+        recording.record_messages([replace(early, receive_ns=now_ns) for early in self._early])
         self._early = []
-
-    def go_on(self, journal: OpenJournal, entries: Sequence[Entry]) -> None:
-        self.begin_run()
-        self._lines.adopt(journal, entries)
-
-    def detach(self) -> None:
-        self._recording = None
-
-    def close(self) -> None:
-        self._lines.close()
 
     def write(self, entry: Entry, start: float | None) -> None:
         """Write a line to journal, log, topic and bag; if the disk refuses it, it waits.
 
         `start` of the run is in s since the epoch.
         """
-        self._lines.add_line(entry)
+        self.journal.add_line(Line(entry))
         self.say(entry, start)
-
-    def promise(self, promise: Promise, done: Callable[[str | None], None]) -> None:
-        """Write a line to the journal alone; `say` the rest when it takes effect."""
-        self._lines.promise(promise, done)
 
     def say(self, entry: Entry, start: float | None) -> None:
         self.log.add_line(entry, start)
         self._say(REFEREE_EVENT_TOPIC, encode_text(self._types, entry.to_json()))
-
-    def catch_up(self) -> None:
-        self._lines.catch_up()
 
     def announce_state(self, run: Run) -> None:
         """Tell robot and testbed the state of the run (`/madrob/referee/state`)."""
@@ -180,33 +142,14 @@ class EventPublisher:
         now_ns = self._clock.now_ns()
         message = RawMessage(topic, self._type_names[topic], data, now_ns, now_ns)
         self._source.publish(message)
-        self._record([message])
-
-    def _record(self, messages: Sequence[RawMessage]) -> None:
-        if self._recording is None:
-            self._early.extend(messages)  # said before the bag is open: recorded when it is
-            return
-        self._recording.record_messages(messages)
+        if self.recording is None:
+            self._early.append(message)  # said before the bag is open: recorded when it is
+        else:
+            self.recording.record_messages([message])
 
 
 COUNTING = 0.5
 """The result waits at most this long for all of the evidence to be counted, s."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OpenRecording:
-    """Files of a run that starts; the last of the journal `entries` is the start."""
-
-    record: RunRecord
-    recording: Recording
-    journal: OpenJournal
-    entries: Sequence[Entry]
-
-    def give_up(self, withdrawal: Entry) -> None:
-        """Close it: the run does not start. Its folder stays, its number is used."""
-        self.journal.append([withdrawal], again=False)
-        self.journal.close()
-        self.recording.close()
 
 
 class RunRecorder:
@@ -220,31 +163,30 @@ class RunRecorder:
         self._clock = engine_context.clock
         self._evidence_client = engine_context.evidence_client
         self._room = engine_context.room
-        self._recording: Recording | None = None
-        self._closing: Recording | None = None
-        self._closed_view = RecorderView("closed")
+        self._last: Recording | None = None
+        self._closing = False
         self._lost_before: dict[str, int] = {}
 
     @property
     def recording(self) -> bool:
-        return self._recording is not None
+        return self._event_publisher.recording is not None
 
     @property
     def open(self) -> bool:
-        return self._recording is not None or self._closing is not None
+        return self.recording or self._closing
 
     def clear(self) -> None:
-        self._closed_view = RecorderView("closed")
+        self._last = None
 
     def start(
-        self, run: Run, promise: Promise, done: Callable[[Future[OpenRecording | None]], None]
-    ) -> Future[OpenRecording | None]:
+        self, run: Run, line: Line, done: Callable[[Future[Recording | None]], None]
+    ) -> Future[Recording | None]:
         """Have a run's folder, bag and journal made; nothing is recorded yet.
 
         The answer, also for `done`, is the open recording; None if its start was withdrawn.
         """
         assert run.setup is not None
-        config, entry, told = self._config, promise.entry, self._source.announcement
+        config, entry, told = self._config, line.entry, self._source.announcement
         record = RunRecord(
             setup=run.setup,
             handle_zero=run.handle_zero,
@@ -263,23 +205,23 @@ class RunRecorder:
             record,
             start,
             self._source.topics(),
+            (*self._event_publisher.journal.entries, entry),
             lossless=config.lossless,
-            reading=self._keepers.reading,
+            disk=self._keepers.own,
         )
-        entries = (*self._event_publisher.entries, entry)
-        return self._keepers.own.submit_job(partial(_open, record, make, entries, promise), done)
+        return self._keepers.own.submit_job(partial(_open, make, line), done)
 
-    def adopt(self, opened: OpenRecording, now_ns: int) -> None:
+    def adopt(self, recording: Recording, now_ns: int) -> None:
         """Record from now on, including what the testbed said of itself."""
-        self._event_publisher.attach(opened.recording, opened.journal, opened.entries)
-        self._recording = opened.recording
+        self._event_publisher.attach(recording)
+        self._last = recording
         for told in self._source.announcement.messages:
-            self._recording.add_topics(self._source.topics())
+            recording.add_topics(self._source.topics())
             self.record_messages([replace(told, receive_ns=now_ns)])  # said before the bag was open
         self._lost_before = self._lost()
         if self._evidence_client.status is not None:
             place = EvidencePlace(
-                str(opened.recording.folder.absolute()),
+                str(recording.folder.absolute()),
                 self._clock.now_ns(),
                 time.monotonic_ns(),
                 most_bytes=self._room.budget_left,
@@ -289,27 +231,26 @@ class RunRecorder:
 
     def record_messages(self, messages: Iterable[RawMessage]) -> None:
         """Does nothing without an open bag."""
-        if self._recording is not None:
-            self._recording.record_messages(messages)
+        if self._event_publisher.recording is not None:
+            self._event_publisher.recording.record_messages(messages)
 
     def record_late_topics(self) -> None:
-        if self._recording is not None:
-            self._recording.add_topics(self._source.topics())
+        if self._event_publisher.recording is not None:
+            self._event_publisher.recording.add_topics(self._source.topics())
 
     def finish(self, done: Callable[[tuple[str, ...], int], None]) -> None:
         """Have the bag closed; nothing more is recorded.
 
         `done` then gets in words what is missing, and how many messages of that were scored.
         """
-        recording = self._closing = self._recording
+        recording = self._event_publisher.recording
         assert recording is not None
-        self._recording = None
+        self._event_publisher.recording, self._closing = None, True
         self._evidence_client.end_recording()
-        self._event_publisher.detach()
         losses = tuple(self._losses())
 
         def closed(_answer: Future[BagSummary]) -> None:
-            self._closing, self._closed_view = None, recording.view()
+            self._closing = False
             done((*recording.remarks(), *losses), recording.unrecorded)
 
         self._keepers.own.submit_job(partial(_close, recording, self._evidence_client), closed)
@@ -325,8 +266,8 @@ class RunRecorder:
     @property
     def silent(self) -> float:
         """How long the disk has taken nothing of the recording, s. From any thread."""
-        recording = self._recording or self._closing
-        return 0.0 if recording is None else recording.silent
+        last = self._last
+        return 0.0 if last is None else last.silent
 
     def evidence(self, start: float) -> EvidenceAccount | None:
         """Account of the evidence; None = none is wanted. `start` is in s since the epoch."""
@@ -334,11 +275,11 @@ class RunRecorder:
         return None if status is None else status.account_since(start)
 
     def view(self) -> RecorderView:
-        recording = self._recording or self._closing
-        return recording.view() if recording else self._closed_view
+        return RecorderView("closed") if self._last is None else self._last.view()
 
     def dropped(self) -> dict[str, int]:
-        return self._recording.dropped() if self._recording else {}
+        recording = self._event_publisher.recording
+        return {} if recording is None else recording.dropped()
 
 
 def _close(recording: Recording, evidence_client: EvidenceClient) -> BagSummary:
@@ -347,21 +288,10 @@ def _close(recording: Recording, evidence_client: EvidenceClient) -> BagSummary:
     return summary
 
 
-def _open(
-    record: RunRecord,
-    make: Callable[[], Recording],
-    entries: Sequence[Entry],
-    promise: Promise,
-) -> OpenRecording | None:
+def _open(make: Callable[[], Recording], line: Line) -> Recording | None:
     recording = make()
-    try:
-        journal = OpenJournal.create(recording.folder / JOURNAL_FILE, entries)
-    except MadrobError:
-        recording.close()
-        raise
-    opened = OpenRecording(record, recording, journal, entries)
-    if promise.keep():
-        return opened
-    assert promise.withdrawal is not None
-    opened.give_up(promise.withdrawal)
+    if line.keep():
+        return recording
+    assert line.withdrawal is not None
+    recording.give_up(line.withdrawal)
     return None

@@ -10,7 +10,7 @@ from textwrap import shorten
 from madrob_console.engine.snapshot import DoorView, HandleView, LatchView, SensorView, TopicView
 from madrob_console.messages.codec import TopicMapping
 from madrob_console.referee.checks import Freshness, Health, Presence, SensorLimits
-from madrob_console.referee.records import SILENT, Trouble, merged
+from madrob_console.referee.records import SILENT, FaultKind, merged
 from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import RawMessage
 from scoring.events import EventDetector
@@ -132,58 +132,58 @@ class TopicWatch:
         recent = [skew for time, skew in self._skews if time >= now - self._limits.averaging]
         return extreme(recent, key=abs) if recent else None
 
-    def troubles(self, status: TopicStatus | None, now: float) -> dict[Trouble, str]:
-        found: dict[Trouble, str] = {}
+    def faults(self, status: TopicStatus | None, now: float) -> dict[FaultKind, str]:
+        found: dict[FaultKind, str] = {}
         if status is not None and status.problem:
-            found[Trouble.SOURCE] = status.problem
+            found[FaultKind.SOURCE] = status.problem
         if status is not None and status.publishers > 1:
-            found[Trouble.SEVERAL_PUBLISHERS] = f"{status.publishers} publishers: keep one"
+            found[FaultKind.SEVERAL_PUBLISHERS] = f"{status.publishers} publishers: keep one"
         freshness = self.messages.freshness(now)
         if freshness is Freshness.NEVER:
             if not self.signal.optional and not found:  # else it is known why
                 published = status is not None and status.publishers > 0
                 why = SILENT if published else f"{SILENT}, no publisher"
-                found[Trouble.NEVER_SEEN] = why
+                found[FaultKind.NEVER_SEEN] = why
             return found
         if not self.signal.optional:
             self._find_slowness(found, freshness, now)
         self._find_flood(found, now)
-        self._find_content_trouble(found, now)
+        self._find_content_faults(found, now)
         return found
 
-    def _find_slowness(self, found: dict[Trouble, str], freshness: Freshness, now: float) -> None:
+    def _find_slowness(self, found: dict[FaultKind, str], freshness: Freshness, now: float) -> None:
         limits, rate = self._limits, self.messages.rate(now)
         if freshness is not Freshness.FRESH:
-            found[Trouble.SILENT] = f"{SILENT} for {self.messages.age(now):.1f} s"
+            found[FaultKind.SILENT] = f"{SILENT} for {self.messages.age(now):.1f} s"
         elif rate is None and self.received > 1:
-            found[Trouble.SLOW] = f"only one message in {WINDOW:g} s"
+            found[FaultKind.SLOW] = f"only one message in {WINDOW:g} s"
         elif rate is not None and rate < limits.least_rate * limits.rate:
-            found[Trouble.SLOW] = (
+            found[FaultKind.SLOW] = (
                 f"{limits.rate - rate:.0f} of {limits.rate:.0f} messages/s missing"
             )
 
-    def _find_flood(self, found: dict[Trouble, str], now: float) -> None:
+    def _find_flood(self, found: dict[FaultKind, str], now: float) -> None:
         rate, usual = self.messages.rate(now), self._limits.rate
         if rate is not None and rate > self._limits.most_rate * usual:
-            found[Trouble.FLOOD] = f"{rate:.0f} messages/s, far above {usual:.0f}"
+            found[FaultKind.FLOOD] = f"{rate:.0f} messages/s, far above {usual:.0f}"
 
-    def _find_content_trouble(self, found: dict[Trouble, str], now: float) -> None:
+    def _find_content_faults(self, found: dict[FaultKind, str], now: float) -> None:
         total = self.messages.count(now)
         if unreadable := self._unreadable.count(now):
             of = f"{unreadable} of {total} messages"
-            found[Trouble.UNREADABLE] = f"{of}: {self._complaint}"
+            found[FaultKind.UNREADABLE] = f"{of}: {self._complaint}"
         empty = self._empty.count(now)
         if empty > (1 - self._limits.least_rate) * total:
-            found[Trouble.NO_READING] = (
+            found[FaultKind.NO_READING] = (
                 f"no reading in {empty} of {total} messages: {self._missing}"
             )
         if disordered := self._disordered.count(now):
             what = "is missing (0)" if self._stamp == 0 else "repeats or goes back"
-            found[Trouble.STAMPS] = f"the stamp {what} in {disordered} of {total} messages"
+            found[FaultKind.STAMPS] = f"the stamp {what} in {disordered} of {total} messages"
         skew = self.skew(now)
         if skew is not None and abs(skew) >= self._thresholds.largest_skew:
             where = "ahead" if skew > 0 else "late"
-            found[Trouble.SKEW] = f"stamps {abs(skew):.2f} s {where}"
+            found[FaultKind.SKEW] = f"stamps {abs(skew):.2f} s {where}"
 
 
 def _no_reading(name: str, value: float, largest: float, unit: str) -> str | None:
@@ -217,7 +217,6 @@ class Sensors:
         self._thresholds = thresholds
         self._watches = {m.topic: TopicWatch(m.signal, limits, thresholds) for m in mappings}
         self._of_signal = {watch.signal: watch for watch in self._watches.values()}
-        self._force: float | None = None
         self._forces: deque[tuple[float, float]] = deque()
         self._newest: dict[Signal, Sample] = {}
         # A start that never comes: this detector only keeps states.
@@ -239,17 +238,15 @@ class Sensors:
             return
         self._states.feed(sample)
         self._newest[watch.signal] = sample
-        largest = self._thresholds.impossible_force
-        if isinstance(sample, HandleSample) and abs(sample.force) <= largest:
-            self._keep_force(now, sample.force)
-
-    def _keep_force(self, now: float, force: float) -> None:
-        self._force = force
-        if self._forces and now < self._forces[-1][0]:
-            self._forces.clear()  # the clock was stepped back
-        self._forces.append((now, force))
-        while self._forces[0][0] < now - self.limits.averaging:
-            self._forces.popleft()
+        if (
+            isinstance(sample, HandleSample)
+            and abs(sample.force) <= self._thresholds.impossible_force
+        ):
+            if self._forces and now < self._forces[-1][0]:
+                self._forces.clear()  # the clock was stepped back
+            self._forces.append((now, sample.force))
+            while self._forces[0][0] < now - self.limits.averaging:
+                self._forces.popleft()
 
     def newest(self) -> tuple[Sample, ...]:
         return tuple(self._newest.values())
@@ -277,7 +274,7 @@ class Sensors:
 
     def force(self, now: float) -> float | None:
         """Raw handle force, N; None unless fresh."""
-        return self._force if self._fresh(Signal.HANDLE, now) else None
+        return self._forces[-1][1] if self._fresh(Signal.HANDLE, now) else None
 
     def handle_rest(self, now: float) -> HandleRest | None:
         """Raw handle force of the last second, by the time of reception; None unless fresh."""
@@ -303,46 +300,44 @@ class Sensors:
                 return None
         return tuple(f"{s.side} {s.index}" for s, state in states.items() if state)
 
-    def topic_problems(self, statuses: Sequence[TopicStatus], now: float) -> tuple[str, ...]:
+    def topic_faults(self, statuses: Sequence[TopicStatus], now: float) -> tuple[str, ...]:
         """What is wrong with the topics now, one line for each cause."""
-        troubles = self.troubles(statuses, now)
-        return tuple(merged((name, words) for (name, _), words in troubles.items()))
+        faults = self.faults(statuses, now)
+        return tuple(merged((name, words) for (name, _), words in faults.items()))
 
     def topics(
         self, statuses: Sequence[TopicStatus], dropped: Mapping[str, int], now: float
     ) -> tuple[TopicView, ...]:
         by_topic = {status.topic: status for status in statuses}
-        return tuple(
-            self._topic(m, by_topic.get(m.topic), dropped.get(m.topic, 0), now)
-            for m in self._mappings
-        )
+        shown = []
+        for mapping in self._mappings:
+            topic, watch = mapping.topic, self._watches[mapping.topic]
+            status = by_topic.get(topic) or TopicStatus(topic, mapping.type, 0, lost=None)
+            shown.append(
+                TopicView(
+                    topic=topic,
+                    type=status.type,
+                    publishers=status.publishers,
+                    freshness=watch.messages.freshness(now),
+                    age=watch.messages.age(now),
+                    rate=watch.messages.rate(now),
+                    received=watch.received,
+                    lost=status.lost,
+                    dropped=dropped.get(topic, 0),
+                    optional=mapping.signal.optional,
+                    problem="; ".join(watch.faults(status, now).values()) or None,
+                )
+            )
+        return tuple(shown)
 
-    def _topic(
-        self, mapping: TopicMapping, status: TopicStatus | None, dropped: int, now: float
-    ) -> TopicView:
-        watch = self._watches[mapping.topic]
-        return TopicView(
-            topic=mapping.topic,
-            type=status.type if status else mapping.type,
-            publishers=status.publishers if status else 0,
-            freshness=watch.messages.freshness(now),
-            age=watch.messages.age(now),
-            rate=watch.messages.rate(now),
-            received=watch.received,
-            lost=status.lost if status else None,
-            dropped=dropped,
-            optional=mapping.signal.optional,
-            problem="; ".join(watch.troubles(status, now).values()) or None,
-        )
-
-    def troubles(
+    def faults(
         self, statuses: Sequence[TopicStatus], now: float
-    ) -> dict[tuple[str, Trouble], str]:
+    ) -> dict[tuple[str, FaultKind], str]:
         by_topic = {status.topic: status for status in statuses}
         return {
-            (watch.signal.value, trouble): words
+            (watch.signal.value, fault): words
             for topic, watch in self._watches.items()
-            for trouble, words in watch.troubles(by_topic.get(topic), now).items()
+            for fault, words in watch.faults(by_topic.get(topic), now).items()
         }
 
     def door_view(self, now: float) -> DoorView:

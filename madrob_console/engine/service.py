@@ -6,18 +6,19 @@ that hangs is ended and started again; a disk that hangs is no reason.
 
 from __future__ import annotations
 
-import asyncio
 import faulthandler
 import io
 import os
 import re
 import socket
 import sys
+import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import CancelledError, Future
 from contextlib import suppress
 from enum import IntEnum
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, TextIO
 
 from madrob_console.common.errors import MadrobError
@@ -78,13 +79,13 @@ def _watchdog(environment: Mapping[str, str]) -> float | None:
     return int(period) / 1e6
 
 
-async def keep_told(
+def keep_told(
     manager: ServiceManager,
     engine: EngineClient,
     words: Callable[[Snapshot], str],
-    fail: Callable[[], None],
+    over: SimpleQueue[None],
 ) -> None:
-    """Report that the engine is ready, then its state in the log; until it fails."""
+    """Report that the engine is ready, then its state in the log; until it is over or fails."""
     manager.send_assignments("READY=1")
     period = _PERIOD if manager.watchdog is None else min(_PERIOD, manager.watchdog / 4)
     told = shown = ""
@@ -93,8 +94,8 @@ async def keep_told(
             snapshot = engine.snapshot()
         except MadrobError as error:
             manager.send_assignments(f"STATUS={error}")
-            await asyncio.sleep(_LAST_WORDS)
-            fail()
+            with suppress(Empty):
+                over.get(timeout=_LAST_WORDS)
             return
         news = []
         if snapshot.pulse.core <= HANGING:
@@ -107,7 +108,9 @@ async def keep_told(
             shown = status
             news.append(f"STATUS={status}")
         manager.send_assignments(*news)
-        await asyncio.sleep(period)
+        with suppress(Empty):
+            over.get(timeout=period)
+            return
 
 
 def _faults(snapshot: Snapshot) -> list[str]:
@@ -199,3 +202,19 @@ def _answered(act: Act, answer: Future[str | None]) -> CallAnswer:
     if refused is None:
         return CallAnswer(success=True, message=f"Done: {act.done_text}")
     return CallAnswer(success=False, message=f"Refused: {act.name}: {refused}")
+
+
+class FallenThreads:
+    """Threads that ended with an unforeseen error: their work is missing from then on."""
+
+    def __init__(self) -> None:
+        self.problem: str | None = None
+
+    def note(self, fallen: threading.ExceptHookArgs) -> None:
+        """A hook for `threading.excepthook`; the log has the traceback."""
+        name = "?" if fallen.thread is None else fallen.thread.name
+        why = str(fallen.exc_value or "") or fallen.exc_type.__name__
+        self.problem = terminal_safe(
+            f"a part of the engine has ended ({name}: {why}): start it again after the run"
+        )
+        threading.__excepthook__(fallen)

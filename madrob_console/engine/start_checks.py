@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Future
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
 
 from madrob_console.archive.folders import recording_problem
 from madrob_console.common.files import free_space
+from madrob_console.engine.disk import RepeatedReading
 from madrob_console.engine.replay import EngineContext
 from madrob_console.engine.sensors import Sensors
 from madrob_console.referee.checks import NO_ROS, Check, EvidenceReading, Readings, preflight
@@ -25,13 +23,13 @@ class PreStart:
     def __init__(self, engine_context: EngineContext, sensors: Sensors) -> None:
         self._config = engine_context.config
         self._sensors = sensors
-        self._reading = engine_context.keepers.reading
         self._evidence_client = engine_context.evidence_client
         self._room = engine_context.room
-        self._disk = _UNKNOWN
-        self._disk_asked: float | None = None
-        self._disk_answered = True
         self._starts_next = self._practice = False
+        disk = engine_context.keepers.own  # whose silence is the disk's
+        self._disk = RepeatedReading(
+            self._look_at_disk, disk.submit_job, _DISK_PERIOD, _UNKNOWN, forgets=True
+        )
 
     def checks(
         self,
@@ -45,9 +43,9 @@ class PreStart:
         sensors, config = self._sensors, self._config
         self._starts_next = run.phase is Phase.READY
         self._practice = run.setup is not None and run.setup.practice
-        force, disk = sensors.force(now), self._look_at_disk(now)
+        force, disk = sensors.force(now), self._look(now)
         readings = Readings(
-            topic_problems=sensors.topic_problems(source.status(), now),
+            topic_faults=sensors.topic_faults(source.status(), now),
             angle=sensors.angle(now),
             closed_angle=config.thresholds.closed_angle,
             force=None if force is None else force - run.handle_zero,
@@ -61,7 +59,7 @@ class PreStart:
             largest_skew=config.thresholds.largest_skew,
             disk_free=disk.free,
             disk_needed=config.disk_needed,
-            recorder_problems=disk.problems,
+            recorder_problem=disk.problem,
             other_referee=source.other_referee,
             evidence=self._evidence(disk.free, now),
             teams=teams,
@@ -96,39 +94,22 @@ class PreStart:
 
     def free_disk(self, now: float) -> int | None:
         """Bytes free for results; None = unknown, or no answer comes."""
-        return self._look_at_disk(now).free
+        return self._look(now).free
 
-    def _look_at_disk(self, now: float) -> _Disk:
-        """The disk's last answer, asked every other second; nothing while no answer comes."""
-        if self._disk_asked is None or not 0 <= now - self._disk_asked < _DISK_PERIOD:
-            self._disk_asked = now
-            if not self._disk_answered:
-                self._disk = _UNKNOWN  # what it said before says nothing
-                return self._disk
-            self._disk_answered = False
-            look = partial(
-                _look_at,
-                self._config.results,
-                attempt=self._starts_next,
-                practice=self._practice,
-            )
-            self._reading.submit_job(look, self._heard_of_disk)
-        return self._disk
+    def _look(self, now: float) -> _Disk:
+        return self._disk.look(now, (self._starts_next, self._practice))
 
-    def _heard_of_disk(self, answer: Future[_Disk]) -> None:
-        self._disk_answered = True
-        self._disk = _UNKNOWN if answer.exception() else answer.result()
+    def _look_at_disk(self) -> _Disk:
+        """In the thread of the disk: it may hang."""
+        results = self._config.results
+        problem = recording_problem(results, attempt=self._starts_next, practice=self._practice)
+        return _Disk(free_space(results), problem or "")
 
 
 @dataclass(frozen=True, slots=True)
 class _Disk:
     free: int | None
-    problems: tuple[str, ...] | None
+    problem: str | None
 
 
 _UNKNOWN = _Disk(None, None)
-
-
-def _look_at(results: Path, *, attempt: bool, practice: bool) -> _Disk:
-    problem = recording_problem(results, attempt=attempt, practice=practice)
-    return _Disk(free_space(results), () if problem is None else (problem,))

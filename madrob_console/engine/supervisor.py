@@ -24,6 +24,7 @@ import msgspec
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.engine.wire import LENGTH, frame
+from recorder.errors import remedy
 
 LARGEST_FRAME = 256_000_000
 """Bytes; a larger frame is no message."""
@@ -53,6 +54,8 @@ class Started(Protocol):
     def pid(self) -> int: ...
 
     def poll(self) -> int | None: ...
+
+    def terminate(self) -> None: ...
 
     def kill(self) -> None: ...
 
@@ -144,6 +147,9 @@ class Child:
         told = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
         return told[0], " ".join(told[11:13])
 
+    def terminate(self) -> None:
+        self._process.terminate()
+
     def kill(self) -> None:
         self._process.kill()
 
@@ -196,7 +202,7 @@ class Worker:
         self._child: Child | None = None
         self._leaving: Child | None = None
         self._left_at = self._next_start = -math.inf
-        self._why = ""
+        self._why: str | None = ""
 
     # ------------------------------------------------------------------ hooks
 
@@ -283,8 +289,9 @@ class Worker:
         try:
             self._child = Child(self._command)
         except (OSError, MemoryError, subprocess.SubprocessError) as error:
-            why = getattr(error, "strerror", None) or repr(error)
-            self._pause(f"no process can be started ({why})")
+            told = getattr(error, "strerror", None) or repr(error)
+            hint = f"; {what}" if (what := remedy(error)) else ""
+            self._pause(f"no process can be started ({told}){hint}")
             return 0.0
         self.begin()
         return 0.0
@@ -296,7 +303,10 @@ class Worker:
         rest = self.work(now)
         child.send_waiting()
         if not self.wanted:
-            raise EOFError
+            child.terminate()
+            self.failures = 0
+            self._give_up(None)
+            return 0.0
         moved, due = child.moved(now), self.due()
         if due is not None and now - max(moved, due) > self.patience:
             raise MadrobError(f"it did not move for {now - max(moved, due):.0f} s")
@@ -304,8 +314,11 @@ class Worker:
             raise MadrobError(f"it gave no answer for {now - due:.0f} s")
         return min(rest, LOOK_PERIOD)
 
-    def _give_up(self, why: str) -> None:
-        """Leave its process to itself; one of which something is known is killed."""
+    def _give_up(self, why: str | None) -> None:
+        """Leave its process to itself; one of which something is known is killed.
+
+        None = it was not wanted any more.
+        """
         self._leaving, self._child = self._child, None
         self._why, self._left_at = why, time.monotonic()
         if self._leaving is not None:
@@ -322,14 +335,14 @@ class Worker:
             child.kill()  # it may hang in a disk: then nobody can end it
             return 0.05
         self._leaving = None
-        self._pause(self._why or ended or "it did not end by itself")
+        if self._why is not None:
+            self._pause(self._why or ended or "it did not end by itself")
         return 0.0
 
     def _pause(self, why: str) -> None:
         delay = DELAYS[min(self.failures, len(DELAYS) - 1)]
         self._next_start = time.monotonic() + delay
-        if self.wanted:
-            self.lose(why)
+        self.lose(why)
 
     def end(self, deadline: float) -> None:
         """End its process, which has until the `deadline` (monotonic s) to end by itself."""

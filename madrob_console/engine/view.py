@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from madrob_console.archive.history import time_words
 from madrob_console.archive.run_journal import Unfinished
+from madrob_console.common.formatting import time_words
 from madrob_console.engine.current_run import Acting, CurrentRun
 from madrob_console.engine.evidence_client import EvidenceStatus
 from madrob_console.engine.observation import Backlog, Observation
@@ -81,11 +81,14 @@ class StateView:
             f"{INFO_TOPIC}: {told}" if told else None,
             self.backlog.problem,
             *overdue_protests(run, now),
-            at_hand.event_publisher.problem,
+            at_hand.event_publisher.journal.problem,
             *at_hand.result.problems,
             None if replay else disk_problem(situation.checks),
             *evidence_faults(self.engine_context.evidence_client.status, run.start),
             *(replay.problems if replay else ()),
+            *recorder_faults(recorder),
+            panel_fault(door, run),
+            *others,
         )
         return Snapshot(
             time=now,
@@ -111,8 +114,8 @@ class StateView:
             recorder=recorder,
             disk_free=None if replay else self.pre_start.free_disk(seen),
             evidence=self._evidence(seen),
-            faults=(*faults(recorder, door, run, problems), *filter(None, others)),
-            topic_faults=sensors.topic_problems(source.status(), seen),
+            faults=tuple(filter(None, problems)),
+            topic_faults=sensors.topic_faults(source.status(), seen),
             provisional=dict(observation.provisional),
             provisional_doubts=dict(observation.provisional_doubts),
             log=at_hand.event_publisher.log.lines,
@@ -193,19 +196,15 @@ def question(run: Run, procedure: Procedure | None, latch: LatchView) -> str | N
     return None
 
 
-def faults(
-    recorder: RecorderView,
-    door: DoorView,
-    run: Run,
-    others: Iterable[str | None],
-) -> tuple[str, ...]:
-    found = [problem for problem in others if problem]
+def recorder_faults(recorder: RecorderView) -> Iterator[str]:
     if recorder.problem:
-        found.append(f"recorder: {recorder.problem}")
+        yield f"recorder: {recorder.problem}"
     if recorder.dropped:
-        found.append(f"recorder: {recorder.dropped} messages dropped")
-    if run.setup is not None and door.angle is not None:
-        against = -door.angle * run.setup.condition.opening_side.sign
-        if against > door.closed_angle:
-            found.append(f"panel at {door.angle:+.3f} rad, against the opening side")
-    return tuple(found)
+        yield f"recorder: {recorder.dropped} messages dropped"
+
+
+def panel_fault(door: DoorView, run: Run) -> str | None:
+    if run.setup is None or door.angle is None:
+        return None
+    against = -door.angle * run.setup.condition.opening_side.sign > door.closed_angle
+    return f"panel at {door.angle:+.3f} rad, against the opening side" if against else None

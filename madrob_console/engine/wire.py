@@ -1,8 +1,9 @@
-"""What crosses the socket between an engine and its screens, and the client of a screen.
+"""What crosses the socket between an engine and others of its user, and the client of a screen.
 
-A frame is four bytes of length, big-endian, and one message in MessagePack. The first is the
-screen's `Hello`; an engine of another version says so and hangs up. Then the engine sends a
-`State` when something has changed, as fast as the screen takes it, and one `Reply` for each
+A frame is four bytes of length, big-endian, and one message in MessagePack. The form of the first
+message never changes: a screen's `Hello`, `Who` or `Stop`. To `Who` and `Stop` an engine of any
+version answers and hangs up; to a `Hello` of another version it says so and hangs up. Then it sends
+a `State` when something has changed, as fast as the screen takes it, and one `Reply` for each
 `Call`. Everything is checked against its type on arrival.
 """
 
@@ -14,16 +15,19 @@ from concurrent.futures import CancelledError
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Union, get_args
 
 import msgspec
+from msgspec.structs import replace
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.engine.requests import NO_ANSWER, UNSURE, Request, Role
 
 if TYPE_CHECKING:
+    import socket
     from concurrent.futures import Future
 
     from madrob_console.engine.requests import T
     from madrob_console.engine.snapshot import Snapshot
+    from madrob_console.referee.run import Run
 
 # The client of a screen: its view of the engine.
 
@@ -82,7 +86,7 @@ def given_up(answer: Future[T]) -> MadrobError:
     return MadrobError(NO_ANSWER) if answer.cancel() else UnsureError(UNSURE)
 
 
-VERSION = 12
+VERSION = 13
 """Version of this protocol; raised with every change that an older side would not understand."""
 
 LARGEST_REQUEST = 1_000_000
@@ -94,13 +98,96 @@ LARGEST_STATE = 64_000_000
 LENGTH = struct.Struct(">I")
 """The start of a frame: its length."""
 
+ENDING = "ending"
+"""The phase of an engine that lets its screens go and closes its files."""
+
+# The first message and what answers it. Fields may be added with a default; none may go or mean
+# something else, and whoever reads passes over what it does not know.
+
 
 class Hello(msgspec.Struct, frozen=True, tag=True):
-    """First message of a screen: its protocol version, role and name for people."""
+    """A screen attaches: its protocol version, role and name for people."""
 
     version: int
     role: Role
     who: str
+
+
+class Who(msgspec.Struct, frozen=True, tag=True):
+    """Who are you? Answered by a `WhoAnswer`."""
+
+
+class Stop(msgspec.Struct, frozen=True, tag=True):
+    """End, with `force` even while a run goes on or screens are attached: a `StopAnswer`."""
+
+    force: bool = False
+
+
+class Rejected(msgspec.Struct, frozen=True, tag=True):
+    """The engine hangs up, and why; `again`: it starts or ends, ask again in a moment."""
+
+    reason: str
+    again: bool = False
+
+
+class WhoAnswer(msgspec.Struct, frozen=True, tag=True):
+    """What an engine says of itself.
+
+    Attributes:
+        version: of the software.
+        wire: the version of the protocol that it speaks with screens; 0 = it takes none.
+        testbed: for people, such as `LIVE ros domain 0`.
+        results: where it keeps the runs; empty if it keeps none.
+        phase: of the current run, or `starting`, `failed`, `ending`.
+        run: the current run, for people.
+        busy: whether a run goes on or is still being recorded.
+        console: the options with which a console attaches to it.
+        unsaved: whether anything of a run is in its memory alone.
+    """
+
+    version: str = ""
+    wire: int = 0
+    testbed: str = ""
+    results: str = ""
+    phase: str = "starting"
+    run: str = ""
+    busy: bool = False
+    screens: int = 0
+    console: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    unsaved: bool = False
+
+    def with_run(self, run: Run, *, busy: bool, unsaved: bool = False) -> WhoAnswer:
+        return replace(self, phase=run.phase.value, run=run_title(run), busy=busy, unsaved=unsaved)
+
+    @property
+    def against_stopping(self) -> str:
+        """Why a stop needs `force`, in words; empty = it does not."""
+        reasons = []
+        if self.busy:
+            reasons.append("a run is going on")
+        if self.unsaved:
+            reasons.append("a run is NOT ON DISK yet")
+        if self.screens:
+            one = self.screens == 1
+            reasons.append(
+                "a screen is attached" if one else f"{self.screens} screens are attached"
+            )
+        return ", ".join(reasons)
+
+
+class StopAnswer(msgspec.Struct, frozen=True, tag=True):
+    """The engine ends, unless it is `refused` in words."""
+
+    refused: str = ""
+
+
+def run_title(run: Run) -> str:
+    setup = run.setup
+    return "" if setup is None else f"run {setup.run_number} of subject {setup.subject}"
+
+
+# What follows between a screen and an engine of the same version.
 
 
 class Call(msgspec.Struct, frozen=True, tag=True):
@@ -114,28 +201,18 @@ class Call(msgspec.Struct, frozen=True, tag=True):
     request: msgspec.Raw
 
 
-class Welcome(msgspec.Struct, frozen=True, tag=True):
-    """First message of an engine: its process, testbed and results folder."""
-
-    version: int
-    pid: int
-    label: str
-    results: str
-
-
-class Rejected(msgspec.Struct, frozen=True, tag=True):
-    """The engine hangs up, and why."""
-
-    reason: str
-
-
 class State(msgspec.Struct, frozen=True, tag=True):
-    """New parts of the state, by the name of their field of `Snapshot`.
+    """The whole state: a `Snapshot`, the same for all screens, and the screen's `RightToAct`."""
 
-    The first ones together are all of them.
-    """
+    snapshot: msgspec.Raw
+    right: msgspec.Raw
 
-    parts: dict[str, msgspec.Raw]
+
+class Welcome(msgspec.Struct, frozen=True, tag=True):
+    """The engine takes a screen: its results folder and its state."""
+
+    results: str
+    state: State
 
 
 _NIL = msgspec.Raw(msgspec.msgpack.encode(None))
@@ -154,7 +231,8 @@ class Reply(msgspec.Struct, frozen=True, tag=True):
     unsure: bool = False
 
 
-ToScreen = Welcome | Rejected | State | Reply
+First = Hello | Who | Stop
+FromEngine = Welcome | Rejected | State | Reply | WhoAnswer | StopAnswer
 
 _T = TypeVar("_T")
 
@@ -177,11 +255,11 @@ def _answer_type(kind: type[Request[Any]]) -> object:
 
 _MALFORMED = (msgspec.MsgspecError, ValueError, RecursionError)
 _encoder = msgspec.msgpack.Encoder()
-_hellos = msgspec.msgpack.Decoder(Hello)
+_firsts: msgspec.msgpack.Decoder[First] = msgspec.msgpack.Decoder(First)
 _calls = msgspec.msgpack.Decoder(Call)
 _requests: msgspec.msgpack.Decoder[Request[Any]] = msgspec.msgpack.Decoder(Union[REQUESTS])  # noqa: UP007
 _answers = {kind: msgspec.msgpack.Decoder(_answer_type(kind)) for kind in REQUESTS}
-_messages: msgspec.msgpack.Decoder[ToScreen] = msgspec.msgpack.Decoder(ToScreen)
+_messages: msgspec.msgpack.Decoder[FromEngine] = msgspec.msgpack.Decoder(FromEngine)
 
 
 def frame(message: msgspec.Struct) -> bytes:
@@ -193,8 +271,8 @@ def raw(value: object) -> msgspec.Raw:
     return msgspec.Raw(_encoder.encode(value))
 
 
-def hello_of(data: bytes) -> Hello:
-    return decoded(_hellos, data, "a greeting of a console")
+def first_of(data: bytes) -> First:
+    return decoded(_firsts, data, "a greeting of a console")
 
 
 def call_of(data: bytes) -> tuple[Call, Request[Any]]:
@@ -202,8 +280,31 @@ def call_of(data: bytes) -> tuple[Call, Request[Any]]:
     return call, decoded(_requests, call.request, "a request of a console")
 
 
-def message_of(data: bytes) -> ToScreen:
+def message_of(data: bytes) -> FromEngine:
     return decoded(_messages, data, "a message of an engine")
+
+
+def receive(connection: socket.socket) -> FromEngine:
+    """The next message of an engine.
+
+    Raises:
+        TimeoutError: nothing came for the timeout of the connection.
+        OSError: it has hung up.
+    """
+    (length,) = LENGTH.unpack(_exactly(connection, LENGTH.size))
+    if length > LARGEST_STATE:
+        raise MadrobError(f"a message of {length} bytes is too long")
+    return message_of(_exactly(connection, length))
+
+
+def _exactly(connection: socket.socket, size: int) -> bytes:
+    data = bytearray()
+    while len(data) < size:
+        part = connection.recv(min(size - len(data), 1 << 20))
+        if not part:
+            raise ConnectionResetError
+        data += part
+    return bytes(data)
 
 
 def answer_of(request: Request[_T], reply: Reply) -> _T:

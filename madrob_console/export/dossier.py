@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -24,6 +23,7 @@ from madrob_console.archive.run_journal import (
 )
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import stamp_of, whole_file
+from madrob_console.common.formatting import utc_text
 from madrob_console.common.names import terminal_safe
 from madrob_console.export.pack import (
     EXPORTS_FOLDER,
@@ -181,11 +181,11 @@ def protest_lines(run: Run, name: str, now: float) -> Iterator[str]:
         yield ""
         yield "Taken back by the referee:"
         for back in run.taken_back:
-            yield f"  {_time(back.time)}: {terminal_safe(back.words)}: {terminal_safe(back.reason)}"
+            yield f"  {utc_text(back.time)}: " + terminal_safe(f"{back.words}: {back.reason}")
     if run.evidence is not None:
         yield ""
         yield f"Evidence: {terminal_safe(run.evidence.words)}"
-        for remark in filter(None, (run.evidence_removed(_time), *run.evidence.remarks())):
+        for remark in filter(None, (run.evidence_removed(utc_text), *run.evidence.remarks())):
             yield f"  {terminal_safe(remark)}"
 
 
@@ -194,27 +194,23 @@ def _protest_lines(one: Protest, run: Run, now: float) -> Iterator[str]:
         "by": one.team,
         "about": one.about_words(run.start),
         "the team says": one.text,
-        "filed": _time(one.time) + (f", taken by {one.referee}" if one.referee else ""),
+        "filed": utc_text(one.time) + (f", taken by {one.referee}" if one.referee else ""),
         "late": f"admitted: {one.late}" if one.late else "",
-        "due": "" if one.open else _time(one.due),
+        "due": "" if one.open else utc_text(one.due),
     }
     yield f"Protest {one.number}"
     for name, words in rows.items():
         if words:
             yield f"  {name + ':':<15}{terminal_safe(words)}"
     if (answer := one.answer) is None:
-        yield f"  OPEN: the decision is {format_deadline(one.due, now, _time)}"
+        yield f"  OPEN: the decision is {format_deadline(one.due, now, utc_text)}"
         return
     decided = "withdrawn" if answer.end is ProtestEnd.WITHDRAWN else "decided"
     by = answer.referee or "the referee"
     came = f"; {one.late_decision}" if one.late_decision else ""
     yield f"  {answer.end.upper()}"
     yield f"  {'in words:':<15}{terminal_safe(answer.reason)}"
-    yield f"  {decided + ':':<15}{_time(answer.time)}, {terminal_safe(by)}{came}"
-
-
-def _time(at: float) -> str:
-    return time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(at))
+    yield f"  {decided + ':':<15}{utc_text(answer.time)}, {terminal_safe(by)}{came}"
 
 
 def _readme(run: Path, archive: Archive, left_out: Sequence[str]) -> str:

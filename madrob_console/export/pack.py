@@ -29,6 +29,7 @@ from madrob_console.archive.result_summary import ListedResult, led_elsewhere
 from madrob_console.archive.run_journal import evidence_removed, is_held
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import stamp_of, whole_file
+from madrob_console.common.formatting import listed as first_of
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.export.foxglove_layout import LAYOUT_FILE, HandleZero, foxglove_layout
 from madrob_console.export.zip_file import (
@@ -43,7 +44,6 @@ from madrob_console.export.zip_file import (
 from madrob_console.messages.codec import TopicMapping
 from madrob_console.referee.flags import FlagKind, weighty
 from madrob_console.referee.lists import TeamName
-from madrob_console.referee.records import listed as first_of
 from recorder.bag import is_evidence
 from scoring.protocol import Thresholds
 

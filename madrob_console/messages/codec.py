@@ -91,12 +91,11 @@ START_POSE_FRAME = "madrob_door"
 
 _STRING = "std_msgs/msg/String"
 _POSE = "geometry_msgs/msg/PoseStamped"
-_STRIPS = {Signal.of_strip(strip): strip for strip in Strip}
+STRIPS = {Signal.of_strip(strip): strip for strip in Strip}
 _MEASURED: dict[Signal, Callable[[float, float, float], Sample]] = {
     Signal.DOOR: DoorSample,
     Signal.HANDLE: HandleSample,
 }
-_SWITCHED: dict[Signal, Callable[[float, float, bool], Sample]] = {Signal.LATCH: LatchSample}
 """(time, log time, value) -> sample."""
 _STAMP = (Wanted(("header", "stamp", "sec")), Wanted(("header", "stamp", "nanosec")))
 _MOST_MISSES = 20
@@ -144,7 +143,7 @@ DEFAULT_MAPPINGS: tuple[TopicMapping, ...] = (
     ),
     *(
         TopicMapping(signal, f"/madrob/passage/{strip}", "sensor_msgs/msg/LaserScan", "ranges")
-        for signal, strip in _STRIPS.items()
+        for signal, strip in STRIPS.items()
     ),
     TopicMapping(Signal.LATCH, "/madrob/door/locked", "std_msgs/msg/Bool", field="data"),
 )
@@ -205,12 +204,7 @@ class Decoder:
 
 class _Reader:
     def __init__(self, mapping: TopicMapping, types: MessageTypes) -> None:
-        field = find_field(types, mapping.type, mapping.field)
-        if field.numbers != (mapping.signal in _STRIPS):
-            wanted = "an array" if mapping.signal in _STRIPS else "one number"
-            raise MessageError(
-                f"{mapping.field} of {mapping.type} is not {wanted}; correct the settings"
-            )
+        field = find_signal(types, mapping)
         self._types = types
         self._type = mapping.type
         self._stamped = find_stamp(types, mapping.type) is not None
@@ -245,8 +239,19 @@ class _Reader:
         return tuple(get(message) for get in self._getters)
 
 
+def find_signal(types: MessageTypes, mapping: TopicMapping) -> MessageField:
+    """The mapped field; MessageError where it cannot hold the signal."""
+    field = find_field(types, mapping.type, mapping.field)
+    if field.numbers != (mapping.signal in STRIPS):
+        wanted = "an array" if mapping.signal in STRIPS else "one number"
+        raise MessageError(
+            f"{mapping.field} of {mapping.type} is not {wanted}; correct the settings"
+        )
+    return field
+
+
 def _limits(mapping: TopicMapping, field: MessageField, types: MessageTypes) -> tuple[Wanted, ...]:
-    if mapping.signal not in _STRIPS:
+    if mapping.signal not in STRIPS:
         return ()
     found = [field.sibling(name, types) for name in ("range_min", "range_max")]
     limits = [Wanted(one.steps) for one in found if one is not None]
@@ -254,7 +259,7 @@ def _limits(mapping: TopicMapping, field: MessageField, types: MessageTypes) -> 
 
 
 def _builder(mapping: TopicMapping) -> _Build:
-    if mapping.signal in _STRIPS:
+    if mapping.signal in STRIPS:
         return _passage_builder(mapping)
     scale, offset = mapping.scale, mapping.offset
 
@@ -262,21 +267,21 @@ def _builder(mapping: TopicMapping) -> _Build:
         (value,) = numbers
         return float(value[0]) * scale + offset if value else math.nan  # an empty array says none
 
-    if (measured := _MEASURED.get(mapping.signal)) is not None:
-        return lambda time, log, numbers: measured(time, log, number(numbers))
-    switched = _SWITCHED[mapping.signal]
+    if mapping.signal is not Signal.LATCH:
+        sample = _MEASURED[mapping.signal]
+        return lambda time, log, numbers: sample(time, log, number(numbers))
 
-    def switch(time: float, log_time: float, numbers: Sequence[Numbers]) -> Sample:
+    def latch(time: float, log_time: float, numbers: Sequence[Numbers]) -> Sample:
         state = number(numbers)
         if math.isnan(state):
             raise MessageError(f"{mapping.field} says nothing about the {mapping.signal.value}")
-        return switched(time, log_time, state >= 0.5)
+        return LatchSample(time, log_time, state >= 0.5)
 
-    return switch
+    return latch
 
 
 def _passage_builder(mapping: TopicMapping) -> _Build:
-    strip = _STRIPS[mapping.signal]
+    strip = STRIPS[mapping.signal]
     scale, offset = mapping.scale, mapping.offset
     as_is = scale == 1.0 and offset == 0.0
 

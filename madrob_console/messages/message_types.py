@@ -79,18 +79,23 @@ class MessageTypes:
         return type_name in self._store.fielddefs
 
     def fields(self, type_name: str) -> dict[str, FieldDesc]:
-        return dict(self._fields(type_name))
+        try:
+            return dict(self._store.fielddefs[type_name][1])
+        except KeyError:
+            raise MessageError(
+                f"the message type {type_name} is unknown: install its package"
+            ) from None
 
     def definition(self, type_name: str) -> str:
         """The type's `ros2msg` text with every nested definition appended."""
-        self._fields(type_name)
+        self.fields(type_name)
         return (
             self._given.get(type_name) or self._store.generate_msgdef(type_name, ros_version=2)[0]
         )
 
     def type_hash(self, type_name: str) -> str:
         """The type's `RIHS01_...` hash; empty where rosbags would compute a wrong one."""
-        self._fields(type_name)
+        self.fields(type_name)
         known = self._store.fielddefs
         nested = _closure(type_name, known)
         fields = [element(field) for name in nested for _, field in known[name][1]]
@@ -101,7 +106,7 @@ class MessageTypes:
 
     def make(self, type_name: str, /, **fields: object) -> Message:
         """A message with the given fields; the others are 0, empty or False."""
-        known = dict(self._fields(type_name))
+        known = self.fields(type_name)
         if unknown := fields.keys() - known.keys():
             raise MessageError(f"{type_name} has no field {min(unknown)}")
         values = [
@@ -111,26 +116,18 @@ class MessageTypes:
         return self._store.types[type_name](*values)  # type: ignore[arg-type]  # checked on encoding
 
     def encode(self, type_name: str, message: object) -> bytes:
-        self._fields(type_name)
         try:
             return bytes(self._store.serialize_cdr(message, type_name))
         except Exception as error:  # noqa: BLE001  # a value's misfit raises what it likes
+            self.fields(type_name)
             raise MessageError(f"{type_name}: cannot be encoded ({_line(error)})") from None
 
     def decode(self, type_name: str, data: bytes) -> Message:
         try:
             return self._store.deserialize_cdr(data, type_name)
         except Exception as error:  # noqa: BLE001  # bytes raise what they like
-            self._fields(type_name)
+            self.fields(type_name)
             raise MessageError(f"not a {type_name} ({_line(error)})") from None
-
-    def _fields(self, type_name: str) -> list[tuple[str, FieldDesc]]:
-        try:
-            return self._store.fielddefs[type_name][1]
-        except KeyError:
-            raise MessageError(
-                f"the message type {type_name} is unknown: install its package"
-            ) from None
 
     def _default(self, field: FieldDesc) -> object:
         if field[0] == Nodetype.NAME:

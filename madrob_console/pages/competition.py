@@ -13,13 +13,14 @@ from msgspec.structs import replace
 from rich.cells import set_cell_size
 
 from madrob_console.archive.collection import the_competition
-from madrob_console.archive.history import RunSummary, condition_words, of_competition, time_words
+from madrob_console.archive.history import RunSummary, condition_words, of_competition
+from madrob_console.common.formatting import listed as first_of
+from madrob_console.common.formatting import time_words
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.tally import ALIKE, Aggregate, Overall, Standing, overall, standings
 from madrob_console.referee.competition_plan import Attempts, PlannedAttempt, PlanProgress, Task
 from madrob_console.referee.flags import undecided, weighty
 from madrob_console.referee.records import format_deadline
-from madrob_console.referee.records import listed as first_of
 from scoring.indicator_table import WITH_EXTREMES, IndicatorName
 from scoring.protocol import Condition, Outcome, Thresholds
 from scoring.result import DOUBTED, decimals_left

@@ -9,9 +9,11 @@ from functools import partial
 from typing import Any
 
 import msgspec
+from markupsafe import Markup
 from rich.cells import set_cell_size
 
 from madrob_console.archive.history import RunSummary
+from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.competition import (
     BY_BEST,
@@ -27,26 +29,6 @@ from madrob_console.pages.competition import (
     statistics_of,
     statistics_text,
 )
-from madrob_console.pages.markup import (
-    SKIP,
-    Content,
-    Markup,
-    element,
-    listed,
-    page,
-    said,
-    scrolled,
-    section,
-    skip_link,
-    table,
-)
-from madrob_console.pages.shared_sections import (
-    MANUAL_START_NOTE,
-    NONE,
-    PRACTICE_STANDINGS,
-    date_text,
-    task_text,
-)
 from madrob_console.pages.tally import (
     ALIKE,
     Overall,
@@ -56,6 +38,8 @@ from madrob_console.pages.tally import (
     leaders_first,
     subjects_text,
 )
+from madrob_console.pages.templates import NONE, render, task_text
+from madrob_console.pages.words import MANUAL_START_NOTE, PRACTICE_STANDINGS
 from madrob_console.referee.flags import weighty
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Condition
@@ -257,110 +241,37 @@ def _cell(text: str) -> str:
 
 
 def standings_html(found: CompetitionStandings, software: str) -> str:
-    several = len(found.groups) > 1
-    kind = "standings" if found.official else "PRACTICE standings"
-    return page(
-        f"MADROB {kind} {found.title}".rstrip(),
-        skip_link(),
-        _top(found),
-        element(
-            "main",
-            [_group(group, several=several) for group in found.groups],
-            element("p", "No run counts yet.") if not found.groups else (),
-            section("Runs that count, with flags", listed(_flagged(found), "None.")),
-            section("Runs that do not count", listed(_left_out(found), "None.")),
-            section("How to read the numbers", how_to_read()),
-            id=SKIP,
-        ),
-        _foot(software),
-        wide=True,
-    )
+    return render("standings.html", found=found, software=software, **MEANS)
 
 
-def _top(found: CompetitionStandings) -> Markup:
-    banner = element("p", PRACTICE_STANDINGS, class_="banner")
-    return element(
-        "header",
-        () if found.official else banner,
-        element("p", "MADROB ", said(found.title), class_="competition"),
-        element("h1", "Standings" if found.official else "PRACTICE standings"),
-        element("p", f"As of {date_text(found.made)}"),
-        [element("p", element("strong", said(remark))) for remark in found.remarks],
-        element("p", found.basis),
-        element("p", BY_NUMBER),
-    )
-
-
-def how_to_read() -> Content:
-    bold = (
-        "Bold: the mean. +-: its expanded uncertainty (95 in 100). n: how many runs have a value, "
-        "where not all have."
-    )
-    return [element("p", note) for note in (bold, *NUMBER_NOTES, MANUAL_START_NOTE)]
-
-
-def _group(group: RulesetStandings, *, several: bool) -> Iterator[Markup]:
-    title = f"All conditions together, ruleset {group.ruleset}"
-    yield section(title, teams_table(group.overall, title))
-    rules = f", ruleset {group.ruleset}" if several else ""
-    for condition, standings in group.conditions.items():
-        title = f"Condition {condition.number}, {condition.benchmark_type}{rules}"
-        yield section(title, element("p", task_text(condition)), teams_table(standings, title))
-
-
-def _name(tally: Tally) -> Content:
-    return element("b", str(tally.subject), " ", said(tally.team))
-
-
-def teams_table(
-    tallies: Iterable[Tally], of: str, who: Callable[[Tally], Content] = _name
-) -> Markup:
-    heads = [
-        f"{name.words}{' *' if name.spec.with_the_start else ''}, {unit_text(name.spec.unit)}; "
-        f"{name.spec.better} is better"
-        for name in IndicatorName
-    ]
-    rows = ((who(tally), *_row(tally)) for tally in tallies)
-    made = table(("team", "runs", *heads), rows, class_="standings", caption=f"Means. {of}.")
-    return scrolled(made, of)
-
-
-def _row(tally: Tally) -> Iterator[Content]:
-    lines = list(counts(tally))
+def _tally_lines(tally: Tally) -> Iterator[str]:
+    yield from counts(tally)
     if isinstance(tally, Overall):
-        lines.append(f"in {len(tally.conditions)} of {len(CONDITION_NUMBERS)} conditions")
-    lines += [f"on {name}" for name in tally.testbeds]
-    yield [element("small", said(line)) for line in lines]
+        yield f"in {len(tally.conditions)} of {len(CONDITION_NUMBERS)} conditions"
+    yield from (f"on {name}" for name in tally.testbeds)
+
+
+def _means(tally: Tally) -> Iterator[tuple[str, bool, list[str]]]:
+    """Of each indicator the mean, whether it is known, and lines below it."""
     for name in IndicatorName:
-        yield _indicator(tally, name)
+        aggregate = tally.aggregates.get(name)
+        doubts, signs = tally.doubts.get(name, 0), tally.signs(name)
+        below = [counted(doubts, "doubt")] if doubts else []
+        if alike := tally.alike.get(name):
+            below.append(f"{ALIKE} {subjects_text(alike)}")
+        if aggregate is None:
+            yield f"{NONE}{signs}", False, below
+            continue
+        found = statistics_text(aggregate, name)
+        lines = [uncertainty_text(aggregate.uncertainty)] if aggregate.uncertainty else []
+        lines += [f"{word} {text}" for word, text in found.items() if word != "mean"]
+        if aggregate.count != tally.counted:
+            lines.append(f"n = {aggregate.count}")
+        yield f"{found['mean']}{signs}", True, [line for line in (*lines, *below) if line]
 
 
-def _indicator(tally: Tally, name: IndicatorName) -> Content:
-    aggregate = tally.aggregates.get(name)
-    doubts, signs = tally.doubts.get(name, 0), tally.signs(name)
-    below = [f"{doubts} doubt{'s' if doubts > 1 else ''}"] if doubts else []
-    if alike := tally.alike.get(name):
-        below.append(f"{ALIKE} {subjects_text(alike)}")
-    if aggregate is None:
-        return f"{NONE}{signs}", [element("small", line) for line in below]
-    found = statistics_text(aggregate, name)
-    lines = [uncertainty_text(aggregate.uncertainty)] if aggregate.uncertainty else []
-    lines += [f"{word} {text}" for word, text in found.items() if word != "mean"]
-    if aggregate.count != tally.counted:
-        lines.append(f"n = {aggregate.count}")
-    return element("b", f"{found['mean']}{signs}"), [
-        element("small", line) for line in filter(None, (*lines, *below))
-    ]
-
-
-def _left_out(found: CompetitionStandings) -> Iterator[Content]:
-    for run, why in found.left_out:
-        yield f"{run_words(run)}: ", element("strong", run.outcome_word), ": ", said(why)
-
-
-def _flagged(found: CompetitionStandings) -> Iterator[Content]:
-    for run in found.flagged:
-        yield f"{run_words(run)}: ", element("strong", flag_words(run))
+def _name(tally: Tally) -> Markup:
+    return Markup("{} <bdi>{}</bdi>").format(tally.subject, terminal_safe(tally.team))
 
 
 def flag_words(run: RunSummary) -> str:
@@ -373,8 +284,37 @@ def run_words(run: RunSummary) -> str:
     return f"{of}, {run.started_text}"
 
 
-def _foot(software: str) -> Markup:
-    return element("footer", f"Made with madrob-console {software or 'unknown'}.")
+_BOLD = (
+    "Bold: the mean. +-: its expanded uncertainty (95 in 100). n: how many runs have a value, "
+    "where not all have."
+)
+
+NOTES_OF_PAGES = {
+    "PRACTICE_STANDINGS": PRACTICE_STANDINGS,
+    "BY_NUMBER": BY_NUMBER,
+    "SIGNS": SIGNS,
+    "HOW_TO_READ": (
+        _BOLD,
+        *NUMBER_NOTES,
+        MANUAL_START_NOTE,
+    ),
+}
+
+MEANS: Mapping[str, Any] = {
+    "who": _name,
+    "means": _means,
+    "tally_lines": _tally_lines,
+    "counts": counts,
+    "run_words": run_words,
+    "flag_words": flag_words,
+    "notes": NOTES_OF_PAGES,
+    "mean_heads": [
+        f"{name.words}{' *' if name.spec.with_the_start else ''}, {unit_text(name.spec.unit)}; "
+        f"{name.spec.better} is better"
+        for name in IndicatorName
+    ],
+}
+"""What the tables of means need beside the standings."""
 
 
 _ACROSS = 8

@@ -13,26 +13,19 @@ from io import BytesIO
 from pathlib import Path, PurePosixPath
 
 import msgspec
+from markupsafe import Markup
 
 from madrob_console.archive.folders import (
     INDEX_PAGE,
     JOURNAL_FILE,
     PICTURES_FOLDER,
     PICTURES_INDEX,
-    REPORT_FILE,
     RESULT_FILE,
     RunPath,
 )
 from madrob_console.archive.history import RunSummary
 from madrob_console.archive.result_files import stored_run
-from madrob_console.archive.result_reader import (
-    LARGEST_RESULT,
-    DamagedResultError,
-    UnusableResultError,
-    read_paged_result,
-    read_result,
-)
-from madrob_console.archive.result_summary import ListedResult, PagedResult
+from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import (
     Hold,
@@ -47,27 +40,23 @@ from madrob_console.common.files import (
 from madrob_console.export.rows import cells_of, rows_of
 from madrob_console.export.table_columns import RUN_TABLES, TableFormat, TidyTable
 from madrob_console.pages.competition import plan_json
-from madrob_console.pages.markup import Markup, link
 from madrob_console.pages.outputs import standings_csv, standings_json
-from madrob_console.pages.shared_sections import date_text
 from madrob_console.pages.site_content import (
     PLAN,
     SiteContent,
     beside,
     condition_place,
-    report_beside,
-    result_beside,
     team_place,
 )
-from madrob_console.pages.site_frame import condition_link, team_link, ways
 from madrob_console.pages.site_pages import (
+    Links,
     condition_page,
     overview_page,
     plan_page,
-    run_page,
     team_page,
 )
 from madrob_console.pages.surroundings import Surroundings, team_digest
+from madrob_console.pages.templates import date_text
 
 # The folder of a site: files that change are written whole, others stay as they are.
 #
@@ -326,7 +315,7 @@ class RunTables:
         return file.getvalue()
 
     def _runs(self) -> list[RunSummary]:
-        return [run for run in self._content.runs if run.folder in self._content.places]
+        return [run for run in self._content.runs if run.folder in self._content.folders]
 
     def _read(self) -> dict[str, list[dict[str, object]]]:
         found: dict[str, list[dict[str, object]]] = {table.name: [] for table in RUN_TABLES}
@@ -338,7 +327,7 @@ class RunTables:
                 self.whole = False  # it changes just now: the next time it is there
                 continue
             for table in RUN_TABLES:
-                place = self._content.places[run.folder]  # no path of this machine
+                place = self._content.folders[run.folder]  # no path of this machine
                 own = {"place": place} if any(c.name == "place" for c in table.columns) else {}
                 found[table.name] += [{**row, **own} for row in of_run[table.name]]
         return found
@@ -347,14 +336,10 @@ class RunTables:
 def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
     """All files, those that others link to first; and the runs without a report to show."""
     files: list[SiteFile] = []
-    without = []
     around = Surroundings()
     for run in content.runs:
-        if run.folder in content.places:
-            own = list(_of_run(content, run, around))
-            files += own
-            if not any(file.name.endswith(REPORT_FILE) for file in own):
-                without.append(run)
+        if run.folder in content.folders:
+            files += _of_run(content, run, around)
     files += _tables(content)
     files += [SiteFile.of(team_place(one), team_page(content, one)) for one in content.of_team]
     files += [
@@ -367,61 +352,33 @@ def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
     # that it is later now is alone no reason to write it again
     pages = overview_page(content, written), overview_page(content, "")
     files.append(SiteFile.of(INDEX_PAGE, *pages))
+    without = [run for run in content.runs if run.folder in {*content.folders} - {*content.places}]
     return files, without
 
 
 def _of_run(content: SiteContent, run: RunSummary, around: Surroundings) -> Iterator[SiteFile]:
-    place, folder = content.places[run.folder], content.source(run)
-    result = result_beside(place)
-    named = []
-    if _has_report(content, run):
-        named.append(report_beside(place))
+    folder = content.source(run)
+    if (page := content.places.get(run.folder)) is not None:
         sources = (RESULT_FILE, JOURNAL_FILE, f"{PICTURES_FOLDER}/{PICTURES_INDEX}")
         stamps = (stamp_of(f"{folder}/{name}") for name in sources)
         team = content.of_team[run.subject]
-        others = (team_digest(run, team), *(_report_page(content, run, one) for one in team))
+        others = (team_digest(run, team), *(_page_of(content, run, one) for one in team))
         key = _key(content.software, _ways(content, run), *others, *stamps)
-        yield SiteFile(named[0], key, partial(_report, content, run, around))
+        yield SiteFile(page, key, partial(_report, content, run, around))
     stamp = stamp_of(f"{folder}/{RESULT_FILE}")
-    if stamp is not None and run.problem is None:
-        named.append(result)
-        yield SiteFile(result, _key(stamp), partial(_result, folder / RESULT_FILE))
-    key = _key(content.software, stamp, run_page(content, run, named, None))
-    yield SiteFile(place, key, partial(_page, content, run, named))
+    if stamp is not None:
+        place = f"{content.folders[run.folder]}/{RESULT_FILE}"
+        yield SiteFile(place, _key(stamp), partial(_result, folder / RESULT_FILE))
 
 
-def _page(content: SiteContent, run: RunSummary, files: Sequence[str]) -> bytes:
-    folder = str(content.source(run))
-    result: PagedResult | ListedResult
-    try:
-        try:
-            result = read_paged_result(folder)
-        except DamagedResultError:
-            result, _ = read_result(folder)
-    except (OSError, UnusableResultError) as error:
-        raise SourceUnreadError(f"{run.folder}: {error}") from None
-    return run_page(content, run, files, result).encode()
-
-
-def _has_report(content: SiteContent, run: RunSummary) -> bool:
-    return stamp_of(f"{content.source(run)}/{REPORT_FILE}") is not None
-
-
-def _report_page(content: SiteContent, run: RunSummary, other: RunSummary) -> str:
+def _page_of(content: SiteContent, run: RunSummary, other: RunSummary) -> str:
     place = content.places.get(other.folder)
-    if place is None or not _has_report(content, other):
-        return ""
-    return beside(content.places[run.folder], report_beside(place))
+    return "" if place is None else beside(content.places[run.folder], place)
 
 
 def _ways(content: SiteContent, run: RunSummary) -> Markup:
-    place = report_beside(content.places[run.folder])
-    more = (
-        link(beside(place, content.places[run.folder]), "this run, short"),
-        team_link(content, place, run.subject),
-        condition_link(content, place, run.condition),
-    )
-    return ways(content, place, more)
+    links = Links(content, content.places[run.folder])
+    return links.ways(links.team(run.subject), links.condition(run.condition))
 
 
 def _report(content: SiteContent, run: RunSummary, around: Surroundings) -> bytes:
@@ -429,9 +386,9 @@ def _report(content: SiteContent, run: RunSummary, around: Surroundings) -> byte
     # they load numpy, SciPy and matplotlib, which a site without new reports does without
     from madrob_console.archive.run_pictures import stored_pictures
     from madrob_console.archive.scored import score_once
-    from madrob_console.pages.page import report_html
+    from madrob_console.pages.report import report_html
 
-    folder, page = content.source(run), partial(_report_page, content, run)
+    folder, page = content.source(run), partial(_page_of, content, run)
     try:
         scored = score_once(folder)
         place = around.among(content.root, run.folder, content.runs, scored, page)

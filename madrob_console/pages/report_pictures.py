@@ -1,28 +1,19 @@
-"""Figures and camera pictures of a report, and what they mean."""
+"""Figures of a report, and what they mean."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
 from functools import lru_cache
 
+from markupsafe import Markup, escape
+
 from madrob_console.archive.scored import Scored
-from madrob_console.pages.camera_pictures import PASSAGE
-from madrob_console.pages.markup import NOTHING, Content, Markup, element, escaped, section, themed
+from madrob_console.common.names import terminal_safe
+from madrob_console.pages.drawings import themed
+from madrob_console.pages.templates import NOTHING, render
 from scoring.figures.plots import alternatives_of, figures_of, missing_figures, svg
-from scoring.figures.run_drawings import LANE, PassageFigure, passage_figure, passage_svg
+from scoring.figures.run_drawings import LANE, passage_figure, passage_svg
 from scoring.indicator_table import FigureName, IndicatorName, Quantity
-
-_GREY = (
-    "Within the grey band around 0 rad the door counts as closed. Red: what makes the indicator. "
-    "All times are in s from the start of the run; the data are in the csv files."
-)
-
-_LANES = (
-    "Blue: the sensor counts as occupied. Hatched: the panel passes under it, so that it keeps "
-    "the state that it had. The robot occupies the door from the first rise of any sensor to the "
-    "last fall of all, if it came on its starting side and left on the other one."
-)
 
 _REFERENCE = re.compile(r'(\bid="|url\(#|xlink:href="#)')
 
@@ -30,50 +21,27 @@ _REFERENCE = re.compile(r'(\bid="|url\(#|xlink:href="#)')
 @lru_cache(maxsize=64)  # drawing takes most of a report's time, and a site draws the same ones
 def figures(scored: Scored) -> Markup:
     result, rows, condition = scored.result, scored.rows, scored.record.setup.condition
+    spoken = alternatives_of(result, rows, condition)
     drawn = figures_of(result, rows, condition)
     missing = missing_figures(result, rows)
-    if not drawn:
-        return section("Figures", element("p", f"None: {_reasons(missing)}."), name="figures")
-    spoken = alternatives_of(result, rows, condition)
-
-    def cells() -> Iterator[Markup]:
-        for name, figure in drawn.items():
-            picture = inline(svg(figure), name.number, spoken[name])
-            caption = element("figcaption", name.spec.caption, _handle(scored, name))
-            yield element("figure", picture, caption, id=_anchor(name))
-
-    sensors = _passage(scored)
-    lacking = [
-        _missing(f"Figure {name.number} is missing: {reason}.", _anchor(name))
-        for name, reason in missing.items()
-    ]
-    if sensors is None:
-        lacking.append(_missing("No passage sensor saw anything after the start.", PASSAGE))
-    # what is missing has a place, too, behind what is there: an even number leaves no hole
-    pictures = element("div", cells(), sensors or NOTHING, lacking, class_="figures")
-    return section("Figures", element("p", _GREY), pictures, name="figures")
-
-
-def _missing(words: str, name: str) -> Markup:
-    return element("p", words, class_="missing", id=name)
-
-
-def _anchor(name: FigureName) -> str:
-    return f"figure-{name.number}"
-
-
-def _passage(scored: Scored) -> Markup | None:
-    found = passage_figure(scored.result, scored.rows, scored.record.setup.condition)
-    if found is None:
-        return None
-    occupied = scored.result.indicators[IndicatorName.DOOR_OCCUPATION_TIME]
-    return element(
-        "figure",
-        element("p", element("b", f"Passage sensors   door occupation time {occupied.text}")),
-        element("div", _names(found), themed(passage_svg(found)), class_="lanes"),
-        element("figcaption", _LANES),
-        id=PASSAGE,
+    passage = passage_figure(result, rows, condition) if drawn else None
+    return render(
+        "figures.html",
+        result=result,
+        drawn=[(name, inline(svg(one), name.number, spoken[name])) for name, one in drawn.items()],
+        missing=missing,
+        reasons="; ".join(dict.fromkeys(missing.values())),
+        passage=passage,
+        passage_drawing=NOTHING if passage is None else themed(passage_svg(passage)),
+        lane=LANE,
+        occupied=result.indicators[IndicatorName.DOOR_OCCUPATION_TIME].text if passage else "",
+        touch_force=rows.thresholds.touch_force,
+        shows_force=_shows_force,
     )
+
+
+def _shows_force(name: FigureName) -> bool:
+    return Quantity.FORCE in name.spec.panels
 
 
 def inline(document: str, number: int, alternative: str) -> Markup:
@@ -81,26 +49,5 @@ def inline(document: str, number: int, alternative: str) -> Markup:
     picture = document[document.index("<svg") :]
     picture = _REFERENCE.sub(rf"\g<1>f{number}-", picture)
     picture = picture.replace("xlink:href=", "href=")
-    spoken = escaped(alternative)
+    spoken = escape(terminal_safe(alternative))
     return themed(picture.replace("<svg", f'<svg role="img" aria-label="{spoken}"', 1))
-
-
-def _handle(scored: Scored, name: FigureName) -> Content:
-    """Background of the force: the handle's zero and the band within which nobody touches."""
-    if Quantity.FORCE not in name.spec.panels:
-        return ()
-    zero, half = scored.result.handle_zero, scored.rows.thresholds.touch_force
-    return (
-        f" Dashed: the handle at rest, zeroed at {zero:.2f} N; beyond the grey band, {half:.2f} N "
-        "to either side, it counts as touched."
-    )
-
-
-def _names(found: PassageFigure) -> Markup:
-    names = [element("span", lane.name) for lane in found.lanes]
-    style = f"padding-top: {found.head:g}px; line-height: {LANE}px"
-    return element("div", names, class_="names", style=style)
-
-
-def _reasons(missing: Mapping[FigureName, str]) -> str:
-    return "; ".join(dict.fromkeys(missing.values()))

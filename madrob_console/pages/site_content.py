@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from itertools import combinations
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TypeAlias
 
-from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE
+from madrob_console.archive.folders import REPORT_FILE
 from madrob_console.archive.history import RunSummary, rank
+from madrob_console.common.files import stamp_of
 from madrob_console.pages.competition import CompetitionStandings, RulesetStandings
 from madrob_console.pages.tally import Overall
 from madrob_console.referee.competition_plan import PlanProgress
@@ -77,12 +78,21 @@ class SiteContent:
         return sorted({one.number for group in groups for one in group.conditions})
 
     @cached_property
-    def places(self) -> Mapping[str, str]:
-        """The page of each run that has a result, by the run's folder."""
+    def folders(self) -> Mapping[str, str]:
+        """The folder on the site of each run that has a result, by the run's own folder."""
         return {
-            run.folder: f"runs/{_called(run)}/{INDEX_PAGE}"
+            run.folder: f"runs/{_called(run)}"
             for run in self.runs
             if run.outcome is not None and run.problem is None
+        }
+
+    @cached_property
+    def places(self) -> Mapping[str, str]:
+        """The page of each run that has one, its report, by the run's folder."""
+        return {
+            folder: f"{called}/{REPORT_FILE}"
+            for folder, called in self.folders.items()
+            if stamp_of(f"{self.root / folder}/{REPORT_FILE}") is not None
         }
 
     def runs_of(self, subject: int, condition: int, ruleset: str) -> list[RunSummary]:
@@ -125,14 +135,6 @@ def condition_place(number: int) -> str:
 def beside(page: str, name: str) -> str:
     """Path of a file of the site relative to one of its pages."""
     return posixpath.relpath(name, posixpath.dirname(page) or ".")
-
-
-def report_beside(page: str) -> str:
-    return str(PurePosixPath(page).with_name(REPORT_FILE))
-
-
-def result_beside(page: str) -> str:
-    return str(PurePosixPath(page).with_name(RESULT_FILE))
 
 
 def _called(run: RunSummary) -> str:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import posixpath
+import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
+
+from markupsafe import Markup
 
 from madrob_console.archive.folders import REPORT_FILE, parse_folder_name, results_folder_of
 from madrob_console.archive.history import History, RunSummary
@@ -22,13 +25,28 @@ from madrob_console.archive.result_summary import ListedResult
 from madrob_console.archive.scored import Scored
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import read_bounded, stamp_of
-from madrob_console.pages.markup import NOTHING, Markup, made_of, team_of
+from madrob_console.pages.templates import NOTHING
+from madrob_console.referee.records import JournalMark
 from scoring.figures.team_drawings import PhaseTimes, phases_of
 
 # Whether a report is of the result that lies beside it.
 
 
 _HEAD = 1000  # bytes of a report in which it says what it was made of
+_MADE_OF = re.compile('<meta name="journal" content="([0-9]{1,9}) ([0-9a-f]{64})">')
+_TEAM_OF = re.compile('<meta name="team" content="([0-9a-f]{64})">')
+
+
+def made_of(head: str) -> JournalMark | None:
+    """Mark of the journal of which a page was made, from its `head`; None = not stated."""
+    found = _MADE_OF.search(head)
+    return None if found is None else JournalMark(int(found[1]), found[2])
+
+
+def team_of(head: str) -> str | None:
+    """Digest of the team's other runs that a page names, from its `head`; None = not stated."""
+    found = _TEAM_OF.search(head)
+    return None if found is None else found[1]
 
 
 def report_is_old(folder: Path) -> bool:

@@ -7,17 +7,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
+from madrob_console.common.formatting import counted, format_duration, format_size, listed
 from madrob_console.referee.evidence_account import unseen_words
 from madrob_console.referee.lists import NO_TEAMS, TeamList
-from madrob_console.referee.records import (
-    CheckName,
-    RunSetup,
-    Waiver,
-    counted,
-    format_duration,
-    format_size,
-    listed,
-)
+from madrob_console.referee.records import CheckName, RunSetup, Waiver
 from madrob_console.referee.run import Phase, Run
 from scoring.rest import FEWEST_SAMPLES, HandleRest
 
@@ -99,19 +92,20 @@ class Readings:
     """What the checks look at, in rad, N, s and bytes; None = no data now.
 
     Attributes:
-        topic_problems: one line per topic that is missing, stale or off its rate.
+        topic_faults: one line per topic that is missing, stale or off its rate.
         force: handle force minus handle zero.
         rest_force: abs(force) above this is not at rest.
         zero: the samples behind the handle zero; None = it was never set.
         drift: offset of the handle at rest after the last run from this zero; None = small.
         skew: largest stamp - log time of the last second, with its sign.
-        recorder_problems: why no run can be recorded; None = the disk has not answered.
+        recorder_problem: why no run can be recorded; empty = one can; None = the disk has not
+            answered.
         evidence: None = no evidence is wanted.
         least_skew: the smallest of the last second on the topic where that is largest.
         simulated_time: `/clock` - log time; None = nobody publishes it.
     """
 
-    topic_problems: tuple[str, ...]
+    topic_faults: tuple[str, ...]
     angle: float | None
     closed_angle: float
     force: float | None
@@ -123,7 +117,7 @@ class Readings:
     largest_skew: float
     disk_free: int | None
     disk_needed: int
-    recorder_problems: tuple[str, ...] | None
+    recorder_problem: str | None
     other_referee: str | None
     evidence: EvidenceReading | None = None
     least_skew: float | None = None
@@ -149,7 +143,7 @@ def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
         _clock(readings),
         _disk(readings),
         _recorder(readings),
-        *_evidence(readings, run),
+        *_evidence(readings.evidence, 0.0 if run.setup is None else run.setup.timeout),
         _referee(readings),
         _pose(run),
     )
@@ -193,11 +187,9 @@ def _team(r: Readings, setup: RunSetup | None) -> Iterator[Check]:
 
 
 def _topics(r: Readings) -> Check:
-    if r.topic_problems:
-        more = len(r.topic_problems) - 1
-        rest = f" (and {more} more)" if more else ""
-        return Check(CheckName.TOPICS, CheckState.FAILED, r.topic_problems[0] + rest)
-    return Check(CheckName.TOPICS, CheckState.OK, "all fresh and at rate")
+    more = len(r.topic_faults) - 1
+    first = "".join(r.topic_faults[:1]) + (f" (and {more} more)" if more > 0 else "")
+    return _verdict(CheckName.TOPICS, not first, "all fresh and at rate", first)
 
 
 def _door(r: Readings) -> Check:
@@ -262,33 +254,28 @@ def _another_clock(r: Readings) -> str | None:
 
 def _disk(r: Readings) -> Check:
     if r.disk_free is None:
-        return Check(
-            CheckName.DISK, CheckState.NO_DATA, "look at the results folder: free space unknown"
-        )
+        unknown = "look at the results folder: free space unknown"
+        return Check(CheckName.DISK, CheckState.NO_DATA, unknown)
     text = f"{format_size(r.disk_free)} free, {format_size(r.disk_needed)} needed"
     enough = r.disk_free >= r.disk_needed
     return _verdict(CheckName.DISK, enough, text, f"make room on the disk: {text}")
 
 
 def _recorder(r: Readings) -> Check:
-    if r.recorder_problems is None:
+    if r.recorder_problem is None:
         silent = "look at the results folder: the disk does not answer"
         return Check(CheckName.RECORDER, CheckState.NO_DATA, silent)
-    if r.recorder_problems:
-        return Check(CheckName.RECORDER, CheckState.FAILED, "; ".join(r.recorder_problems))
-    return Check(CheckName.RECORDER, CheckState.OK, "ready to open a file")
-
-
-def _evidence(r: Readings, run: Run) -> Iterator[Check]:
-    evidence = r.evidence
-    if evidence is None:
-        return
-    state, text = _evidence_state(evidence, 0.0 if run.setup is None else run.setup.timeout)
-    yield Check(CheckName.EVIDENCE, state, text)
+    problem = r.recorder_problem
+    return _verdict(CheckName.RECORDER, not problem, "ready to open a file", problem)
 
 
 _MAKE_ROOM = "`madrob tidy` makes room for evidence"
 _OTHER_LIMITS = "(or change `recording.budget` or `recording.least_room`)"
+
+
+def _evidence(e: EvidenceReading | None, timeout: float) -> Iterator[Check]:
+    if e is not None:
+        yield Check(CheckName.EVIDENCE, *_evidence_state(e, timeout))
 
 
 def _evidence_state(e: EvidenceReading, timeout: float) -> tuple[CheckState, str]:
@@ -319,9 +306,8 @@ def _evidence_state(e: EvidenceReading, timeout: float) -> tuple[CheckState, str
 
 
 def _referee(r: Readings) -> Check:
-    if r.other_referee is not None:
-        return Check(CheckName.REFEREE, CheckState.FAILED, r.other_referee)
-    return Check(CheckName.REFEREE, CheckState.OK, "none: only this engine tells the testbed")
+    alone = "none: only this engine tells the testbed"
+    return _verdict(CheckName.REFEREE, r.other_referee is None, alone, r.other_referee or "")
 
 
 def _pose(run: Run) -> Check:

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import listed
 from madrob_console.common.names import terminal_safe
 from madrob_console.referee.lists import ListReader, quoted, subject_number, told
-from madrob_console.referee.records import listed
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome, Step
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-from madrob_console.referee.records import counted, listed
+from madrob_console.common.formatting import counted, listed, time_of_day
 
 
 class EvidenceLoss(StrEnum):
@@ -193,8 +192,7 @@ def silence_words(silences: Sequence[EvidenceGap], start: float | None) -> str:
         return ""
     since, goes_on = silences[-1].begin, silences[-1].end is None
     if start is None:
-        clock = time.strftime("%H:%M:%S", time.localtime(since))
-        return f"silent since {clock}" if goes_on else ""
+        return f"silent since {time_of_day(since)}" if goes_on else ""
     over = gaps_words([one.since(start) for one in silences if one.end is not None])
     now = f"since {since - start:+.1f} s" if goes_on else ""
     return f"silent {' and '.join(filter(None, (now, over)))}"

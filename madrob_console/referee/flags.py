@@ -21,26 +21,22 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from types import MappingProxyType
-from typing import Annotated, Protocol, TypeAlias
+from typing import Annotated, TypeAlias
 
 from msgspec import Meta
 
+from madrob_console.common.formatting import counted
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.records import (
     AcceptedDoubts,
     CheckName,
-    Closure,
-    Correction,
     FalseStart,
+    FaultKind,
     Incident,
     Protest,
     ProtestEnd,
     TeamWord,
-    TestbedFault,
-    Trouble,
-    Voiding,
     Waiver,
-    counted,
     merged,
 )
 from madrob_console.referee.run import Run
@@ -161,59 +157,8 @@ class Flag:
     undecided: bool = False
 
 
-class Flagged(Protocol):
-    """The facts that flags are made of, from a run or a stored result."""
-
-    @property
-    def outcome(self) -> Outcome | None: ...
-
-    @property
-    def practice(self) -> bool: ...
-
-    @property
-    def out_of_plan(self) -> bool: ...
-
-    @property
-    def team_reason(self) -> str:
-        """Why its team has another name than in the list; empty = it has the same."""
-        ...
-
-    @property
-    def false_starts(self) -> tuple[FalseStart, ...]: ...
-
-    @property
-    def incidents(self) -> tuple[Incident, ...]: ...
-
-    @property
-    def waivers(self) -> tuple[Waiver, ...]: ...
-
-    @property
-    def rulings(self) -> tuple[Ruling, ...]: ...
-
-    @property
-    def faults(self) -> tuple[TestbedFault, ...]: ...
-
-    @property
-    def unrecorded(self) -> int: ...
-
-    @property
-    def closure(self) -> Closure | None: ...
-
-    @property
-    def voided(self) -> Voiding | None: ...
-
-    @property
-    def corrections(self) -> tuple[Correction, ...]: ...
-
-    @property
-    def accepted_doubts(self) -> tuple[AcceptedDoubts, ...]: ...
-
-    @property
-    def protests(self) -> tuple[Protest, ...]: ...
-
-
 def flags(
-    run: Flagged,
+    run: Run,
     steps: Iterable[StepRecord] = (),
     source: SourceKind | None = None,
     quality: Quality = UNKNOWN_QUALITY,
@@ -230,15 +175,9 @@ def flags(
         *(_undecided_steps(steps) if counts else ()),
         *(_doubts(run, indicators) if counts else ()),
         *_protests(run.protests),
-        *_void(run.voided),
-        *practice_flags(source, practice=run.practice),
-        *_out_of_plan(beyond=run.out_of_plan),
-        *_team_word(run.closure),
-        *_corrections(run.corrections),
+        *_decisions(run, source),
         *_rulings(run.rulings),
-        *_unrecorded(run.unrecorded),
-        *(_poor_data(quality) if counts else ()),
-        *_faults(run.faults),
+        *_recording(run, quality if counts else None),
         *_incidents(run.incidents),
         *_waivers(run.waivers),
         *_other_name(run.team_reason),
@@ -248,10 +187,10 @@ def flags(
 
 
 _IN_THE_SAMPLES = {
-    Trouble.SILENT: " gaps, the longest ",
-    Trouble.STAMPS: " stamps dropped",
-    Trouble.NO_READING: " values without a reading",
-    Trouble.SKEW: ": stamps differ from reception ",
+    FaultKind.SILENT: " gaps, the longest ",
+    FaultKind.STAMPS: " stamps dropped",
+    FaultKind.NO_READING: " values without a reading",
+    FaultKind.SKEW: ": stamps differ from reception ",
 }
 """What a remark on the data says where a fault has told the cause."""
 
@@ -313,7 +252,7 @@ def _undecided_steps(steps: Iterable[StepRecord]) -> Iterator[Flag]:
             yield Flag(FlagKind.UNDECIDED_STEP, words, FlagWeight.ALARM, undecided=True)
 
 
-def _doubts(run: Flagged, indicators: Mapping[IndicatorName, Indicator]) -> Iterator[Flag]:
+def _doubts(run: Run, indicators: Mapping[IndicatorName, Indicator]) -> Iterator[Flag]:
     if waiting := waiting_doubts(indicators, run.accepted_doubts):
         count = len({words for sentences in waiting.values() for words in sentences})
         words = f"doubted: {doubted_words(waiting)} ({counted(count, 'doubt')} UNDECIDED)"
@@ -329,35 +268,28 @@ def _doubts(run: Flagged, indicators: Mapping[IndicatorName, Indicator]) -> Iter
             yield Flag(FlagKind.DOUBT, words, FlagWeight.REMARK)
 
 
-def _void(voided: Voiding | None) -> Iterator[Flag]:
-    if voided is not None:
-        words = f"VOID, counts nowhere ({voided.reason})"
+def _decisions(run: Run, source: SourceKind | None) -> Iterator[Flag]:
+    """What was decided about the whole run, before its start or after its stop."""
+    if run.voided is not None:
+        words = f"VOID, counts nowhere ({run.voided.reason})"
         yield Flag(FlagKind.VOID, words, FlagWeight.CAUTION)
-
-
-def _corrections(corrections: Sequence[Correction]) -> Iterator[Flag]:
-    if corrections:
-        words = f"corrected: {_listed(correction.words for correction in corrections)}"
+    yield from practice_flags(source, practice=run.practice)
+    if run.out_of_plan:
+        words = "out of plan: more than the competition planned"
+        yield Flag(FlagKind.OUT_OF_PLAN, words, FlagWeight.CAUTION)
+    if run.closure is not None and run.closure.team_word is TeamWord.PROTESTED:
+        yield Flag(FlagKind.PROTEST, "PROTESTED by the team", FlagWeight.CAUTION)
+    if run.corrections:
+        words = f"corrected: {_listed(correction.words for correction in run.corrections)}"
         yield Flag(FlagKind.CORRECTION, words, FlagWeight.CAUTION)
 
 
 def practice_flags(source: SourceKind | None, *, practice: bool) -> Iterator[Flag]:
     """Flags a run that is not official: simulated, replayed or set up as practice."""
-    if source not in (None, SourceKind.ROS):
-        yield _unofficial(source)
-    elif practice:
-        yield _unofficial(FlagKind.PRACTICE)
-
-
-def _unofficial(kind: str) -> Flag:
-    words = f"{kind.upper()}: not an official result"
-    return Flag(FlagKind.PRACTICE, words, FlagWeight.REMARK)
-
-
-def _out_of_plan(*, beyond: bool) -> Iterator[Flag]:
-    if beyond:
-        words = "out of plan: more than the competition planned"
-        yield Flag(FlagKind.OUT_OF_PLAN, words, FlagWeight.CAUTION)
+    kind = FlagKind.PRACTICE if source in (None, SourceKind.ROS) else source
+    if practice or kind is source:
+        words = f"{kind.upper()}: not an official result"
+        yield Flag(FlagKind.PRACTICE, words, FlagWeight.REMARK)
 
 
 def _protests(protests: Sequence[Protest]) -> Iterator[Flag]:
@@ -371,11 +303,6 @@ def _protests(protests: Sequence[Protest]) -> Iterator[Flag]:
             weight = FlagWeight.CAUTION if upheld else FlagWeight.REMARK
             words = f"{one.title} {one.answer.end} ({one.answer.reason})"
             yield Flag(FlagKind.PROTEST, words, weight)
-
-
-def _team_word(closure: Closure | None) -> Iterator[Flag]:
-    if closure is not None and closure.team_word is TeamWord.PROTESTED:
-        yield Flag(FlagKind.PROTEST, "PROTESTED by the team", FlagWeight.CAUTION)
 
 
 def _rulings(rulings: Iterable[Ruling]) -> Iterator[Flag]:
@@ -393,39 +320,34 @@ def unrecorded_words(messages: int) -> str:
     return f"the recording lacks {lacks}: the result cannot be made again from it"
 
 
-def _unrecorded(messages: int) -> Iterator[Flag]:
-    if messages:
-        yield Flag(FlagKind.RECORDING, unrecorded_words(messages), FlagWeight.CAUTION)
-
-
 _UNTOLD_OTHERWISE = (
-    Trouble.UNKNOWN,
-    Trouble.SEVERAL_PUBLISHERS,
-    Trouble.ANNOUNCEMENT,
-    Trouble.NO_READING,
+    FaultKind.UNKNOWN,
+    FaultKind.SEVERAL_PUBLISHERS,
+    FaultKind.ANNOUNCEMENT,
+    FaultKind.NO_READING,
 )
 """Faults that may change a value, or whether the run counts, and that no sample shows."""
 
 
-def _faults(faults: Sequence[TestbedFault]) -> Iterator[Flag]:
-    if faults:
-        told = all(fault.kind not in _UNTOLD_OTHERWISE for fault in faults)
-        weight = FlagWeight.REMARK if told else FlagWeight.CAUTION
-        yield Flag(FlagKind.FAULT, counted(len(faults), "testbed fault"), weight)
-
-
-def _poor_data(quality: Quality) -> Iterator[Flag]:
-    """What may have been missed, or was measured otherwise (protocol sections 3 and 8).
+def _recording(run: Run, quality: Quality | None) -> Iterator[Flag]:
+    """What the recording lacks, may have missed, or was measured otherwise (sections 3 and 8).
 
     Doubts are on what was found. What happened in a silence may be missing without any doubt.
+    The `quality` of a run that does not count is None.
     """
-    needed = [one for one in quality.signals if not one.signal.optional]
-    silent = ((one.signal.value, _silence(one)) for one in needed)
-    stepped = ((q.signal.value, "clock stepped, stamps shifted") for q in needed if q.shifted)
-    told = [*merged((name, words) for name, words in silent if words), *merged(stepped)]
-    told += [r.partition(":")[0] for r in quality.remarks if r.endswith(AGAINST_OPENING)]
-    for words in told:
-        yield Flag(FlagKind.FAULT, words, FlagWeight.CAUTION)
+    if run.unrecorded:
+        yield Flag(FlagKind.RECORDING, unrecorded_words(run.unrecorded), FlagWeight.CAUTION)
+    if quality is not None:
+        needed = [one for one in quality.signals if not one.signal.optional]
+        silent = ((one.signal.value, _silence(one)) for one in needed)
+        stepped = ((q.signal.value, "clock stepped, stamps shifted") for q in needed if q.shifted)
+        told = [*merged((name, words) for name, words in silent if words), *merged(stepped)]
+        told += [r.partition(":")[0] for r in quality.remarks if r.endswith(AGAINST_OPENING)]
+        yield from (Flag(FlagKind.FAULT, words, FlagWeight.CAUTION) for words in told)
+    if run.faults:
+        harmless = all(fault.kind not in _UNTOLD_OTHERWISE for fault in run.faults)
+        weight = FlagWeight.REMARK if harmless else FlagWeight.CAUTION
+        yield Flag(FlagKind.FAULT, counted(len(run.faults), "testbed fault"), weight)
 
 
 def _silence(of: SignalQuality) -> str:

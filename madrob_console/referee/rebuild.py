@@ -31,10 +31,10 @@ from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.records import (
     FalseStart,
+    FaultKind,
     JournalMark,
     RemovedEvidence,
     TestbedFault,
-    Trouble,
 )
 from madrob_console.referee.run import (
     Phase,
@@ -138,7 +138,7 @@ def _changed(run: Run, entry: Entry) -> Run:
             mark = FalseStart(_time(details["time"]), EventName(details["event"]))
             return replace(run, false_starts=(*run.false_starts, mark))
         case Change.FAULT:
-            kind = Trouble(details.get("kind", ""))
+            kind = FaultKind(details.get("kind", ""))
             return note_fault(run, TestbedFault(_time(details["time"]), entry.reason, kind))
         case Change.UNRECORDED | Change.EVIDENCE_RECORDED | Change.EVIDENCE_REMOVED:
             return _with_recorded(run, entry)

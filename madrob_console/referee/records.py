@@ -12,6 +12,7 @@ from uuid import NAMESPACE_URL, UUID, uuid5
 
 from msgspec import Meta
 
+from madrob_console.common.formatting import counted, format_span, listed, relative_text
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, EventName, LockDetection, Signal, StartPose
 from scoring.rulesets import RulesetName
@@ -223,7 +224,7 @@ class Note:
     text: str
 
 
-class Trouble(StrEnum):
+class FaultKind(StrEnum):
     """Kinds of faults of a testbed; other versions may have noted unknown ones."""
 
     UNKNOWN = ""
@@ -243,7 +244,7 @@ class Trouble(StrEnum):
     ANNOUNCEMENT = "a testbed that may be simulated"
 
     @classmethod
-    def _missing_(cls, value: object) -> Trouble:
+    def _missing_(cls, value: object) -> FaultKind:
         return cls.UNKNOWN
 
 
@@ -259,7 +260,7 @@ class TestbedFault:
 
     time: float
     text: str
-    kind: Trouble = Trouble.UNKNOWN
+    kind: FaultKind = FaultKind.UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)
@@ -388,7 +389,7 @@ class RemovedEvidence:
 
     @property
     def words(self) -> str:
-        return f"{self.files} file{'' if self.files == 1 else 's'}, {self.bytes / 1e6:.1f} MB"
+        return f"{counted(self.files, 'file')}, {self.bytes / 1e6:.1f} MB"
 
 
 @dataclass(frozen=True, slots=True)
@@ -405,79 +406,6 @@ class JournalMark:
 
     lines: int
     sha256: Sha256
-
-
-# Times of a run, formatted and parsed.
-
-
-def relative_text(at: float | None, start: float | None) -> str:
-    """A time since the start, s with three decimals, with one where it is long; `-` for none."""
-    if at is None or start is None:
-        return "-"
-    return f"{at - start:.3f}" if abs(at - start) < 900 else f"{at - start:.1f}"
-
-
-def seconds_of(text: str) -> float | None:
-    """Parses typed seconds: `12.5`, `6.5 s`, `-3`, `1:05.2`; None for anything else."""
-    minutes, colon, rest = text.strip().removesuffix("s").rpartition(":")
-    sign = -1.0 if minutes.startswith("-") else 1.0
-    try:
-        whole = abs(int(minutes)) if colon else 0
-        typed = sign * (60.0 * whole + float(rest))
-    except (ValueError, OverflowError):
-        return None
-    return typed if math.isfinite(typed) else None
-
-
-# Formatted amounts.
-
-
-_UNITS = (("GB", 1e9), ("MB", 1e6), ("kB", 1e3))
-_WHOLE_MINUTES = 5  # from here on seconds say nothing
-
-
-def format_size(size: float) -> str:
-    """Bytes in a fitting unit: `1.5 GB`, `730 kB`, `12 B`."""
-    for unit, factor in _UNITS:
-        if size >= 0.9995 * factor:
-            number = size / factor
-            return f"{number:.0f} {unit}" if number >= 99.95 else f"{number:.1f} {unit}"
-    return f"{size:.0f} B"
-
-
-def format_span(span: float) -> str:
-    """A span, s, rounded down but never to nothing: `8 s`, `1 min 8 s`, `1 h 05 min`, `3 days`."""
-    seconds = max(1, int(span))
-    minutes, rest = divmod(seconds, 60)
-    if not minutes:
-        return f"{rest} s"
-    if minutes < _WHOLE_MINUTES:
-        return f"{minutes} min {rest} s" if rest else f"{minutes} min"
-    hours, minutes = divmod(minutes, 60)
-    if not hours:
-        return f"{minutes} min"
-    return f"{hours} h {minutes:02d} min" if hours < 48 else f"{hours // 24} days"
-
-
-def format_duration(duration: float) -> str:
-    if duration >= 100 * 3600:
-        return f"{min(duration / 86400, 9999):.0f} days"
-    if duration >= 2 * 3600:
-        return f"{duration / 3600:.0f} h"
-    if duration < 120:
-        return f"{duration:.0f} s"
-    return f"{duration / 60:.0f} min"
-
-
-def listed(names: Sequence[str], most: int = 2) -> str:
-    """The first of many names: `/a, /b and 3 more`."""
-    more = len(names) - most
-    return f"{', '.join(names[:most])}{f' and {more} more' if more > 0 else ''}"
-
-
-def counted(number: int, noun: str) -> str:
-    """A number with its noun: `1 topic`, `2 topics`."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 # One cause, one line.

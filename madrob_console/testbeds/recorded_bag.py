@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from madrob_console.common.clock import LONGEST, RecordedClock
@@ -17,22 +16,23 @@ from madrob_console.messages.codec import (
     referee_topics,
 )
 from madrob_console.messages.message_types import MessageError, MessageTypes
-from madrob_console.testbeds.source import SILENT, Announcement, BeginAbort, TopicStatus
+from madrob_console.testbeds.source import OfflineSource, TopicStatus
 from recorder.bag import RawMessage, Topic
 from recorder.errors import RecorderError
 from recorder.reader import Bag, read_bag
-from scoring.protocol import Condition
 
 MOST_KEPT = 150_000
 """Messages kept in memory, about seven minutes; a longer bag is read again at each restart."""
 
 
-class RecordedBag:
+class RecordedBag(OfflineSource):
     """A recorded testbed; each `open` replays its messages in stored order.
 
     The console's own messages are kept aside: the JSON lines of `/madrob/referee/event` in
     `journal_lines`, the metadata in `records`.
     """
+
+    kind = SourceKind.REPLAY
 
     def __init__(
         self,
@@ -52,26 +52,37 @@ class RecordedBag:
         self._topics = tuple(t for t in self._bag.topics() if t.name not in self._own)
         self._type_problems = {t.name: _register(t, types) for t in self._topics}
         self._mappings: Sequence[TopicMapping] = ()
-        survey = _survey(self._bag, self._own, types)
-        if survey is None:
+        self._kept: list[RawMessage] | None = []
+        self._problems: list[str] = []
+        self.journal_lines: list[str] = []
+        self.begin_ns, self.end_ns = 0, -1
+        self._survey(types)
+        if self.end_ns < self.begin_ns:
             more = f" ({self._bag.problem})" if self._bag.problem else ""
             raise MadrobError(f"{path} holds no messages{more}; choose another bag")
-        self.begin_ns, self.end_ns = survey.begin_ns, survey.end_ns
-        self.journal_lines = survey.journal_lines
         if (duration := (self.end_ns - self.begin_ns) / 1e9) > LONGEST:
             raise MadrobError(
                 f"{path}: its messages lie {duration / 86400:.0f} days apart, that is no run; "
                 "choose another bag"
             )
         self.clock = RecordedClock(self.begin_ns, self.end_ns, speed, monotonic, wait)
-        self._problems = survey.problems
-        self._kept = survey.messages
         self._messages: Iterator[RawMessage] = iter(())
         self._next: RawMessage | None = None
 
-    @property
-    def kind(self) -> SourceKind:
-        return SourceKind.REPLAY
+    def _survey(self, types: MessageTypes) -> None:
+        for message in self._bag.messages():
+            at = message.receive_ns
+            self.begin_ns = at if self.end_ns < 0 else min(self.begin_ns, at)
+            self.end_ns = max(self.end_ns, at)
+            if self._kept is not None and message.topic not in self._own:
+                self._kept.append(message)
+                if len(self._kept) > MOST_KEPT:
+                    self._kept = None
+            if message.topic == REFEREE_EVENT_TOPIC:
+                try:
+                    self.journal_lines.append(decode_text(types, message.data))
+                except MessageError as error:
+                    self._problems.append(f"{message.topic}: {error}")
 
     @property
     def label(self) -> str:
@@ -120,38 +131,8 @@ class RecordedBag:
             ),
         )
 
-    def configure(self, condition: Condition) -> None:
-        """Does nothing: the recorded testbed was configured then."""
-
-    @property
-    def sides_problem(self) -> str | None:
-        return None
-
-    @property
-    def announcement(self) -> Announcement:
-        return SILENT
-
-    @property
-    def other_referee(self) -> str | None:
-        return None
-
-    def publish(self, message: RawMessage) -> None:
-        """Does nothing: a replay has no listeners."""
-
-    def offer_abort(self, begin_abort: BeginAbort) -> None:
-        """Does nothing: no other programs call."""
-
     def close(self) -> None:
         self._messages, self._next = iter(()), None
-
-
-@dataclass(frozen=True, slots=True)
-class _Survey:
-    messages: list[RawMessage] | None
-    begin_ns: int
-    end_ns: int
-    journal_lines: tuple[str, ...]
-    problems: tuple[str, ...]
 
 
 def _register(topic: Topic, types: MessageTypes) -> str | None:
@@ -166,27 +147,3 @@ def _register(topic: Topic, types: MessageTypes) -> str | None:
 
 def _of_testbed(bag: Bag, own: frozenset[str]) -> Iterator[RawMessage]:
     return (message for message in bag.messages() if message.topic not in own)
-
-
-def _survey(bag: Bag, own: frozenset[str], types: MessageTypes) -> _Survey | None:
-    messages: list[RawMessage] | None = []
-    begin_ns: int | None = None
-    end_ns = 0
-    lines: list[str] = []
-    problems: list[str] = []
-    for message in bag.messages():
-        at = message.receive_ns
-        begin_ns = at if begin_ns is None else min(begin_ns, at)
-        end_ns = max(end_ns, at)
-        if messages is not None and message.topic not in own:
-            messages.append(message)
-            if len(messages) > MOST_KEPT:
-                messages = None
-        if message.topic == REFEREE_EVENT_TOPIC:
-            try:
-                lines.append(decode_text(types, message.data))
-            except MessageError as error:
-                problems.append(f"{message.topic}: {error}")
-    if begin_ns is None:
-        return None
-    return _Survey(messages, begin_ns, end_ns, tuple(lines), tuple(problems))

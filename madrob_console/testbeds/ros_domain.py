@@ -1,8 +1,4 @@
-"""The number of a ROS domain: one testbed's network among others.
-
-What people and scripts write for the same number is the same domain, read as ROS reads it: what the
-console takes for domain 8 is where the testbed's own nodes are.
-"""
+"""The number of a ROS domain: one testbed's network among others."""
 
 from __future__ import annotations
 
@@ -16,22 +12,18 @@ LARGEST_DOMAIN = 232
 
 VARIABLE = "ROS_DOMAIN_ID"
 
-_NUMBER = re.compile(r"\+?(?:(0x[0-9a-f]{1,9})|(0[0-7]{0,9})|([1-9][0-9]{0,9}))", re.IGNORECASE)
+_NUMBER = re.compile(r"0|[1-9][0-9]{0,2}")
 
 
 def domain_number(text: str) -> int:
-    """Reads a domain as ROS does: `010` is octal, `0x10` hexadecimal, an empty text is 0.
+    """Reads a domain; an empty text is 0, as for ROS.
 
-    `5abc` is refused, although ROS would read its beginning.
+    ROS would read `010` as 8 and the beginning of `5abc`: both are refused.
     """
-    plain = text.strip(" \t\n\r\f\v") or "0"
-    number = LARGEST_DOMAIN + 1
-    if match := _NUMBER.fullmatch(plain):
-        hexadecimal, octal, decimal = match.groups()
-        number = int(hexadecimal or octal or decimal, 16 if hexadecimal else 8 if octal else 10)
-    if number > LARGEST_DOMAIN:
+    plain = text.strip() or "0"
+    if not _NUMBER.fullmatch(plain) or int(plain) > LARGEST_DOMAIN:
         raise MadrobError(f"there is no ROS domain {text!r}: use 0 to {LARGEST_DOMAIN}")
-    return number
+    return int(plain)
 
 
 def domain_id(given: int | None, environment: Mapping[str, str]) -> int:

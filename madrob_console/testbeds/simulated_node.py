@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 
+from msgspec import structs
+
 from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import (
@@ -220,7 +222,7 @@ class DoorNode:
                 f"condition {condition.number}: {condition.benchmark_type}, opens to "
                 f"{condition.opening_side.upper()}, robot on {condition.starting_side.upper()}"
             )
-        self._source.heed(replace(state, start_time=self._start))
+        self._source.heed(structs.replace(state, start_time=self._start))
         if state.phase == "running" != before:
             self._say("robot sets out")
         elif before == "running" != state.phase:

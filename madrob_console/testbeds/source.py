@@ -114,6 +114,26 @@ class Announcement:
 SILENT = Announcement()
 
 
+class OfflineSource:
+    """The rest of a source whose testbed is in no ROS domain: nobody else is there."""
+
+    sides_problem: str | None = None
+    other_referee: str | None = None
+
+    @property
+    def announcement(self) -> Announcement:
+        return SILENT
+
+    def configure(self, condition: Condition) -> None:
+        """Does nothing: the testbed has its sides."""
+
+    def publish(self, message: RawMessage) -> None:
+        """Does nothing: nobody listens."""
+
+    def offer_abort(self, begin_abort: BeginAbort) -> None:
+        """Does nothing: no other program calls."""
+
+
 class _Info(msgspec.Struct):
     kind: str
     scenario: str = ""

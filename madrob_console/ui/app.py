@@ -8,6 +8,7 @@ import shlex
 import subprocess
 import sys
 import time
+from asyncio import to_thread
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path, PurePath
@@ -32,7 +33,7 @@ from madrob_console.engine.requests import (
     PlaybackCommand,
     TakeOver,
 )
-from madrob_console.referee.acts import Abort, Act, SetUp, Start, Void, Waive
+from madrob_console.referee.acts import Abort, Act, SetUp, Start, Void
 from madrob_console.referee.acts.act import Ask
 from madrob_console.referee.run import Phase
 from madrob_console.ui.awaited import PendingRequests
@@ -41,7 +42,6 @@ from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.console_app import (
     ButtonsDriver,
     TypeAhead,
-    clipboard_sequences,
     give_to_tmux,
     in_tmux,
 )
@@ -83,14 +83,8 @@ _WIDTHS = [(0, "-tiny-width"), (60, "-narrow"), (78, "-usual"), (110, "-wide")]
 _HEIGHTS = [(0, "-tiny-height"), (18, "-short"), (32, "-tall")]
 
 
-def _said_when_done(command: TakeOver | PlaybackCommand | ExportTeam | ExportDossier) -> str | None:
-    match command:
-        case TakeOver():
-            return "This console has the right to act now."
-        case PlaybackCommand():
-            return ""
-        case ExportTeam() | ExportDossier():
-            return None
+_DONE = {TakeOver.name: "This console has the right to act now.", PlaybackCommand.name: ""}
+"""What is said when a command took effect; an export says it itself, when it is packed."""
 
 
 def run_beside(words: Sequence[str]) -> int:
@@ -273,14 +267,15 @@ class MadrobApp(App[None], inherit_bindings=False):
         self.run_worker(connect, thread=True, group="engine", exclusive=True)
 
     async def _copy(self, copy: Copy) -> None:
-        if self._driver is not None:
-            self._driver.write(clipboard_sequences(copy.text, self._environ))
-        kept = await give_to_tmux(copy.text, self._environ)
-        words = "Copied, also into tmux's buffer" if kept else "Copied"
-        if in_tmux(self._environ) and not kept:
+        self.copy_to_clipboard(copy.text)  # of the referee's own machine, through SSH (OSC 52)
+        words, environ = "Copied", self._environ
+        here = bool(environ.get("TMUX"))
+        if here and await to_thread(give_to_tmux, copy.text, environ):
+            words = "Copied, also into tmux's buffer"
+        elif in_tmux(environ):
             words = "Copied, if tmux has `set-clipboard on`"
-        shown = copy.text if "\n" not in copy.text else ""
-        self._console.say(f"{words}: {copy.what}{f': {shown}' if shown else ''}", Tone.GOOD)
+        shown = f": {copy.text}" if "\n" not in copy.text else ""
+        self._console.say(f"{words}: {copy.what}{shown}", Tone.GOOD)
 
     def withdraw(self) -> bool:
         return self._awaited.withdraw()
@@ -403,7 +398,7 @@ class MadrobApp(App[None], inherit_bindings=False):
             case OpenRun():
                 await self._open_run(intent)
             case TakeOver() | PlaybackCommand() | ExportTeam() | ExportDossier():
-                await self._awaited.carry_out(intent, _said_when_done(intent))
+                await self._awaited.carry_out(intent, _DONE.get(intent.name))
             case GiveFrames():
                 await self._awaited.frames(intent)
             case Act():
@@ -421,7 +416,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._console.drafts.settle(name, refused=not done)
         if not done:
             if isinstance(act, Start):  # its number may be used now
-                self._console.panes.setup.ask_for_later_number()
+                self._console.panes.setup.number_used = True
             elif isinstance(act, Abort):
                 self.run_worker(self._void_instead(act.reason), group="keys")  # it is answered
             return
@@ -457,7 +452,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         dialog = event.dialog
         if dialog not in self._console.dialogs:
             return
-        intent = dialog.ask.make(*event.answers)
+        intent = dialog.ask.make(*dialog.answers)
         if isinstance(intent, str) and dialog.ask_again(intent):
             return
         await self._console.close(dialog)
@@ -487,17 +482,7 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     async def on_check_list_chosen(self, event: CheckList.Chosen) -> None:
         key = KEYS["waive"]
-        if (refused := self.key_refusal(key)) is not None:
-            self._console.refuse(key.act, refused)
-        elif (snapshot := self._link.snapshot()) is not None:
-            check = event.check
-
-            def question(now: Snapshot) -> Ask[Intent] | str:
-                return self.key_refusal(key) or Waive.ask_why(now, check)
-
-            await self._awaited.soon(
-                self._ask(key, Waive.ask_why(snapshot, check), question), key.act
-            )
+        await self._awaited.soon(self._press_key(key, event.check), key.act)
 
     async def on_setup_pane_next_run(self, _event: SetupPane.NextRun) -> None:
         await self._awaited.soon(self._next_run(KEYS["next"]), KEYS["next"].act)

@@ -41,6 +41,8 @@ class EngineLink:
         self._latest: Snapshot | None = None
         self._moved = 0.0
         self._asked: dict[str, float] = {}
+        self._looked = -math.inf
+        self._looking = False
 
     def connect(self) -> None:
         """Connects to the engine, in place of the one before; call in a thread: may take seconds.
@@ -54,6 +56,24 @@ class EngineLink:
         self._client = client
         if before is not None:
             before.close()
+
+    def look_for_engine(self, aside: Callable[[Callable[[], None]], object]) -> None:
+        """Finds the next engine, for a screen without a person at its keyboard; never waits.
+
+        Searches `aside`, unless a search goes on or ended a moment ago.
+        """
+        if self._looking or self._monotonic() - self._looked < LOOKING_PERIOD:
+            return
+        self._looking, self._looked = True, self._monotonic()
+
+        def look() -> None:
+            try:
+                with suppress(MadrobError):  # there is none yet
+                    self.connect()
+            finally:
+                self._looking = False
+
+        aside(look)
 
     @property
     def connected(self) -> bool:
@@ -74,14 +94,8 @@ class EngineLink:
         silence = int(self._monotonic() - self._moved)
         return replace(latest, pulse=Pulse(server=silence)) if silence else latest
 
-    def send_request(self, request: Request[T]) -> T:
-        """Blocks for the request's timeout at most; MadrobError if it failed or none answers."""
-        if self._client is None:
-            raise MadrobError(NOT_YET)
-        return self._client.send_request(request)
-
     async def answer(self, request: Request[T]) -> T:
-        """Like `send_request`, without blocking the screens; cancelling gives the request up.
+        """Asks the engine without blocking the screens; cancelling gives the request up.
 
         Raises:
             UnsureError: no answer came, though it may have begun.
@@ -115,36 +129,6 @@ class EngineLink:
     def close(self) -> None:
         if self._client is not None:
             self._client.close()
-
-
-class EngineSearch:
-    """Finds the next engine after one has ended, for a screen without a person at its keyboard."""
-
-    def __init__(
-        self,
-        link: EngineLink,
-        monotonic: Callable[[], float],
-        aside: Callable[[Callable[[], None]], object],
-    ) -> None:
-        self._link = link
-        self._monotonic = monotonic
-        self._aside = aside
-        self._looked = -math.inf
-        self._looking = False
-
-    def look_for_engine(self) -> None:
-        """Searches, unless a search goes on or ended a moment ago; never waits."""
-        if self._looking or self._monotonic() - self._looked < LOOKING_PERIOD:
-            return
-        self._looking, self._looked = True, self._monotonic()
-        self._aside(self._connect)
-
-    def _connect(self) -> None:
-        try:
-            with suppress(MadrobError):  # there is none yet
-                self._link.connect()
-        finally:
-            self._looking = False
 
 
 # The console's proposals before the referee has typed anything.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import product
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from rich.cells import cell_len
 from textual.app import ComposeResult
@@ -16,6 +16,10 @@ from textual.screen import Screen
 
 from madrob_console.archive.history import History, RunSummary, condition_words, of_competition
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import time_of_day
+from madrob_console.config.tables import ConsoleSettings
+from madrob_console.engine.snapshot import Snapshot
+from madrob_console.engine.wire import EngineClient
 from madrob_console.pages.competition import SIGNS
 from madrob_console.pages.tally import Standing, leaders_first, standings
 from madrob_console.referee.flags import FlagWeight
@@ -25,8 +29,8 @@ from madrob_console.ui.cells.large_text import large_text
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Span, Tone, View, line, width_of
 from madrob_console.ui.frame.console_screen import BUSY_PERIOD
 from madrob_console.ui.frame.frame_lines import WATCHING, source_badge
-from madrob_console.ui.link import EngineSearch
-from madrob_console.ui.look.words import fitted, shortened, time_of_day
+from madrob_console.ui.link import ConsoleDefaults
+from madrob_console.ui.look.words import fitted, shortened
 from madrob_console.ui.panes.all_faults import banner
 from madrob_console.ui.panes.run_status import (
     clock_span,
@@ -40,12 +44,6 @@ from madrob_console.ui.panes.runs_pane import number_text
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import UNSETTLED
 from scoring.result import Uncertainty, uncertainty_text
-
-if TYPE_CHECKING:
-    from madrob_console.config.tables import ConsoleSettings
-    from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.engine.wire import EngineClient
-    from madrob_console.ui.link import ConsoleDefaults
 
 PAGE_TIME = 10.0
 """While nothing runs another page comes after so long, s."""
@@ -119,7 +117,7 @@ def _rows(block: Block, drawn: Sequence[Sequence[str]], columns: int, gap: str) 
             )
 
 
-def _letters(cell: Span, size: int) -> list[str]:
+def _letters(cell: Span, size: int) -> Sequence[str]:
     large = large_text(cell.text, size) if size and cell.tone is not Tone.DIM else None
     return large or [cell.text]
 
@@ -307,9 +305,6 @@ class WallApp(MadrobApp, inherit_bindings=False):
         super().__init__(open_client, defaults, look, monotonic)
         self._history = History(defaults.results)
         self._competition = defaults.competition
-        self._search = EngineSearch(
-            self._link, monotonic, partial(self.run_worker, thread=True, group="engine")
-        )
         self._wall = Wall()
         self._active = monotonic()
         self._read_of: object = None
@@ -330,7 +325,7 @@ class WallApp(MadrobApp, inherit_bindings=False):
         assert snapshot is not None
         run, wall = snapshot.run, self._wall
         if snapshot.pulse.gone:
-            self._search.look_for_engine()
+            self._link.look_for_engine(partial(self.run_worker, thread=True, group="engine"))
         if run.active:
             self._active = self._monotonic()
         wall.page = int((self._monotonic() - self._active) / PAGE_TIME)

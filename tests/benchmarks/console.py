@@ -18,7 +18,7 @@ from tests.readme_console import ENTER, F5, F6, F7
 def console(testbed: Sequence[str], size: Size = SMALL, *, blind: bool = True) -> Iterator[Wire]:
     """The console on a testbed, as the command line names it; its engine ends with it."""
     with tempfile.TemporaryDirectory(prefix="madrob-", ignore_cleanup_errors=True) as folder:
-        env = {"XDG_RUNTIME_DIR": folder}
+        env = {"XDG_STATE_HOME": folder}
         settings = Path(folder, "madrob.toml")
         settings.write_text("[run]\ncountdown = 2\n")
         own = ["--settings", str(settings), "--results", str(Path(folder, "results"))]

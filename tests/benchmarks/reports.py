@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import pickle
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from madrob_console.archive.scored import score_opened
-from madrob_console.cli import aside
-from madrob_console.engine.reports import Reporting
 from tests.benchmarks.bags import copies, simulated_run
 from tests.benchmarks.programs import MADROB, in_turns
 from tests.benchmarks.report import Baseline, Figure, Goal
+from tests.madrob_console.engine.reporting import reporting_on
 
 PACKAGES = ("matplotlib",)
 
@@ -54,14 +51,12 @@ def _each_more(many: Sequence[float], one: Sequence[float]) -> list[float]:
 
 def _by_itself(run: Path) -> float:
     """From the result to the page; the process is of low priority, the engine does not wait."""
-    scored = score_opened(run)
-    reporting = Reporting(aside.COMMAND, lambda: False)
-    began = time.perf_counter()
-    reporting.report(run, pickle.dumps(scored))
-    assert reporting.wait(60.0)
-    took = time.perf_counter() - began
-    assert reporting.problem is None
-    reporting.close()
+    with reporting_on(run.parent) as reporting:
+        began = time.perf_counter()
+        reporting.report(run)
+        assert reporting.wait(60.0)
+        took = time.perf_counter() - began
+        assert reporting.problem is None
     return took
 
 

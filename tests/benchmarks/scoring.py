@@ -26,7 +26,7 @@ from tests.benchmarks.report import Baseline, Figure, Goal
 from tests.benchmarks.wire import ROOT, cpu_time
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup
 
-PACKAGES = ("mcap", "rosbags", "numpy", "pandas", "scipy", "joblib")
+PACKAGES = ("mcap", "rosbags", "numpy", "pandas", "scipy")
 
 JOBS = 2
 ARCHIVE = 200

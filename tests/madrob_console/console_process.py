@@ -40,7 +40,7 @@ class Hall:
         self.speed = speed
         self._settings = self.folder / "madrob.toml"
         self._settings.write_text("[results]\nreports = false\n")  # they have tests of their own
-        self._env = {"XDG_RUNTIME_DIR": str(self.folder), "PYTHONPATH": str(ROOT)}
+        self._env = {"XDG_STATE_HOME": str(self.folder), "PYTHONPATH": str(ROOT)}
 
     def __enter__(self) -> Self:
         return self

@@ -1,6 +1,6 @@
-"""Screens by the hundred, run as a program of its own: they read, ask for too much, or are deaf.
+"""Many callers, run as a program of its own: they read, ask for too much, or are deaf.
 
-Usage: `crowd.py SOCKET WATCHING FLOOD DEAF`: so many screens that watch, requests that one of them
+Usage: `crowd.py NAME WATCHING FLOOD DEAF`: so many screens that watch, requests that one of them
 sends at once, and screens that ask and never read. It says `there` when all are attached.
 """
 
@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from madrob_console.engine import wire
+from madrob_console.engine.engine_lock import connect_to
 from madrob_console.engine.requests import NextRunNumber, Role
 
 ROOT = Path(__file__).parents[2]
@@ -24,12 +25,12 @@ THERE = "there"
 
 
 @contextmanager
-def crowd(path: Path, watching: int = 0, flood: int = 0, deaf: int = 0) -> Iterator[None]:
+def crowd(name: str, watching: int = 0, flood: int = 0, deaf: int = 0) -> Iterator[None]:
     """They are attached while inside; the flood goes on from the beginning."""
     sizes = map(str, (watching, flood, deaf))
     module = "tests.madrob_console.crowd"
     with subprocess.Popen(
-        [sys.executable, "-m", module, str(path), *sizes],
+        [sys.executable, "-m", module, name, *sizes],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         text=True,
@@ -42,9 +43,9 @@ def crowd(path: Path, watching: int = 0, flood: int = 0, deaf: int = 0) -> Itera
             process.kill()
 
 
-def _attached(path: str, role: Role) -> socket.socket:
-    screen = socket.socket(socket.AF_UNIX)
-    screen.connect(path)
+def _attached(name: str, role: Role) -> socket.socket:
+    screen, _ = connect_to(name, 10.0)
+    screen.settimeout(None)
     screen.sendall(wire.frame(wire.Hello(wire.VERSION, role, "one of many")))
     return screen
 
@@ -61,9 +62,9 @@ def _ask(screen: socket.socket, data: bytes) -> None:
 
 def main() -> None:
     """Attach, ask, and read until the end."""
-    path, watching, flood, deaf = sys.argv[1], *map(int, sys.argv[2:])
-    screens = [_attached(path, Role.WATCH) for _ in range(watching)]
-    never_read = [_attached(path, Role.REFEREE) for _ in range(deaf)]
+    name, watching, flood, deaf = sys.argv[1], *map(int, sys.argv[2:])
+    screens = [_attached(name, Role.WATCH) for _ in range(watching)]
+    never_read = [_attached(name, Role.REFEREE) for _ in range(deaf)]
     selector = selectors.DefaultSelector()
     for screen in screens:
         selector.register(screen, selectors.EVENT_READ)

@@ -19,7 +19,8 @@ from typing import Any, Self
 
 import msgspec
 
-from madrob_console.engine.client import RemoteEngine
+from madrob_console.engine.client import NotYetError, RemoteEngine
+from madrob_console.engine.engine_lock import names_in_use
 from madrob_console.engine.requests import Perform, Role
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
@@ -95,13 +96,12 @@ class EngineProcess:
         environment: Mapping[str, str] = MappingProxyType({}),
         settings: str = "",
     ) -> None:
-        # a socket's path has 107 characters at most: pytest's folders are longer
-        self._runtime = tempfile.TemporaryDirectory(prefix="madrob-")
+        self._own = tempfile.TemporaryDirectory(prefix="madrob-")
         self.results = results
-        self.log = Path(self._runtime.name) / "engine.log"
+        self.log = Path(self._own.name) / "engine.log"
         faked = {} if clock is None else clock.environment
-        own = {"XDG_RUNTIME_DIR": self._runtime.name, "PYTHONPATH": str(ROOT), **environment}
-        file = Path(self._runtime.name) / "settings.toml"
+        own = {"PYTHONPATH": str(ROOT), **environment}
+        file = Path(self._own.name) / "settings.toml"
         file.write_text(f"[checks]\ndisk_space = 0\n{settings}")
         testbed = ["--testbed", "simulated", f"--scenario={scenario}", f"--speed={speed:g}"]
         if scenario is None:
@@ -127,8 +127,8 @@ class EngineProcess:
     def _attach(self) -> RemoteEngine:
         def attached() -> RemoteEngine | None:
             assert self.process.poll() is None, self.log.read_text()
-            with suppress(OSError, StopIteration):
-                return RemoteEngine(self.socket, Role.REFEREE, "a test")
+            with suppress(OSError, StopIteration, NotYetError):
+                return RemoteEngine(self.name, Role.REFEREE, "a test")
             return None
 
         engine = until(attached, STARTING)
@@ -136,9 +136,9 @@ class EngineProcess:
         return engine
 
     @property
-    def socket(self) -> Path:
-        """Where it listens."""
-        return next(Path(self._runtime.name).glob("madrob/*.sock"))
+    def name(self) -> str:
+        """By which it is found."""
+        return next(name for name in names_in_use() if name.endswith(f"/{self.process.pid}"))
 
     def __enter__(self) -> Self:
         return self
@@ -175,7 +175,7 @@ class EngineProcess:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
-        self._runtime.cleanup()
+        self._own.cleanup()
 
     def snapshot(self) -> Snapshot:
         """What a screen would show now."""

@@ -203,7 +203,7 @@ def undisturbed(stop: Stop) -> Result:
 
 def check_on_disk(drive: Drive, folder: Path, result: Result) -> None:
     """The result and every line of the journal, once, are in the run's folder."""
-    assert drive.engine.result_problem is None
+    assert drive.engine.refused == ""
     document = msgspec.json.decode((folder / "result.json").read_bytes())
     assert document["outcome"] == result.outcome
     assert document["quality"]["remarks"] == list(result.quality.remarks)

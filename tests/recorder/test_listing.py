@@ -244,17 +244,17 @@ def test_evidence_that_ends_first_is_listed_by_the_recording_when_it_ends(tmp_pa
 def test_two_that_end_at_once_list_both(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first is overtaken between its look and its write: what it writes is old by then."""
     add_evidence(folder, CAMERA, 0)
-    real = survey.prepare_metadata
+    real = survey.write_metadata
     overtaken: list[bool] = []
 
-    def prepare(fd: int, information: Any) -> None:  # noqa: ANN401 - it is handed on
+    def write(fd: int, information: Any) -> None:  # noqa: ANN401 - it is handed on
         if not overtaken:
             overtaken.append(True)
             add_evidence(folder, CAMERA, 1)
             assert list_again(folder)
         real(fd, information)
 
-    monkeypatch.setattr(survey, "prepare_metadata", prepare)
+    monkeypatch.setattr(survey, "write_metadata", write)
     assert list_again(folder)
     assert len(told(folder)["relative_file_paths"]) == 3
 

@@ -7,7 +7,7 @@ import shutil
 import time
 import tracemalloc
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import lz4.frame  # type: ignore[import-untyped]
 import pytest
@@ -17,12 +17,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.data_stream import RecordBuilder
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.records import Channel, Chunk, ChunkIndex, Footer, McapRecord, Message, Schema, Statistics
 from mcap.summary import Summary
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType, Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
+from recorder import seeking
 from recorder.bag import (
     BagInformation,
     Durability,
@@ -33,7 +34,7 @@ from recorder.bag import (
     qos_text,
 )
 from recorder.errors import RecorderError
-from recorder.mcap_reader import DamageError
+from recorder.mcap_reader import ChunkContent, DamageError, read_chunk
 from recorder.reader import Bag, read_bag
 from recorder.seeking import Seeker
 from recorder.writer import BagWriter
@@ -447,23 +448,58 @@ def test_to_find_one_message_a_small_part_of_the_file_is_read(tmp_path: Path) ->
     assert read() - before < path.stat().st_size / 20
 
 
-@pytest.mark.parametrize("packed", ["zstd", "lz4"])
-def test_no_chunk_takes_more_memory_than_it_may_whatever_its_index_claims(
-    tmp_path: Path, packed: str
+def _with_chunks(path: Path, chunks: list[Chunk]) -> None:
+    """A finished file of these chunks, whatever is in them; its index has them all."""
+    content = MCAP0_MAGIC
+    indexes: list[McapRecord] = []
+    for chunk in chunks:
+        end, size = chunk.message_end_time, chunk.uncompressed_size
+        index = ChunkIndex(0, len(content), chunk.compression, 0, end, 0, {1: 0}, 0, size)
+        indexes.append(index)
+        content += encoded(chunk)
+    schema = Schema(1, b"string data", "ros2msg", talk().type)
+    channel = Channel(1, "/talk", "cdr", {}, 1)
+    told = Statistics(0, 1, {1: 1}, len(chunks), 1, 2**62, 0, 0, 1)
+    footer = Footer(len(content), 0, 0)
+    content += encoded(schema, channel, *indexes, told, footer) + MCAP0_MAGIC
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("claim", [0, 2**20, 2**62])
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+def test_no_chunk_takes_more_memory_than_it_claims_and_may(
+    tmp_path: Path, compression: str, claim: int
 ) -> None:
-    path = tmp_path / "a.mcap"
-    zeros = bytes(400_000_000)
-    data = zstandard.compress(zeros) if packed == "zstd" else lz4.frame.compress(zeros)
-    bomb = Chunk(packed, data, 2**62, 0, 0, len(zeros))
-    content = _write(path, strings(["a"] * 50)).read_bytes()
-    first = content.index(b"\x06", 8 + 9)
-    damaged = content[:first] + encoded(bomb) + content[first:]
-    path.write_bytes(damaged)
+    zeros = bytes(300_000_000)
+    data = zstandard.compress(zeros) if compression == "zstd" else lz4.frame.compress(zeros)
+    _with_chunks(tmp_path / "a.mcap", [Chunk(compression, data, 2**62, 0, 0, claim)])
+    seeker = Seeker(tmp_path / "a.mcap")
     tracemalloc.start()
-    assert _nearest(path, "/talk", START_NS) is not None
+    assert seeker.nearest("/talk", START_NS, 2**62) is None
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 20_000_000
+    assert "a chunk " in (seeker.problem or "")
+
+
+def test_however_many_chunks_claim_an_instant_few_are_unpacked_for_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    records = encoded(*[Message(1, 5, bytes(2**20), 5, 0)] * 63)
+    bomb = Chunk("zstd", zstandard.compress(records), 2**62, 0, 0, len(records))
+    _with_chunks(tmp_path / "a.mcap", [bomb] * 50)
+    seeker = Seeker(tmp_path / "a.mcap")
+    looked_at: list[int] = []
+
+    def read(file: BinaryIO, offset: int) -> ChunkContent:
+        looked_at.append(offset)
+        return read_chunk(file, offset)
+
+    monkeypatch.setattr(seeking, "read_chunk", read)
+    found = seeker.nearest("/talk", 10, 100)
+    assert found is not None
+    assert found.receive_ns == 5
+    assert 0 < len(looked_at) < 6
 
 
 @given(cut=st.floats(0, 1), indexes=st.sampled_from([IndexType.ALL, IndexType.NONE]))

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from itertools import chain
 
+from madrob_console.common.formatting import counted
 from madrob_console.referee.acts.act import (
     Act,
     Ask,
@@ -189,7 +190,7 @@ class AcceptDoubts(Act):
         if len(waiting) == 1:
             return cls._ask_why(waiting)
         each = (
-            Option(str(number), f"{name.words}: {_counted(len(found))}", name)
+            Option(str(number), f"{name.words}: {counted(len(found), 'doubt')}", name)
             for number, (name, found) in enumerate(waiting.items(), 1)
         )
         every = (Option("a", "on all of them", _ALL), *each)
@@ -226,10 +227,6 @@ class AcceptDoubts(Act):
     @property
     def logged(self) -> str:
         return f"referee accepts the doubt on {doubted_words(self.doubts)}"
-
-
-def _counted(doubts: int) -> str:
-    return f"{doubts} doubt{'s' if doubts > 1 else ''}"
 
 
 # Re-issue: a final result can be ruled again, and gets a new issue.

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import relative_text
 from madrob_console.common.names import clean_name
 from madrob_console.referee.acts.act import (
     Act,
@@ -30,7 +31,6 @@ from madrob_console.referee.records import (
     ProtestEnd,
     RunSetup,
     TakenBack,
-    relative_text,
 )
 from madrob_console.referee.run import Phase, Run, changed
 from scoring.protocol import BenchmarkType, Condition

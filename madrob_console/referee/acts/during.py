@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from madrob_console.common.formatting import relative_text, seconds_of
 from madrob_console.referee.acts.act import (
     LONGEST_TEXT,
     Act,
@@ -19,15 +20,7 @@ from madrob_console.referee.acts.act import (
     ask_why,
     meanwhile,
 )
-from madrob_console.referee.records import (
-    DecisionKind,
-    Incident,
-    IncidentKind,
-    Note,
-    Voiding,
-    relative_text,
-    seconds_of,
-)
+from madrob_console.referee.records import DecisionKind, Incident, IncidentKind, Note, Voiding
 from madrob_console.referee.run import (
     Phase,
     Run,

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from madrob_console.common.formatting import format_span, relative_text, seconds_of
 from madrob_console.referee.acts.act import (
     Act,
     Ask,
@@ -26,10 +27,7 @@ from madrob_console.referee.records import (
     ProtestEnd,
     ProtestTimes,
     format_late,
-    format_span,
     open_protests,
-    relative_text,
-    seconds_of,
 )
 from madrob_console.referee.run import Phase, Run
 from scoring.indicator_table import IndicatorName

@@ -14,7 +14,6 @@ from operator import attrgetter
 from typing import TypeVar
 
 from madrob_console.common.clock import Clock
-from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, TopicMapping, referee_topics
 from madrob_console.messages.message_types import MessageTypes
@@ -89,9 +88,6 @@ class Mailbox:
     def dropped(self, topic: str) -> int:
         return self._dropped[topic]
 
-    def __len__(self) -> int:
-        return len(self._messages)
-
 
 _T = TypeVar("_T")
 _receive_ns = attrgetter("receive_ns")
@@ -112,9 +108,7 @@ class RosSource:
     A thread of its own empties the subscriptions at 50 Hz; the engine's calls never wait for ROS.
     Discovery range and middleware are the user's environment. `/clock` sets the clock of a
     simulation. A source that does not speak only listens, and other referees do not see it.
-
-    Raises:
-        MadrobError: a topic is mapped with two types, or the domain does not exist.
+    A domain that does not exist raises MadrobError.
     """
 
     def __init__(
@@ -128,7 +122,7 @@ class RosSource:
         ros_args: Sequence[str] = (),
         environment: Mapping[str, str] = os.environ,
     ) -> None:
-        self._configured = _topic_types(mappings)
+        self._configured = {mapping.topic: mapping.type for mapping in mappings}
         self._types = types
         self._own_topics = referee_topics(types)
         self._clock = clock
@@ -332,14 +326,3 @@ class RosSource:
         ready = bisect_right(messages, begin, key=_receive_ns)
         self._late = messages[ready:]
         return messages[:ready]
-
-
-def _topic_types(mappings: Sequence[TopicMapping]) -> dict[str, str]:
-    types: dict[str, str] = {}
-    for mapping in mappings:
-        if types.setdefault(mapping.topic, mapping.type) != mapping.type:
-            raise MadrobError(
-                f"{mapping.topic} is mapped as {types[mapping.topic]} and as {mapping.type}: "
-                "a topic has one type"
-            )
-    return types

@@ -8,7 +8,7 @@ import re
 import socket
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -220,9 +220,10 @@ _PATIENCE = 2.0
 _BY_HAND = "set the opening side by hand"
 
 ParameterValue = str | bool | list[int]
+_Request = dict[str, ParameterValue]
 
 
-def door_parameters(condition: Condition) -> dict[str, ParameterValue]:
+def door_parameters(condition: Condition) -> _Request:
     """The parameters of the node `/madrob/door` for a condition, by name.
 
     The braking tables hold 181 forces in gram-force for -90..+90 deg.
@@ -237,13 +238,6 @@ def door_parameters(condition: Condition) -> dict[str, ParameterValue]:
     }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Request:
-    """Compared by identity: an equal request later is another one."""
-
-    values: dict[str, ParameterValue]
-
-
 class DoorParameters:
     """Sets the parameters of the node `/madrob/door`, whenever it is there.
 
@@ -254,6 +248,7 @@ class DoorParameters:
     def __init__(self, node: RosObject) -> None:
         self._service = load_module("rcl_interfaces.srv").SetParameters
         self._client = node.create_client(self._service, in_namespace(SET_PARAMETERS))
+        # requests are compared by identity: an equal one later is another one
         self._wanted: _Request | None = None
         self._answer: tuple[_Request, str | None] | None = None
         self._asked: _Request | None = None
@@ -261,7 +256,7 @@ class DoorParameters:
         self._future: RosObject = None
 
     def request(self, condition: Condition) -> None:
-        self._wanted = _Request(door_parameters(condition))
+        self._wanted = door_parameters(condition)
 
     @property
     def problem(self) -> str | None:
@@ -297,7 +292,7 @@ class DoorParameters:
     def _ask(self, wanted: _Request) -> None:
         self._drop_request()
         request = self._service.Request(
-            parameters=[_parameter(name, value) for name, value in wanted.values.items()]
+            parameters=[_parameter(name, value) for name, value in wanted.items()]
         )
         self._future = self._client.call_async(request)
         self._asked, self._asked_at = wanted, time.monotonic()
@@ -316,9 +311,9 @@ def _parameter(name: str, value: ParameterValue) -> RosObject:
 def _judgement(wanted: _Request, response: RosObject) -> str | None:
     refused = [
         f"{name} ({result.reason or 'no reason given'})"
-        for name, result in zip(wanted.values, response.results, strict=False)
+        for name, result in zip(wanted, response.results, strict=False)
         if not result.successful
     ]
-    if not refused and len(response.results) == len(wanted.values):
+    if not refused and len(response.results) == len(wanted):
         return None
     return f"node {DOOR_NODE} refused {', '.join(refused) or 'the parameters'}: {_BY_HAND}"

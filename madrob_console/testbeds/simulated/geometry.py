@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 from functools import lru_cache
 from itertools import pairwise
+from operator import attrgetter
 
 from madrob_console.common.names import Scenario
 from scoring.protocol import (
@@ -27,7 +28,6 @@ from scoring.protocol import (
     Condition,
     PassageSensor,
     Side,
-    StartPose,
     Strip,
     Thresholds,
 )
@@ -74,7 +74,7 @@ class DoorGeometry:
     """The doorway, its panel and its sensors; lengths in m.
 
     `sensor_distance` is that of each row from the wall; the rows are centred on the doorway.
-    `hinge_left` is seen towards CCW, as in the protocol; False describes a mirrored testbed.
+    The hinge is on the left, seen towards CCW, as in the protocol.
     `encoder_counts` are those of a turn.
     """
 
@@ -86,7 +86,6 @@ class DoorGeometry:
     sensor_distance: float = 0.175
     sensor_spacing: float = 0.125
     beam_radius: float = 0.02
-    hinge_left: bool = True
     encoder_counts: int = 3600
     thresholds: Thresholds = field(default_factory=Thresholds)
 
@@ -147,21 +146,19 @@ class DoorGeometry:
         """The distance of a body's middle from the threshold, m, that no sensor sees."""
         return self.sensor_distance + self.half_view(body)
 
-    def start_pose(self, body: RobotBody, x: float) -> StartPose:
-        away = -1 if self.hinge_left else 1
-        return StartPose(x, away * body.shift, 180.0 if x > 0 else 0.0)
+    @property
+    def resolution(self) -> float:
+        """Of the encoder, rad."""
+        return math.tau / self.encoder_counts
 
     def encode(self, angle: float) -> float:
-        resolution = math.tau / self.encoder_counts
-        return round(angle / resolution) * resolution
+        return round(angle / self.resolution) * self.resolution
 
     def reading_reaches(self, threshold: float) -> float:
-        resolution = math.tau / self.encoder_counts
-        return (math.ceil(threshold / resolution) - 0.5) * resolution
+        return (math.ceil(threshold / self.resolution) - 0.5) * self.resolution
 
     def reading_exceeds(self, threshold: float) -> float:
-        resolution = math.tau / self.encoder_counts
-        return (math.floor(threshold / resolution) + 0.5) * resolution
+        return (math.floor(threshold / self.resolution) + 0.5) * self.resolution
 
 
 # Piecewise smooth functions of time, and where they cross a level.
@@ -195,10 +192,8 @@ class Segment:
             done = part * part * part * (10 - part * (15 - 6 * part))
         return self.origin + (self.target - self.origin) * done
 
-    @property
-    def fastest(self) -> float:
-        factor = 2.0 if self.profile is Profile.FALL else 1.875
-        return factor * abs(self.target - self.origin) / (self.end - self.start)
+
+_start = attrgetter("start")
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,13 +202,9 @@ class Motion:
 
     initial: float
     segments: tuple[Segment, ...] = ()
-    _starts: tuple[float, ...] = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_starts", tuple(s.start for s in self.segments))
 
     def at(self, time: float) -> float:
-        index = bisect_right(self._starts, time)
+        index = bisect_right(self.segments, time, key=_start)
         return self.segments[index - 1].at(time) if index else self.initial
 
     @property

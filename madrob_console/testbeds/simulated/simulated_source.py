@@ -20,9 +20,11 @@ from madrob_console.messages.codec import (
     REFEREE_START_POSE_TOPIC,
     REFEREE_STATE_TOPIC,
     START_POSE_FRAME,
+    STRIPS,
     TopicMapping,
     decode_text,
     describe_topic,
+    find_signal,
     referee_topics,
 )
 from madrob_console.messages.message_types import (
@@ -30,22 +32,18 @@ from madrob_console.messages.message_types import (
     MessageField,
     MessageTypes,
     attribute,
-    find_field,
     find_stamp,
 )
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.sensor_model import RANGE_MAX, RANGE_MIN, Reading
 from madrob_console.testbeds.simulated.testbed import RefereeState, SimulatedTestbed, parse_state
-from madrob_console.testbeds.source import Announcement, BeginAbort, TopicStatus
+from madrob_console.testbeds.source import Announcement, OfflineSource, TopicStatus
 from recorder.bag import Durability, Qos, RawMessage, Topic
 from scoring.protocol import SENSORS_PER_STRIP, Condition, Signal, Strip
 
 # Readings as messages: the way back through a configured mapping.
 #
 # Whatever types and units a testbed is configured with, its simulation publishes the same.
-
-
-_STRIPS = {Signal.of_strip(strip) for strip in Strip}
 
 
 class Encoder:
@@ -64,17 +62,18 @@ class Encoder:
     ) -> None:
         self._mapping = mapping
         self._types = types
-        field = find_field(types, mapping.type, mapping.field)
+        field = find_signal(types, mapping)
         self._message = types.make(mapping.type)
         stamp = find_stamp(types, mapping.type)
         self._stamp = None if stamp is None else stamp(self._message)
         if stamp is not None:
             self._message.header.frame_id = frame
         self._holder, self._name, self._index = self._place(field)
-        self._numbers = field.numbers
         self._base = field.base
-        self._check()
-        if mapping.signal in _STRIPS:
+        if field.numbers:
+            size = len(getattr(self._holder, self._name))
+            if size not in (0, SENSORS_PER_STRIP):
+                raise self._error(f"{mapping.field} holds {size} ranges, not 4")
             self._set_limits(field)
             self._set_beside(field, scan)
         if mapping.type == "sensor_msgs/msg/JointState":
@@ -114,14 +113,6 @@ class Encoder:
             if len(array) <= index:
                 setattr(holder, names[-1], np.zeros(index + 1, array.dtype))
         return holder, names[-1], index
-
-    def _check(self) -> None:
-        if self._numbers != (self._mapping.signal in _STRIPS):
-            raise self._error(f"{self._mapping.field} does not fit the signal")
-        if self._numbers:
-            size = len(getattr(self._holder, self._name))
-            if size not in (0, SENSORS_PER_STRIP):
-                raise self._error(f"{self._mapping.field} holds {size} ranges, not 4")
 
     def _set_limits(self, field: MessageField) -> None:
         scale, offset = self._mapping.scale, self._mapping.offset
@@ -170,7 +161,7 @@ class StandingFrame:
 def frame_name(signal: Signal) -> str:
     if signal is Signal.HANDLE:
         return "madrob_handle"
-    strip = next((strip for strip in Strip if Signal.of_strip(strip) is signal), None)
+    strip = STRIPS.get(signal)
     return START_POSE_FRAME if strip is None else f"madrob_passage_{strip}"
 
 
@@ -222,8 +213,7 @@ def _strip_frame(geometry: DoorGeometry, strip: Strip) -> StandingFrame:
 
 
 def _along_wall(geometry: DoorGeometry, reach: float) -> float:
-    y = geometry.doorway_width / 2 - reach
-    return y if geometry.hinge_left else -y
+    return geometry.doorway_width / 2 - reach
 
 
 _KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)
@@ -238,13 +228,15 @@ _LONGEST_BACKLOG = 60.0
 """s of messages to catch up with; after a longer sleep of the machine they are lost."""
 
 
-class SimulatedSource:
+class SimulatedSource(OfflineSource):
     """A simulated testbed on the engine's clock.
 
     The robot sets out when a run starts: a published state with the phase `countdown` or `running`
     names the instant, `idle` or `ready` sends it back for the next run. A mapping that cannot be
     simulated raises MadrobError.
     """
+
+    kind = SourceKind.SIMULATED
 
     def __init__(
         self,
@@ -269,10 +261,6 @@ class SimulatedSource:
         self._announcement = Announcement(str(self.testbed.scenario))
         self._opened = False
         self._closed = False
-
-    @property
-    def kind(self) -> SourceKind:
-        return SourceKind.SIMULATED
 
     @property
     def label(self) -> str:
@@ -312,16 +300,8 @@ class SimulatedSource:
         self.testbed.set_condition(condition)
 
     @property
-    def sides_problem(self) -> str | None:
-        return None
-
-    @property
     def announcement(self) -> Announcement:
         return self._announcement
-
-    @property
-    def other_referee(self) -> str | None:
-        return None
 
     def publish(self, message: RawMessage) -> None:
         if message.topic == REFEREE_STATE_TOPIC:
@@ -329,9 +309,6 @@ class SimulatedSource:
         elif message.topic == REFEREE_START_POSE_TOPIC:
             pose = self._types.decode(message.type, message.data).pose
             self.testbed.set_start_distance(abs(pose.position.x))
-
-    def offer_abort(self, begin_abort: BeginAbort) -> None:
-        """Does nothing: it belongs to its engine."""
 
     def heed(self, state: RefereeState) -> None:
         if state.phase in ("idle", "ready"):

@@ -6,10 +6,12 @@ both drive it.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from random import Random
+
+import msgspec
+from msgspec import structs
 
 from madrob_console.common.clock import NS
 from madrob_console.common.errors import MadrobError
@@ -134,43 +136,41 @@ class SimulatedTestbed:
 # The referee's state, `/madrob/referee/state`, as testbed and robot read it.
 
 
-@dataclass(frozen=True, slots=True)
-class RefereeState:
+class RefereeState(msgspec.Struct, frozen=True):
     """The run state that the referee's console publishes.
 
     `start_time` is planned or actual, s since the epoch; None before the countdown.
     """
 
     phase: str
-    condition: Condition | None
-    start_time: float | None
+    condition_number: int | None = None
+    start_time: float | None = None
     subject: int | None = None
     run_number: int | None = None
+
+    @property
+    def condition(self) -> Condition | None:
+        number = self.condition_number
+        return None if number is None else Condition.from_number(number)
 
     def goes_on_with(self, before: RefereeState) -> bool:
         if self.phase not in ("countdown", "running", "stopped"):
             return False
-        same_start = before.phase == "countdown" or self.start_time == before.start_time
-        mine, its = ((one.subject, one.run_number, one.condition) for one in (self, before))
-        return same_start and mine == its
+        start = before.start_time if before.phase != "countdown" else self.start_time
+        return structs.replace(self, phase=before.phase) == structs.replace(
+            before, start_time=start
+        )
+
+
+_states = msgspec.json.Decoder(RefereeState)
 
 
 def parse_state(text: str) -> RefereeState:
     """Parses a message of `/madrob/referee/state`; MadrobError without a `phase`."""
     try:
-        content = json.loads(text)
-        phase, start, number, subject, run = (
-            content.get(key)
-            for key in ("phase", "start_time", "condition_number", "subject", "run_number")
-        )
-        condition = None if number is None else Condition.from_number(number)
-        return RefereeState(
-            str(phase),
-            condition,
-            None if start is None else float(start),
-            None if subject is None else int(subject),
-            None if run is None else int(run),
-        )
-    except (ValueError, TypeError, OverflowError, AttributeError, ScoringError):
+        state = _states.decode(text)
+        _ = state.condition
+    except (msgspec.MsgspecError, RecursionError, UnicodeEncodeError, ScoringError):
         shown = text if len(text) < 60 else f"{text[:60]}..."
         raise MadrobError(f"{REFEREE_STATE_TOPIC}: not understood: {shown!r}") from None
+    return state

@@ -1,14 +1,12 @@
-"""A dialog at the bottom of the screen, its text fields and drafts; the run stays in view."""
+"""A dialog at the bottom of the screen, and text fields; the run stays in view."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 from rich.cells import cell_len
 from textual import events
-from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.message import Message
 from textual.widgets import Input
@@ -20,29 +18,21 @@ from madrob_console.ui.keys.console_app import TypeAhead
 from madrob_console.ui.keys.dialogs import Intent
 from madrob_console.ui.look.words import cut_inside
 
-# Drafts of refused acts, offered again when the same is asked of the same run.
-
-
-class DraftKey(NamedTuple):
-    """A question for a text; `name` is the opener's, `about` the run and the dialog's title."""
-
-    name: str
-    about: str
-    question: str
-
 
 class Drafts:
-    """Texts typed into dialogs; those of a refused act are kept until it takes effect."""
+    """Texts typed into dialogs; those of a refused act are kept until it takes effect.
+
+    Each by what the dialog is about, its opener first, and by the question.
+    """
 
     def __init__(self) -> None:
-        self.typed: dict[DraftKey, str] = {}
-        self.kept: dict[DraftKey, str] = {}
+        self.typed: dict[tuple[str, ...], str] = {}
+        self.kept: dict[tuple[str, ...], str] = {}
 
     def settle(self, name: str, *, refused: bool) -> None:
         """What `name` has asked is answered, and its act was refused or took effect."""
-        self.kept = {asked: text for asked, text in self.kept.items() if asked.name != name}
-        if refused:
-            self.kept |= self.typed
+        self.kept = {asked: text for asked, text in self.kept.items() if asked[0] != name}
+        self.kept |= self.typed if refused else {}
         self.typed = {}
 
 
@@ -87,13 +77,12 @@ class Field(Input):
 class NumberField(Field):
     """A field that refuses letters, and says so."""
 
+    @dataclass
     class Refused(Message):
         """A letter was typed into the field of that name."""
 
-        def __init__(self, field: str, letter: str) -> None:
-            super().__init__()
-            self.field = field
-            self.letter = letter
+        field: str
+        letter: str
 
     async def _on_key(self, event: events.Key) -> None:
         char = event.character
@@ -114,25 +103,11 @@ _OR_NO = "no (also Enter, Escape)"
 
 
 class Prompt(Lines, can_focus=True):
-    """Title, answers so far, and the question; `cursor` is the option that Enter takes."""
+    """Draws a dialog: its title, the answers so far, and the question."""
 
-    class Clicked(Message):
-        """The mouse chose an answer, by its key."""
-
-        def __init__(self, key: str) -> None:
-            super().__init__()
-            self.key = key
-
-    def __init__(self, title: str, about: str) -> None:
+    def __init__(self, dialog: Dialog) -> None:
         super().__init__()
-        self.title = title
-        self._about = about
-        self.question: Question | None = None
-        self.answers: tuple[str, ...] = ()
-        self.cursor = 0
-        self.notice = ""
-        self.overtaken = ""
-        self.complaint = ""
+        self._dialog = dialog
 
     def check_consume_key(self, key: str, character: str | None) -> bool:
         """No letter goes on to the keys of the console."""
@@ -140,40 +115,35 @@ class Prompt(Lines, can_focus=True):
 
     def on_click(self, event: events.Click) -> None:
         if (hit := self.clicked(event)) is not None:
-            self.post_message(self.Clicked(hit[0]))
+            self._dialog.take_answer(hit[0])
 
     def lines(self, width: int) -> Sequence[Line]:
-        rows = self._head(width)
-        if self.notice:
-            rows += paragraph(self.notice, width, Tone.WARN)
-        if self.overtaken:
-            rows += paragraph(f"NOT POSSIBLE ANY MORE: {self.overtaken}", width, Tone.BAD)
-            rows.append(
-                line(Target("Enter", Tone.CAP, _NO), Target(" closes this", Tone.PLAIN, _NO))
-            )
-            return rows
-        if said := ", ".join(filter(None, self.answers)):
+        dialog, rows = self._dialog, self._head(width)
+        rows += paragraph(dialog.notice, width, Tone.WARN) if dialog.notice else []
+        if dialog.overtaken:
+            rows += paragraph(f"NOT POSSIBLE ANY MORE: {dialog.overtaken}", width, Tone.BAD)
+            close = Target("Enter", Tone.CAP, _NO), Target(" closes this", Tone.PLAIN, _NO)
+            return [*rows, line(*close)]
+        if said := ", ".join(filter(None, dialog.answers)):
             rows += paragraph(f"chosen: {said}", width, Tone.WARN)
-        match self.question:
+        match dialog.question:
             case Pick(text, options, listed, below):
                 rows += [row for words in listed for row in paragraph(words, width, Tone.WARN)]
                 rows += paragraph(text, width) if text else []
-                rows += _options(options, self.cursor, width)
+                rows += _options(options, dialog.cursor, width)
                 rows += [row for words in below for row in paragraph(words, width, Tone.DIM)]
             case Sure(text):
                 rows += paragraph(text, width, Tone.STRONG)
                 yes = (Target(_YES, Tone.CAP, _YES), Target(" yes", Tone.PLAIN, _YES))
                 no = (Target(_NO, Tone.CAP, _NO), Target(f" {_OR_NO}", Tone.PLAIN, _NO))
                 rows.append(line(*yes, "   ", *no))
-        if self.complaint:
-            rows += paragraph(self.complaint, width, Tone.BAD)
-        if isinstance(self.question, Write):
-            rows += paragraph(self.question.text, width)
+        rows += paragraph(dialog.complaint, width, Tone.BAD) if dialog.complaint else []
+        rows += paragraph(dialog.question.text, width) if dialog.writing else []
         return rows
 
     def _head(self, width: int) -> list[Line]:
-        rows = paragraph(self.title, width, Tone.STRONG)
-        for text in filter(None, (self._about, _CLOSES)):
+        rows = paragraph(self._dialog.ask.title, width, Tone.STRONG)
+        for text in filter(None, (self._dialog.about, _CLOSES)):
             if width_of(rows[-1]) + 2 + cell_len(text) <= width:
                 rows[-1] = line(*rows[-1], Span(f"  {text}", Tone.DIM))
             elif text is not _CLOSES:
@@ -187,31 +157,28 @@ class Dialog(Vertical):
     Unknown keys do nothing; Escape closes the dialog and never does more. If what it is about
     changes, the dialog changes, says so, and drops keys typed before that could be seen.
     `fresh` gives the questions as things stand; None = nothing can change them. `drafts` are
-    texts of acts that were refused.
+    texts of acts that were refused. `cursor` is the option that Enter takes, -1 = none.
+    `overtaken` says why nothing can be answered any more; empty = it can.
     """
 
+    @dataclass
     class Answered(Message):
         """All questions are answered."""
 
-        def __init__(self, dialog: Dialog, answers: tuple[str, ...]) -> None:
-            super().__init__()
-            self.dialog = dialog
-            self.answers = answers
+        dialog: Dialog
 
+    @dataclass
     class Closed(Message):
         """The referee left it."""
 
-        def __init__(self, dialog: Dialog) -> None:
-            super().__init__()
-            self.dialog = dialog
+        dialog: Dialog
 
+    @dataclass
     class TooLate(Message):
         """An answer came when nothing could be answered any more; a `confirmed` one was y."""
 
-        def __init__(self, dialog: Dialog, *, confirmed: bool) -> None:
-            super().__init__()
-            self.dialog = dialog
-            self.confirmed = confirmed
+        dialog: Dialog
+        confirmed: bool
 
     def __init__(
         self,
@@ -222,91 +189,77 @@ class Dialog(Vertical):
         ahead: TypeAhead | None = None,
         drafts: Drafts | None = None,
     ) -> None:
-        super().__init__(name=name)
-        self._about = about
+        self._prompt = Prompt(self)
+        self._field = Field(select_on_focus=False)
+        super().__init__(self._prompt, self._field, name=name)
+        self.about = about
         self._drafts = drafts or Drafts()
         self.ask = ask
         self._fresh = fresh
         self._ahead = ahead or TypeAhead()
         self._open = list(ask.questions)
-        self._answers: list[str] = []
-        self._prompt = Prompt(ask.title, about)
-        self._field = Field(select_on_focus=False)
+        self.question = ask.questions[0]
+        self.answers: list[str] = []
+        self.cursor = 0
+        self.notice = self.overtaken = self.complaint = ""
         self.trap_focus()
-
-    def compose(self) -> ComposeResult:
-        yield self._prompt
-        yield self._field
 
     def on_mount(self) -> None:
         self._show()
 
     @property
-    def answers(self) -> tuple[str, ...]:
-        return tuple(self._answers)
-
-    @property
-    def overtaken(self) -> str:
-        """Why nothing can be answered any more; empty = it can."""
-        return self._prompt.overtaken
+    def writing(self) -> bool:
+        return isinstance(self.question, Write) and not self.overtaken
 
     def take_focus(self) -> None:
-        writing = isinstance(self._prompt.question, Write) and not self.overtaken
-        self.screen.set_focus(self._field if writing else self._prompt)
+        self.screen.set_focus(self._field if self.writing else self._prompt)
 
     def look_again(self) -> None:
         if self._fresh is None or not (self._open or self.overtaken):
             return
-        found, prompt = self._fresh(), self._prompt
+        found = self._fresh()
         if isinstance(found, str):
-            if found != prompt.overtaken:
-                self._changed(found)
+            if found != self.overtaken:
+                self._change(found)
             return
         before, self.ask = self.ask, found
         same = _without_words(found) == _without_words(before)
-        if same and not prompt.overtaken:
-            if found.questions != before.questions:
-                self._take_questions(before, found)
-                prompt.redraw()
-            return
-        if not same:
+        if not same or found.questions != before.questions:
             self._take_questions(before, found)
-        self._changed("")
+            self._prompt.redraw()
+        if not same or self.overtaken:
+            self._change("")
 
     def _take_questions(self, before: Ask[Intent], now: Ask[Intent]) -> None:
         """Takes other questions; keeps the answers so far that also answer these."""
         asked = len(now.questions) - len(self._open)
         alike = [*map(_kind, before.questions)] == [*map(_kind, now.questions)]
         if not alike or before.title != now.title:
-            self._open, self._answers = list(now.questions), []
+            self._open, self.answers = list(now.questions), []
             self._show()
             return
         free = isinstance(self._open[0], Write) and isinstance(now.questions[asked], Pick)
-        self._open = (
-            [*self._open[:1], *now.questions[asked + 1 :]] if free else list(now.questions[asked:])
-        )
-        self._prompt.question = self._open[0]
+        self._open = [*self._open[:free], *now.questions[asked + free :]]
+        self.question = self._open[0]
 
-    def _changed(self, overtaken: str) -> None:
-        prompt = self._prompt
-        prompt.title, prompt.overtaken, prompt.complaint = self.ask.title, overtaken, ""
-        prompt.notice = "" if overtaken else "This has changed meanwhile: look again."
-        self._field.display = isinstance(prompt.question, Write) and not overtaken
+    def _change(self, overtaken: str) -> None:
+        self.overtaken, self.complaint = overtaken, ""
+        self.notice = "" if overtaken else "This has changed meanwhile: look again."
+        self._field.display = self.writing
         self._ahead.replaced("the question has just changed")
-        prompt.redraw()
+        self._prompt.redraw()
         self.take_focus()
 
     def complain(self, words: str) -> None:
-        self._prompt.complaint = words
+        self.complaint = words
         self._prompt.redraw()
 
     def ask_again(self, words: str) -> bool:
         """Says what is wrong with the last answer, if that was a text; returns whether it was."""
-        question = self._prompt.question
-        if self._open or not isinstance(question, Write):
+        if self._open or not isinstance(self.question, Write):
             return False
-        self._open = [question]
-        self._answers.pop()
+        self._open = [self.question]
+        self.answers.pop()
         self.complain(words)
         return True
 
@@ -319,81 +272,58 @@ class Dialog(Vertical):
         if (words := self._ahead.leaves_out(event)) is not None:
             self.complain(words)
             return
-        match self._prompt.question:
-            case _ if event.key == "escape":
-                self.post_message(self.Closed(self))
-            case _ if self.overtaken:
-                self._answer_too_late(event.key)
-            case Write():
-                self._late(event)
-            case Pick(_, options):
-                self._pick(event, options)
-            case Sure():
-                self._decide(event)
-
-    def on_prompt_clicked(self, event: Prompt.Clicked) -> None:
-        event.stop()
-        match self._prompt.question:
-            case _ if self.overtaken:
-                self.post_message(self.Closed(self))
-            case Pick(_, options):
-                self._choose(next(option for option in options if option.key == event.key))
-            case Sure() if event.key == _YES:
-                self._next()
-            case Sure():
-                self.post_message(self.Closed(self))
-
-    def _answer_too_late(self, key: str) -> None:
-        if key in ("enter", _NO):
+        if event.key == "escape":
             self.post_message(self.Closed(self))
-        else:
-            self.post_message(self.TooLate(self, confirmed=key == _YES))
-
-    def _late(self, event: events.Key) -> None:
-        """Takes keys that were typed before the text field had the focus."""
-        if event.key == "enter":
-            self._text(self._field.value)
-        elif event.is_printable and event.character:
+        elif self.overtaken:
+            self.take_answer(event.key)
+        elif not self.writing:
+            self._pick(event)
+        elif event.key == "enter":
+            self._take_text(self._field.value)
+        elif event.is_printable and event.character:  # typed before the field had the focus
             self._field.insert_text_at_cursor(event.character)
+
+    def _pick(self, event: events.Key) -> None:
+        enter = event.key == "enter"
+        match self.question:
+            case Pick(_, options) if event.key in ("up", "down"):
+                step = 1 if event.key == "down" else -1
+                listed = sum(bool(option.label) for option in options)
+                self.cursor = (max(self.cursor, -step - 1) + step) % listed
+                self._prompt.redraw()
+            case Pick() if enter and self.cursor < 0:
+                self.complain("Press the key of an answer, or choose one with the arrows.")
+            case Pick(_, options) if enter:
+                self._choose(options[self.cursor])
+            case _ if not self.take_answer("enter" if enter else event.character or ""):
+                self._mistyped(event)
+
+    def take_answer(self, key: str) -> bool:
+        """Takes what a key answers; False if it answers nothing."""
+        no = key in ("enter", _NO)
+        match self.question:
+            case _ if self.overtaken and not no:
+                self.post_message(self.TooLate(self, confirmed=key == _YES))
+            case question if no and (self.overtaken or isinstance(question, Sure)):
+                self.post_message(self.Closed(self))
+            case Sure() if key == _YES:
+                self._next()
+            case Pick(_, options) if key in (keys := [option.key for option in options]):
+                self._choose(options[keys.index(key)])
+            case _:
+                return False
+        return True
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         event.stop()
-        self._text(event.value)
+        self._take_text(event.value)
 
-    def _text(self, value: str) -> None:
+    def _take_text(self, value: str) -> None:
         text = " ".join(value.split())
-        question = self._prompt.question
-        if not text and isinstance(question, Write) and question.missing:
-            self.complain(question.missing)
-            return
-        self._next(text)
-
-    def _pick(self, event: events.Key, options: tuple[Option, ...]) -> None:
-        prompt = self._prompt
-        if event.key in ("up", "down"):
-            step = 1 if event.key == "down" else -1
-            listed = sum(bool(option.label) for option in options)
-            prompt.cursor = (max(prompt.cursor, -step - 1) + step) % listed
-            prompt.redraw()
-            return
-        chosen = next((o for o in options if o.key == event.character), None)
-        if event.key == "enter":
-            if prompt.cursor < 0:
-                self.complain("Press the key of an answer, or choose one with the arrows.")
-                return
-            chosen = options[prompt.cursor]
-        if chosen is not None:
-            self._choose(chosen)
+        if not text and isinstance(self.question, Write) and self.question.missing:
+            self.complain(self.question.missing)
         else:
-            self._mistyped(event)
-
-    def _decide(self, event: events.Key) -> None:
-        if event.key == _YES:
-            self._next()
-        elif event.key in (_NO, "enter"):
-            self.post_message(self.Closed(self))
-        else:
-            self._mistyped(event)
+            self._next(text)
 
     def _mistyped(self, event: events.Key) -> None:
         """A letter that answers nothing may begin a text, whose letters are no answers either."""
@@ -417,31 +347,30 @@ class Dialog(Vertical):
             return  # keys that were typed faster than the screen changes
         answered = self._open.pop(0)
         if answer is not None:
-            self._answers.append(answer)
+            self.answers.append(answer)
             if isinstance(answered, Write):
                 self._drafts.typed[self._asked(answered)] = answer
         if not self._open:
-            self.post_message(self.Answered(self, tuple(self._answers)))
+            self.post_message(self.Answered(self))
             return
         if isinstance(answered, Pick) and isinstance(self._open[0], Write):
             self._ahead.asked()
         self._show()
 
     def _show(self) -> None:
-        prompt, question = self._prompt, self._open[0]
-        prompt.question, prompt.answers = question, tuple(self._answers)
-        prompt.cursor = question.marked if isinstance(question, Pick) else 0
-        prompt.complaint = prompt.notice = ""
+        question = self.question = self._open[0]
+        self.cursor = question.marked if isinstance(question, Pick) else 0
+        self.complaint = self.notice = ""
         self._field.display = isinstance(question, Write)
-        self._field.value = self._initial(question) if isinstance(question, Write) else ""
-        prompt.redraw()
+        self._field.value = ""
+        if isinstance(question, Write):
+            draft = self._drafts.kept.get(self._asked(question))
+            self._field.value = draft or question.initial
+        self._prompt.redraw()
         self.take_focus()
 
-    def _initial(self, question: Write) -> str:
-        return self._drafts.kept.get(self._asked(question)) or question.initial
-
-    def _asked(self, question: Write) -> DraftKey:
-        return DraftKey(self.name or "", f"{self._about} {self.ask.title}", question.text)
+    def _asked(self, question: Write) -> tuple[str, ...]:
+        return (self.name or "", self.about, self.ask.title, question.text)
 
 
 def _kind(question: Question) -> object:

@@ -7,6 +7,8 @@ there is no large one.
 from __future__ import annotations
 
 import unicodedata
+from collections.abc import Sequence
+from functools import lru_cache
 
 HEIGHT = 5
 """Height of a letter of size 1, points; two lie in one row of cells."""
@@ -77,7 +79,8 @@ def rows_of(size: int) -> int:
     return (HEIGHT * size + 1) // 2
 
 
-def large_text(text: str, size: int) -> list[str] | None:
+@lru_cache(256)  # a clock is drawn ten times a second
+def large_text(text: str, size: int) -> Sequence[str] | None:
     """A text in large letters, `rows_of(size)` rows of one width; None if a letter has none.
 
     Case does not matter. In size 1, the smallest, a point is as wide as a cell.
@@ -87,12 +90,6 @@ def large_text(text: str, size: int) -> list[str] | None:
         return None
     letters = [_points(letter, size) for letter in plain]
     return [(_GAP * size).join(rows) for rows in zip(*letters, strict=True)]
-
-
-def width_of_large(text: str, size: int) -> int:
-    """Width of each row of a large text, cells, if there is one."""
-    letters = [_LETTERS.get(letter, "") for letter in _capitals(text)]
-    return size * (sum(len(rows.split()[0]) if rows else 0 for rows in letters) + len(letters) - 1)
 
 
 def _capitals(text: str) -> str:

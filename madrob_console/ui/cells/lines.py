@@ -8,6 +8,7 @@ and the last difference. A span carries a tone, not markup: text from outside sh
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
@@ -304,12 +305,11 @@ class Choice(Lines, Generic[V], can_focus=True):
         Binding("right,space", "turn(1)", show=False),
     ]
 
+    @dataclass
     class Changed(Message):
         """The referee chose another value."""
 
-        def __init__(self, choice: Choice[Any]) -> None:
-            super().__init__()
-            self.choice = choice
+        choice: Choice[Any]
 
     def __init__(self, options: Sequence[tuple[str, V]], value: V, *, id: str) -> None:  # noqa: A002 - textual's name
         super().__init__(id=id)
@@ -412,9 +412,6 @@ class Label(Lines):
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
         self._text, self.tone = text, tone
         self.redraw()
-
-    def get_content_width(self, container: Size, viewport: Size) -> int:
-        return cell_len(self._text)
 
     def lines(self, width: int) -> Sequence[Line]:
         return paragraph(self._text, width, self.tone)

@@ -136,12 +136,11 @@ class Table(Lines, Generic[Row], can_focus=True):
         Binding("enter", "choose", show=False),
     ]
 
+    @dataclass
     class Chosen(Message):
         """Enter on a row or cell."""
 
-        def __init__(self, key: str) -> None:
-            super().__init__()
-            self.key = key
+        key: str
 
     class Marked(Message):
         """Another row or cell is marked, or the marked one has changed."""

@@ -27,7 +27,8 @@ from madrob_console.referee.acts import (
     Start,
     WithdrawProtest,
 )
-from madrob_console.referee.competition_plan import unknown_teams
+from madrob_console.referee.competition_plan import Plan, unknown_teams
+from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import cause_of
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.compositor import CellCompositor
@@ -43,7 +44,7 @@ from madrob_console.ui.frame.frame_lines import (
 )
 from madrob_console.ui.keys.dialogs import Copy, Press, RunMeant, ask_copy, ask_unfinished
 from madrob_console.ui.keys.key_table import KEYS, MENU, ask_menu
-from madrob_console.ui.link import NOT_YET, EngineSearch
+from madrob_console.ui.link import NOT_YET
 from madrob_console.ui.look.words import PHASES, export_text
 from madrob_console.ui.panes.run_status import who_text
 
@@ -133,8 +134,6 @@ class ConsoleScreen(Screen[None]):
         self._tiny = TinyClock()
         self._status = StatusLine(defaults.hint, monotonic, wall)
         self._keys = KeyLine()
-        aside = partial(self.run_worker, thread=True, group="engine")
-        self._search = EngineSearch(link, monotonic, aside)
         self._latest: Snapshot | None = None
         self.frames = ""
         self._timer: Timer | None = None
@@ -175,7 +174,7 @@ class ConsoleScreen(Screen[None]):
     @property
     def export(self) -> ExportTeam | str:
         """The runs of the marked run's team, or of that whose run is shown; else why none."""
-        marked = self.panes.history.selected if self.pane == "history" else None
+        marked = self.panes.history.table.selected if self.pane == "history" else None
         if marked is not None:
             return ExportTeam(marked.subject, marked.practice, marked.competition)
         now = self._latest
@@ -188,7 +187,7 @@ class ConsoleScreen(Screen[None]):
         now = self._latest
         if now is None:
             return NOT_YET
-        marked = self.panes.history.selected
+        marked = self.panes.history.table.selected
         if self.pane == "history":
             team = "" if marked is None else f"{marked.subject} {marked.team}".rstrip()
             about = "no run" if marked is None else f"run {marked.run_number} of team {team}"
@@ -207,7 +206,7 @@ class ConsoleScreen(Screen[None]):
     def run_meant(self) -> RunMeant | str:
         """The marked run of the history, else the one that is shown; else why there is none."""
         if self.pane == "history":
-            marked = self.panes.history.selected
+            marked = self.panes.history.table.selected
             return "no run is marked" if marked is None else RunMeant.of_list(marked)
         now = self._latest
         if now is None or now.folder is None:
@@ -226,7 +225,7 @@ class ConsoleScreen(Screen[None]):
             panes.results.show(now)
             result = panes.results.copied
         if self.pane == "history":
-            row, marked = panes.history.table.copied, panes.history.selected
+            row, marked = panes.history.table.copied, panes.history.table.selected
             folder = "" if marked is None else str(self._defaults.results / marked.folder)
         elif self.pane == "standings":
             row = panes.standings.table.copied
@@ -279,7 +278,8 @@ class ConsoleScreen(Screen[None]):
         if snapshot is None or self._panes is None:
             return
         if snapshot.pulse.gone and snapshot.right.only_watches:
-            self._search.look_for_engine()  # for a referee somebody decides: see the key
+            aside = partial(self.run_worker, thread=True, group="engine")
+            self._link.look_for_engine(aside)  # for a referee somebody decides: see the key
         busy = self._latest is not None and self._latest.run.active
         self.show(snapshot)
         if snapshot.run.active != busy and self._timer is not None:
@@ -350,21 +350,18 @@ class ConsoleScreen(Screen[None]):
         """Says that teams or plan have changed; the set-up and the plan show their faults."""
         if now.right.only_watches or before is None:
             return
-        problems: list[str] = []
-        news: list[str] = []
+        read: list[tuple[TeamList | Plan, str]] = []
         if now.teams != before.teams:
-            problems += now.teams.problems
-            news.append(f"The list of teams was read again: {len(now.teams.names)} teams.")
+            names = len(now.teams.names)
+            read.append((now.teams, f"The list of teams was read again: {names} teams."))
         if now.plan != before.plan:
-            problems += now.plan.problems
             attempts = sum(line.attempts for line in now.plan.lines)
-            news.append(f"The plan was read again: {attempts} attempts.")
-        if news:
-            problems += unknown_teams((line.task for line in now.plan.lines), now.teams.names)
-        if problems:
-            self.say("; ".join(problems), Tone.WARN)
-        elif news:
-            self.say(" ".join(news), Tone.GOOD)
+            read.append((now.plan, f"The plan was read again: {attempts} attempts."))
+        if read:
+            unknown = unknown_teams((line.task for line in now.plan.lines), now.teams.names)
+            problems = [*(words for one, _ in read for words in one.problems), *unknown]
+            said = "; ".join(problems) or " ".join(words for _, words in read)
+            self.say(said, Tone.WARN if problems else Tone.GOOD)
 
     def on_descendant_focus(self) -> None:
         self._keys.typing, self._keys.asks = self._types and not self.dialogs, bool(self.dialogs)
@@ -432,7 +429,7 @@ class ConsoleScreen(Screen[None]):
 
     def take_marked_run(self) -> bool:
         """In the history: the next run is for the team and the condition of the marked one."""
-        if self.pane != "history" or (run := self.panes.history.selected) is None:
+        if self.pane != "history" or (run := self.panes.history.table.selected) is None:
             return False
         self.panes.setup.propose_like(run)
         return True

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, cast
 
 from rich.cells import cell_len
 from textual import events
 from textual.keys import _character_to_key
 
+from madrob_console.common.formatting import format_duration, format_size, time_of_day
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.acts import Abort
 from madrob_console.referee.checks import Freshness
-from madrob_console.referee.records import format_duration
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import (
     Line,
@@ -34,16 +35,9 @@ from madrob_console.ui.keys.key_table import (
     PLAYBACK_KEYS,
     Key,
 )
-from madrob_console.ui.look.words import (
-    fitted,
-    minutes_text,
-    shortened,
-    size_text,
-    time_of_day,
-    wrapped,
-)
+from madrob_console.ui.look.words import clock_text, fitted, minutes_text, shortened
 from madrob_console.ui.panes.all_faults import BELOW, FAULT, ON_LIVE, banner, notices, short_form
-from madrob_console.ui.panes.run_status import clock_span, phase_span, team_text
+from madrob_console.ui.panes.run_status import clock_span, packed, phase_span, team_text
 
 if TYPE_CHECKING:
     from madrob_console.engine.requests import PlaybackView
@@ -67,9 +61,6 @@ _STATES = {"finished": "done"}
 
 class TopLine(View):
     """Which source, testbed and run, and whether everything is being kept."""
-
-    def __init__(self) -> None:
-        super().__init__(id="top-line")
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         if snapshot.pulse.stale:
@@ -119,7 +110,7 @@ def recorder_spans(recorder: RecorderView) -> Line:
     dropped = f" {recorder.dropped} dropped" if recorder.dropped else ""
     return line(
         Span(f" {name}", Tone.GOOD if recording and tone is Tone.PLAIN else tone),
-        f" {size_text(recorder.size)}",
+        f" {format_size(recorder.size)}",
         Span(dropped, Tone.ALARM),
     )
 
@@ -142,8 +133,8 @@ def _disk(snapshot: Snapshot, *, roomy: bool) -> Line:
     if free is None:
         return line(Span(" disk ?", Tone.WARN))
     if free < LITTLE_DISK:
-        return line(Span(f" {size_text(free)} free", Tone.WARN))
-    return line(Span(f" {size_text(free)} free", Tone.DIM)) if roomy else ()
+        return line(Span(f" {format_size(free)} free", Tone.WARN))
+    return line(Span(f" {format_size(free)} free", Tone.DIM)) if roomy else ()
 
 
 # Faults of now; each stays until it is gone.
@@ -280,13 +271,17 @@ class PlaybackBar(View):
         return () if playback is None else [playback_line(playback, width)]
 
 
+_position = partial(clock_text, decimals=2)
+"""From the start of the run: a step of one sample can be seen."""
+
+
 def playback_line(playback: PlaybackView, width: int) -> Line:
     """The bar in `width` cells; the scale goes first if there is little room."""
     words = line(
         Span(" REPLAY ", Tone.NOTICE),
         " ",
         state_span(playback),
-        f"  {position_text(playback.position)} / {position_text(playback.end)}",
+        f"  {_position(playback.position)} / {_position(playback.end)}",
     )
     room = width - width_of(words) - 4
     if room < _LEAST_GAUGE:
@@ -296,7 +291,7 @@ def playback_line(playback: PlaybackView, width: int) -> Line:
 
 def state_span(playback: PlaybackView) -> Span:
     if playback.jumping_to is not None:
-        return Span(f"jumping to {position_text(playback.jumping_to)}", Tone.WARN)
+        return Span(f"jumping to {_position(playback.jumping_to)}", Tone.WARN)
     if playback.ended:
         return Span("at its end", Tone.STRONG)
     speed = speed_text(playback.speed)
@@ -310,13 +305,6 @@ def speed_text(speed: float) -> str:
     if speed == 0:
         return "max"
     return "1/2x" if speed == 0.5 else f"{speed:g}x"
-
-
-def position_text(seconds: float) -> str:
-    """Minutes, seconds and hundredths from the start of the run: a step can be seen."""
-    hundredths = round(abs(seconds) * 100)
-    sign = "-" if seconds < 0 and hundredths else ""
-    return f"{sign}{hundredths // 6000}:{hundredths // 100 % 60:02d}.{hundredths % 100:02d}"
 
 
 def _scale(playback: PlaybackView, width: int) -> Line:
@@ -399,88 +387,35 @@ class StatusLine(Lines):
 # The run in a terminal that is too small for the other screens.
 
 
-SMALLEST = (10, 3)
-"""Columns and rows for the phase, the clock and the way to abort."""
-
-_GAP = Span("  ")
-_ROOM_FOR_REASONS = 24
-_MOST_ROWS = 3
-
-
 class TinyClock(View):
-    """Clock, abort, and as much else as there are rows for."""
+    """Phase, clock and abort, and as much else as there is room for."""
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        return tiny_lines(snapshot, width, self.room.height)
+        return tiny_lines(snapshot, width)[: self.room.height]
 
 
-def tiny_lines(snapshot: Snapshot, width: int, height: int) -> list[Line]:
-    """The most important parts that fit into `width` x `height` cells, in their order.
-
-    Long texts are wrapped; they are cut to one row before anything but the hint gives way.
-    """
-    rows: list[Line] = []
-    for kept, most_rows in ((8, _MOST_ROWS), (7, _MOST_ROWS), *((rank, 1) for rank in _RANKS)):
-        rows = _tiny_rows(snapshot, width, kept, most_rows)
-        if len(rows) <= height:
-            break
-    return rows[:height]
-
-
-_RANKS = range(7, -1, -1)
-
-
-def _tiny_rows(snapshot: Snapshot, width: int, kept: int, most_rows: int) -> list[Line]:
-    """The parts up to the rank `kept`: 0 clock, 1 abort, 2 phase, ... 8 hint."""
+def tiny_lines(snapshot: Snapshot, width: int) -> list[Line]:
+    """The most important first."""
+    run, left = snapshot.run, snapshot.remaining
     text, tone = banner(snapshot)
     urgent = tone in (Tone.ALARM, Tone.NOTICE)
-    running = snapshot.run.phase is Phase.RUNNING and snapshot.remaining is not None
-    fault = f"FAULT {snapshot.all_faults[0]}" if snapshot.all_faults else snapshot.notice or ""
-    head = (
-        (2, phase_span(snapshot.run, snapshot.result)),
-        (0, clock_span(snapshot)),
-        (3, Span("PRACTICE" if snapshot.practice else "", Tone.NOTICE)),
-        (6, Span(f"{minutes_text(snapshot.remaining or 0.0)} left" if running else "")),
+    spans = (
+        phase_span(run, snapshot.result),
+        clock_span(snapshot),
+        _abort(snapshot),
+        Span(text if urgent else "", tone),
+        Span("PRACTICE" if snapshot.practice else "", Tone.NOTICE),
+        Span(next(iter(snapshot.all_faults), snapshot.notice or ""), Tone.BAD),
+        Span(f"{minutes_text(left or 0.0)} left" if run.phase is Phase.RUNNING else ""),
+        Span(text if run.active and not urgent else "", tone),
+        Span("60x18 shows all", Tone.DIM),
     )
-    rest = (
-        (4 if urgent else 7, Span(text if urgent or snapshot.run.active else "", tone)),
-        (5, Span(fault, Tone.BAD)),
-    )
-    rows = _packed((span for rank, span in head if rank <= kept and span.text), width)
-    for rank, span in rest:
-        if rank <= kept and span.text:
-            rows += _cut_to(span, width, most_rows)
-    if kept >= 1:
-        rows.append(_abort(snapshot, width))
-    if kept >= 8:
-        rows.append(line(Span(fitted("60x18 shows all", width), Tone.DIM)))
-    return rows
+    return packed((span for span in spans if span.text), width, "  ")
 
 
-def _packed(spans: Iterable[Span], width: int) -> list[Line]:
-    lines: list[Line] = []
-    for text, tone in spans:
-        span = Span(shortened(text, width), tone)
-        if lines and width_of((*lines[-1], _GAP, span)) <= width:
-            lines[-1] = (*lines[-1], _GAP, span)
-        else:
-            lines.append((span,))
-    return lines
-
-
-def _cut_to(span: Span, width: int, most_rows: int) -> list[Line]:
-    rows = wrapped(span.text, width)
-    if len(rows) > most_rows:
-        rows = [*rows[: most_rows - 1], fitted(" ".join(rows[most_rows - 1 :]), width)]
-    return [line(Span(row, span.tone)) for row in rows]
-
-
-def _abort(snapshot: Snapshot, width: int) -> Line:
-    """The key as in the footer, dim with the reason if it does nothing; a replay says it is one."""
+def _abort(snapshot: Snapshot) -> Span:
+    """The key, or why it does nothing; a replay says that it is one."""
     if snapshot.playback is not None:
-        return line(Span("REPLAY", Tone.NOTICE), " ", state_span(snapshot.playback))
+        return Span(f"REPLAY {state_span(snapshot.playback).text}", Tone.NOTICE)
     refused = snapshot.refusal(Abort.name)
-    if refused is None:
-        return line(Span("F8", Tone.CAP), Span(" ABORT", Tone.STRONG))
-    text = f"F8 abort: {refused}" if width >= _ROOM_FOR_REASONS else "(F8 abort)"
-    return line(Span(fitted(text, width), Tone.DIM))
+    return Span(f"F8 abort: {refused}", Tone.DIM) if refused else Span("F8 ABORT", Tone.CAP)

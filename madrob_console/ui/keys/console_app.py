@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import asyncio
-import base64
 import sys
 import time
 from collections.abc import Awaitable, Callable, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from io import TextIOWrapper
-from typing import TYPE_CHECKING, NamedTuple, Protocol, cast
+from subprocess import TimeoutExpired, run
+from typing import TYPE_CHECKING, Protocol, cast
 
 from textual import events
-from textual.command import DiscoveryHit, Hit, Hits, Provider
+from textual.command import Hit, Hits, Provider
 from textual.content import Content
 from textual.drivers.linux_driver import LinuxDriver
 
@@ -52,57 +50,32 @@ class ConsoleApp(Protocol):
         ...
 
 
-# Text to the clipboard of the referee's own machine, through SSH and tmux (OSC 52).
+# Text to the tmux of this machine: without a setting it passes on no clipboard sequence (OSC 52).
 
 
 TMUX_TIME = 2.0
 """Timeout for handing tmux a text, s."""
 
-_MULTIPLEXED = "tmux"
-
-
-def clipboard_sequences(text: str, environ: Mapping[str, str]) -> str:
-    """What to write to the terminal so that it takes `text`; most terminals take 70 kB.
-
-    A tmux passes on neither by itself: the plain sequence with `set-clipboard on`, the wrapped
-    one with `allow-passthrough on`. `environ`: TERM crosses SSH.
-    """
-    plain = f"\x1b]52;c;{base64.b64encode(text.encode()).decode()}\x07"
-    if not in_tmux(environ):
-        return plain
-    doubled = plain.replace("\x1b", "\x1b\x1b")
-    return f"{plain}\x1bP{_MULTIPLEXED};{doubled}\x1b\\"
-
 
 def in_tmux(environ: Mapping[str, str]) -> bool:
     """Whether the terminal is a tmux, here or at the other end of SSH."""
-    return bool(environ.get("TMUX")) or environ.get("TERM", "").startswith(_MULTIPLEXED)
+    return bool(environ.get("TMUX")) or environ.get("TERM", "").startswith("tmux")
 
 
-async def give_to_tmux(text: str, environ: Mapping[str, str]) -> bool:
-    """Hands a text to the tmux of this machine, and it to its terminal (`load-buffer -w`).
+def give_to_tmux(text: str, environ: Mapping[str, str]) -> bool:
+    """Hands a text to the tmux of this machine, and it to its terminal; whether one took it.
 
-    That works with tmux's default settings. Returns whether there is one that took it.
+    That works with tmux's default settings.
     """
-    if not environ.get("TMUX"):
-        return False
+    command = ("tmux", "load-buffer", "-w", "-")
+    given, env = text.encode(), dict(environ)
     try:
-        process = await asyncio.create_subprocess_exec(
-            _MULTIPLEXED, "load-buffer", "-w", "-",
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.DEVNULL,
-            stderr=asyncio.subprocess.DEVNULL,
-            env=dict(environ),
-        )  # fmt: skip
-    except OSError:
+        done = run(
+            command, input=given, env=env, capture_output=True, timeout=TMUX_TIME, check=False
+        )
+    except (OSError, TimeoutExpired):
         return False
-    try:
-        await asyncio.wait_for(process.communicate(text.encode()), TMUX_TIME)
-    except TimeoutError:
-        with suppress(ProcessLookupError):
-            process.kill()
-        return False
-    return process.returncode == 0
+    return done.returncode == 0
 
 
 # Mouse events of the terminal.
@@ -252,57 +225,40 @@ _TEXT = 22
 
 
 class ConsoleCommands(Provider):
-    """Searches the console's commands."""
+    """Searches the console's commands; those that are not possible now come last."""
 
-    async def discover(self) -> Hits:
-        """All commands in the order of the keys; those that are not possible now come last."""
-        for text, command, help_text, _possible in _commands(self._console_app):
-            yield DiscoveryHit(_row(Content(text), help_text), command, text)
+    def discover(self) -> Hits:
+        return self.search("")
 
     async def search(self, query: str) -> Hits:
         matcher = self.matcher(query)
-        for text, command, help_text, possible in _commands(self._console_app):
-            score = max(matcher.match(text), matcher.match(help_text) / 2)
+        for text, command, help_text, possible in _commands(cast("ConsoleApp", self.app)):
+            score = max(matcher.match(text), matcher.match(help_text) / 2) if query else 1.0
             if score > 0:
-                row = _row(matcher.highlight(text), help_text)
+                shown = matcher.highlight(text) if query else Content(text)
+                blank = max(1, _TEXT - shown.cell_length)
+                row = Content.assemble(shown.pad_right(blank), (help_text, "dim"))
                 yield Hit(score if possible else score / 4, row, command, text)
 
-    @property
-    def _console_app(self) -> ConsoleApp:
-        return cast("ConsoleApp", self.app)
+
+_Command = tuple[str, Callable[[], object], str, bool]
+"""A command's text, what it does, what that means, whether it is possible."""
 
 
-class _Command(NamedTuple):
-    text: str
-    command: Callable[[], object]
-    help: str
-    possible: bool = True
-
-
-def _row(text: Content, help_text: str) -> Content:
-    return Content.assemble(text.pad_right(max(1, _TEXT - text.cell_length)), (help_text, "dim"))
-
-
-def _commands(app: ConsoleApp) -> list[_Command]:
-    return sorted(_in_order(app), key=lambda command: not command.possible)
-
-
-def _in_order(app: ConsoleApp) -> Iterator[_Command]:
+def _commands(app: ConsoleApp) -> Iterator[_Command]:
     for key in KEYS.values():
         if key.name in ("menu", "palette", "open") or not app.has_key(key):
             continue
         refused = app.key_refusal(key)
         help_text = key.help if refused is None else f"not now: {refused}"
-        if key.name == "rule":
-            for step in Step:
-                press = partial(app.action_press, "rule", str(int(step)))
-                text = f"{int(step)}  step {int(step)}: {step.text}"
-                yield _Command(text, press, help_text, refused is None)
-            continue
-        press = partial(app.action_press, key.name, key.keys.partition(",")[0])
         cap = key.cap if key.keys else f"Enter {key.cap}"
-        yield _Command(f"{cap}  {key.label}", press, help_text, refused is None)
+        texts = {key.keys.partition(",")[0]: f"{cap}  {key.label}"}
+        if key.name == "rule":
+            texts = {str(int(step)): f"{int(step)}  step {int(step)}: {step.text}" for step in Step}
+        for each, text in texts.items():
+            press = partial(app.action_press, key.name, each)
+            yield text, press, help_text, refused is None
     for name in ThemeName:
-        yield _Command(f"Theme: {name}", partial(app.set_theme, name), "colours of the screens")
+        yield f"Theme: {name}", partial(app.set_theme, name), "colours of the screens", True
     state = "off" if app.rings else "on"
-    yield _Command(f"Bell: switch {state}", app.toggle_bell, "rings on start, stop and fault")
+    yield f"Bell: switch {state}", app.toggle_bell, "rings on start, stop and fault", True

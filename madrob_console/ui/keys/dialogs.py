@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
 from madrob_console.archive.folders import lies_in_practice
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import seconds_of
 from madrob_console.common.names import clean_name
 from madrob_console.engine.requests import (
     ExportDossier,
@@ -21,7 +22,7 @@ from madrob_console.engine.requests import (
 )
 from madrob_console.referee.acts import Abort, Act
 from madrob_console.referee.acts.act import Ask, Option, Pick, Sure, Write, reasons
-from madrob_console.referee.records import open_protests, seconds_of
+from madrob_console.referee.records import open_protests
 from madrob_console.referee.run import Run
 
 if TYPE_CHECKING:

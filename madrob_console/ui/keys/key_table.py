@@ -28,6 +28,7 @@ from madrob_console.engine.requests import (
 )
 from madrob_console.referee import acts
 from madrob_console.referee.acts.act import Ask, Option, Pick
+from madrob_console.referee.records import CheckName
 from madrob_console.ui.keys import dialogs
 from madrob_console.ui.keys.dialogs import Press
 
@@ -159,6 +160,14 @@ LETTER_KEYS = (
 
 _LISTS = frozenset({"history"})
 
+
+def _ask_waiver(snapshot: Snapshot, check: str) -> Intent:
+    """About one check where it is named, as by the list of checks."""
+    if check:
+        return acts.Waive.ask_why(snapshot, CheckName(check))
+    return acts.Waive.ask_questions(snapshot, "")
+
+
 MENU = (
     Key("open", "", "o", "Open", "show its result and what can be decided", where=_LISTS),
     Key(
@@ -195,7 +204,7 @@ MENU = (
     ),
     Key(
         "waive", "", "w", "Waive", "let a failing check pass for this run",
-        acts.Waive.name, acts.Waive.ask_questions, where=_LIVE,
+        acts.Waive.name, _ask_waiver, where=_LIVE,
     ),
     Key(
         "note", "", "n", "Note", "write a note beside the run",

@@ -11,7 +11,6 @@ import re
 import unicodedata
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
-from typing import NamedTuple
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -29,23 +28,8 @@ COLOURLESS = "colourless"
 _OF_16 = "-16"
 
 
-class _Palette(NamedTuple):
-    """Backgrounds of the screen, of dialogs, of lines and fields, of the field in use; inks."""
-
-    background: str
-    surface: str
-    panel: str
-    focus: str
-    foreground: str
-    muted: str
-    good: str
-    warning: str
-    bad: str
-    accent: str
-    thumb: str
-
-
 _COLUMNS = (ThemeName.DARK, ThemeName.LIGHT, ThemeName.HIGH_CONTRAST)
+# backgrounds of the screen, of dialogs, of lines and fields, of the field in use; inks
 _COLOURS = {
     "background": ("#121212", "#ffffff", "#000000"),
     "surface": ("#1c1c1c", "#f2f2f2", "#000000"),
@@ -105,57 +89,56 @@ def _bare(style: Style) -> Style:
     return bare + Style.from_meta(style.meta) if style.meta else bare
 
 
-def _theme(name: str, palette: _Palette, *, dark: bool, ansi: bool) -> Theme:
-    p = palette
+def _theme(name: str, ink: Mapping[str, str], *, dark: bool, ansi: bool) -> Theme:
     return Theme(
         name,
-        primary=p.accent,
-        secondary=p.accent,
-        accent=p.accent,
-        warning=p.warning,
-        error=p.bad,
-        success=p.good,
-        foreground=p.foreground,
-        background=p.background,
-        surface=p.surface,
-        panel=p.panel,
+        primary=ink["accent"],
+        secondary=ink["accent"],
+        accent=ink["accent"],
+        warning=ink["warning"],
+        error=ink["bad"],
+        success=ink["good"],
+        foreground=ink["foreground"],
+        background=ink["background"],
+        surface=ink["surface"],
+        panel=ink["panel"],
         dark=dark,
         ansi=ansi,
         variables={
-            "surface": p.surface,  # textual takes ansi ones for transparent
-            "panel": p.panel,
-            "panel-lighten-2": p.focus,
-            "surface-active": p.focus,
-            "ansi-background": p.background,
-            "ansi-foreground": p.foreground,
-            "text": p.foreground,
-            "text-muted": p.muted,
-            "text-disabled": p.muted,
-            "foreground-muted": p.muted,
-            "foreground-disabled": p.muted,
-            "text-success": p.good,
-            "text-warning": p.warning,
-            "text-error": p.bad,
-            "border": p.accent,
-            "border-blurred": p.muted,
-            "block-cursor-foreground": p.background,
-            "block-cursor-background": p.accent,
+            "surface": ink["surface"],  # textual takes ansi ones for transparent
+            "panel": ink["panel"],
+            "panel-lighten-2": ink["focus"],
+            "surface-active": ink["focus"],
+            "ansi-background": ink["background"],
+            "ansi-foreground": ink["foreground"],
+            "text": ink["foreground"],
+            "text-muted": ink["muted"],
+            "text-disabled": ink["muted"],
+            "foreground-muted": ink["muted"],
+            "foreground-disabled": ink["muted"],
+            "text-success": ink["good"],
+            "text-warning": ink["warning"],
+            "text-error": ink["bad"],
+            "border": ink["accent"],
+            "border-blurred": ink["muted"],
+            "block-cursor-foreground": ink["background"],
+            "block-cursor-background": ink["accent"],
             "block-cursor-text-style": "bold reverse" if name == COLOURLESS else "bold",
-            "block-hover-background": p.panel,
-            "input-cursor-foreground": p.background,
-            "input-cursor-background": p.foreground,
+            "block-hover-background": ink["panel"],
+            "input-cursor-foreground": ink["background"],
+            "input-cursor-background": ink["foreground"],
             "input-cursor-text-style": "none",
-            "input-selection-foreground": p.background,
-            "input-selection-background": p.accent,
-            "screen-selection-foreground": p.background,
-            "screen-selection-background": p.accent,
-            "scrollbar": p.thumb,
-            "scrollbar-hover": p.foreground,
-            "scrollbar-active": p.foreground,
-            "scrollbar-background": p.panel,
-            "scrollbar-background-hover": p.panel,
-            "scrollbar-background-active": p.panel,
-            "scrollbar-corner-color": p.panel,
+            "input-selection-foreground": ink["background"],
+            "input-selection-background": ink["accent"],
+            "screen-selection-foreground": ink["background"],
+            "screen-selection-background": ink["accent"],
+            "scrollbar": ink["thumb"],
+            "scrollbar-hover": ink["foreground"],
+            "scrollbar-active": ink["foreground"],
+            "scrollbar-background": ink["panel"],
+            "scrollbar-background-hover": ink["panel"],
+            "scrollbar-background-active": ink["panel"],
+            "scrollbar-corner-color": ink["panel"],
         },
     )
 
@@ -163,11 +146,10 @@ def _theme(name: str, palette: _Palette, *, dark: bool, ansi: bool) -> Theme:
 def _all() -> Iterator[Theme]:
     for suffix, table in (("", _COLOURS), (_OF_16, _COLOURS_OF_16)):
         for column, name in enumerate(_COLUMNS):
-            palette = _Palette(**{part: colours[column] for part, colours in table.items()})
+            ink = {part: colours[column] for part, colours in table.items()}
             dark = name is not ThemeName.LIGHT
-            yield _theme(f"{name}{suffix}", palette, dark=dark, ansi=bool(suffix))
-    terminals_own = _Palette(*["ansi_default"] * len(_Palette._fields))
-    yield _theme(COLOURLESS, terminals_own, dark=True, ansi=True)
+            yield _theme(f"{name}{suffix}", ink, dark=dark, ansi=bool(suffix))
+    yield _theme(COLOURLESS, dict.fromkeys(_COLOURS, "ansi_default"), dark=True, ansi=True)
 
 
 THEMES = tuple(_all())
@@ -216,25 +198,20 @@ _SIGNS = {
     "░": ".",
     "▒": ":",
     "▓": "%",
+    "─━┄┅┈┉╴╶╸╺╼╾": "-",
+    "│┃┆┇┊┋╎╏║╵╷╹╻╽╿": "|",
+    "╌╍═": "=",
+    "\N{BOX DRAWINGS LIGHT DIAGONAL UPPER RIGHT TO LOWER LEFT}": "/",
+    "╲": "\\",
+    "\N{BOX DRAWINGS LIGHT DIAGONAL CROSS}": "X",
 }
 
 
 def _table() -> Iterator[tuple[int, str]]:
+    yield from ((code, "+") for code in range(0x2500, 0x2580))  # boxes
     for signs, likeness in _SIGNS.items():
         yield from ((ord(sign), likeness) for sign in signs)
-    for code in range(0x2500, 0x2580):
-        yield code, _box(unicodedata.name(chr(code)))
-    for code in range(0x2800, 0x2900):
-        yield code, _dots(code - 0x2800)
-
-
-def _box(name: str) -> str:
-    words = name.replace("-", " ").split()
-    if "DIAGONAL" in words:
-        return "X" if "CROSS" in words else "/" if name.endswith("LOWER LEFT") else "\\"
-    across = bool({"HORIZONTAL", "LEFT", "RIGHT"} & set(words))
-    along = bool({"VERTICAL", "UP", "DOWN"} & set(words))
-    return "+" if across and along else "|" if along else "=" if "DOUBLE" in words else "-"
+    yield from ((code, _dots(code - 0x2800)) for code in range(0x2800, 0x2900))
 
 
 def _dots(bits: int) -> str:

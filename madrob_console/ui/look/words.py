@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-import time
 from typing import TYPE_CHECKING
 
-from rich.cells import cell_len, chop_cells
+from rich.cells import cell_len, chop_cells, set_cell_size
 
 from madrob_console.referee.run import Phase
 from scoring.protocol import Outcome
@@ -37,11 +36,13 @@ PHASES = {
 }
 
 
-def clock_text(seconds: float) -> str:
-    """Minutes, seconds and tenths, cut and never rounded up: `-0:04.2`, `12:03.9`."""
-    tenths = math.floor(abs(seconds) * 10 + 1e-6)
-    sign = "-" if seconds < 0 and tenths else ""
-    return f"{sign}{tenths // 600}:{tenths // 10 % 60:02d}.{tenths % 10}"
+def clock_text(seconds: float, decimals: int = 1) -> str:
+    """Minutes and seconds, cut and never rounded up: `-0:04.2`, `12:03.9`."""
+    second = 10**decimals
+    parts = math.floor(abs(seconds) * second + 1e-6)
+    sign = "-" if seconds < 0 and parts else ""
+    whole = parts // second
+    return f"{sign}{whole // 60}:{whole % 60:02d}.{parts % second:0{decimals}d}"
 
 
 def minutes_text(seconds: float) -> str:
@@ -53,25 +54,6 @@ def minutes_text(seconds: float) -> str:
 def rough_text(duration: float) -> str:
     """A time that may still change: one decimal of a second, marked."""
     return f"{ROUGH}{duration:.1f}"
-
-
-def time_of_day(epoch: float) -> str:
-    """The local time of day; `epoch` in s."""
-    return time.strftime("%H:%M:%S", time.localtime(epoch))
-
-
-def date_of(epoch: float) -> str:
-    """The local date and time; `epoch` in s."""
-    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(epoch))
-
-
-def size_text(size: float) -> str:
-    """Bytes in a unit that people read: `512 B`, `3.4 MB`, `41 GB`."""
-    for unit in ("B", "kB", "MB", "GB"):
-        if size < 999.5:
-            return f"{size:.0f} {unit}" if unit == "B" or size >= 99.95 else f"{size:.1f} {unit}"
-        size /= 1000
-    return f"{size:.1f} TB"
 
 
 def done_text(act: Act) -> str:
@@ -91,12 +73,9 @@ def export_text(export: ExportView) -> str:
 
 def fitted(text: str, width: int) -> str:
     """The text in exactly `width` cells; what is cut shows an ellipsis."""
-    missing = width - cell_len(text)
-    if missing >= 0:
-        return text + " " * missing
-    while text and cell_len(text) > width - 1:
-        text = text[:-1]
-    return fitted(text + "…", width) if width > 0 else ""
+    if cell_len(text) <= width:
+        return set_cell_size(text, width)
+    return f"{set_cell_size(text, width - 1)}…" if width > 0 else ""
 
 
 def shortened(text: str, width: int) -> str:

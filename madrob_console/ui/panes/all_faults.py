@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rich.cells import cell_len
 
+from madrob_console.common.formatting import counted, format_duration
 from madrob_console.referee.acts import Abort, Start
-from madrob_console.referee.records import counted, format_duration
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph, width_of
 from madrob_console.ui.look.words import shortened, wrapped

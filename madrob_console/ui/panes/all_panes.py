@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 from madrob_console.archive.history import History
 from madrob_console.engine.requests import GiveCurves
+from madrob_console.ui.link import ConsoleDefaults, EngineLink
 from madrob_console.ui.panes.figures_pane import FiguresPane
 from madrob_console.ui.panes.help_pane import HelpPane
 from madrob_console.ui.panes.live_pane import LivePane
@@ -14,11 +15,6 @@ from madrob_console.ui.panes.result_pane import ResultsPane
 from madrob_console.ui.panes.runs_pane import HistoryPane
 from madrob_console.ui.panes.setup_pane import SetupPane
 from madrob_console.ui.panes.standings_pane import StandingsPane
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from madrob_console.ui.link import ConsoleDefaults, EngineLink
 
 Pane = (
     SetupPane
@@ -41,7 +37,7 @@ class Panes:
         self.setup = SetupPane(link, defaults, plan)
         self.live = LivePane()
         self.results = ResultsPane(history.refresh)
-        self.figures = FiguresPane(lambda: link.send_request(GiveCurves()))
+        self.figures = FiguresPane(lambda: link.answer(GiveCurves()))
         self.history = HistoryPane(history.refresh, defaults.competition)
         self.plan = PlanPane(plan)
         self.standings = StandingsPane(history.refresh, defaults.best_runs, defaults.competition)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from textual.app import ComposeResult
+from textual import work
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical
-from textual.message import Message
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.requests import Curves
-from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, Unmarked, line, paragraph
+from madrob_console.engine.snapshot import Snapshot
+from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line, paragraph
 from madrob_console.ui.cells.plot import ASCII, BRAILLE, LARGEST, Frame, Ink, Mark, Plot, Window
 from madrob_console.ui.look.words import fitted
 from madrob_console.ui.panes.run_status import what_text
@@ -27,9 +26,6 @@ from scoring.indicator_table import (
 )
 from scoring.protocol import Condition, Outcome
 from scoring.result import value_text
-
-if TYPE_CHECKING:
-    from madrob_console.engine.snapshot import Snapshot
 
 # The figures of the protocol document, drawn into cells (protocol section 6).
 
@@ -158,21 +154,8 @@ _ZOOM = 1.5
 _STEP = 0.25
 
 
-class FigureView(Lines):
-    """One figure, or a message, in all the room there is."""
-
-    content: Sheet | tuple[str, Tone] = (READING, Tone.DIM)
-
-    def lines(self, width: int) -> Sequence[Line]:
-        if isinstance(self.content, Sheet):
-            ink = ASCII if self.ascii_only else BRAILLE
-            return self.content.lines(width, self.room.height, ink)
-        text, tone = self.content
-        return paragraph(text, width, tone)
-
-
-class FiguresPane(Vertical, Unmarked, can_focus=True):
-    """One figure at a time, zoomable in time; `load`, called in a thread, may take a while."""
+class FiguresPane(Lines, can_focus=True):
+    """One figure at a time, zoomable in time; `load` may take a while."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "move(-1)", show=False),
@@ -184,27 +167,14 @@ class FiguresPane(Vertical, Unmarked, can_focus=True):
         Binding("shift+tab,left_square_bracket", "turn(-1)", show=False),
     ]
 
-    @dataclass
-    class Loaded(Message):
-        """What the thread has read; `number` says for which request."""
-
-        number: int
-        curves: Curves | None
-        trouble: str = ""
-
-    def __init__(self, load: Callable[[], Curves | None]) -> None:
+    def __init__(self, load: Callable[[], Awaitable[Curves | None]]) -> None:
         super().__init__(id="figures")
         self._load = load
-        self._view = FigureView()
         self._snapshot: Snapshot | None = None
         self._shown: tuple[float | None, int] | None = None
-        self._loaded: FiguresPane.Loaded | None = None
-        self._requests = 0
+        self._loaded: Curves | str | None = READING
         self._figure = 0
         self._window: Window | None = None
-
-    def compose(self) -> ComposeResult:
-        yield self._view
 
     def enter(self) -> None:
         self.focus()
@@ -215,28 +185,21 @@ class FiguresPane(Vertical, Unmarked, can_focus=True):
         if shown == self._shown:
             return
         if self._shown is None or shown[0] != self._shown[0]:
-            self._window = self._loaded = None
+            self._window, self._loaded = None, READING
         self._snapshot, self._shown = snapshot, shown
         self._request()
 
     def _request(self) -> None:
-        self._requests += 1
-        number = self._requests
-        self.run_worker(lambda: self._read(number), thread=True)
-        self._redraw()
+        self._read()
+        self.redraw()
 
-    def _read(self, number: int) -> None:
-        """In the thread: it must not wait for the screens."""
+    @work(exclusive=True)
+    async def _read(self) -> None:
         try:
-            loaded = self.Loaded(number, self._load())
+            self._loaded = await self._load()
         except (MadrobError, OSError, MemoryError) as error:
-            loaded = self.Loaded(number, None, str(error) or "no memory")
-        self.post_message(loaded)
-
-    def on_figures_pane_loaded(self, event: Loaded) -> None:
-        if event.number == self._requests:
-            self._loaded = event
-            self._redraw()
+            self._loaded = str(error) or "no memory"
+        self.redraw()
 
     def action_move(self, way: int) -> None:
         if (window := self._window) is not None:
@@ -248,15 +211,15 @@ class FiguresPane(Vertical, Unmarked, can_focus=True):
 
     def action_show_all(self) -> None:
         self._window = None
-        self._redraw()
+        self.redraw()
 
     def action_turn(self, way: int) -> None:
         self._figure = (self._figure + way) % len(FIGURES)
-        self._redraw()
+        self.redraw()
 
     def _whole(self) -> Window:
-        curves = None if self._loaded is None else self._loaded.curves
-        first, last = (0.0, 0.0) if curves is None else curves.extent
+        curves = self._loaded
+        first, last = curves.extent if isinstance(curves, Curves) else (0.0, 0.0)
         return Window(first, max(last, first + SHORTEST_WINDOW))
 
     def _look(self, middle: float, width: float) -> None:
@@ -268,23 +231,20 @@ class FiguresPane(Vertical, Unmarked, can_focus=True):
         else:
             start = min(max(middle - width / 2, whole.start), whole.end - width)
             self._window = Window(start, start + width)
-        self._redraw()
+        self.redraw()
 
-    def _redraw(self) -> None:
-        self._view.content = self._content()
-        self._view.redraw()
-
-    def _content(self) -> Sheet | tuple[str, Tone]:
+    def lines(self, width: int) -> Sequence[Line]:
         loaded, snapshot = self._loaded, self._snapshot
-        if loaded is None or snapshot is None:
-            return READING, Tone.DIM
-        if loaded.trouble:
-            return loaded.trouble, Tone.BAD
-        if loaded.curves is None:
-            return NO_RESULT, Tone.DIM
-        if loaded.curves.empty:
-            return _nothing(snapshot), Tone.WARN
-        return Sheet(self._figure, loaded.curves, snapshot, self._window or self._whole())
+        if loaded == READING or snapshot is None:
+            return paragraph(READING, width, Tone.DIM)
+        if isinstance(loaded, str):
+            return paragraph(loaded, width, Tone.BAD)
+        if loaded is None:
+            return paragraph(NO_RESULT, width, Tone.DIM)
+        if loaded.empty:
+            return paragraph(_nothing(snapshot), width, Tone.WARN)
+        sheet = Sheet(self._figure, loaded, snapshot, self._window or self._whole())
+        return sheet.lines(width, self.room.height, ASCII if self.ascii_only else BRAILLE)
 
 
 def _nothing(snapshot: Snapshot) -> str:

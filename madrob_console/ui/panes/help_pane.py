@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
-from textual.app import ComposeResult
 from textual.containers import VerticalScroll
 
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, Unmarked, line, paragraph
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, MENU, PLAYBACK_KEYS
 from madrob_console.ui.panes.live_pane import LEGEND
-
-if TYPE_CHECKING:
-    from madrob_console.engine.snapshot import Snapshot
 
 _FIRST = """\
 A run: Enter sets up, F7 zeroes the handle, F6 confirms the pose, F5 starts.
@@ -79,11 +75,8 @@ class HelpPane(VerticalScroll, Unmarked):
     """Arrows scroll."""
 
     def __init__(self) -> None:
-        super().__init__(id="help")
         self._text = HelpText()
-
-    def compose(self) -> ComposeResult:
-        yield self._text
+        super().__init__(self._text, id="help")
 
     def enter(self) -> None:
         self.screen.set_focus(self)

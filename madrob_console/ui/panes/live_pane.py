@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
-from textual.app import ComposeResult
 from textual.containers import Horizontal, VerticalScroll
 
-from madrob_console.engine.snapshot import Weight
+from madrob_console.common.formatting import time_of_day
+from madrob_console.engine.snapshot import (
+    DoorView,
+    HandleView,
+    LatchView,
+    LogLine,
+    SensorView,
+    Snapshot,
+    Weight,
+)
 from madrob_console.referee.checks import Freshness
 from madrob_console.referee.journal import Origin
 from madrob_console.ui.cells.lines import (
@@ -23,21 +30,11 @@ from madrob_console.ui.cells.lines import (
     ruler,
     scale,
 )
-from madrob_console.ui.look.words import rough_text, time_of_day
+from madrob_console.ui.look.words import rough_text
 from madrob_console.ui.panes.all_faults import AllFaults, Banner, EvidenceLine
-from madrob_console.ui.panes.run_status import RunClock, RunStatus, RunTenths, StepTable
+from madrob_console.ui.panes.run_status import RunClock, RunStatus, StepTable
 from scoring.protocol import Side
 from scoring.result import DOUBTED
-
-if TYPE_CHECKING:
-    from madrob_console.engine.snapshot import (
-        DoorView,
-        HandleView,
-        LatchView,
-        LogLine,
-        SensorView,
-        Snapshot,
-    )
 
 # The panel's angle on a scale.
 
@@ -292,19 +289,19 @@ class LivePane(VerticalScroll, Unmarked):
     """Clock, steps, sensors, what is known so far, faults, log; arrows scroll what is too long."""
 
     def __init__(self) -> None:
-        super().__init__(id="live")
-        self._views: Sequence[View] = ()
+        stands, steps = (RunClock(), RunStatus()), (StepTable(), Passage())
+        gauges, below = (DoorGauge(), HandleGauge()), (Provisional(), EvidenceLine(), AllFaults())
+        super().__init__(
+            Horizontal(*stands, classes="row"),
+            banner := Banner(),
+            Horizontal(*steps, classes="row"),
+            Horizontal(*gauges, classes="row"),
+            *below,
+            log := LogView(),
+            id="live",
+        )
+        self._views: Sequence[View] = (*stands, banner, *steps, *gauges, *below, log)
         self._count = 0
-
-    def compose(self) -> ComposeResult:
-        yield Horizontal(RunClock(), RunTenths(), RunStatus(), classes="row")
-        yield Banner()
-        yield Horizontal(StepTable(), Passage(), classes="row")
-        yield Horizontal(DoorGauge(), HandleGauge(), classes="row")
-        yield from (Provisional(), EvidenceLine(), AllFaults(), LogView())
-
-    def on_mount(self) -> None:
-        self._views = list(self.query(View))
 
     def enter(self) -> None:
         """Takes the focus, and shows all at once with the next snapshot."""

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import islice
-from typing import TYPE_CHECKING
 
 from textual.message import Message
 
 from madrob_console.archive.history import condition_words
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import listed
 from madrob_console.engine.requests import GivePlan
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.pages.competition import (
     attempt_words,
     attempts_cell,
@@ -18,14 +20,10 @@ from madrob_console.pages.competition import (
     task_words,
 )
 from madrob_console.referee.competition_plan import Attempts, PlanProgress, Task, unknown_teams
-from madrob_console.referee.records import listed
 from madrob_console.ui.cells.lines import Span, Tone
 from madrob_console.ui.cells.table import Column, Table
+from madrob_console.ui.link import EngineLink
 from madrob_console.ui.panes.runs_pane import ListPane, number_column, results_state, text_column
-
-if TYPE_CHECKING:
-    from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.ui.link import EngineLink
 
 KEYS = "Enter proposes the marked team and condition, o sorts the teams"
 LEGEND = "> next  1/2 one of two done  + out of plan  P protest"
@@ -42,12 +40,11 @@ _HEADS = 3
 class PlanPane(ListPane[int]):
     """A row a team, a column a condition; Enter proposes the marked one."""
 
+    @dataclass
     class Chosen(Message):
         """The referee wants a team in a condition to be run next."""
 
-        def __init__(self, task: Task) -> None:
-            super().__init__()
-            self.task = task
+        task: Task
 
     def __init__(self, reader: PlanReader) -> None:
         self._reader = reader
@@ -182,40 +179,33 @@ def about(attempts: Attempts, teams: Mapping[int, str]) -> str:
 
 
 class PlanReader:
-    """Asks the engine again after a change; `problem` says why there is no newer `progress`."""
+    """Asks the engine again after a change; `problem` says why there is no newer `progress`.
+
+    `behind` says that the answer to a change is not there yet.
+    """
 
     def __init__(self, link: EngineLink) -> None:
         self._link = link
         self._seen: object = None
-        self._asked = 0
-        self._answered = 0
-        self._wanted = 0
         self.progress = PlanProgress()
         self.problem = ""
         self.version = 0
+        self.behind = False
 
     def is_old(self, snapshot: Snapshot) -> bool:
         """Whether to read again; says so once for each change."""
-        seen = (snapshot.plan, results_state(snapshot))
-        old, self._seen = seen != self._seen, seen
-        if old:
-            self._wanted = self._asked + 1
+        before, self._seen = self._seen, (snapshot.plan, results_state(snapshot))
+        old = before != self._seen
+        self.behind |= old
         return old
 
-    @property
-    def behind(self) -> bool:
-        return self._answered < self._wanted
-
     async def read(self) -> None:
-        """Asks; the answer to the latest question counts."""
-        self._asked += 1
-        number = self._asked
-        progress, problem = self.progress, ""
+        """Asks; an answer that a change has overtaken counts for nothing."""
+        seen, progress, problem = self._seen, self.progress, ""
         try:
             progress = await self._link.answer(GivePlan())
         except MadrobError as error:
             problem = str(error)
-        if number > self._answered:
-            self._answered = number
-            self.progress, self.problem = progress, problem
+        if seen == self._seen:
+            self.progress, self.problem, self.behind = progress, problem, False
             self.version += 1

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import time
+from asyncio import to_thread
 from collections.abc import Callable, Iterator, Sequence
 from operator import itemgetter
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from textual import events
-from textual.app import ComposeResult
+from textual import events, work
 from textual.binding import Binding, BindingType
 from textual.containers import Container, VerticalScroll
 
 from madrob_console.archive.folders import PICTURES_FOLDER, pictures_in
-from madrob_console.archive.history import earlier_runs
+from madrob_console.archive.history import RunSummary, earlier_runs
 from madrob_console.common.errors import MadrobError
-from madrob_console.pages.tally import aggregate_of
+from madrob_console.common.formatting import date_of
+from madrob_console.engine.snapshot import Snapshot
+from madrob_console.pages.tally import Aggregate, aggregate_of
 from madrob_console.referee.acts.during import RULED
 from madrob_console.referee.flags import (
     FlagKind,
@@ -25,8 +27,8 @@ from madrob_console.referee.flags import (
     untold_remarks,
     weighty,
 )
-from madrob_console.referee.records import format_due, open_protests
-from madrob_console.referee.run import Phase
+from madrob_console.referee.records import Incident, Protest, RunSetup, format_due, open_protests
+from madrob_console.referee.run import Phase, Run
 from madrob_console.ui.cells.lines import (
     Line,
     Span,
@@ -37,7 +39,7 @@ from madrob_console.ui.cells.lines import (
     paragraph,
     plain,
 )
-from madrob_console.ui.look.words import OUTCOMES, date_of
+from madrob_console.ui.look.words import OUTCOMES
 from madrob_console.ui.panes.run_status import (
     FLAG_TONES,
     StepTable,
@@ -45,18 +47,18 @@ from madrob_console.ui.panes.run_status import (
     phase_span,
     what_text,
 )
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition
-from scoring.result import difference_text, distinguishable, uncertainty_text, value_text
+from scoring.result import (
+    Indicator,
+    Result,
+    Uncertainty,
+    difference_text,
+    distinguishable,
+    uncertainty_text,
+    value_text,
+)
 from scoring.rulesets import RulesetName
-
-if TYPE_CHECKING:
-    from madrob_console.archive.history import RunSummary
-    from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.pages.tally import Aggregate
-    from madrob_console.referee.records import Incident, Protest, RunSetup
-    from madrob_console.referee.run import Run
-    from scoring.indicator_table import IndicatorName
-    from scoring.result import Indicator, Result, Uncertainty
 
 # The head of a result: outcome, what must be decided, who ran, final or not.
 
@@ -361,19 +363,15 @@ class ResultsPane(VerticalScroll, Unmarked):
     BINDINGS: ClassVar[list[BindingType]] = [Binding("v", "turn", "Details", show=False)]
 
     def __init__(self, load: Callable[[], Sequence[RunSummary]]) -> None:
-        super().__init__(id="results")
+        self._details = ResultDetails()
+        head, tables = ResultHead(), (IndicatorTable(), StepTable())
+        columns = Container(*tables, classes="columns")
+        super().__init__(head, columns, self._details, id="results")
+        self._views = (head, *tables, self._details)
         self._load = load
         self._shown: _Shown | None = None
         self._folder = ""
         self._looking = False
-        self._details = ResultDetails()
-        self._views = (ResultHead(), IndicatorTable(), StepTable(), self._details)
-
-    def compose(self) -> ComposeResult:
-        head, indicators, steps, details = self._views
-        yield head
-        yield Container(indicators, steps, classes="columns")
-        yield details
 
     def action_turn(self) -> None:
         """Shows the details, and again what was above them."""
@@ -410,7 +408,7 @@ class ResultsPane(VerticalScroll, Unmarked):
             self.scroll_home(animate=False)
             self._look_for_pictures()
             if result is not None and setup is not None and snapshot.playback is None:
-                self._compare(result, setup, practice=snapshot.practice)
+                self._compare(result, setup, snapshot.practice)
         for view in self._views:
             view.show(snapshot)
 
@@ -418,13 +416,13 @@ class ResultsPane(VerticalScroll, Unmarked):
     def copied(self) -> str:
         return "\n\n".join(filter(None, (plain(view.lines(_COPIED)) for view in self._views)))
 
-    def _compare(self, result: Result, setup: RunSetup, *, practice: bool) -> None:
+    @work(exclusive=True)
+    async def _compare(self, result: Result, setup: RunSetup, practice: bool) -> None:
         """Looks up the team's earlier runs in the same condition, off the loop."""
         shown = self._shown
-
-        def look_up() -> None:
-            try:
-                runs = earlier_runs(
+        try:
+            runs = await to_thread(
+                lambda: earlier_runs(
                     self._load(),
                     setup.subject,
                     setup.condition.number,
@@ -433,31 +431,23 @@ class ResultsPane(VerticalScroll, Unmarked):
                     practice=practice,
                     ruleset=result.ruleset,
                 )
-            except (MadrobError, OSError, MemoryError):
-                return  # the history says what is wrong with the folder
-            self.call_later(self._show_earlier, shown, runs)
-
-        self.run_worker(look_up, thread=True, exclusive=True)
+            )
+        except (MadrobError, OSError, MemoryError):
+            return  # the history says what is wrong with the folder
+        if shown == self._shown:
+            self._details.earlier = runs
+            self._details.redraw()
 
     def _look_for_pictures(self) -> None:
+        if self._folder and not self._looking:
+            self._looking = True
+            self._count_pictures(self._folder)
+
+    @work(group="pictures")
+    async def _count_pictures(self, folder: str) -> None:
         """Off the loop: a disk may hang. Then nobody looks again."""
-        folder = self._folder
-        if not folder or self._looking:
-            return
-        self._looking = True
-
-        def look() -> None:
-            self.call_later(self._show_pictures, folder, pictures_in(folder))
-
-        self.run_worker(look, thread=True, group="pictures")
-
-    def _show_pictures(self, folder: str, count: int) -> None:
+        count = await to_thread(pictures_in, folder)
         self._looking = False
         if folder == self._folder and count != self._details.pictures:
             self._details.pictures = count
-            self._details.redraw()
-
-    def _show_earlier(self, of: _Shown | None, runs: Sequence[RunSummary]) -> None:
-        if of == self._shown:
-            self._details.earlier = runs
             self._details.redraw()

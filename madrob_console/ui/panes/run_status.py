@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import partial
+from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from textual.geometry import Size
 
+from madrob_console.common.formatting import relative_text
 from madrob_console.referee.acts.during import RULED
-from madrob_console.referee.flags import Flag, FlagWeight, undecided, weighty
-from madrob_console.referee.records import relative_text
+from madrob_console.referee.flags import FlagWeight
 from madrob_console.referee.run import Phase, Run
-from madrob_console.ui.cells.large_text import HEIGHT, large_text, rows_of, width_of_large
+from madrob_console.ui.cells.large_text import HEIGHT, large_text, rows_of
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
 from madrob_console.ui.look.words import (
     OUTCOMES,
@@ -36,6 +37,9 @@ if TYPE_CHECKING:
 _LARGEST_TIME = "-00:00"
 """What there is room for, whatever the time: nothing moves when a run goes on for long."""
 
+_TENTHS = 9
+"""Cells of the point and the tenths."""
+
 _FEWEST = (50, 16)
 """Columns and rows of the terminal for each size of the clock."""
 
@@ -49,31 +53,26 @@ def clock_size(terminal: Size) -> int:
 class RunClock(View):
     """Time since the start; negative in the countdown, the execution time once stopped.
 
-    Textual writes a changed row from the widget's left edge on, so the tenths, ten times as
-    quick as the rest, are a widget of their own (`RunTenths`), which stays small.
+    The tenths are small and stand at the foot of the digits.
     """
 
     def get_content_width(self, container: Size, viewport: Size) -> int:
-        return width_of_large(_LARGEST_TIME, clock_size(viewport)) + 1
+        largest = large_text(_LARGEST_TIME, clock_size(viewport)) or [""]
+        return len(largest[0]) + 1 + _TENTHS
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         text, tone = clock_span(snapshot)
-        size = clock_size(self.app.size)
+        size, left = clock_size(self.app.size), width - _TENTHS
         rows = large_text(text[:-2], size)
-        if rows is None or len(rows[0]) > width:
+        if rows is None or len(rows[0]) > left:
             rows = ["", text[:-2], *[""] * (rows_of(size) - 2)]
-        return [line(Span(f"{row:>{width}}", tone)) for row in rows]
-
-
-class RunTenths(View):
-    """The point and the tenths beside `RunClock`, at the foot of its digits."""
-
-    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        text, tone = clock_span(snapshot)
-        size = clock_size(self.app.size)
-        rows = large_text(text[-2:], 1) or ["", text[-2:], ""]
-        above = rows_of(size) - len(rows) - (size > 1 and HEIGHT * size % 2 == 0)
-        return [*[line("")] * above, *(line(Span(f" {row}", tone)) for row in rows)]
+        tenths = large_text(text[-2:], 1) or ["", text[-2:], ""]
+        above = rows_of(size) - len(tenths) - (size > 1 and HEIGHT * size % 2 == 0)
+        beside = [*[""] * above, *(f" {row}" for row in tenths)]
+        return [
+            line(Span(f"{row:>{left}}{small:<{_TENTHS}}", tone))
+            for row, small in zip_longest(rows, beside, fillvalue="")
+        ]
 
 
 def clock_span(snapshot: Snapshot) -> Span:
@@ -115,10 +114,9 @@ class RunStatus(View):
 
 def in_large(span: Span, width: int, size: int) -> list[Line]:
     """A text in the largest letters up to a size that fit; no row if none do."""
-    while size and width_of_large(span.text, size) > width:
-        size -= 1
-    rows = large_text(span.text, size) if size else None
-    return [line(Span(row, span.tone)) for row in rows or ()]
+    sizes = (large_text(span.text, at) for at in range(size, 0, -1))
+    fitting = (rows for rows in sizes if rows and len(rows[0]) <= width)
+    return [line(Span(row, span.tone)) for row in next(fitting, ())]
 
 
 def phase_span(run: Run, result: Result | None = None) -> Span:
@@ -244,7 +242,7 @@ def step_time(at: float | None, start: float | None, *, rough: bool) -> str:
     return relative_text(at, start)
 
 
-# Flags on the screens: signs and tones; texts side by side.
+# Tones of flags; texts side by side.
 
 
 FLAG_TONES = {
@@ -252,12 +250,6 @@ FLAG_TONES = {
     FlagWeight.CAUTION: Tone.WARN,
     FlagWeight.ALARM: Tone.BAD,
 }
-
-
-def flag_sign(found: Iterable[Flag]) -> str:
-    """`!!` where the referee has to decide, `!` where the score is changed, else empty."""
-    flags = tuple(found)
-    return "!!" if undecided(flags) else "!" if weighty(flags) else ""
 
 
 def packed(texts: Iterable[Span], width: int, between: str = "; ") -> list[Line]:

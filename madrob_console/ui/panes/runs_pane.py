@@ -6,11 +6,13 @@ from abc import abstractmethod
 from asyncio import to_thread
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from operator import attrgetter
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 from msgspec.structs import replace
+from textual import work
 from textual.actions import SkipAction
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -18,11 +20,13 @@ from textual.containers import Vertical
 from textual.message import Message
 
 from madrob_console.archive.collection import filter_problem, matches
-from madrob_console.archive.history import PROTEST_OPEN, RunSummary, condition_words, time_words
+from madrob_console.archive.history import PROTEST_OPEN, RunSummary, condition_words
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import counted, time_words
 from madrob_console.common.names import SourceKind
+from madrob_console.engine.snapshot import Snapshot
+from madrob_console.pages.tally import Standing
 from madrob_console.referee.flags import undecided, weighty
-from madrob_console.referee.records import counted
 from madrob_console.ui.cells.dialog import Field
 from madrob_console.ui.cells.lines import Label, Span, Tone
 from madrob_console.ui.cells.table import Column, Row, Table
@@ -30,10 +34,6 @@ from madrob_console.ui.look.words import shortened
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import Uncertainty, value_text
-
-if TYPE_CHECKING:
-    from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.pages.tally import Standing
 
 Content = TypeVar("Content")
 _View = TypeVar("_View", bound=StrEnum)
@@ -75,12 +75,11 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row, _View]):
     KEYS: ClassVar[str]
     BINDINGS: ClassVar[list[BindingType]] = [Binding("v", "view", show=False)]
 
+    @dataclass
     class Opened(Message):
         """The referee wants to see the run, or the runs, of a row."""
 
-        def __init__(self, row: RunSummary | Standing) -> None:
-            super().__init__()
-            self.row = row
+        row: RunSummary | Standing
 
     def __init__(
         self, load: Load, table: Table[_Row], content: Content, view: _View, name: str
@@ -93,10 +92,6 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row, _View]):
         self._seen: object = None
         self.teams: Mapping[int, str] = {}
 
-    @property
-    def selected(self) -> _Row | None:
-        return self.table.selected
-
     @abstractmethod
     def prepare(self, runs: Sequence[RunSummary]) -> Content:
         """What the pane needs of the runs; done in a thread."""
@@ -107,8 +102,8 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row, _View]):
 
     def on_table_chosen(self, event: Table.Chosen) -> None:
         event.stop()
-        if self.selected is not None:
-            self.post_message(self.Opened(self.selected))
+        if (row := self.table.selected) is not None:
+            self.post_message(self.Opened(row))
 
     def action_view(self) -> None:
         self.view = self._following
@@ -123,7 +118,7 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row, _View]):
         """Reads in a thread; what was shown stays until then, what is read no more is dropped."""
         self._reading = True
         self.head.say("reading the results folder ...", Tone.DIM)
-        self.run_worker(self._read(), exclusive=True)
+        self._read()
 
     def show(self, snapshot: Snapshot) -> None:
         seen = (results_state(snapshot), snapshot.teams)
@@ -143,6 +138,7 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row, _View]):
         views = list(type(self.view))
         return views[(views.index(self.view) + 1) % len(views)]
 
+    @work(exclusive=True)
     async def _read(self) -> None:
         try:
             self.content = await to_thread(lambda: self.prepare(self._load()))

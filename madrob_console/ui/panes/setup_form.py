@@ -6,10 +6,9 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar
+from typing import Any, ClassVar, TypeAlias, TypeVar
 
 from msgspec import structs
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Input, Static
@@ -17,6 +16,7 @@ from textual.widgets import Input, Static
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import clean_name
 from madrob_console.config.tables import start_pose_on
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.pages.competition import task_words
 from madrob_console.referee.acts import SetUp, Start
 from madrob_console.referee.competition_plan import PlanProgress, Task
@@ -31,9 +31,6 @@ from madrob_console.ui.look.words import shortened
 from madrob_console.ui.panes.top_view import TopView
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
-
-if TYPE_CHECKING:
-    from madrob_console.engine.snapshot import Snapshot
 
 # What the set-up pane says of its fields: errors, and the key that goes on.
 
@@ -132,16 +129,13 @@ class SetupForm(Horizontal):
     """
 
     def __init__(self, defaults: ConsoleDefaults) -> None:
-        super().__init__(id="setup-form")
         self._defaults = defaults
         self._presets = {preset.name: preset.pose for preset in defaults.poses}
         self.subject = NumberField(id="subject")
         self.team = Field(id="team")
         self.run_number = NumberField(id=_NEXT)
         self.practice = Choice([("official", False), ("PRACTICE", True)], False, id="practice")
-        self.opening = _choice(Side, "opening", str.upper)
         self.starting = _choice(Side, "starting", str.upper)
-        self.benchmark = _choice(BenchmarkType, "benchmark")
         self.preset = Choice(
             [(name, name) for name in (_OWN_POSE, *self._presets)], "", id="preset"
         )
@@ -151,9 +145,9 @@ class SetupForm(Horizontal):
             "team": self.team,
             "run_number": self.run_number,
             "practice": self.practice,
-            "opening_side": self.opening,
+            "opening_side": _choice(Side, "opening", str.upper),
             "starting_side": self.starting,
-            "benchmark_type": self.benchmark,
+            "benchmark_type": _choice(BenchmarkType, "benchmark"),
         }
         self._how: dict[str, Entry] = {
             **{name: NumberField(id=f"pose-{name}") for name in _POSE},
@@ -170,17 +164,18 @@ class SetupForm(Horizontal):
         self._team_of = 0
         self._condition_words = Label()
         self._top_view = TopView()
-
-    def compose(self) -> ComposeResult:
         who = Vertical(*self._who.values(), self._condition_words)
-        yield Horizontal(Static("\n".join(_WHO)), who, classes="who")
         how = Vertical(self.preset, *self._how.values())
-        yield Horizontal(Static("\n".join(_HOW)), how, classes="how")
-        yield self._top_view
+        super().__init__(
+            Horizontal(Static("\n".join(_WHO)), who, classes="who"),
+            Horizontal(Static("\n".join(_HOW)), how, classes="how"),
+            self._top_view,
+            id="setup-form",
+        )
 
     @property
     def condition(self) -> Condition:
-        return Condition(self.benchmark.value, self.opening.value, self.starting.value)
+        return Condition(*(_value_of(self.fields[name]) for name in _CONDITION))
 
     @property
     def pose(self) -> StartPose | None:

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from textual import events, work
 from textual.actions import SkipAction
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.message import Message
 from textual.widgets import Input
 
+from madrob_console.archive.history import RunSummary
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import time_of_day
 from madrob_console.engine.requests import NextRunNumber, Perform
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import SetUp, Waive
 from madrob_console.referee.acts.act import Ask
 from madrob_console.referee.checks import Check, CheckState
@@ -38,7 +40,8 @@ from madrob_console.ui.cells.lines import (
 )
 from madrob_console.ui.keys.dialogs import OtherName, ask_other_name
 from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink
-from madrob_console.ui.look.words import shortened, time_of_day
+from madrob_console.ui.look.words import shortened
+from madrob_console.ui.panes.plan_pane import PlanReader
 from madrob_console.ui.panes.setup_form import (
     OPEN,
     FoldLine,
@@ -48,11 +51,6 @@ from madrob_console.ui.panes.setup_form import (
     task_of,
 )
 from madrob_console.ui.panes.team_picker import TeamPicker
-
-if TYPE_CHECKING:
-    from madrob_console.archive.history import RunSummary
-    from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.ui.panes.plan_pane import PlanReader
 
 # The pre-start checks that want the referee's eye.
 
@@ -77,12 +75,11 @@ class CheckList(View, can_focus=True):
         Binding("enter", "choose", show=False),
     ]
 
+    @dataclass
     class Chosen(Message):
         """The referee wants to waive a check."""
 
-        def __init__(self, check: CheckName) -> None:
-            super().__init__()
-            self.check = check
+        check: CheckName
 
     _marked: CheckName | None = None
 
@@ -155,7 +152,8 @@ _SET_UP = "set up"
 class SetupPane(Vertical):
     """The set-up of the current run, or after a run a draft of the next one; Enter sets it up.
 
-    What is seen here is set up before F6 or F5 acts on it, too.
+    What is seen here is set up before F6 or F5 acts on it, too. `number_used` says that a start
+    was refused, which may have used the run's number: a later one is taken then.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -169,33 +167,26 @@ class SetupPane(Vertical):
     class NextRun(Message):
         """The referee asks for the next run."""
 
+    @dataclass
     class Naming(Message):
         """The referee wants another name for the team than the list has."""
 
-        def __init__(self, ask: Ask[OtherName | str]) -> None:
-            super().__init__()
-            self.ask = ask
+        ask: Ask[OtherName | str]
 
     def __init__(self, link: EngineLink, defaults: ConsoleDefaults, plan: PlanReader) -> None:
-        super().__init__(id="setup")
-        self._plan = plan
-        self._link = link
-        self._snapshot: Snapshot | None = None
-        self._on_its_way = self._chosen = self._number_used = False
-        self._problem = ""
         self._form = SetupForm(defaults)
         self._fold = FoldLine("", id="fold")
         self._button = PushButton("Set up this run", id="set-up")
         self._state = Label(id="setup-state")
         self._checks = CheckList()
         self._picker = TeamPicker()
-
-    def compose(self) -> ComposeResult:
-        yield self._picker
-        yield self._form
-        yield self._fold
-        yield Horizontal(self._button, self._state, id="setup-row")
-        yield self._checks
+        row = Horizontal(self._button, self._state, id="setup-row")
+        super().__init__(self._picker, self._form, self._fold, row, self._checks, id="setup")
+        self._plan = plan
+        self._link = link
+        self._snapshot: Snapshot | None = None
+        self._on_its_way = self._chosen = self.number_used = False
+        self._problem = ""
 
     def enter(self) -> None:
         self.rest()
@@ -324,19 +315,15 @@ class SetupPane(Vertical):
             await self._plan.read()
         self._form.show_values({})  # a key that comes at once: a name belongs to its subject
         setup = self._read()
-        if isinstance(setup, str) or (setup.run_number and not self._number_used):
+        if isinstance(setup, str) or (setup.run_number and not self.number_used):
             return setup
         wanted = NextRunNumber(setup.subject, setup.condition.number, setup.practice)
         try:
             number = await self._link.answer(wanted)
         except MadrobError as error:
             return str(error)
-        self._number_used = False
+        self.number_used = False
         return replace(setup, run_number=max(number, setup.run_number))
-
-    def ask_for_later_number(self) -> None:
-        """After a start that was refused a later number is taken, if its own is used now."""
-        self._number_used = True
 
     def on_input_changed(self, _event: Input.Changed) -> None:
         self._take_change()

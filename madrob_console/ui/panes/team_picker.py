@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical
 from textual.message import Message
 from textual.widgets import Input
 
 from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.ui.cells.dialog import Field
-from madrob_console.ui.cells.lines import Label, Tone
-from madrob_console.ui.cells.table import Table
-from madrob_console.ui.panes.runs_pane import number_column, text_column
+from madrob_console.ui.cells.lines import Tone
+from madrob_console.ui.cells.table import Column, Table
+from madrob_console.ui.panes.runs_pane import ListPane, number_column, text_column
 
 KEYS = "a part of the name, or the number; Enter takes the marked row, Escape none"
 
@@ -33,7 +33,7 @@ class PickRow(NamedTuple):
     name: str
 
 
-class TeamPicker(Vertical):
+class TeamPicker(ListPane[PickRow]):
     """Every team in a row; what is typed chooses among them."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -44,36 +44,32 @@ class TeamPicker(Vertical):
         Binding("escape", "close", show=False),
     ]
 
+    @dataclass
     class Picked(Message):
         """A team of the list was chosen, or an `other` name for the set-up's; or neither."""
 
-        def __init__(self, subject: int | None = None, other: str | None = None) -> None:
-            super().__init__()
-            self.subject = subject
-            self.other = other
+        subject: int | None = None
+        other: str | None = None
 
     def __init__(self) -> None:
-        super().__init__(id="team-picker")
+        columns: list[Column[PickRow]] = [
+            number_column("subj", "subject", lambda team: team.subject, 4),
+            text_column("team", "team", lambda team: team.name, 49, ample=90),
+        ]
+        super().__init__(
+            Table(columns, lambda team: str(team.subject or ""), fixed=2), id="team-list"
+        )
         self._teams = NO_TEAMS
         self._subject = 0
-        self._head = Label(id="team-head")
-        self._about = Label(id="team-about")
         self._field = Field(id="team-search", select_on_focus=False)
         self._field.placeholder = KEYS
-        self._table: Table[PickRow] = Table(
-            [
-                number_column("subj", "subject", lambda team: team.subject, 4),
-                text_column("team", "team", lambda team: team.name, 49, ample=90),
-            ],
-            lambda team: "" if team.subject is None else str(team.subject),
-            fixed=2,
-        )
 
     def compose(self) -> ComposeResult:
-        yield self._head
-        yield self._field
-        yield self._table
-        yield self._about
+        yield from (self.head, self._field, self.table, self.about)
+
+    def words_about(self, row: PickRow) -> tuple[str, Tone]:
+        """The whole name."""
+        return f"{row.subject or ''} {row.name}", Tone.PLAIN
 
     def open(self, teams: TeamList, subject: int) -> None:
         """`subject` is the set-up's team, which may have another name; 0 = none."""
@@ -85,10 +81,10 @@ class TeamPicker(Vertical):
         self.post_message(self.Picked())
 
     def action_move(self, step: int) -> None:
-        self._table.action_move(step)
+        self.table.action_move(step)
 
     def action_page(self, step: int) -> None:
-        self._table.action_page(step)
+        self.table.action_page(step)
 
     def on_input_changed(self, event: Input.Changed) -> None:
         event.stop()
@@ -96,13 +92,7 @@ class TeamPicker(Vertical):
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         event.stop()
-        self._table.action_choose()
-
-    def on_table_marked(self, event: Table.Marked) -> None:
-        """Shows the whole name."""
-        event.stop()
-        marked = self._table.selected
-        self._about.say("" if marked is None else f"{marked.subject or ''} {marked.name}")
+        self.table.action_choose()
 
     def on_table_chosen(self, event: Table.Chosen) -> None:
         event.stop()
@@ -121,12 +111,12 @@ class TeamPicker(Vertical):
         if names and self._subject:
             called = f": {searched}" if searched and not searched.isdecimal() else " ..."
             rows.append(PickRow(None, f"another name for subject {self._subject}{called}"))
-        self._table.empty = "no team is called so" if names else "no teams"
-        self._table.set_rows(rows, from_top=True)
+        self.table.empty = "no team is called so" if names else "no teams"
+        self.table.set_rows(rows, from_top=True)
         if not names or self._teams.problems:
-            self._head.say("; ".join(self._teams.problems) if names else NO_LIST, Tone.WARN)
+            self.head.say("; ".join(self._teams.problems) if names else NO_LIST, Tone.WARN)
         else:
-            self._head.say(f"Teams: {len(names)}")
+            self.head.say(f"Teams: {len(names)}")
 
 
 def matching(names: Mapping[int, str], text: str) -> list[PickRow]:

@@ -8,9 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-
-from textual.geometry import Size
 
 from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, joined
 from scoring.protocol import Condition, Side, StartPose
@@ -22,28 +19,18 @@ DOORWAY = 1.0
 """Width of the doorway as drawn, m; the testbed's may differ."""
 
 LEAST_WIDTH, LEAST_HEIGHT = 15, 7
-GOOD_HEIGHT = 13
 
 _ROOM_FOR_Y = 24
 
 
-@dataclass(frozen=True, slots=True)
-class _Ink:
-    """Wall, hinge, closed panel, swing, and arrows counter-clockwise from up."""
-
-    wall: str
-    hinge: str
-    panel: str
-    swing: str
-    arrows: str
-
-
-_LINES = _Ink("━", "●", "─", "·", "↑↖←↙↓↘→↗")
-_ASCII = _Ink("#", "+", "-", ".", "^\\</v\\>/")
+_WALL, _ASCII_WALL = "━", "#"
+"""In ASCII the panel looks like a wall otherwise."""
+_ARROWS = "↑↖←↙↓↘→↗"
+"""Counter-clockwise from up."""
 
 
 class TopView(Lines):
-    """Follows the set-up; as many rows as its style gives it, 13 if that is `auto`."""
+    """Follows the set-up; as many rows as its style gives it."""
 
     _condition: Condition | None = None
     _pose: StartPose | None = None
@@ -57,9 +44,6 @@ class TopView(Lines):
             return ()
         height = self.room.height
         return top_view(self._condition, self._pose, width, height, self.ascii_only)
-
-    def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
-        return GOOD_HEIGHT
 
 
 def top_view(
@@ -77,7 +61,7 @@ def top_view(
         return []
     if pose is not None and not all(map(math.isfinite, (pose.x, pose.y, pose.yaw))):
         pose = None
-    sheet = _Sheet(width, height, pose, _ASCII if ascii else _LINES)
+    sheet = _Sheet(width, height, pose, ascii)
     sheet.draw_door(condition.opening_side)
     sheet.write_labels(condition.starting_side)
     if pose is None:
@@ -95,9 +79,9 @@ def top_view(
 class _Sheet:
     """Cells, and where the metres are on them; a cell is twice as high as it is wide."""
 
-    def __init__(self, width: int, height: int, pose: StartPose | None, ink: _Ink) -> None:
+    def __init__(self, width: int, height: int, pose: StartPose | None, ascii: bool) -> None:  # noqa: A002 - what it is
         self.cells = [[Span(" ")] * width for _ in range(height)]
-        self._ink = ink
+        self._ascii = ascii
         self._middle, self._centre = (height - 1) // 2, (width - 1) // 2
         at = StartPose(0.0, 0.0, 0.0) if pose is None else pose
         fitting = (scale for scale in SCALES if self._holds(at, scale))
@@ -132,19 +116,19 @@ class _Sheet:
             self.put(row, column + offset, Span(char, tone))
 
     def draw_door(self, opening: Side) -> None:
-        ink, row = self._ink, self._row_length(self.scale)
+        row = self._row_length(self.scale)
         half = max(1, round(DOORWAY / row))  # half the doorway in cells of half a row
         hinge = self._centre - half
         for degrees in range(3, 91, 3):
             angle = math.radians(degrees)
             up = round(math.sin(angle) * DOORWAY / row)
             right = round(math.cos(angle) * 2 * half)
-            dot = Span(ink.swing)
+            dot = Span("·")
             self.put(self._middle - opening.sign * max(1, up), hinge + right, dot)
         wide = len(self.cells[0])
-        self.cells[self._middle] = [Span(ink.wall)] * wide
-        self.write(self._middle, hinge + 1, ink.panel * (2 * half), Tone.DIM)
-        self.put(self._middle, hinge, Span(ink.hinge, Tone.STRONG))
+        self.cells[self._middle] = [Span(_ASCII_WALL if self._ascii else _WALL)] * wide
+        self.write(self._middle, hinge + 1, "─" * (2 * half), Tone.DIM)
+        self.put(self._middle, hinge, Span("●", Tone.STRONG))
 
     def write_labels(self, starting: Side) -> None:
         wide = len(self.cells[0])
@@ -164,6 +148,6 @@ class _Sheet:
         """The robot, in one of eight directions; in ASCII a body beside a slash says which way."""
         row, column = self.place
         eighth = round(yaw / 45) % 8
-        if self._ink is _ASCII and eighth % 2:
+        if self._ascii and eighth % 2:
             self.put(row, column + (1 if eighth in (1, 3) else -1), Span("o", Tone.STRONG))
-        self.put(row, column, Span(self._ink.arrows[eighth], Tone.STRONG))
+        self.put(row, column, Span(_ARROWS[eighth], Tone.STRONG))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -113,6 +115,22 @@ def test_evidence_that_is_torn_gives_the_frames_before_it(run: Path) -> None:
     assert abs(nearest(found, begin + 2).difference) < 0.04
     assert found.nearest(only(found), end - 1) is None
     assert found.problems[0].endswith("what comes before that is read")
+
+
+def test_a_damaged_chunk_is_named_and_the_next_frame_keeps_its_distance(run: Path) -> None:
+    begin, end = span(run)
+    file = add_evidence(run, stream(FRONT, begin, end, size=(1280, 960)))
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    file.write_bytes(data)
+    found = cameras(run)
+    assert found.problems == []
+    times = np.arange(begin, end - 0.1, 0.1)
+    frames = [found.nearest(only(found), time) for time in times]
+    apart = [FARTHEST if frame is None else abs(frame.difference) for frame in frames]
+    assert 0.5 < max(apart) <= FARTHEST
+    assert sorted(apart)[len(apart) // 2] < 0.04
+    assert re.search(r"_evidence_0.mcap: a chunk .* \(byte \d+\)", found.problems[0])
 
 
 def test_what_is_no_recording_and_what_is_no_camera_is_passed_over(run: Path) -> None:

@@ -52,7 +52,7 @@ from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.pages.camera_pictures import MOST_EMBEDDED, pictures
-from madrob_console.pages.page import report_html
+from madrob_console.pages.report import report_html
 from madrob_console.pages.surroundings import Surroundings
 from madrob_console.referee.records import Protest
 from recorder.bag import RawMessage, is_evidence

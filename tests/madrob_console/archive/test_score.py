@@ -24,7 +24,7 @@ from madrob_console.cli.repairing import repair_all
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold
 from madrob_console.pages.competition import competition_standings
-from madrob_console.pages.markup import made_of
+from madrob_console.pages.surroundings import made_of
 from madrob_console.referee.acts import Act, AddNote, Finalise, MarkIncident, Reissue, Rule, Start
 from madrob_console.referee.journal import HOLD_FILE, Entry, Origin, read_journal
 from madrob_console.referee.rebuild import mark_of

@@ -3,85 +3,129 @@
 from __future__ import annotations
 
 import os
+import random
 import shutil
 import signal
 import sys
-import threading
-from collections.abc import Iterator
+from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 
-import joblib
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from madrob_console.cli.batch import WORTH_A_PROCESS, in_order
 from madrob_console.cli.main import main
-from madrob_console.common.errors import MadrobError
+from madrob_console.cli.sharing import (
+    WORTH_A_PROCESS,
+    AgainError,
+    DeadWorkerError,
+    in_order,
+)
+from madrob_console.cli.sharing import results as results_of
 from tests.madrob_console.archive.frames import film
 from tests.madrob_console.recorded_runs import completed
-from tests.watching import PATIENCE
 
 
-class SlowerFirst:
-    """The first is not done before another one is, where they are done side by side."""
+class Chance:
+    """Workers that are done in any order, and some of which die."""
 
-    def __init__(self) -> None:
-        self._another = threading.Event()
+    def __init__(self, seed: int, deadly: frozenset[int] = frozenset(), unlucky: int = 0) -> None:
+        self.random = random.Random(seed)
+        self.deadly = deadly
+        self.unlucky = unlucky
+        self.numbers = count()
+        self.out: dict[object, int] = {}
+        self.cancelled = False
 
-    def __call__(self, number: int) -> int:
-        if number > 0:
-            self._another.set()
-        elif threading.current_thread() is not threading.main_thread():
-            assert self._another.wait(PATIENCE)
-        return -number
+    def hand_out(self, item: int) -> object:
+        handle = next(self.numbers)
+        self.out[handle] = item
+        return handle
+
+    def wait(self, handles: Sequence[int]) -> Sequence[int]:
+        assert sorted(handles) == sorted(self.out)  # type: ignore[type-var]
+        return self.random.sample(handles, self.random.randint(0, len(handles)))
+
+    def answer(self, handle: int) -> int | str:
+        item = self.out.pop(handle)
+        if self.unlucky and self.random.random() < 0.3:
+            self.unlucky -= 1
+            raise AgainError
+        if item in self.deadly:
+            raise DeadWorkerError("it died")
+        return -item
+
+    def cancel(self, handles: Sequence[int]) -> None:
+        assert sorted(handles) == sorted(self.out)  # type: ignore[type-var]
+        self.cancelled = True
 
 
-def die(number: int) -> int:
+def lost(item: int, why: str) -> int | str:
+    return f"{item}: {why}"
+
+
+@given(
+    st.integers(0, 1000),
+    st.integers(0, 30),
+    st.integers(1, 9),
+    st.frozensets(st.integers(0, 29), max_size=3),
+)
+def test_results_come_in_order_and_what_a_worker_dies_of_costs_its_own(
+    seed: int, items: int, ahead: int, deadly: frozenset[int]
+) -> None:
+    workers = Chance(seed, deadly, unlucky=5)
+    done = list(results_of(workers, range(items), lost, ahead))
+    assert done == [f"{one}: it died" if one in deadly else -one for one in range(items)]
+    assert workers.cancelled
+    assert workers.out == {}
+
+
+def test_who_leaves_early_ends_what_is_under_way() -> None:
+    workers = Chance(1)
+    done = results_of(workers, range(20), lost, 4)
+    assert next(done) == 0
+    done.close()
+    assert workers.cancelled
+
+
+@pytest.mark.parametrize(("count", "jobs"), [(0, None), (1, 8), (30, 1), (WORTH_A_PROCESS, None)])
+def test_one_item_one_job_or_few_items_need_no_process(
+    count: int, jobs: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "concurrent.futures.process", None)
+    assert list(in_order(abs, range(count), lost, jobs)) == list(range(count))
+
+
+def test_a_result_is_there_before_the_next_item_is_begun() -> None:
+    begun: list[int] = []
+
+    def begin(number: int) -> int | str:
+        begun.append(number)
+        return number
+
+    done = in_order(begin, range(3), lost, jobs=1)
+    next(iter(done))
+    assert begun == [0]
+
+
+def die(number: int) -> int | str:
     """What a machine without memory does to a process."""
     if number == 3:
         os.kill(os.getpid(), signal.SIGKILL)
     return number
 
 
-@pytest.fixture
-def no_joblib(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "joblib", None)
-
-
-@pytest.mark.parametrize("backend", ["threading", "sequential"])
-def test_results_come_in_the_order_of_the_items(backend: str) -> None:
-    with joblib.parallel_config(backend):
-        done = list(in_order(SlowerFirst(), range(20), jobs=4))
-    assert done == [-number for number in range(20)]
-
-
-@pytest.mark.usefixtures("no_joblib")
-@pytest.mark.parametrize(("count", "jobs"), [(0, None), (1, 8), (30, 1), (WORTH_A_PROCESS, None)])
-def test_one_item_one_job_or_few_items_need_no_process(count: int, jobs: int | None) -> None:
-    assert list(in_order(abs, range(count), jobs)) == list(range(count))
-
-
-def test_a_result_is_there_before_the_next_item_is_begun() -> None:
-    begun: list[int] = []
-    done = in_order(begun.append, range(3), jobs=1)
-    next(iter(done))
-    assert begun == [0]
-
-
-def test_leaving_early_says_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    with joblib.parallel_config("threading"):
-        done = in_order(SlowerFirst(), range(20), jobs=2)
-        assert isinstance(done, Iterator)
-        assert next(done) == 0
-        del done
-    assert capfd.readouterr().err == ""
-
-
 @pytest.mark.machine
-@pytest.mark.slow
-def test_a_process_that_dies_is_told_on_one_line() -> None:
-    with pytest.raises(MadrobError, match="a worker process died: make memory free"):
-        list(in_order(die, range(8), jobs=2))
-    assert list(in_order(abs, range(-8, 0), jobs=2)) == [*range(8, 0, -1)]
+def test_a_process_that_dies_costs_its_own_run_and_who_leaves_early_hears_nothing(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    told = "3: the process died that worked on it: too little memory, or a fault of it"
+    assert list(in_order(die, range(8), lost, jobs=2)) == [0, 1, 2, told, 4, 5, 6, 7]
+    done = in_order(die, range(4, 12), lost, jobs=2)
+    assert next(done) == 4
+    done.close()
+    assert capfd.readouterr().err == ""
 
 
 @pytest.fixture

@@ -155,7 +155,7 @@ def test_nothing_is_painted_before_the_command_line_is_known_to_be_good(
         with BagWriter(foreign, door_topics(), {}) as writer:
             writer.put_message(door_messages(rounds=1)[0])
     line = arguments.replace("FOREIGN", str(foreign)).replace("EMPTY", str(tmp_path)).split()
-    where = {"XDG_CONFIG_HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path)}
+    where = {"XDG_CONFIG_HOME": str(tmp_path), "XDG_STATE_HOME": str(tmp_path)}
     with Terminal([*PROGRAM, *line], columns=200, env=where) as terminal:
         assert terminal.wait_exit() == 2
         told = terminal.output.decode()

@@ -26,7 +26,7 @@ from madrob_console.cli.doctor import (
     look_at_lists,
     look_at_python,
     look_at_results,
-    look_at_socket,
+    look_at_state_folder,
     look_at_terminal,
     usable,
     verdict,
@@ -38,7 +38,7 @@ from madrob_console.cli.doctor_ros import (
     look_at_messages,
     overheard,
 )
-from madrob_console.engine.engine_lock import runtime_folder
+from madrob_console.engine.engine_lock import state_folder
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.referee.competition_plan import PlanSource
 from madrob_console.referee.lists import TeamSource
@@ -286,7 +286,7 @@ def test_the_results_folder_need_not_exist_but_must_be_writable(tmp_path: Path) 
     )
     (full,) = look_at_results(tmp_path, 10**18)
     assert full.severity is Severity.WARNING
-    assert full.text.endswith("less than 1000000000 GB: make room")
+    assert full.text.endswith("less than 1000000 TB: make room")
 
 
 def test_the_lists_of_a_competition_are_looked_at_line_by_line(tmp_path: Path) -> None:
@@ -492,26 +492,16 @@ def root(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_where_the_socket_lies_is_told_and_what_to_do_without_a_folder_of_the_login(
-    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_where_an_engine_keeps_its_lock_is_told_and_what_is_wrong_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    own = tmp_path / "own"
-    own.mkdir(mode=0o700)
-    wide = tmp_path / "wide"
-    wide.mkdir(mode=0o755)
-    for given, severity, words in (
-        (str(own), Severity.OK, ""),
-        ("", Severity.WARNING, ": XDG_RUNTIME_DIR is not set, as after"),
-        (str(wide), Severity.WARNING, f"{wide}, which cannot be used, as after"),
-    ):
-        monkeypatch.setenv("XDG_RUNTIME_DIR", given)
-        socket = look_at_socket({"XDG_RUNTIME_DIR": given}, root)
-        assert socket.severity is severity
-        assert socket.text.startswith(str(runtime_folder()))
-        assert words in socket.text
-    monkeypatch.delenv("XDG_RUNTIME_DIR")
-    without_systemd = tmp_path / "no systemd"
-    assert look_at_socket({}, without_systemd).severity is Severity.OK
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(own))
-    (own / "madrob").chmod(0o755)
-    assert look_at_socket({"XDG_RUNTIME_DIR": str(own)}, root).severity is Severity.ERROR
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    found = look_at_state_folder()
+    assert (found.severity, found.text) == (Severity.OK, str(state_folder()))
+    assert state_folder().stat().st_mode & 0o777 == 0o700
+    state_folder().chmod(0o777)
+    found = look_at_state_folder()
+    assert found.severity is Severity.ERROR
+    assert "set XDG_STATE_HOME to a folder of your own" in found.text
+    monkeypatch.setenv("XDG_STATE_HOME", "/dev/null/state")
+    assert look_at_state_folder().severity is Severity.ERROR

@@ -19,7 +19,7 @@ HOSTILE = "\x1b]0;owned\x07\x1b[2J\x9b31m\r\x08\u202e\x1b"
 
 @pytest.fixture(autouse=True)
 def _own_engines(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
 
 
 def said(capfd: pytest.CaptureFixture[str], *arguments: str) -> str:

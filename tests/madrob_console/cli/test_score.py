@@ -11,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import joblib
 import pytest
 
 from madrob_console.archive.folders import runs_at
@@ -153,14 +152,14 @@ def test_a_bad_run_is_named_and_the_rest_is_scored(
     assert len(captured.err.splitlines()) == 2
 
 
+@pytest.mark.machine
 def test_the_same_is_printed_however_the_work_is_shared(
     results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (results / "subject_003_cond_001_run_000_20231114_221323").mkdir()
     assert score("--jobs", "1", results) == 2
     alone = capsys.readouterr()
-    with joblib.parallel_config("threading"):
-        assert score("--jobs", "2", results) == 2
+    assert score("--jobs", "2", results) == 2
     assert capsys.readouterr() == alone
 
 
@@ -174,7 +173,7 @@ def test_a_number_of_jobs_that_makes_no_sense_is_refused(
 def test_one_run_needs_no_other_process(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "joblib", None)
+    monkeypatch.setitem(sys.modules, "concurrent.futures.process", None)
     assert score("--jobs", "8", recorded(Scenario.TOUCH_ONLY)) == 0
     assert "outcome: timeout" in capsys.readouterr().out
 

@@ -53,7 +53,7 @@ class Watching:
         self._out, self._errors = folder / f"out{option}", folder / f"errors{option}"
         with self._out.open("wb") as out, self._errors.open("wb") as errors:
             self.process = subprocess.Popen(
-                watch(engine, option), env=environment(engine), stdout=out, stderr=errors
+                watch(engine, option), env=environment(), stdout=out, stderr=errors
             )
 
     @property
@@ -82,9 +82,8 @@ def watch(engine: EngineProcess, option: str) -> list[str]:
     return [*PROGRAM, "watch", *testbed, option]
 
 
-def environment(engine: EngineProcess) -> dict[str, str]:
-    runtime = str(engine.log.parent)
-    return {**os.environ, "PYTHONPATH": str(ROOT), "XDG_RUNTIME_DIR": runtime}
+def environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(ROOT)}
 
 
 @contextmanager
@@ -154,9 +153,7 @@ def test_the_next_engine_is_found_and_told(tmp_path: Path) -> None:
         engine.process.kill()
         until(lambda: states.states[-1]["engine"] == "ended")
         serve = ["engine", "serve", *watch(engine, "")[len(PROGRAM) + 1 : -1]]
-        after = subprocess.Popen(
-            [*PROGRAM, *serve], env=environment(engine), stderr=subprocess.DEVNULL
-        )
+        after = subprocess.Popen([*PROGRAM, *serve], env=environment(), stderr=subprocess.DEVNULL)
         try:
             until(lambda: states.states[-1]["engine"] == "live", 60.0)
             until(lambda: "watching SIMULATED nominal" in plain.lines[-1], 60.0)
@@ -171,7 +168,7 @@ def test_a_reader_that_has_gone_ends_it_without_a_word(tmp_path: Path) -> None:
     with hall(tmp_path) as (engine, _, _):
         watching = subprocess.Popen(
             watch(engine, "--json"),
-            env=environment(engine),
+            env=environment(),
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         )

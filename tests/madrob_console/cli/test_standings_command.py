@@ -16,10 +16,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from madrob_console.archive.history import RunSummary, time_words
+from madrob_console.archive.history import RunSummary
 from madrob_console.cli.main import main
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import time_words
 from madrob_console.pages.competition import CompetitionStandings, competition_standings
 from madrob_console.pages.outputs import (
     COLUMNS,

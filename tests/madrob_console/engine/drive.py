@@ -160,11 +160,8 @@ class OfficialDrive(Drive):
 class AnnouncedSource(SimulatedSource):
     """A testbed over ROS that says of itself what a test lets it say."""
 
+    kind = SourceKind.ROS
     told: Announcement = SILENT
-
-    @property
-    def kind(self) -> SourceKind:
-        return SourceKind.ROS
 
     @property
     def announcement(self) -> Announcement:

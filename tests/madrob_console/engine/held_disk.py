@@ -32,7 +32,11 @@ class HeldDisk:
         return DiskThreads(self, InlineDisk(), monotonic=lambda: self.now)
 
     def submit_job(
-        self, job: Callable[[], T], done: Callable[[Future[T]], None] | None = None
+        self,
+        job: Callable[[], T],
+        done: Callable[[Future[T]], None] | None = None,
+        *,
+        first: bool = True,
     ) -> Future[T]:
         answer: Future[T] = Future()
 

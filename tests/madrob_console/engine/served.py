@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import asyncio
-import threading
-import time
-from contextlib import suppress
+import socket
 from pathlib import Path
 
 from madrob_console.common.clock import SystemClock
+from madrob_console.engine import wire
 from madrob_console.engine.client import RemoteEngine
 from madrob_console.engine.core import Engine
 from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.engine_config import EngineConfig
+from madrob_console.engine.engine_lock import connect_to, listen_on
 from madrob_console.engine.engine_thread import LocalEngine
 from madrob_console.engine.reports import Reporting
 from madrob_console.engine.requests import Perform, Role
 from madrob_console.engine.scorer import Scorer
 from madrob_console.engine.server import EngineServer
-from madrob_console.engine.wire import EngineClient
+from madrob_console.engine.wire import EngineClient, WhoAnswer
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
@@ -45,7 +44,7 @@ def simulated(
 
 
 class Served:
-    """An engine on a socket, in threads of this process; a simulated one if none is given."""
+    """An engine and its server in this process; a simulated one if none is given."""
 
     def __init__(
         self,
@@ -57,29 +56,27 @@ class Served:
         engine = engine or simulated(folder / "runs")
         self.reporting = reporting
         self.local = LocalEngine(engine, reporting)
-        self.path = folder / "s.sock"
-        self.server = EngineServer(self.local, engine.source.label, idle_time, time.monotonic)
-        self._loop = asyncio.new_event_loop()
-        self.thread = threading.Thread(target=self._serve)
-        self.thread.start()
-        until(self.path.exists)
-
-    def _serve(self) -> None:
-        try:
-            self._loop.run_until_complete(self.server.serve(self.path))
-        finally:
-            self._loop.close()
+        self.name, self._listening = listen_on("simulated/test")
+        known = WhoAnswer(wire=wire.VERSION)
+        self.server = EngineServer(self._listening, known).__enter__()
+        self.server.admit_screens(self.local, known, idle_time)
 
     def attach(self, role: Role = Role.REFEREE, who: str = "ada@hall (1)") -> RemoteEngine:
-        return RemoteEngine(self.path, role, who)
+        return RemoteEngine(self.name, role, who)
+
+    def connect(self) -> socket.socket:
+        """A caller that says nothing yet."""
+        return connect_to(self.name, 10.0)[0]
 
     def close(self) -> None:
-        with suppress(RuntimeError):  # it has ended by itself
-            self._loop.call_soon_threadsafe(self.server.stop)
-        self.thread.join()
+        if self._listening.fileno() < 0:
+            return  # it has ended before
+        self.server.dismiss_screens()
         self.local.close()
+        self.server.__exit__(None, None, None)
+        self._listening.close()
         if self.reporting is not None:
-            self.reporting.close()
+            self.reporting.finish()
 
 
 def act(client: EngineClient, act: Act) -> str | None:

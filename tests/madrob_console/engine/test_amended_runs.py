@@ -32,7 +32,7 @@ from madrob_console.export.pack import README_FILE, export_team
 from madrob_console.export.zip_file import BagParts
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.pages.competition import competition_standings
-from madrob_console.pages.page import decisions
+from madrob_console.pages.report import decisions
 from madrob_console.referee.acts import (
     Abort,
     AcceptDoubts,

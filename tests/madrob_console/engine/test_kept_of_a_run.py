@@ -268,7 +268,7 @@ def test_undecodable_bytes_are_recorded_named_and_counted(tmp_path: Path) -> Non
 
 
 SIGNED = Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee")
-_CORE, _KEEPERS = "engine", ("keeper", "reader 0", "reader 1", "reader 2")
+_CORE, _KEEPERS = "engine", ("disk", "reading")
 _FRAMES = 6
 SPEED, PATIENCE = 1.0, 120.0  # a core that is watched is slow, and the machine may be busy
 _FILES = ("posix", "fcntl", "_io")

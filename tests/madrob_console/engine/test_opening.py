@@ -318,7 +318,7 @@ def test_a_run_that_is_set_up_while_another_one_is_opened_stays(
     engine, told = drive.engine, list[str | None]()
     if set_up_before:
         drive.act(SetUp(make_setup(run_number=3)))
-    asked, read = engine.generation, engine.read_run(folder).result()
+    asked, read = engine.current_run.generation, engine.read_run(folder).result()
     disk.held = True
     engine.open_run(read, told.append, invalid=True)
     drive.act(SetUp(make_setup(run_number=4)))
@@ -342,7 +342,7 @@ def test_a_run_that_is_set_up_while_another_one_is_opened_stays(
 def test_of_two_runs_that_are_opened_at_once_the_first_one_stays(tmp_path: Path) -> None:
     first, second = finished(tmp_path), finished(tmp_path, run_number=2)
     drive = Drive(tmp_path)
-    asked = drive.engine.generation
+    asked = drive.engine.current_run.generation
     assert drive.open(first) is None
     told: list[str | None] = []
     read = drive.engine.read_run(second).result()

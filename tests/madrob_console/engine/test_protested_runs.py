@@ -8,20 +8,20 @@ import io
 import json
 import re
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from madrob_console.archive.folders import RunPath
-from madrob_console.archive.history import PROTEST_OPEN, History, RunSummary, time_words
+from madrob_console.archive.history import PROTEST_OPEN, History, RunSummary
 from madrob_console.archive.result_files import stored_run
 from madrob_console.archive.run_journal import ever_protested
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.engine_thread import LOOKING_PERIOD, ProtestWatch
+from madrob_console.common.formatting import time_words
+from madrob_console.engine.engine_thread import open_words, overdue_words, protested_runs
 from madrob_console.engine.replay import Replay
 from madrob_console.engine.requests import JumpTo, Skip
 from madrob_console.export.dossier import PROTESTS_FILE, dossier_target
@@ -37,7 +37,7 @@ from madrob_console.pages.outputs import (
     standings_html,
     standings_json,
 )
-from madrob_console.pages.page import protests
+from madrob_console.pages.report import protests
 from madrob_console.referee.acts import (
     DecideProtest,
     FileProtest,
@@ -379,67 +379,27 @@ OTHER = summary(5, protest_due=DUE + 60.0)
 QUIET = summary(6)
 
 
-class Archive:
-    """Runs that are read when a test says so."""
-
-    def __init__(self, *runs: RunSummary) -> None:
-        self.runs: Sequence[RunSummary] = runs
-        self.asked: list[Future[Sequence[RunSummary]]] = []
-        self.now = 0.0
-        self.watch = ProtestWatch(lambda: self.runs, self.read, lambda: self.now)
-
-    def read(self, job: Callable[[], Sequence[RunSummary]]) -> Future[Sequence[RunSummary]]:
-        self.asked.append(Future())
-        return self.asked[-1]
-
-    def answer(self) -> None:
-        self.asked[-1].set_result(self.runs)
+def known(tmp_path: Path, *runs: RunSummary) -> Sequence[RunSummary]:
+    history = History(tmp_path)
+    history.refresh = lambda: runs  # type: ignore[method-assign]
+    return protested_runs(history)
 
 
-def known(*runs: RunSummary) -> Archive:
-    archive = Archive(*runs)
-    archive.watch.read_if_changed("a result")
-    archive.answer()
-    archive.watch.read_if_changed("a result")
-    return archive
-
-
-def test_protests_that_should_have_been_decided_are_told_with_the_keys_that_lead_there() -> None:
-    watch = known(QUIET, OTHER, PROTESTED).watch
-    assert list(watch.overdue(DUE - 1.0, "")) == []
-    (words,) = watch.overdue(DUE + 30.0, "")
+def test_protests_that_should_have_been_decided_are_told_with_the_keys_that_lead_there(
+    tmp_path: Path,
+) -> None:
+    protested = known(tmp_path, QUIET, OTHER, PROTESTED)
+    assert list(overdue_words(protested, DUE - 1.0, "")) == []
+    (words,) = overdue_words(protested, DUE + 30.0, "")
     which = "protest against run 2 of subject 4 in condition 7"
     assert words == f"{which}: OVERDUE since {time_words(DUE)}; h opens it, P decides it"
-    assert list(watch.overdue(DUE + 31.0, "")) == [words]  # a new fault rings the bell
-    assert list(watch.open(DUE - 600.0)) == [
+    assert list(overdue_words(protested, DUE + 31.0, "")) == [words]  # a new fault rings the bell
+    assert list(open_words(protested, DUE - 600.0)) == [
         "protest against run 2 of subject 4 in condition 7: 10 min left",
         "protest against run 1 of subject 5 in condition 7: 11 min left",
     ]
 
 
-def test_the_run_at_hand_tells_its_own() -> None:
-    assert list(known(PROTESTED).watch.overdue(DUE + 30.0, PROTESTED.folder)) == []
-
-
-def test_it_reads_again_when_a_result_has_come_and_after_a_while_and_waits_for_nothing() -> None:
-    archive = known(PROTESTED)
-    archive.watch.read_if_changed("a result")
-    assert len(archive.asked) == 1
-    archive.watch.read_if_changed("another")
-    archive.watch.read_if_changed("a third")  # the reading before goes on
-    assert len(archive.asked) == 2
-    archive.runs = ()
-    archive.answer()
-    archive.watch.read_if_changed("another")
-    assert list(archive.watch.open(DUE)) == []
-    archive.now += LOOKING_PERIOD
-    archive.watch.read_if_changed("another")
-    assert len(archive.asked) == 3
-
-
-def test_what_cannot_be_read_leaves_what_is_known() -> None:
-    archive = known(PROTESTED)
-    archive.watch.read_if_changed("another")
-    archive.asked[-1].set_exception(MadrobError("the disk is away"))
-    archive.watch.read_if_changed("another")
-    assert len(list(archive.watch.open(DUE))) == 1
+def test_the_run_at_hand_tells_its_own(tmp_path: Path) -> None:
+    protested = known(tmp_path, PROTESTED)
+    assert list(overdue_words(protested, DUE + 30.0, PROTESTED.folder)) == []

@@ -6,9 +6,8 @@ import json
 import os
 import re
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,11 +17,12 @@ import pytest
 from madrob_console.archive.history import History
 from madrob_console.cli.session import UnattendedRun
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.disk import BUSY, MOST_WAITING, THREADS, ReaderPool
-from madrob_console.engine.engine_thread import ListWatch
+from madrob_console.engine.disk import ENDED, FULL, DiskThread, RepeatedReading
+from madrob_console.engine.engine_thread import ListWatch, follow_lists
 from madrob_console.pages.tally import overall
 from madrob_console.referee.acts import SetUp, Start, Waive
 from madrob_console.referee.checks import Check, CheckState
+from madrob_console.referee.competition_plan import Plan, PlanSource
 from madrob_console.referee.flags import FlagKind
 from madrob_console.referee.journal import read_journal
 from madrob_console.referee.lists import TeamList, TeamSource
@@ -32,163 +32,103 @@ from tests.madrob_console.engine.drive import Drive, Rehearsal, make_setup
 from tests.watching import PATIENCE, until
 
 
-def breaks() -> None:
-    raise ValueError("a bug")
-
-
 @pytest.mark.machine
-def test_what_the_core_asked_is_told_in_its_thread_and_not_before_it_asks_for_it() -> None:
-    reader, told = ReaderPool(), list[str]()
-    answer = reader.submit_job(lambda: 7, lambda _: told.append(threading.current_thread().name))
-    assert answer.result(PATIENCE) == 7
-    assert told == []
-
-    def delivered() -> bool:
-        reader.deliver()
-        return bool(told)
-
-    until(delivered)
-    assert told == [threading.current_thread().name]
-    reader.close()
-
-
-@pytest.mark.machine
-def test_a_bug_is_an_answer_in_words_and_ends_no_thread() -> None:
-    reader = ReaderPool()
-    for _ in range(THREADS + 1):
-        with pytest.raises(MadrobError, match="it cannot be read: ValueError"):
-            reader.submit_job(breaks).result(PATIENCE)
-    assert reader.submit_job(lambda: 7).result(PATIENCE) == 7
-    reader.close()
-
-
-@pytest.mark.machine
-def test_the_disk_is_silent_while_it_owes_the_core_an_answer() -> None:
-    """A screen that waits long, as for the bag of a run, says nothing of the disk."""
-    reader, go_on, begun = ReaderPool(), threading.Event(), list[int]()
-
-    def hangs() -> bool:
-        begun.append(1)
-        return go_on.wait(PATIENCE)
-
-    screen = reader.submit_job(hangs)
-    until(lambda: len(begun) == 1)
-    assert reader.silent == 0.0
-    core = reader.submit_job(hangs, lambda _: None)
-    until(lambda: len(begun) == 2)
-    until(lambda: reader.silent > 0.0)
-    go_on.set()
-    assert screen.result(PATIENCE)
-    assert core.result(PATIENCE)
-    until(lambda: reader.silent == 0.0)
-    reader.close()
-
-
-@pytest.mark.machine
-def test_a_disk_that_hangs_holds_up_so_many_readings_and_refuses_more() -> None:
-    reader, go_on, order = ReaderPool(), threading.Event(), list[int]()
+def test_the_referees_readings_go_before_the_others_and_too_many_are_refused() -> None:
+    reading, go_on, order = DiskThread("reading", most_jobs=5), threading.Event(), list[int]()
 
     def asked(number: int, *, first: bool = False) -> Future[int]:
         def read() -> int:
-            assert go_on.wait(30.0)
+            assert go_on.wait(PATIENCE)
             order.append(number)
             return number
 
-        return reader.submit_job(read, first=first)
+        return reading.submit_job(read, first=first)
 
-    hanging = [asked(number) for number in range(THREADS)]
-    until(lambda: reader._of_screens.count(first=False) == 0)
-    core = reader.submit_job(lambda: 7, lambda _: None)
-    assert core.result(PATIENCE) == 7  # it waits for nothing that screens ask
-    waiting = [asked(100 + number) for number in range(MOST_WAITING)]
-    with pytest.raises(MadrobError, match=BUSY):
-        asked(1000).result()
-    referee = [asked(200, first=True), asked(201, first=True)]
-    assert waiting[0].cancel()
+    hangs = asked(0)
+    until(hangs.running)
+    others = [asked(100 + number) for number in range(5)]
+    with pytest.raises(MadrobError, match=FULL):
+        asked(105).result(PATIENCE)
+    referees = [asked(number, first=True) for number in (1, 2)]
+    assert others[0].cancel()
     go_on.set()
-    assert [one.result(30.0) for one in (*hanging, *referee, *waiting[1:])]
-    assert 100 not in order
-    assert max(order.index(200), order.index(201)) <= THREADS + 1
-    reader.close()
-    with pytest.raises(MadrobError, match="the engine has ended"):
-        asked(300).result()
+    assert [one.result(PATIENCE) for one in (hangs, *referees, *others[1:])] == order
+    reading.close(PATIENCE)
+
+
+@pytest.mark.machine
+def test_whoever_waits_for_a_reading_that_hangs_is_told_when_the_engine_ends() -> None:
+    reading, go_on = DiskThread("reading"), threading.Event()
+    hangs = reading.submit_job(lambda: go_on.wait(PATIENCE))
+    until(hangs.running)
+    waits = reading.submit_job(lambda: 7, first=False)
+    reading.close(0.0)
+    with pytest.raises(MadrobError, match=ENDED):
+        waits.result(PATIENCE)
+    go_on.set()
 
 
 NEVER = 1e6
 """A period in which nothing is looked at but by the test, s."""
 
 
-@contextmanager
-def watching(
-    file: Path | None, told: list[TeamList], period: float = NEVER
-) -> Iterator[ListWatch[TeamList]]:
-    watch = ListWatch(TeamSource({9: "Own"}, file), told.append, period)
-    try:
-        yield watch
-    finally:
-        watch.close()
-
-
-def test_the_list_is_there_before_the_engine_goes_on(tmp_path: Path) -> None:
-    file, told = tmp_path / "teams.csv", list[TeamList]()
-    file.write_text("3,Walkers\n")
-    with watching(file, told):
-        assert [teams.names for teams in told] == [{3: "Walkers", 9: "Own"}]
+def watching(file: Path | None, told: list[TeamList]) -> ListWatch[TeamList]:
+    watch = ListWatch(file, TeamSource({9: "Own"}, file).read, told.append)
+    watch.read_if_changed()
+    return watch
 
 
 def test_without_a_file_the_settings_are_the_list() -> None:
     told = list[TeamList]()
-    with watching(None, told):
-        assert told == [TeamList({9: "Own"})]
+    watching(None, told)
+    assert told == [TeamList({9: "Own"})]
 
 
 def test_a_list_that_changes_is_told_on_and_the_first_one_is_not(tmp_path: Path) -> None:
     file, told, changes = tmp_path / "teams.csv", list[TeamList](), list[int]()
     file.write_text("3,Walkers\n")
-    source = TeamSource({}, file)
-    watch = ListWatch(source, told.append, NEVER, lambda: changes.append(len(told)))
-    try:
-        assert (len(told), changes) == (1, [])
-        file.write_text("3,Runners\n")
-        watch.read_if_changed()
-        watch.read_if_changed()
-        assert (len(told), changes) == (2, [2])  # the engine knows it first
-    finally:
-        watch.close()
+    read = TeamSource({}, file).read
+    watch = ListWatch(file, read, told.append, lambda: changes.append(len(told)))
+    watch.read_if_changed()
+    assert (len(told), changes) == (1, [])
+    file.write_text("3,Runners\n")
+    watch.read_if_changed()
+    watch.read_if_changed()
+    assert (len(told), changes) == (2, [2])  # the engine knows it first
 
 
 def test_a_file_that_is_being_written_is_read_when_it_rests(tmp_path: Path) -> None:
     file, told = tmp_path / "teams.csv", list[TeamList]()
     file.write_text("3,Walkers\n")
-    with watching(file, told) as watch:
-        file.write_text("3,Wal")
-        watch.read_if_changed()  # it has changed: it may change again
-        file.write_text("3,Walkers\n4,Runn")
-        watch.read_if_changed()
-        file.write_text("3,Walkers\n4,Runners\n")
-        watch.read_if_changed()
-        assert len(told) == 1
-        watch.read_if_changed()
-        assert told[1:] == [TeamList({3: "Walkers", 4: "Runners", 9: "Own"}, (), str(file))]
-        watch.read_if_changed()
-        assert len(told) == 2
+    watch = watching(file, told)
+    file.write_text("3,Wal")
+    watch.read_if_changed()  # it has changed: it may change again
+    file.write_text("3,Walkers\n4,Runn")
+    watch.read_if_changed()
+    file.write_text("3,Walkers\n4,Runners\n")
+    watch.read_if_changed()
+    assert len(told) == 1
+    watch.read_if_changed()
+    assert told[1:] == [TeamList({3: "Walkers", 4: "Runners", 9: "Own"}, (), str(file))]
+    watch.read_if_changed()
+    assert len(told) == 2
 
 
 def test_a_file_that_goes_and_comes_back_is_told_and_the_list_stays(tmp_path: Path) -> None:
     file, told = tmp_path / "teams.csv", list[TeamList]()
     file.write_text("3,Walkers\n")
-    with watching(file, told) as watch:
-        file.unlink()
-        for _ in range(5):
-            watch.read_if_changed()
-        assert len(told) == 2
-        assert told[1].names == told[0].names
-        assert "the list stays as it was" in told[1].problems[0]
-        file.write_text("3,Walkers\n4,Late\n")
+    watch = watching(file, told)
+    file.unlink()
+    for _ in range(5):
         watch.read_if_changed()
-        watch.read_if_changed()
-        assert told[2].names == {3: "Walkers", 4: "Late", 9: "Own"}
-        assert told[2].problems == ()
+    assert len(told) == 2
+    assert told[1].names == told[0].names
+    assert "the list stays as it was" in told[1].problems[0]
+    file.write_text("3,Walkers\n4,Late\n")
+    watch.read_if_changed()
+    watch.read_if_changed()
+    assert told[2].names == {3: "Walkers", 4: "Late", 9: "Own"}
+    assert told[2].problems == ()
 
 
 def test_a_link_to_the_list_is_followed_to_another_list(tmp_path: Path) -> None:
@@ -197,21 +137,79 @@ def test_a_link_to_the_list_is_followed_to_another_list(tmp_path: Path) -> None:
     day2.write_text("4,Runners of day 2\n")
     file.symlink_to(day1)
     told = list[TeamList]()
-    with watching(file, told) as watch:
-        (tmp_path / "new").symlink_to(day2)
-        os.replace(tmp_path / "new", file)  # noqa: PTH105  as `ln -sf` does
-        watch.read_if_changed()
-        watch.read_if_changed()
-        assert told[-1].names == {4: "Runners of day 2", 9: "Own"}
+    watch = watching(file, told)
+    (tmp_path / "new").symlink_to(day2)
+    os.replace(tmp_path / "new", file)  # noqa: PTH105  as `ln -sf` does
+    watch.read_if_changed()
+    watch.read_if_changed()
+    assert told[-1].names == {4: "Runners of day 2", 9: "Own"}
 
 
 @pytest.mark.machine
-def test_its_thread_looks_by_itself(tmp_path: Path) -> None:
-    file, told = tmp_path / "teams.csv", list[TeamList]()
-    file.write_text("3,Walkers\n")
-    with watching(file, told, 0.02):
-        file.write_text("3,Walkers\n4,Late\n")
-        until(lambda: told[-1].names.get(4) == "Late")
+def test_the_lists_are_there_before_the_engine_goes_on_and_are_followed(tmp_path: Path) -> None:
+    told, plans = list[TeamList](), list[Plan]()
+    teams, plan = tmp_path / "teams.csv", tmp_path / "plan.csv"
+    teams.write_text("3,Walkers\n")
+    plan.write_text("3,1,2\n")
+    close = follow_lists(
+        (
+            ListWatch(teams, TeamSource({9: "Own"}, teams).read, told.append),
+            ListWatch(plan, PlanSource((), plan).read, plans.append),
+        ),
+        0.02,
+    )
+    try:
+        assert [teams.names for teams in told] == [{3: "Walkers", 9: "Own"}]
+        assert len(plans) == 1
+        teams.write_text("3,Walkers\n4,Late\n")
+        plan.write_text("3,1,3\n")
+        until(lambda: told[-1].names.get(4) == "Late" and len(plans) == 2)
+    finally:
+        close()
+
+
+class Archive:
+    """A value that is read when a test says so."""
+
+    def __init__(self, *, forgets: bool) -> None:
+        self.asked: list[Future[str]] = []
+        self.reading = RepeatedReading(str, self.submit, NEVER, "unknown", forgets=forgets)
+
+    def submit(self, _job: Callable[[], str], done: Callable[[Future[str]], None]) -> None:
+        self.asked.append(Future())
+        self.asked[-1].add_done_callback(done)
+
+
+def test_a_value_is_read_again_after_a_change_and_after_a_while_one_reading_at_a_time() -> None:
+    archive = Archive(forgets=False)
+    look = archive.reading.look
+    assert look(0.0, "a result") == "unknown"
+    archive.asked[-1].set_result("first")
+    assert look(1.0, "a result") == "first"
+    assert len(archive.asked) == 1
+    assert look(1.0, "another") == look(2.0, "a third") == "first"  # the reading goes on
+    assert len(archive.asked) == 2
+    archive.asked[-1].set_result("second")
+    assert look(2.0, "another") == "second"
+    look(NEVER + 1.0, "another")
+    assert len(archive.asked) == 3
+
+
+@pytest.mark.parametrize("forgets", [False, True])
+def test_a_value_that_cannot_be_read_is_forgotten_where_an_old_one_says_nothing(
+    forgets: bool,
+) -> None:
+    archive, kept = Archive(forgets=forgets), "unknown" if forgets else "known"
+    look = archive.reading.look
+    look(0.0)
+    archive.asked[-1].set_result("known")
+    look(NEVER)
+    assert look(NEVER + 1.0) == "known"  # its answer is not late yet
+    assert look(2 * NEVER) == kept
+    archive.asked[-1].set_exception(MadrobError("the disk is away"))
+    assert look(2 * NEVER) == kept
+    archive.asked[-1].set_result("known again")
+    assert archive.reading.value == "known again"
 
 
 REASON = "renamed since"

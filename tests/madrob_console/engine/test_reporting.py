@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
-import pickle
+import math
+import os
 import re
 import shutil
+import signal
 import threading
 import time
 from contextlib import closing, suppress
@@ -18,15 +20,16 @@ import pytest
 
 from madrob_console.archive.run_pictures import renewed_pictures, run_pictures
 from madrob_console.archive.scored import score_opened
-from madrob_console.cli import aside
 from madrob_console.cli.main import main
 from madrob_console.common.version import software_version
-from madrob_console.engine import server_socket
+from madrob_console.engine import server
 from madrob_console.engine.engine_thread import LocalEngine
-from madrob_console.engine.reports import Reporting
+from madrob_console.engine.reports import QUEUE_FOLDER, Chore, ChoreKind, ChoreQueue, Wanted
 from madrob_console.engine.requests import ExportTeam, OpenRun, Role
-from madrob_console.engine.server_socket import AGAIN, FallenThreads, LogOnce
-from madrob_console.pages.page import report_html
+from madrob_console.engine.server import AGAIN, LogOnce
+from madrob_console.engine.service import FallenThreads
+from madrob_console.engine.snapshot import ExportView
+from madrob_console.pages.report import report_html
 from madrob_console.pages.surroundings import Surroundings
 from madrob_console.referee.acts import (
     Abort,
@@ -47,6 +50,8 @@ from madrob_console.ui.keys.key_table import KEYS
 from scoring.protocol import Step
 from tests.madrob_console.archive.frames import film
 from tests.madrob_console.engine.drive import Drive, OfficialDrive, make_setup
+from tests.madrob_console.engine.reporting import reporting_on
+from tests.madrob_console.engine.scored_elsewhere import alive
 from tests.madrob_console.engine.served import Served, simulated
 from tests.madrob_console.engine_process import EngineProcess
 from tests.madrob_console.pages.competition_runs import put_recorded
@@ -58,7 +63,7 @@ from tests.watching import until
 def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
     told: list[tuple[str, int]] = []
 
-    def tell(folder: Path, _scored: bytes | memoryview) -> None:
+    def tell(folder: Path) -> None:
         told.append((folder.name[:28], json.loads((folder / "result.json").read_text())["issue"]))
 
     drive = Drive(tmp_path, Scenario.NO_TOUCH)
@@ -88,15 +93,14 @@ def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.machine
-def test_an_engines_page_shows_what_the_cameras_saw(tmp_path: Path) -> None:
+def test_an_engines_page_is_the_one_that_madrob_report_makes(tmp_path: Path) -> None:
     folder = Path(shutil.copytree(completed(), tmp_path / completed().name))
     film(folder, "/camera/front")
+    with reporting_on(tmp_path) as reporting:
+        reporting.report(folder)
+        assert reporting.wait(60.0)
+        assert reporting.problem is None
     scored = score_opened(folder)
-    reporting = Reporting(aside.COMMAND, lambda: False)
-    reporting.report(folder, pickle.dumps(scored))
-    assert reporting.wait(60.0)
-    assert reporting.problem is None
-    reporting.close()
     place, seen = Surroundings().place_of(folder, scored), run_pictures(folder, scored)
     page = (folder / "report.html").read_text()
     assert page == report_html(scored, software_version(), place, seen)
@@ -112,15 +116,14 @@ def test_the_frames_of_instants_stay_in_the_folder_of_the_run(
     elsewhere.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(elsewhere))
     told: list[tuple[str, str]] = []
-    reporting = Reporting(aside.COMMAND, lambda: False)
-    reporting.frames(folder, 5.0, lambda *words: told.append(words))
-    assert reporting.wait(60.0)
-    assert not (folder / "frames").exists()
-    film(folder, "/camera/front", "/camera/side")
-    for at in (900.0, 5.0, 6.5, 5.0):
-        reporting.frames(folder, at, lambda *words: told.append(words))
+    with reporting_on(tmp_path) as reporting:
+        reporting.frames(folder, 5.0, lambda *words: told.append(words))
         assert reporting.wait(60.0)
-    reporting.close()
+        assert not (folder / "frames").exists()
+        film(folder, "/camera/front", "/camera/side")
+        for at in (900.0, 5.0, 6.5, 5.0):
+            reporting.frames(folder, at, lambda *words: told.append(words))
+            assert reporting.wait(60.0)
     places, problems = zip(*told, strict=True)
     assert places == ("", "", *[str(folder / "frames")] * 3)
     assert "was recorded without evidence" in problems[0]
@@ -138,82 +141,153 @@ def test_the_frames_of_instants_stay_in_the_folder_of_the_run(
 
 
 @pytest.mark.machine
-def test_an_engines_page_is_the_one_that_madrob_report_makes(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
-    reporting = Reporting(aside.COMMAND, lambda: False)
-    drive.engine.on_result = reporting.report
-    drive.whole_run(make_setup(timeout=20.0))
-    drive.act(
-        Rule(Step.CROSS, confirmed=False, reason="one foot stayed"),
-        Finalise(TeamWord.PROTESTED, "Ada"),
-        Reissue("video"),
-    )
-    drive.engine.close()
-    assert reporting.wait(60.0)
-    assert reporting.problem is None
-    reporting.close()
-    folder = drive.folder
-    scored = score_opened(folder)
-    place = Surroundings().place_of(folder, scored)
-    assert place.files
-    assert (folder / "report.html").read_text() == report_html(scored, software_version(), place)
-
-
-@pytest.mark.machine
-def test_the_competitions_pages_follow_every_result(tmp_path: Path) -> None:
-    site = tmp_path / "site"
-    drive = Drive(tmp_path / "runs", Scenario.NO_TOUCH)
-    options = (str(site), f"--results={tmp_path / 'runs'}", "--practice")
-    reporting = Reporting(aside.COMMAND, lambda: False, publish=options)
-    drive.engine.on_result = reporting.report
-    drive.whole_run(make_setup(timeout=1.0))
-    assert reporting.wait(60.0)
-    assert reporting.problem is None
-    team = site / "teams/003.html"
-    assert "timeout" in team.read_text()
-    assert "PROTESTED" not in team.read_text()
-    assert list(site.glob("runs/*/report.html"))  # it was made before
-    drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee"))
-    drive.engine.close()
-    assert reporting.wait(60.0)
-    assert reporting.problem is None
-    assert "PROTESTED" in team.read_text()
-    reporting.close()
+def test_report_and_pages_follow_every_result(tmp_path: Path) -> None:
+    results, site = tmp_path / "runs", tmp_path / "site"
+    drive = Drive(results, Scenario.NO_TOUCH)
+    options = (str(site), f"--results={results}", "--practice")
+    with reporting_on(results, Wanted(publish=options)) as reporting:
+        drive.engine.on_result = reporting.report
+        drive.whole_run(make_setup(timeout=1.0))
+        assert reporting.wait(60.0)
+        assert reporting.problem is None
+        team = site / "teams/003.html"
+        assert "timeout" in team.read_text()
+        assert "PROTESTED" not in team.read_text()
+        assert list(site.glob("runs/*/report.html"))  # it was made before
+        drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee"))
+        drive.engine.close()
+        assert reporting.wait(60.0)
+        assert reporting.problem is None
+        assert "PROTESTED" in team.read_text()
+        assert "PROTESTED" in (drive.folder / "report.html").read_text()
 
 
 @pytest.mark.machine
 def test_pages_that_the_disk_refuses_are_a_fault_until_they_are_written(tmp_path: Path) -> None:
     write(tmp_path / "runs", summary(3))
     site = tmp_path / "site"
-    options = (str(site), f"--results={tmp_path / 'runs'}")
-    reporting = Reporting(aside.COMMAND, lambda: False, publish=options, pause=0.2)
-    reporting.publish()
-    assert reporting.wait(60.0)
-    (site / "teams/003.html").unlink()
-    (site / "teams").rmdir()
-    (site / "teams").write_text("in the way")
-    reporting.publish()
-    until(lambda: reporting.problem is not None)
-    assert reporting.problem is not None
-    assert f"the pages in {site} are not up to date: {site}: not written" in reporting.problem
-    assert "tried again" in reporting.problem
-    (site / "teams").unlink()
-    until(lambda: reporting.problem is None)
-    assert (site / "teams/003.html").is_file()
-    reporting.close()
+    wanted = Wanted(publish=(str(site), f"--results={tmp_path / 'runs'}"))
+    with reporting_on(tmp_path / "runs", wanted) as reporting:
+        reporting.publish()
+        assert reporting.wait(60.0)
+        (site / "teams/003.html").unlink()
+        (site / "teams").rmdir()
+        (site / "teams").write_text("in the way")
+        reporting.publish()
+        problem = until(lambda: reporting.problem)
+        assert problem is not None
+        assert f"the pages in {site} are not up to date: {site}: not written" in problem
+        assert "tried again" in problem
+        (site / "teams").unlink()
+        until(lambda: reporting.problem is None)
+        assert (site / "teams/003.html").is_file()
 
 
 @pytest.mark.machine
-def test_a_folder_that_is_not_for_pages_is_told_and_not_tried_again(tmp_path: Path) -> None:
-    write(tmp_path / "runs", summary(3))
-    options = (str(tmp_path), f"--results={tmp_path / 'runs'}")
-    reporting = Reporting(aside.COMMAND, lambda: False, publish=options, pause=0.2)
-    reporting.publish()
-    assert reporting.wait(60.0)
-    assert reporting.problem is not None
-    assert "holds other things; name an empty folder" in reporting.problem
-    assert "tried again" not in reporting.problem
-    reporting.close()
+def test_a_report_that_the_disk_refuses_is_a_fault_until_it_is_made(tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(completed(), tmp_path / completed().name))
+    page = folder / "report.html"
+    page.mkdir()
+    with reporting_on(tmp_path) as reporting:
+        reporting.report(folder)
+        problem = until(lambda: reporting.problem)
+        assert problem is not None
+        assert f"no report of {folder.name}: " in problem
+        assert "make room or choose another folder; it is tried again" in problem
+        page.rmdir()
+        until(lambda: reporting.problem is None)
+        assert page.is_file()
+
+
+@pytest.mark.machine
+def test_what_cannot_ever_be_made_is_told_and_not_tried_again(tmp_path: Path) -> None:
+    write(tmp_path, summary(3))
+    wanted = Wanted(
+        publish=(str(tmp_path), f"--results={tmp_path}"), options=(f"--results={tmp_path}",)
+    )
+    with reporting_on(tmp_path, wanted) as reporting:
+        reporting.publish()
+        assert reporting.wait(60.0)
+        assert reporting.problem is not None
+        assert "holds other things; name an empty folder" in reporting.problem
+        reporting.report(tmp_path / "deleted")
+        reporting.export(4)
+        assert reporting.exported == ExportView(4)
+        until(lambda: reporting.problem is not None and "no report of deleted" in reporting.problem)
+        assert reporting.wait(60.0)
+        assert "tried again" not in reporting.problem
+        assert reporting.exported is not None
+        assert reporting.exported.path == ""
+        assert "subject 4 has no runs" in reporting.exported.problem
+    assert list((tmp_path / QUEUE_FOLDER).iterdir()) == []
+
+
+@pytest.mark.machine
+def test_a_process_that_cannot_be_started_is_told_in_words(tmp_path: Path) -> None:
+    with reporting_on(tmp_path, command=["/no/such/python"]) as reporting:
+        reporting.export(3)
+        why = "no process can be started (No such file or directory); it is tried again"
+        until(lambda: reporting.problem == f"no reports, pages and zips: {why}")
+        until(lambda: reporting.exported == ExportView(3, problem=why))
+        shutil.rmtree(tmp_path / QUEUE_FOLDER)  # nothing waits any more
+
+
+@pytest.mark.machine
+def test_what_waits_survives_the_engine_and_is_made_by_the_next_one(tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(completed(), tmp_path / completed().name))
+    queue = ChoreQueue(tmp_path / QUEUE_FOLDER)
+    queue.put(Chore("report", ChoreKind.REPORT, (str(folder),)))
+    with reporting_on(tmp_path) as reporting:
+        reporting.repair()
+        assert reporting.wait(60.0)
+        assert (folder / "report.html").is_file()
+        assert reporting.problem is None
+    assert queue.rest == math.inf
+
+
+@pytest.mark.machine
+def test_a_run_cuts_a_chore_short_which_is_done_again_after_it(tmp_path: Path) -> None:
+    """Killed at any moment, by a run or for want of memory: nothing half written stays."""
+    folder = Path(shutil.copytree(completed(), tmp_path / completed().name))
+    before = sorted(path.name for path in folder.iterdir())
+    busy = [False]
+    with reporting_on(tmp_path, busy=lambda: busy[0]) as reporting:
+        for end in (0.0, 0.4, 0.8):
+            reporting.report(folder)
+            pid = until(lambda: reporting.pid)
+            threading.Event().wait(end)
+            busy[0] = True
+            until(lambda pid=pid: not alive(pid))  # type: ignore[misc]
+            assert reporting.problem is None
+            left = {path.name for path in folder.iterdir()} - set(before)
+            assert left <= {"report.html", "pictures"}
+            busy[0] = False
+        reporting.report(folder)
+        pid = until(lambda: reporting.pid)
+        assert pid is not None
+        os.kill(pid, signal.SIGKILL)
+        told = "no reports, pages and zips: it was ended by SIGKILL; it is tried again"
+        until(lambda: reporting.problem == told)
+        until(lambda: reporting.problem is None)
+        assert "</html>" in (folder / "report.html").read_text()
+
+
+def test_a_queue_holds_each_chore_once_the_latest_and_what_comes_meanwhile(tmp_path: Path) -> None:
+    def chore(name: str, argument: str) -> Chore:
+        return Chore(name, ChoreKind.EXPORT, (argument,))
+
+    queue = ChoreQueue(tmp_path / "queue", pause=3600.0)
+    for name, argument in (("report", "1"), ("zip", "2"), ("report", "3")):
+        queue.put(chore(name, argument))
+    assert queue.take_next() == chore("report", "3")
+    queue.put(chore("report", "4"))
+    queue.finish()
+    assert queue.take_next() == chore("zip", "2")  # not finished: it rests
+    assert queue.take_next() == chore("report", "4")
+    queue.finish()
+    assert queue.take_next() is None
+    assert 3590 < queue.rest <= 3600
+    assert ChoreQueue(tmp_path / "queue", pause=1.0).take_next() == chore("zip", "2")  # clock set
 
 
 @pytest.mark.machine
@@ -251,8 +325,9 @@ def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_
     for run in (wanted, summary(3, hour=1, competition="Spring Cup")):
         write(tmp_path / "runs", run)
     engine = simulated(tmp_path / "runs")
-    reporting = Reporting(aside.COMMAND, lambda: engine.busy, [f"--results={tmp_path / 'runs'}"])
+    options = Wanted(options=[f"--results={tmp_path / 'runs'}"])
     with (
+        reporting_on(tmp_path / "runs", options, lambda: engine.busy) as reporting,
         closing(Served(tmp_path, engine=engine, reporting=reporting)) as served,
         closing(served.attach()) as console,
         closing(served.attach(Role.WATCH)) as watcher,
@@ -279,7 +354,7 @@ def processes_of(parent: int) -> list[str]:
         with suppress(OSError):
             if int((path / "stat").read_text().rpartition(")")[2].split()[1]) == parent:
                 line = (path / "cmdline").read_bytes().replace(b"\0", b" ").decode()
-                if not line or " page " in line or " renew " in line:  # a zombie has none
+                if not line or "cli.aside" in line:  # a zombie has none
                     found.append(line)
     return found
 
@@ -332,42 +407,33 @@ def test_after_a_correction_the_reports_of_both_teams_and_the_site_are_true(tmp_
 
 
 @pytest.mark.machine
-def test_reports_that_a_run_keeps_from_being_made_again_are_made_after_it(tmp_path: Path) -> None:
+def test_reports_that_tell_of_other_runs_are_made_again_and_those_that_cannot_be_named(
+    tmp_path: Path,
+) -> None:
     first, second = put_recorded(tmp_path)
     assert main(["report", str(tmp_path)]) == 0
     assert other_runs(first / "report.html") == ["run 2", "run 2"]
     shutil.rmtree(second)
-    going = [True]
-    reporting = Reporting(aside.COMMAND, lambda: going[0], reports=False)
-    reporting.report(first, b"")
-    assert not reporting.wait(1.0)
-    assert other_runs(first / "report.html") == ["run 2", "run 2"]
-    going.clear()
-    going.append(False)
-    assert reporting.wait(60.0)
-    assert other_runs(first / "report.html") == []
-    before = (first / "report.html").stat().st_mtime_ns
-    reporting.report(first, b"")
-    assert reporting.wait(60.0)
-    assert (first / "report.html").stat().st_mtime_ns == before
-    assert reporting.problem is None
-    reporting.close()
-
-
-@pytest.mark.machine
-def test_reports_that_cannot_be_made_again_are_told_to_be_older(tmp_path: Path) -> None:
-    first, second = put_recorded(tmp_path)
-    assert main(["report", str(tmp_path)]) == 0
+    with reporting_on(tmp_path, Wanted(reports=False)) as reporting:
+        for _ in range(2):
+            reporting.report(first)
+            assert reporting.wait(60.0)
+            assert other_runs(first / "report.html") == []
+            assert reporting.problem is None
+            made = (first / "report.html").stat().st_mtime_ns
+        assert (first / "report.html").stat().st_mtime_ns == made
+    first, second = put_recorded(tmp_path / "more")
+    assert main(["report", str(tmp_path / "more")]) == 0
     shutil.rmtree(second)
     for recording in first.glob("*.mcap"):
         recording.unlink()
-    reporting = Reporting(aside.COMMAND, lambda: False, reports=False)
-    reporting.report(first, b"")
-    assert reporting.wait(60.0)
-    assert reporting.problem is not None
-    assert f"reports or pages of {tmp_path} are older than its results: " in reporting.problem
-    assert first.name in reporting.problem
-    reporting.close()
+    with reporting_on(tmp_path / "more", Wanted(reports=False)) as reporting:
+        reporting.report(first)
+        assert reporting.wait(60.0)
+        assert reporting.problem is not None
+        told = f"reports of {tmp_path / 'more'} are older than its results: "
+        assert told in reporting.problem
+        assert first.name in reporting.problem
 
 
 @pytest.mark.machine
@@ -463,7 +529,7 @@ def test_a_loop_says_its_troubles_in_a_line(capsys: pytest.CaptureFixture[str]) 
 def test_what_must_go_on_is_begun_again_whatever_ends_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(server_socket, "_RETRY_PAUSE", 0.0)
+    monkeypatch.setattr(server, "_RETRY_PAUSE", 0.0)
     begun = 0
 
     async def work() -> None:

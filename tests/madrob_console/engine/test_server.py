@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import socket
-import stat
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
+from queue import Empty
 from types import FrameType
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.common.errors import MadrobError
+from madrob_console.engine import client as screens
 from madrob_console.engine import wire
-from madrob_console.engine.client import OWN, Incoming, Outgoing, RemoteEngine
-from madrob_console.engine.control import WhoAnswer
+from madrob_console.engine.client import RemoteEngine, snapshot_of
 from madrob_console.engine.core import Engine
 from madrob_console.engine.engine_config import EngineConfig
+from madrob_console.engine.engine_lock import listen_on
 from madrob_console.engine.replay import Replay
 from madrob_console.engine.requests import (
     ExportTeam,
@@ -37,8 +39,8 @@ from madrob_console.engine.requests import (
     SetSpeed,
     TakeOver,
 )
-from madrob_console.engine.server import MOST_UNDER_WAY, TOO_MANY
-from madrob_console.engine.snapshot import Pulse, RightToAct
+from madrob_console.engine.server import MOST_UNDER_WAY, SIGN_OF_LIFE, TOO_MANY, LatestState
+from madrob_console.engine.snapshot import Pulse, RightToAct, Snapshot
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import ACTS, Abort, AddNote, Finalise, SetUp, Start
@@ -167,12 +169,15 @@ def test_a_replay_is_moved_over_the_socket_by_the_console_that_may_act(replayed:
 
 
 def test_a_screen_that_does_not_read_costs_nobody_anything(served: Served) -> None:
-    stalled = socket.socket(socket.AF_UNIX)
-    stalled.connect(str(served.path))
+    stalled = served.connect()
     stalled.sendall(wire.frame(wire.Hello(wire.VERSION, Role.WATCH, "stalled")))
     with closing(served.attach()) as client:
+        until(lambda: len(served.server._screens) == 2)
+        screen = next(one for one in served.server._screens if one.role is Role.WATCH)
         start(client)
         until(lambda: client.snapshot().result is not None)
+        shown = len(wire.raw(client.snapshot()))
+        assert screen.backlog <= 2 * shown  # one state waits for it, besides the kernel's
         result = client.snapshot().result
         assert result is not None
         assert result.outcome is Outcome.COMPLETED
@@ -203,22 +208,56 @@ def test_a_core_that_stands_still_is_told_and_so_is_that_it_goes_on(
         assert client.snapshot().time > last.time
 
 
-def test_the_socket_is_for_its_user_alone(served: Served) -> None:
-    assert stat.S_IMODE(served.path.stat().st_mode) == 0o600
-
-
-def test_a_console_of_another_version_is_told_what_to_do(served: Served) -> None:
-    answer = say(served.path, wire.Hello(wire.VERSION + 1, Role.REFEREE, "new"))
-    assert "`madrob engine stop`" in answer.reason
-
-
 @given(data=st.binary(max_size=200))
 def test_no_greeting_can_be_anything_but_a_greeting(data: bytes) -> None:
     try:
-        wire.hello_of(data)
+        wire.first_of(data)
     except MadrobError:
         return
-    assert wire.frame(wire.hello_of(data))
+    assert wire.frame(wire.first_of(data))
+
+
+@pytest.fixture
+def drive_result(drive: Drive) -> Snapshot:
+    """What is shown of a run with a result."""
+    drive.whole_run(make_setup())
+    return drive.engine.snapshot()
+
+
+RIGHT = RightToAct(Role.WATCH, "ada@hall")
+
+
+def test_a_screen_shows_what_the_engine_has(drive_result: Snapshot) -> None:
+    state = wire.State(wire.raw(drive_result), wire.raw(RIGHT))
+    crossed = wire.message_of(wire.frame(state)[wire.LENGTH.size :])
+    assert isinstance(crossed, wire.State)
+    assert drive_result.result is not None
+    assert snapshot_of(crossed) == replace(drive_result, right=RIGHT)
+    for wrong in (wire.State(wire.raw(1), state.right), wire.State(state.snapshot, wire.raw(1))):
+        with pytest.raises(MadrobError, match="not a message of an engine"):
+            snapshot_of(wrong)
+
+
+@pytest.mark.parametrize(
+    ("change", "versions"),
+    [
+        (lambda _: {}, 20),  # a replay that is paused
+        (lambda tick: {"time": 1e9 + tick / 10}, 20),
+        (lambda tick: {"pulse": Pulse(core=tick // 10)}, 30),
+        (lambda tick: {"faults": (f"fault {tick}",)}, 100),
+    ],
+    ids=("nothing", "time", "standstill", "news"),
+)
+def test_a_state_is_sent_when_it_has_changed_and_else_as_a_sign_of_life(
+    drive_result: Snapshot, change: Callable[[int], dict[str, Any]], versions: int
+) -> None:
+    latest = LatestState()
+    latest.update(drive_result, 0.0)
+    for tick in range(1, 101):  # ten seconds
+        before, encoded = latest.version, latest.encoded
+        latest.update(replace(drive_result, **change(tick)), tick / 10)
+        assert (latest.encoded is encoded) is (latest.version == before)  # encoded once
+    assert 10.0 / SIGN_OF_LIFE - 4 <= latest.version - 1 <= versions
 
 
 @pytest.mark.parametrize(
@@ -233,14 +272,12 @@ def test_no_greeting_can_be_anything_but_a_greeting(data: bytes) -> None:
 def test_rubbish_on_the_socket_is_rejected_and_the_engine_goes_on(
     served: Served, data: bytes
 ) -> None:
-    with socket.socket(socket.AF_UNIX) as rubbish:
-        rubbish.connect(str(served.path))
+    with served.connect() as rubbish:
         rubbish.sendall(data)
         rubbish.shutdown(socket.SHUT_WR)
         while rubbish.recv(65536):
             pass
-    with socket.socket(socket.AF_UNIX) as later:
-        later.connect(str(served.path))
+    with served.connect() as later:
         later.sendall(wire.frame(wire.Hello(wire.VERSION, Role.REFEREE, "x")) + data)
         later.shutdown(socket.SHUT_WR)
         while later.recv(65536):
@@ -252,12 +289,10 @@ def test_rubbish_on_the_socket_is_rejected_and_the_engine_goes_on(
 def test_the_engine_ends_by_itself_when_nobody_needs_it(tmp_path: Path) -> None:
     served = Served(tmp_path, idle_time=0.5)
     client = served.attach()
-    time.sleep(1.0)
-    assert served.thread.is_alive()
+    with pytest.raises(Empty):
+        served.server.over.get(timeout=1.0)
     client.close()
-    served.thread.join(5.0)
-    assert not served.thread.is_alive()
-    assert not served.path.exists()
+    served.server.over.get(timeout=5.0)
     served.close()
 
 
@@ -280,15 +315,14 @@ def test_an_engine_does_not_end_by_itself_before_its_result_is_on_disk(tmp_path:
         until(lambda: client.snapshot().pulse.refused and client.snapshot().result is not None)
         # while the engine tries again, which it does often, the result is being written
         until(lambda: "NOT on disk" in refusal())
-        until(lambda: served.server.presence(WhoAnswer()).against_stopping == against)
-        remarks = served.server.presence(WhoAnswer()).remarks
+        until(lambda: served.server.describe().against_stopping == against)
+        remarks = served.server.describe().remarks
         assert any("NOT on disk" in remark for remark in remarks)
         client.close()
-        time.sleep(1.5)
-        assert served.thread.is_alive()
+        with pytest.raises(Empty):
+            served.server.over.get(timeout=1.5)
         (folder / "result.json").rmdir()
-        served.thread.join(10.0)
-        assert not served.thread.is_alive()
+        served.server.over.get(timeout=10.0)
         assert (folder / "result.json").is_file()
     finally:
         served.close()
@@ -334,15 +368,12 @@ BEGIN = RemoteEngine.begin_request.__code__
 def test_a_connection_that_ends_at_any_line_of_a_request_is_told_at_once(
     drive: Drive, tmp_path: Path, lines: int
 ) -> None:
-    outgoing = Outgoing()
-    outgoing.show(drive.engine.snapshot(), 0.0)
-    with socket.socket(socket.AF_UNIX) as listening, ThreadPoolExecutor() as pool:
-        listening.bind(str(tmp_path / "s"))
-        listening.listen()
-        attached = pool.submit(RemoteEngine, tmp_path / "s", Role.REFEREE, "ada@hall")
+    state = wire.State(wire.raw(drive.engine.snapshot()), wire.raw(RightToAct()))
+    name, listening = listen_on("simulated/test")
+    with listening, ThreadPoolExecutor() as pool:
+        attached = pool.submit(RemoteEngine, name, Role.REFEREE, "ada@hall")
         engine, _ = listening.accept()
-        engine.sendall(wire.frame(wire.Welcome(wire.VERSION, 1, "SIMULATED", str(tmp_path))))
-        engine.sendall(wire.frame(wire.State({OWN: wire.raw(RightToAct())})) + outgoing.since(0))
+        engine.sendall(wire.frame(wire.Welcome(str(tmp_path), state)))
         client = attached.result()
 
         done: list[int] = []
@@ -378,9 +409,7 @@ def test_a_screen_that_stands_still_for_whatever_reason_says_so(
         raise MemoryError
 
     with closing(served.attach(Role.WATCH)) as client:
-        monkeypatch.setattr(
-            *{"take": (Incoming, "apply_state"), "call": (wire, "Call")}[work], fail
-        )
+        monkeypatch.setattr(*{"take": (screens, "snapshot_of"), "call": (wire, "Call")}[work], fail)
         client.begin_request(NextRunNumber(3, 1))
 
         def told() -> bool:
@@ -396,9 +425,8 @@ def test_a_screen_that_stands_still_for_whatever_reason_says_so(
 def test_what_lay_in_the_socket_for_too_long_is_not_carried_out(served: Served) -> None:
     """The engine's process stood still meanwhile, say."""
     late = Perform.of(SetUp(make_setup()))
-    with closing(served.attach()) as client, socket.socket(socket.AF_UNIX) as screen:
+    with closing(served.attach()) as client, served.connect() as screen:
         client.close()
-        screen.connect(str(served.path))
         screen.sendall(wire.frame(wire.Hello(wire.VERSION, Role.REFEREE, "x")))
         screen.sendall(wire.frame(wire.Call(1, time.monotonic() - 0.1, wire.raw(late))))
         screen.shutdown(socket.SHUT_WR)
@@ -407,19 +435,6 @@ def test_what_lay_in_the_socket_for_too_long_is_not_carried_out(served: Served) 
     with closing(served.attach()) as client:
         assert client.send_request(NextRunNumber(3, 1)) == 1
         assert client.snapshot().run.phase is Phase.IDLE
-
-
-def say(path: Path, hello: wire.Hello) -> wire.Rejected:
-    """Greet, and be rejected."""
-    with socket.socket(socket.AF_UNIX) as connection:
-        connection.connect(str(path))
-        connection.sendall(wire.frame(hello))
-        data = b""
-        while part := connection.recv(65536):
-            data += part
-    message = wire.message_of(data[wire.LENGTH.size :])
-    assert isinstance(message, wire.Rejected)
-    return message
 
 
 @ENDLESS
@@ -453,8 +468,7 @@ def test_no_number_of_requests_of_a_screen_holds_up_its_abort(
 def test_a_screen_that_asks_and_never_reads_is_bounded_in_memory(served: Served) -> None:
     """Its requests are not taken from the socket any more."""
     call = wire.frame(wire.Call(1, time.monotonic() + 600.0, wire.raw(NextRunNumber(3, 1))))
-    with socket.socket(socket.AF_UNIX) as deaf:
-        deaf.connect(str(served.path))
+    with served.connect() as deaf:
         deaf.sendall(wire.frame(wire.Hello(wire.VERSION, Role.REFEREE, "deaf")))
         deaf.settimeout(1.0)
         with pytest.raises(TimeoutError):

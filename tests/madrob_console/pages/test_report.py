@@ -21,7 +21,7 @@ from madrob_console.cli.report_command import main
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import software_version
 from madrob_console.pages import PictureFormat
-from madrob_console.pages.page import report_html
+from madrob_console.pages.report import report_html
 from madrob_console.pages.surroundings import ComparedRun, LinkedRun, PagePlace, Surroundings
 from madrob_console.referee.acts import (
     Abort,

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from madrob_console.common.formatting import counted, format_size, format_span, listed
 from madrob_console.engine.run_recorder import EventLog
 from madrob_console.engine.snapshot import Weight
 from madrob_console.referee import acts
@@ -63,11 +64,7 @@ from madrob_console.referee.records import (
     RunSetup,
     TeamWord,
     Voiding,
-    counted,
     derived_run_id,
-    format_size,
-    format_span,
-    listed,
     new_run_id,
 )
 from madrob_console.referee.run import Phase, Run, begin_countdown, begin_run, stop
@@ -445,7 +442,7 @@ def test_a_result_waits_for_a_signature_unless_the_referee_has_ended_it_as_inval
         (5_000_000, "5.0 MB"),
         (999_960_000, "1.0 GB"),
         (500_000_000, "500 MB"),
-        (1_234_000_000_000, "1234 GB"),
+        (1_234_000_000_000, "1.2 TB"),
     ],
 )
 def test_a_size_is_told_in_the_unit_that_says_something(size: int, words: str) -> None:

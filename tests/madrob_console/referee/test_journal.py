@@ -33,10 +33,10 @@ from madrob_console.referee.records import (
     CheckName,
     Closure,
     FalseStart,
+    FaultKind,
     Incident,
     IncidentKind,
     TeamWord,
-    Trouble,
     Voiding,
     Waiver,
     merged,
@@ -263,7 +263,7 @@ def ruled(step: Step, confirmed: bool | None) -> Ruling:
 
 
 def late(time: float) -> Fault:
-    return Fault(time, "all 6 topics: stamps 0.12 s late, for 1.0 s", Trouble.SKEW)
+    return Fault(time, "all 6 topics: stamps 0.12 s late, for 1.0 s", FaultKind.SKEW)
 
 
 def waived(check: CheckName) -> Waiver:
@@ -308,7 +308,7 @@ NAMED = replace(a_setup(), team_reason="renamed since")
             FlagWeight.CAUTION,
         ),
         (
-            replace(RUN, faults=(Fault(99.0, "keep one", Trouble.SEVERAL_PUBLISHERS),)),
+            replace(RUN, faults=(Fault(99.0, "keep one", FaultKind.SEVERAL_PUBLISHERS),)),
             "1 testbed fault",
             FlagWeight.CAUTION,
         ),
@@ -439,7 +439,7 @@ def test_a_fault_that_is_noted_again_has_its_newest_words() -> None:
     ]
     assert rebuild(entries).faults == (
         Fault(100.5, "door angle: of an earlier version"),
-        Fault(100.5, "door angle, handle force: silent for 3.0 s", Trouble.SILENT),
+        Fault(100.5, "door angle, handle force: silent for 3.0 s", FaultKind.SILENT),
         Fault(100.5, "of a later version"),
     )
 

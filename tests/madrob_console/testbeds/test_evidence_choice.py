@@ -105,22 +105,15 @@ def test_a_scenario_is_short_and_safe_for_a_terminal_whatever_it_is(scenario: st
     assert 0 < len(told) <= 40
 
 
-@pytest.mark.parametrize("text", ["", "0", "00", "+0", " 0 ", "\t", "0x0"])
+@pytest.mark.parametrize("text", ["", "0", " 0 ", "\t"])
 def test_all_words_for_domain_0_are_domain_0(text: str) -> None:
     assert domain_id(None, {"ROS_DOMAIN_ID": text}) == 0
     assert domain_id(None, {}) == domain_id(0, {"ROS_DOMAIN_ID": "7"}) == 0
 
 
 @pytest.mark.parametrize(
-    ("text", "number"), [("7", 7), ("+7", 7), ("007", 7), ("010", 8), ("0x10", 16), ("232", 232)]
-)
-def test_a_number_is_read_as_ros_reads_it(text: str, number: int) -> None:
-    assert domain_number(text) == number
-
-
-@pytest.mark.parametrize(
     "text",
-    ["a/b", "../0", "233", "999999999999", "-1", "5abc", "1_0", "0_0", "09", "1 0", "1.0", "٣"],
+    ["a/b", "../0", "233", "999999999999", "-1", "5abc", "1_0", "010", "0x10", "1 0", "1.0", "٣"],
 )
 def test_what_is_no_domain_is_refused_with_its_name_and_the_remedy(
     text: str, capsys: pytest.CaptureFixture[str]
@@ -139,3 +132,8 @@ def test_what_is_no_domain_is_refused_with_its_name_and_the_remedy(
 def test_no_text_is_anything_but_a_domain_or_refused(text: str) -> None:
     with suppress(MadrobError):
         assert 0 <= domain_number(text) <= LARGEST_DOMAIN
+
+
+@given(number=st.integers(0, LARGEST_DOMAIN))
+def test_every_domain_is_read(number: int) -> None:
+    assert domain_number(str(number)) == number

@@ -221,7 +221,7 @@ def test_a_journal_line_that_cannot_be_read_is_set_aside(
 ) -> None:
     line = RawMessage("/madrob/referee/event", "std_msgs/msg/String", b"\xff", START_NS, START_NS)
     source = RecordedBag(write(tmp_path / "bag", [line], [], types), types)
-    assert source.journal_lines == ()
+    assert source.journal_lines == []
     assert any("/madrob/referee/event" in problem for problem in source.problems)
 
 

@@ -409,15 +409,15 @@ def test_a_testbed_configured_otherwise_is_simulated_as_configured() -> None:
 
 
 @pytest.mark.parametrize(
-    ("type_name", "field"),
+    ("type_name", "field", "words"),
     [
-        ("sensor_msgs/msg/JointState", "position"),
-        ("sensor_msgs/msg/MultiDOFJointState", "wrench[0].force.x"),
+        ("sensor_msgs/msg/JointState", "position", "position of .* is not one number; correct"),
+        ("sensor_msgs/msg/MultiDOFJointState", "wrench[0].force.x", "/d cannot be simulated"),
     ],
 )
-def test_what_cannot_be_simulated_is_refused(type_name: str, field: str) -> None:
+def test_what_cannot_be_simulated_is_refused(type_name: str, field: str, words: str) -> None:
     mapping = TopicMapping(Signal.DOOR, "/d", type_name, field)
-    with pytest.raises(MadrobError, match="/d cannot be simulated"):
+    with pytest.raises(MadrobError, match=words):
         SimulatedSource(None, VirtualClock(START_NS), TYPES, [mapping])
 
 
@@ -501,9 +501,8 @@ def transforms(messages: list[Message]) -> dict[str, Message]:
     return {stamped.child_frame_id: stamped for stamped in message.transforms}
 
 
-@pytest.mark.parametrize("hinge_left", [True, False])
-def test_each_ray_of_a_scan_meets_the_ground_below_its_sensor(hinge_left: bool) -> None:
-    geometry = DoorGeometry(hinge_left=hinge_left)
+def test_each_ray_of_a_scan_meets_the_ground_below_its_sensor() -> None:
+    geometry = DoorGeometry()
     source = SimulatedSource(SimulatedTestbed(geometry=geometry), VirtualClock(START_NS), TYPES)
     source.open()
     found = transforms([TYPES.decode(m.type, m.data) for m in source.announcement.messages])
@@ -526,7 +525,7 @@ def test_each_ray_of_a_scan_meets_the_ground_below_its_sensor(hinge_left: bool) 
             )
             ground = origin + ray * (geometry.lintel_height / -ray[2])
             y = geometry.doorway_width / 2 - mount.reach
-            expected = [mount.x, y if hinge_left else -y, 0.0]
+            expected = [mount.x, y, 0.0]
             assert ground == pytest.approx(expected, abs=0.002)
 
 

@@ -348,7 +348,7 @@ class FakeEngine:
     def _checks(self) -> tuple[Check, ...]:
         force = None if self.force is None else self.force - self.run.handle_zero
         readings = Readings(
-            topic_problems=(),
+            topic_faults=(),
             angle=self.angle,
             closed_angle=0.03,
             force=force,
@@ -360,7 +360,7 @@ class FakeEngine:
             largest_skew=0.1,
             disk_free=self.disk_free,
             disk_needed=1_000_000_000,
-            recorder_problems=(self.recorder.problem,) if self.recorder.problem else (),
+            recorder_problem=self.recorder.problem or "",
             other_referee=None,
             teams=self.teams,
         )

@@ -11,7 +11,7 @@ from madrob_console.engine.requests import Role
 from madrob_console.engine.snapshot import Pulse, RightToAct
 from madrob_console.engine.wire import EngineClient
 from madrob_console.ui.app import MadrobApp
-from madrob_console.ui.keys.console_app import _commands
+from madrob_console.ui.keys.console_app import ConsoleCommands
 from madrob_console.ui.keys.key_table import FINDS_BY_ITSELF
 from madrob_console.ui.link import LOOKING_PERIOD
 from tests.madrob_console.ui.driver import DEFAULTS, Driver, Hand, driving
@@ -145,10 +145,10 @@ async def test_that_another_console_may_act_is_no_fault(driver: Driver, engine: 
 
 
 async def test_what_is_not_possible_comes_last_in_the_palette(driver: Driver) -> None:
-    possible = [command.possible for command in _commands(driver.app)]
-    assert True in possible
-    assert False in possible
-    assert possible == sorted(possible, reverse=True)
+    hits = [hit async for hit in ConsoleCommands(driver.console).discover()]
+    assert len({hit.score for hit in hits}) == 2
+    for hit in hits:
+        assert (hit.score == 1.0) is ("not now" not in str(hit.prompt))
 
 
 async def test_a_number_that_could_not_be_asked_for_is_asked_for_again(
@@ -157,7 +157,7 @@ async def test_a_number_that_could_not_be_asked_for_is_asked_for_again(
     await driver.set_up()
     engine.used_numbers = {(1, 1): 1}  # a start was withdrawn, its number is used
     engine.no_number = "the disk is silent"
-    driver.console.panes.setup.ask_for_later_number()
+    driver.console.panes.setup.number_used = True
     await driver.press("enter")
     assert "x the disk is silent" in driver.text
     engine.no_number = None

@@ -3,9 +3,11 @@ from __future__ import annotations
 import asyncio
 import math
 import threading
+from asyncio import to_thread
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import cycle, pairwise
 from pathlib import Path, PurePath
 from typing import ClassVar
@@ -17,6 +19,7 @@ from rich.cells import cell_len
 from textual.app import App, ComposeResult
 from textual.pilot import Pilot
 from textual.screen import Screen
+from textual.worker import WorkerCancelled
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.requests import Curve, Curves
@@ -82,6 +85,8 @@ class Viewer:
         return self.app.page.pane
 
     async def settle(self) -> None:
+        with suppress(WorkerCancelled):  # it was asked again
+            await self.app.workers.wait_for_complete()
         await self.app.workers.wait_for_complete()
         await self.pilot.pause()
 
@@ -103,7 +108,7 @@ class Viewer:
 async def viewing(
     load: Callable[[], Curves | None], snapshot: Snapshot, *, plain: bool = False
 ) -> AsyncIterator[Viewer]:
-    app = PageApp(FiguresPane(load), plain=plain)
+    app = PageApp(FiguresPane(partial(to_thread, load)), plain=plain)
     async with app.run_test(size=(80, 19)) as pilot:
         viewer = Viewer(app, pilot)
         viewer.pane.enter()
@@ -209,7 +214,7 @@ async def test_a_late_answer_does_not_replace_a_newer_one() -> None:
             assert held.wait(10)
         return answer
 
-    pane = FiguresPane(load)
+    pane = FiguresPane(partial(to_thread, load))
     app = PageApp(pane)
     async with app.run_test(size=(80, 19)) as pilot:
         viewer = Viewer(app, pilot)

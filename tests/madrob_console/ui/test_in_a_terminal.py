@@ -5,7 +5,6 @@ import os
 import re
 import shlex
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -277,8 +276,7 @@ def served(tmp_path: Path) -> Iterator[Served]:
 
 def hung(served: Served, stack: ExitStack) -> None:
     """A console that greets and reads nothing."""
-    console = stack.enter_context(socket.socket(socket.AF_UNIX))
-    console.connect(str(served.path))
+    console = stack.enter_context(served.connect())
     console.sendall(wire.frame(wire.Hello(wire.VERSION, Role.REFEREE, FIRST)))
     until(lambda: served.server._referee is not None)
 

@@ -31,7 +31,6 @@ from madrob_console.referee.acts import (
 )
 from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase, stop
-from madrob_console.ui.keys.console_app import clipboard_sequences
 from madrob_console.ui.keys.dialogs import Copy, ask_copy
 from madrob_console.ui.keys.key_table import (
     FUNCTION_KEYS,
@@ -401,20 +400,6 @@ def copied(written: list[str]) -> str:
     return base64.b64decode(encoded).decode()
 
 
-@pytest.mark.parametrize("environ", [{"TERM": "xterm-256color"}, {"TERM": "screen"}, {}])
-def test_a_terminal_is_handed_the_plain_sequence(environ: dict[str, str]) -> None:
-    sequence = clipboard_sequences("Zoë\n", environ)
-    assert PLAIN.fullmatch(sequence)
-    assert copied([sequence]) == "Zoë\n"
-
-
-@pytest.mark.parametrize("environ", [{"TERM": "tmux-256color"}, {"TMUX": "/tmp/t,1,0"}])
-def test_a_tmux_is_handed_it_wrapped_as_well(environ: dict[str, str]) -> None:
-    plain = clipboard_sequences("a", {})
-    passed = "\x1bPtmux;" + plain.replace("\x1b", "\x1b\x1b") + "\x1b\\"
-    assert clipboard_sequences("a", environ) == plain + passed
-
-
 async def test_y_copies_the_result_its_folder_and_a_line_that_fetches_it(
     engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -455,7 +440,7 @@ async def test_y_copies_the_marked_row_with_its_heads(
         heads, cells = copied(written).splitlines()
         row = dict(zip(heads.split("\t"), cells.split("\t"), strict=True))
         assert row["subj"] == "7"
-        marked = driver.console.query_one(HistoryPane).selected
+        marked = driver.console.query_one(HistoryPane).table.selected
         assert marked is not None
         await driver.press("enter", "y", "p")
         assert copied(written) == str(tmp_path / marked.folder)

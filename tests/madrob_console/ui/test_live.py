@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from madrob_console.common.formatting import format_size
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.snapshot import (
     EvidenceView,
@@ -20,7 +21,7 @@ from madrob_console.referee.checks import Freshness
 from madrob_console.referee.journal import Origin
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.ui.cells.lines import Line, Tone, plain, width_of
-from madrob_console.ui.look.words import ROUGH, size_text
+from madrob_console.ui.look.words import ROUGH
 from madrob_console.ui.panes.all_faults import EvidenceLine
 from madrob_console.ui.panes.live_pane import Provisional
 from madrob_console.ui.panes.run_status import clock_span, step_lines
@@ -235,7 +236,7 @@ async def test_the_top_line_never_loses_recorder_and_clock(engine: FakeEngine, l
                 await driver.settle()
             top = driver.rows()[0]
             assert label.split(maxsplit=1)[0] in top
-            assert f" {size_text(engine.recorder.size)} " in top
+            assert f" {format_size(engine.recorder.size)} " in top
             dropped = engine.recorder.dropped
             assert (f" {dropped} dropped" in top) is (dropped > 0)
             assert top.endswith(":20")

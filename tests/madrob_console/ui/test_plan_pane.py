@@ -38,24 +38,32 @@ def planned(engine: FakeEngine) -> FakeEngine:
     return engine
 
 
+def setup_of(engine: FakeEngine) -> RunSetup:
+    assert engine.run.setup is not None
+    return engine.run.setup
+
+
+def task(engine: FakeEngine) -> Task:
+    setup = setup_of(engine)
+    return Task(setup.subject, setup.condition.number)
+
+
+async def first(driver: Driver) -> None:
+    """The first run of the plan is set up."""
+    await driver.answered()
+    await driver.press("f2", "enter")
+
+
 async def end(driver: Driver, outcome: Outcome = Outcome.COMPLETED, source: str = "ros") -> None:
     """The run that is set up goes on and ends; its result is in the results folder."""
     engine = driver.engine
     await driver.press("f6", "f5")
     await driver.let_pass(6.0)
-    setup = engine.run.setup
-    assert setup is not None
-    hour = float(len(engine.history))
-    run = summary(*task(engine), setup.run_number, hour=hour, outcome=outcome, source=source)
+    number, hour = setup_of(engine).run_number, float(len(engine.history))
+    run = summary(*task(engine), number, hour=hour, outcome=outcome, source=source)
     engine.history.append(run)
     engine.finish(outcome)
     await driver.answered()
-
-
-def task(engine: FakeEngine) -> Task:
-    setup = engine.run.setup
-    assert setup is not None
-    return Task(setup.subject, setup.condition.number)
 
 
 async def test_the_first_run_of_the_plan_is_proposed(planned: FakeEngine) -> None:
@@ -65,17 +73,15 @@ async def test_the_first_run_of_the_plan_is_proposed(planned: FakeEngine) -> Non
         await driver.answered()
         await driver.answered("f2", "enter")
         assert task(planned) == Task(3, 20)
-        assert planned.run.setup is not None
-        assert planned.run.setup.team == "Delft University Door Openers"
-        assert planned.run.setup.start_pose.side is planned.run.setup.condition.starting_side
+        assert setup_of(planned).team == "Delft University Door Openers"
+        assert setup_of(planned).start_pose.side is setup_of(planned).condition.starting_side
         assert "Run 1 of subject 3, attempt 1 of 2 is set up." in " ".join(driver.text.split())
 
 
 async def test_after_each_result_x_goes_to_the_next_run_of_the_plan(
     planned: FakeEngine, driver: Driver
 ) -> None:
-    await driver.answered()
-    await driver.press("f2", "enter")
+    await first(driver)
     ran: list[Task] = []
     while planned.snapshot().plan.lines and len(ran) < 5:
         ran.append(task(planned))
@@ -98,8 +104,7 @@ async def test_after_each_result_x_goes_to_the_next_run_of_the_plan(
 async def test_what_has_used_up_no_attempt_is_set_up_again(
     planned: FakeEngine, driver: Driver, outcome: Outcome, source: str, following: Task
 ) -> None:
-    await driver.answered()
-    await driver.press("f2", "enter")
+    await first(driver)
     await end(driver, outcome, source)
     await driver.answered("x")
     assert planned.run.phase is Phase.READY
@@ -110,8 +115,7 @@ async def test_who_practises_goes_on_with_the_same_team_and_condition(planned: F
     planned.simulated = "nominal"
 
     async with driving(planned) as driver:
-        await driver.answered()
-        await driver.press("f2", "enter")
+        await first(driver)
         assert task(planned) == Task(1, 1)
         await end(driver, source="simulated")
         await driver.answered("p", "down", "enter")
@@ -119,10 +123,9 @@ async def test_who_practises_goes_on_with_the_same_team_and_condition(planned: F
         assert task(planned) == Task(2, 1)
         await end(driver, source="simulated")
         await driver.answered("x")
-        assert planned.run.setup is not None
         assert task(planned) == Task(2, 1)
-        assert planned.run.setup.practice
-        assert not planned.run.setup.out_of_plan  # practice never is
+        assert setup_of(planned).practice
+        assert not setup_of(planned).out_of_plan  # practice never is
 
 
 async def test_one_key_repeats_the_team_and_condition_and_says_that_it_is_out_of_plan(
@@ -131,20 +134,17 @@ async def test_one_key_repeats_the_team_and_condition_and_says_that_it_is_out_of
     planned.plan = plan((1, 1, 1), (2, 7, 1))
 
     async with driving(planned) as driver:
-        await driver.answered()
-        await driver.press("f2", "enter")
+        await first(driver)
         await end(driver)
         await driver.answered("enter", "X")
-        setup = planned.run.setup
-        assert setup is not None
+        setup = setup_of(planned)
         assert (task(planned), setup.run_number, setup.out_of_plan) == (Task(1, 1), 2, True)
         text = " ".join(driver.text.split())
         assert "x F2 corrects the team: this run is out of plan (Enter waives)" in text
         assert "OUT OF PLAN" not in text  # said once
         await driver.press("x")  # it was the wrong key
         await driver.answered()
-        assert planned.run.setup is not None
-        assert (task(planned), planned.run.setup.out_of_plan) == (Task(1, 1), True)
+        assert (task(planned), setup_of(planned).out_of_plan) == (Task(1, 1), True)
 
 
 async def test_a_run_out_of_plan_that_the_plan_takes_in_needs_no_waiver(
@@ -153,8 +153,7 @@ async def test_a_run_out_of_plan_that_the_plan_takes_in_needs_no_waiver(
     planned.plan = plan((1, 1, 1), (2, 7, 1))
 
     async with driving(planned) as driver:
-        await driver.answered()
-        await driver.press("f2", "enter")
+        await first(driver)
         await end(driver)
         await driver.answered("enter", "X")
         await driver.press("f6", "f5")
@@ -162,33 +161,28 @@ async def test_a_run_out_of_plan_that_the_plan_takes_in_needs_no_waiver(
         planned.plan = plan((1, 1, 2), (2, 7, 1))
         await driver.answered()
         await driver.answered("f6", "f5")
-        assert planned.run.setup is not None
-        assert (task(planned), planned.run.setup.out_of_plan) == (Task(1, 1), False)
+        assert (task(planned), setup_of(planned).out_of_plan) == (Task(1, 1), False)
         assert planned.run.start is not None
 
 
 async def test_an_aborted_attempt_is_repeated_within_the_plan(
     planned: FakeEngine, driver: Driver
 ) -> None:
-    await driver.answered()
-    await driver.press("f2", "enter")
+    await first(driver)
     await end(driver, Outcome.ABORTED)
     await driver.answered("enter", "X")
     assert "Run 2 of subject 1, attempt 2 of 2 is set up." in " ".join(driver.text.split())
-    assert planned.run.setup is not None
-    assert (task(planned), planned.run.setup.out_of_plan) == (Task(1, 1), False)
+    assert (task(planned), setup_of(planned).out_of_plan) == (Task(1, 1), False)
 
 
 async def test_a_repeated_attempt_is_called_that(planned: FakeEngine) -> None:
     planned.plan = plan((1, 1, 1), (2, 7, 1))
 
     async with driving(planned) as driver:
-        await driver.answered()
-        await driver.press("f2", "enter")
+        await first(driver)
         await end(driver, Outcome.ABORTED)
         await driver.answered("enter", "X")
-        assert planned.run.setup is not None
-        assert not planned.run.setup.out_of_plan
+        assert not setup_of(planned).out_of_plan
         assert "an attempt repeated is set up" in " ".join(driver.text.split())
 
 
@@ -196,8 +190,7 @@ async def test_after_a_result_the_screen_says_what_x_sets_up(planned: FakeEngine
     hint = "x: 2 門の騎士, condition 7, attempt 1 of 1. p shows the plan."
 
     async with driving(planned) as driver:
-        await driver.answered()
-        await driver.press("f2", "enter")
+        await first(driver)
         assert hint not in driver.text
         await end(driver)
         await driver.press("down")  # the message of the result goes with the next key
@@ -229,20 +222,17 @@ async def test_until_the_plan_knows_of_a_run_nothing_is_said_of_what_x_sets_up(
 async def test_what_the_referee_has_chosen_is_not_changed_by_the_plan(
     planned: FakeEngine, driver: Driver
 ) -> None:
-    await driver.answered()
-    await driver.press("f2", "enter")
+    await first(driver)
     await end(driver)
     await driver.press("f2", "3", "tab", "escape")
     planned.plan = plan((2, 2, 1), (1, 1, 1))
     await driver.answered()
     await driver.answered("x")
-    assert planned.run.setup is not None
-    assert planned.run.setup.subject == 3
+    assert setup_of(planned).subject == 3
 
 
 async def test_a_plan_that_changes_is_followed_at_once(planned: FakeEngine, driver: Driver) -> None:
-    await driver.answered()
-    await driver.press("f2", "enter")
+    await first(driver)
     await end(driver)
     planned.plan = plan((1, 1, 1), (3, 5, 1))
     await driver.answered()
@@ -318,8 +308,7 @@ async def test_all_of_a_large_plan_can_be_seen_and_reached(
 async def test_enter_on_a_cell_proposes_it_and_again_sets_it_up(
     planned: FakeEngine, driver: Driver
 ) -> None:
-    await driver.answered()
-    await driver.press("f2", "enter")
+    await first(driver)
     await end(driver)
     await driver.answered("enter", "f", "a", "enter", "p", "up", "left", "enter")
     assert planned.run.phase is Phase.FINAL  # nothing is set up yet
@@ -429,11 +418,6 @@ MANY = {number: f"Team {number}" for number in range(1, 201)}
 @pytest.fixture
 def engine() -> FakeEngine:
     return FakeEngine(teams=TeamList(NAMES))
-
-
-def setup_of(engine: FakeEngine) -> RunSetup:
-    assert engine.run.setup is not None
-    return engine.run.setup
 
 
 def team(driver: Driver) -> str:

@@ -9,6 +9,7 @@ import pytest
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import date_of
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.snapshot import Pulse
 from madrob_console.engine.view import NO_STEPS
@@ -20,7 +21,6 @@ from madrob_console.referee.records import RemovedEvidence, Voiding
 from madrob_console.referee.records import TestbedFault as Fault
 from madrob_console.referee.run import Run
 from madrob_console.ui.cells.lines import Line, Tone
-from madrob_console.ui.look.words import date_of
 from madrob_console.ui.panes.result_pane import (
     ResultDetails,
     ResultHead,
@@ -513,13 +513,13 @@ async def test_a_filter_is_typed_kept_with_enter_and_cleared_with_escape() -> No
         assert "1 of 8 runs: filtered (Escape shows all)" in shown.text
         await shown.press("slash", *"vo")
         assert "no run passes the filter" in shown.text
-        assert pane.selected is None
+        assert pane.table.selected is None
         await shown.press("escape", "slash", *"foo", "colon")
         assert "no field foo: there are subject, sub, cond, run, team" in shown.text
         await shown.press("escape")
         assert len(teams(shown)) == 8
         await shown.press("down")  # the table has the focus again
-        assert pane.selected == RUNS[6]
+        assert pane.table.selected == RUNS[6]
 
 
 async def test_enter_opens_the_marked_run() -> None:
@@ -529,7 +529,7 @@ async def test_enter_opens_the_marked_run() -> None:
         await shown.press("down", "down", "enter")
         (sent,) = shown.app.sent
         assert isinstance(sent, HistoryPane.Opened)
-        assert sent.row == pane.selected == RUNS[5]
+        assert sent.row == pane.table.selected == RUNS[5]
 
 
 async def test_an_empty_history_says_so_and_opens_nothing() -> None:

@@ -23,16 +23,16 @@ from textual.screen import Screen
 from textual.theme import BUILTIN_THEMES, Theme
 
 import madrob_console.ui
+from madrob_console.common.formatting import format_size, relative_text
 from madrob_console.common.names import ThemeName
 from madrob_console.engine.snapshot import Weight
 from madrob_console.referee.competition_plan import Plan, PlanLine, Task
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.lists import TeamList
-from madrob_console.referee.records import relative_text
 from madrob_console.ui.cells.dialog import Field
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Lines, Span, Tone, line
 from madrob_console.ui.look.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
-from madrob_console.ui.look.words import clock_text, fitted, minutes_text, size_text, wrapped
+from madrob_console.ui.look.words import clock_text, fitted, minutes_text, wrapped
 from scoring.protocol import Outcome, Side, Step
 from scoring.result import value_text
 from tests.madrob_console.run_folders import summary
@@ -373,7 +373,7 @@ def test_times_count_from_the_start(at: float | None, start: float | None, text:
     ],
 )
 def test_sizes_have_the_unit_that_people_read(size: int, text: str) -> None:
-    assert size_text(size) == text
+    assert format_size(size) == text
 
 
 @pytest.mark.parametrize(

@@ -203,9 +203,9 @@ async def test_enter_asks_for_the_runs_of_the_marked_team() -> None:
         await shown.press("down", "enter")
         (sent,) = shown.app.sent
         assert isinstance(sent, StandingsPane.Opened)
-        assert pane.selected is not None
-        assert sent.row == pane.selected
-        wanted = filter_for(pane.selected)
+        assert pane.table.selected is not None
+        assert sent.row == pane.table.selected
+        wanted = filter_for(pane.table.selected)
         assert [run for run in OFFICIAL if matches(run, wanted)] == list(OFFICIAL[4:])
 
 

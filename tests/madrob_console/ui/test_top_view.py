@@ -15,6 +15,7 @@ from textual.app import App, ComposeResult
 from textual.screen import Screen
 
 from madrob_console.archive.check import EQUAL
+from madrob_console.common.formatting import seconds_of
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.requests import (
     Faster,
@@ -26,18 +27,18 @@ from madrob_console.engine.requests import (
     Slower,
 )
 from madrob_console.referee.acts import SetUp
-from madrob_console.referee.records import seconds_of
 from madrob_console.referee.run import begin_countdown, begin_run
 from madrob_console.ui.cells.lines import TONE_CLASSES, width_of
 from madrob_console.ui.frame.frame_lines import (
     KeyLine,
     playback_line,
-    position_text,
     speed_text,
     tiny_lines,
 )
 from madrob_console.ui.keys.dialogs import Leave, ask_leave
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS
+from madrob_console.ui.look.themes import to_ascii
+from madrob_console.ui.look.words import clock_text
 from madrob_console.ui.panes.result_pane import ResultHead
 from madrob_console.ui.panes.top_view import SCALES, TopView, top_view
 from scoring.protocol import BenchmarkType, Condition, Side, StartPose
@@ -64,7 +65,9 @@ def drawn(
     *,
     ascii: bool = False,  # noqa: A002 - what it is
 ) -> list[str]:
-    return ["".join(span.text for span in line) for line in top_view(condition, pose, *size, ascii)]
+    lines = top_view(condition, pose, *size, ascii)
+    rows = ["".join(span.text for span in line) for line in lines]
+    return [to_ascii(row) for row in rows] if ascii else rows
 
 
 def place(rows: list[str], signs: str) -> tuple[int, int]:
@@ -292,7 +295,7 @@ def test_the_bar_never_takes_more_room_than_there_is(
 
 
 def test_a_step_of_one_sample_shows() -> None:
-    assert [position_text(t) for t in (-0.02, 0.0, 1.98, 2.0, 60.0)] == [
+    assert [clock_text(t, 2) for t in (-0.02, 0.0, 1.98, 2.0, 60.0)] == [
         "-0:00.02", "0:00.00", "0:01.98", "0:02.00", "1:00.00",
     ]  # fmt: skip
     assert [speed_text(s) for s in (0.0, 0.5, 1.0, 10.0, 2.5)] == [
@@ -350,7 +353,7 @@ def test_a_replay_is_left_without_a_question() -> None:
 
 
 def test_the_smallest_screen_says_that_it_is_a_replay() -> None:
-    lines = ["".join(s.text for s in line) for line in tiny_lines(replaying().snapshot(), 20, 4)]
+    lines = ["".join(s.text for s in line) for line in tiny_lines(replaying().snapshot(), 20)]
     assert "REPLAY playing 1x" in lines
     assert not any("F8" in line for line in lines)
 

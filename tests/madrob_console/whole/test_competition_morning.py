@@ -144,7 +144,7 @@ def window(tmp_path: Path, results: Path) -> Iterator[Tmux]:
     ]  # fmt: skip
     # a socket's path has 107 characters at most: pytest's folders are longer
     with tempfile.TemporaryDirectory(prefix="madrob-", ignore_cleanup_errors=True) as folder:
-        env = {"XDG_RUNTIME_DIR": folder}
+        env = {"XDG_STATE_HOME": folder}
         try:
             with Tmux(console, env=env, cwd=ROOT) as window:
                 yield window
@@ -323,7 +323,7 @@ ASKED = FileProtest("we were through earlier", "Delft", "step 4: cross the thres
 def replay_window(*named: str, at: str | None = None) -> Iterator[Tmux]:
     """A console in tmux; the engine that these options name, and no other, ends with it."""
     with tempfile.TemporaryDirectory(prefix="madrob-") as own:
-        env = {"XDG_RUNTIME_DIR": own, "XDG_CONFIG_HOME": own}
+        env = {"XDG_STATE_HOME": own, "XDG_CONFIG_HOME": own}
         words = ["console", *named, *([] if at is None else ["--at", at])]
         try:
             with Tmux([*MADROB, *words], columns=120, lines=36, env=env) as tmux:

@@ -6,26 +6,24 @@ import io
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
-import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, redirect_stdout
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from madrob_console.cli import running_engines
 from madrob_console.cli import running_engines as console_command
-from madrob_console.cli.attaching import STARTING_TIME, TAKEN, attach, owned_testbed
+from madrob_console.cli.attaching import TAKEN, attach, owned_testbed
 from madrob_console.cli.main import build_parser, main
 from madrob_console.common.errors import MadrobError
 from madrob_console.config import load_settings
+from madrob_console.engine import wire
 from madrob_console.engine.client import RemoteEngine
-from madrob_console.engine.discovery import FoundEngine, all_engines
-from madrob_console.engine.engine_lock import results_name
+from madrob_console.engine.discovery import FoundEngine
+from madrob_console.engine.discovery import running_engines as running_engines_of_all
 from madrob_console.engine.requests import Perform, Role, TakeOver
 from madrob_console.referee.acts import Abort, SetUp
 from madrob_console.referee.run import Phase
@@ -41,20 +39,6 @@ pytestmark = pytest.mark.timeout(240)  # some start three engines, on whatever m
 ROOT = Path(__file__).parents[3]
 MADROB = "import sys; from madrob_console.cli.main import main; sys.exit(main())"
 OTHER_VERSION = "from madrob_console.engine import wire; wire.VERSION = 900;"
-NO_NAMES = """
-from contextlib import contextmanager
-from madrob_console.cli import running_engines
-from madrob_console.engine.discovery import Holding
-from madrob_console.engine.engine_lock import place_of
-
-@contextmanager
-def held(owned, *, lock_testbed):
-    with place_of(owned).taken():
-        yield Holding((), None, ())
-
-running_engines.held = held
-"""
-"""As engines were before they owned names."""
 HANGS = """
 import time
 from madrob_console.engine.core import Engine
@@ -72,8 +56,6 @@ class Bench:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.results = folder / "runs"
-        # a socket's path has 107 characters at most: pytest's folders are longer
-        self.runtime = Path(tempfile.mkdtemp(prefix="madrob-"))
         self.processes: list[subprocess.Popen[str]] = []
 
     def serve(
@@ -100,17 +82,14 @@ class Bench:
         return process
 
     def _ready(self, process: subprocess.Popen[str]) -> bool:
-        """It says where screens attach; one that has just begun may still be silent."""
-        found, _ = self.only_its_own()
-        return any(one.pid == process.pid and one.presence and one.presence.socket for one in found)
+        """It admits screens; one that has just begun may still be silent."""
+        found = [one.answer for one in self.only_its_own() if one.pid == process.pid]
+        return any(answer and answer.phase != "starting" for answer in found)
 
-    def only_its_own(
-        self, names: Iterable[str] = ()
-    ) -> tuple[tuple[FoundEngine, ...], tuple[str, ...]]:
+    def only_its_own(self) -> tuple[FoundEngine, ...]:
         """All engines that this test started."""
-        found, unseen = all_engines(names)
         pids = {process.pid for process in self.processes}
-        return tuple(one for one in found if one.pid in pids), unseen
+        return tuple(one for one in running_engines_of_all() if one.pid in pids)
 
     def listed(self) -> str:
         """What `madrob engine status` says."""
@@ -139,14 +118,12 @@ class Bench:
         for process in self.processes:
             process.kill()
             process.communicate()
-        shutil.rmtree(self.runtime, ignore_errors=True)
 
 
 @pytest.fixture
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     bench = Bench(tmp_path)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(bench.runtime))
-    monkeypatch.setattr(running_engines, "all_engines", bench.only_its_own)
+    monkeypatch.setattr(running_engines, "running_engines", bench.only_its_own)
     monkeypatch.setattr(running_engines, "HANGING_TIME", 60.0)  # of a busy machine
     monkeypatch.setattr(running_engines, "ENDING_TIME", 60.0)
     yield bench
@@ -156,44 +133,24 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
 # ------------------------------------------------------------------ what is lost is found
 
 
-@pytest.mark.parametrize("how", ["removed", "may not be made again"])
-def test_a_run_whose_runtime_folder_is_removed_is_seen_and_aborted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+def test_a_run_whose_folders_are_removed_is_seen_and_aborted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with EngineProcess(tmp_path / "runs", "no-touch") as engine:
+    own = {"XDG_STATE_HOME": str(tmp_path / "state"), "XDG_RUNTIME_DIR": str(tmp_path / "run")}
+    with EngineProcess(tmp_path / "runs", "no-touch", environment=own) as engine:
         engine.start(make_setup(timeout=600.0))
-        folder = engine.socket.parent
-        shutil.rmtree(folder)
-        if how == "may not be made again":
-            folder.write_text("somebody else's")
-        with tempfile.TemporaryDirectory(prefix="madrob-") as elsewhere:
-            monkeypatch.setenv("XDG_RUNTIME_DIR", elsewhere)  # of another login
-            words = ["console", "--testbed", "simulated", "--scenario=no-touch"]
-            arguments = build_parser().parse_args([*words, f"--results={tmp_path / 'runs'}"])
-            console = attach(arguments, load_settings(None), Role.REFEREE)
-            with closing(console):
-                assert console.pid == engine.process.pid  # no second one
-                assert console.snapshot().run.phase is Phase.RUNNING
-                assert console.send_request(TakeOver()) is None
-                assert console.send_request(Perform.of(Abort("enough"))) is None
+        for folder in own.values():
+            shutil.rmtree(folder, ignore_errors=True)
+        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "another"))  # of another login
+        words = ["console", "--testbed", "simulated", "--scenario=no-touch"]
+        arguments = build_parser().parse_args([*words, f"--results={tmp_path / 'runs'}"])
+        console = attach(arguments, load_settings(None), Role.REFEREE)
+        with closing(console):
+            assert console.pid == engine.process.pid  # no second one
+            assert console.snapshot().run.phase is Phase.RUNNING
+            assert console.send_request(TakeOver()) is None
+            assert console.send_request(Perform.of(Abort("enough"))) is None
         assert engine.result()["outcome"] == "aborted"  # its first screen is still attached
-        if how == "may not be made again":
-            folder.unlink()
-
-
-def test_a_socket_that_another_engine_took_is_left_to_it(bench: Bench) -> None:
-    process = bench.serve()
-    path = next(bench.runtime.glob("madrob/*.sock"))
-    with socket.socket(socket.AF_UNIX) as other:
-        path.unlink()
-        other.bind(str(path))
-        other.listen()
-        inode = path.stat().st_ino
-        with closing(bench.attach()) as console:
-            assert console.pid == process.pid
-        assert path.stat().st_ino == inode
-        assert bench.stop("--testbed", "simulated", f"--results={bench.results}")[0] == 0
-        assert path.stat().st_ino == inode
 
 
 def test_a_console_by_another_path_to_the_results_finds_the_same_engine(bench: Bench) -> None:
@@ -229,7 +186,7 @@ def test_a_second_engine_on_the_results_folder_is_refused_and_names_the_first(
 def test_a_console_without_arguments_comes_back_to_the_engine_of_its_results_folder(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(console_command, "all_engines", bench.only_its_own)
+    monkeypatch.setattr(console_command, "running_engines", bench.only_its_own)
 
     def meant(*words: str) -> tuple[FoundEngine, ...]:
         arguments = build_parser().parse_args(["console", *words])
@@ -354,17 +311,6 @@ def test_an_engine_with_a_screen_goes_on_and_its_referee_keeps_the_right_to_act(
     assert process.wait(1.0) == 0
 
 
-def test_an_engine_is_ended_by_name_where_the_system_lists_no_names(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    process = bench.serve()
-    monkeypatch.setattr("madrob_console.engine.engine_lock._TABLE", bench.folder / "none")
-    shutil.rmtree(bench.runtime)
-    assert bench.stop(f"--results={bench.results}") == (0, "SIMULATED nominal: ended\n")
-    assert "/proc/net/unix cannot be read" in capsys.readouterr().err
-    assert process.wait(1.0) == 0
-
-
 def test_a_replay_that_nobody_sees_is_listed_and_ended(bench: Bench, tmp_path: Path) -> None:
     with EngineProcess(tmp_path / "recorded", "no-touch") as engine:
         engine.start(make_setup(timeout=600.0))
@@ -388,40 +334,11 @@ def test_an_engine_of_another_version_is_ended_by_the_line_that_the_console_says
     line = f"madrob engine stop --results {bench.results}"
     with pytest.raises(MadrobError, match=rf"speaks version 900, this console .*`{line}` ends it"):
         bench.attach()
-    path = next(bench.runtime.glob("madrob/*.sock"))
-    with pytest.raises(MadrobError, match="`madrob engine stop` ends the engine"):
-        RemoteEngine(path, Role.REFEREE, "a console of another version")
     assert bench.stop(*line.split()[3:]) == (0, "SIMULATED nominal: ended\n")
     assert process.wait(1.0) == 0
-
-
-def test_an_engine_without_names_is_listed_by_its_socket_and_ended(bench: Bench) -> None:
-    process = bench.start(patched=OTHER_VERSION + NO_NAMES)
-    until(lambda: "of another version" in (bench.status(process) or ""), 60.0)
-    with pytest.raises(MadrobError, match="`madrob engine stop` ends the engine"):
-        bench.attach()
-    code, said = bench.stop()
-    assert (code, CUT_OFF in said) == (1, True)
-    assert process.poll() is None
-    assert bench.stop("--force") == (0, "simulated testbed: ended\n")
-    assert process.wait(1.0) == 0
-
-
-def test_one_whose_names_are_not_seen_from_here_is_of_no_other_version(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    process = bench.start(patched=NO_NAMES)  # as in a container that shares the runtime folder
-    until(lambda: bench.status(process), 60.0)
-    words = ", in another network namespace, more is not seen from here"
-    assert words in str(bench.status(process))
-    unseen = [replace(one, pid=0, since=None) for one in bench.only_its_own()[0]]
-    monkeypatch.setattr(running_engines, "all_engines", lambda _=(): (unseen, ()))
-    assert "simulated testbed: in another container, more is not seen from here\n" in bench.listed()
-    code, said = bench.stop("--domain", "3")
-    assert (code, "--pid 0" in said, said.count("end it there, where it runs")) == (1, False, 1)
-    assert bench.stop("--force")[0] == 1
-    assert "its process is not seen from here, end it there" in capsys.readouterr().err
-    assert process.poll() is None
+    assert process.stderr is not None
+    refused = f"a console of version {wire.VERSION} was rejected: this engine speaks version 900"
+    assert process.stderr.read().count(refused) == 1
 
 
 def test_a_screen_and_a_new_console_are_told_that_an_engine_is_ending(
@@ -452,43 +369,26 @@ def gone(console: RemoteEngine) -> bool:
     return False
 
 
-def test_an_engine_without_names_keeps_a_new_one_off_its_testbed(bench: Bench) -> None:
-    process = bench.start(patched=NO_NAMES)
-    until(lambda: list(bench.runtime.glob("madrob/*.sock")), 60.0)
-    second = bench.start()
-    _, said = second.communicate(timeout=60.0)
-    assert second.returncode == TAKEN
-    assert said.count("\n") == 1
-    assert "another engine has simulated_" in said
-    assert process.poll() is None
-
-
-def test_another_user_who_has_the_names_stops_no_engine_and_is_ended_by_nobody(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_another_user_who_has_its_names_stops_no_engine_and_is_ended_by_nobody(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bench.results.mkdir()
     words = ["console", "--testbed", "simulated", f"--results={bench.results}"]
     owned = owned_testbed(build_parser().parse_args(words), load_settings(None))
-    with stranger(owned.testbed, str(results_name(bench.results)), full=True) as process:
-        first = bench.start()
-        until(lambda: list(bench.runtime.glob("madrob/*.sock")), STARTING_TIME)
+    with stranger(f"{owned.testbed}/1", f"{owned.testbed}/x", full=True) as process:
+        first = bench.serve()
         with closing(bench.attach()) as console:
             assert (console.pid, console.results) == (first.pid, bench.results)
             second = bench.start()
             _, said = second.communicate(timeout=60.0)
             assert (second.returncode, said.count("\n")) == (TAKEN, 1)
-            assert "another engine has simulated_" in said
-            monkeypatch.setattr(running_engines, "all_engines", all_engines)
+            assert f"pid {first.pid}, since" in said
+            monkeypatch.setattr(running_engines, "running_engines", running_engines_of_all)
             line = bench.listed()
-            assert f"simulated testbed: pid {console.pid}, since" in line
+            assert f"SIMULATED nominal: pid {console.pid}, since" in line
             assert f"pid {process.pid}" not in line
-            assert f"process {process.pid} of another user" in capsys.readouterr().err
             code, said = bench.stop(f"--pid={process.pid}", "--force")
             assert (code, "the engine that is named does not run" in said) == (1, True)
-            assert f"process {process.pid} of another user" in capsys.readouterr().err
         assert bench.stop(f"--pid={first.pid}", "--force")[0] == 0
-        _, said = first.communicate(timeout=60.0)
-        assert said.count(f"process {process.pid} of another user") == 2, said
 
 
 def test_an_engine_that_was_stopped_by_a_signal_is_there_but_silent(bench: Bench) -> None:
@@ -496,13 +396,13 @@ def test_an_engine_that_was_stopped_by_a_signal_is_there_but_silent(bench: Bench
     process.send_signal(signal.SIGSTOP)
     assert "since " in str(bench.status(process))
     assert str(bench.status(process)).endswith(f", there, but silent, runs in {bench.results}")
-    line = f"madrob engine stop --pid {process.pid}"
+    line = f"madrob engine stop --results {bench.results}"
     with pytest.raises(MadrobError, match=rf"there, but silent \(.*since .*`{line}` ends it"):
         bench.attach()
     code, said = bench.stop(*line.split()[3:])
     assert (code, CUT_OFF in said) == (1, True)
     assert process.poll() is None
-    assert bench.stop("--results", str(bench.results), "--force")[0] == 0
+    assert bench.stop(f"--pid={process.pid}", "--force")[0] == 0
     assert process.wait(1.0) == 0  # in order: it went on for that
 
 
@@ -511,9 +411,9 @@ def test_an_engine_that_is_told_to_end_once_more_while_it_ends_keeps_its_run(
 ) -> None:
     with EngineProcess(tmp_path / "runs", "no-touch") as engine:
         engine.start(make_setup(timeout=600.0))
-        folder, socket = engine.folder, engine.socket
+        folder = engine.folder
         engine.process.send_signal(signal.SIGTERM)
-        until(lambda: not socket.exists(), 60.0)
+        until(lambda: gone(engine.client), 60.0)
         engine.process.send_signal(signal.SIGTERM)
         engine.process.wait(60.0)
     assert '"outcome": "interrupted"' in (folder / "result.json").read_text()
@@ -542,8 +442,7 @@ def test_what_a_disk_holds_back_is_said_to_go_on_until_it_has_ended(
     with disk_image(bench.folder / "disk") as disk:
         results = disk.folder / "runs"
         process = bench.serve("--scenario=no-touch", results=results)
-        (path,) = bench.runtime.glob("madrob/*.sock")
-        with closing(RemoteEngine(path, Role.REFEREE, "ada@hall")) as console:
+        with closing(bench.attach("--scenario=no-touch", f"--results={results}")) as console:
             assert console.send_request(Perform.of(SetUp(make_setup()))) is None
             until(lambda: "recorder" in {check.name for check in console.snapshot().checks})
             with disk.stalled():

@@ -24,8 +24,9 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import clean_name, terminal_safe
 from madrob_console.config.settings import example_toml, load_settings
 from madrob_console.engine import wire
-from madrob_console.engine.client import Incoming, Outgoing
+from madrob_console.engine.client import snapshot_of
 from madrob_console.engine.requests import NextRunNumber, OpenRun, Perform
+from madrob_console.engine.snapshot import RightToAct
 from madrob_console.referee.acts import Abort, SetUp, Waive, act_named
 from madrob_console.referee.lists import read_teams
 from madrob_console.referee.records import CheckName
@@ -182,7 +183,7 @@ def _socket(place: Place, examples: int) -> None:
     messages = [wire.Call(number, 1.0, wire.raw(one)) for number, one in enumerate(asked)]
 
     def check(content: bytes) -> None:
-        for read in (wire.hello_of, wire.call_of, wire.message_of):
+        for read in (wire.first_of, wire.call_of, wire.message_of):
             only_words(lambda read=read: read(content))  # type: ignore[misc]
         with suppress(MadrobError):
             match wire.call_of(content)[1]:
@@ -204,11 +205,10 @@ def _socket(place: Place, examples: int) -> None:
     def check_state(content: bytes) -> None:
         with suppress(MadrobError):
             if isinstance(state := wire.message_of(content), wire.State):
-                only_words(lambda: Incoming().apply_state(state))
+                only_words(lambda: snapshot_of(state))
 
-    outgoing = Outgoing()
-    outgoing.show(drive.engine.snapshot(), 0.0)
-    in_each(place, examples // 5 + 1, outgoing.since(0)[wire.LENGTH.size :], check_state)
+    state = wire.State(wire.raw(drive.engine.snapshot()), wire.raw(RightToAct()))
+    in_each(place, examples // 5 + 1, msgspec.msgpack.encode(state), check_state)
     drive.engine.close()
 
 

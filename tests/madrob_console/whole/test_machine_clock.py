@@ -549,7 +549,7 @@ class Day:
             engine.snapshot()  # as often as screens look
         drive.act(Rule(Step.CROSS, confirmed=True, reason="seen"))
         drive.act(signed(engine.snapshot()))
-        assert engine.result_problem is None
+        assert engine.refused == ""
         assert engine.folder is not None
         folder = engine.folder
         self._afterwards(folder)
@@ -626,7 +626,7 @@ def test_screens_that_come_and_go_leave_nothing_behind(
     with EngineProcess(tmp_path / "results", "nominal") as engine:
         time.sleep(5.0)  # it loads what scoring needs
         for number in range(count):
-            screen = RemoteEngine(engine.socket, Role.WATCH, f"screen {number}")
+            screen = RemoteEngine(engine.name, Role.WATCH, f"screen {number}")
             screen.snapshot()
             screen.close()
             usage.append(Usage.of(engine.process.pid))

@@ -104,9 +104,8 @@ def check_result(machine: Machine) -> None:
     assert shown.result is not None
     assert any("recording to the bag failed: " in r for r in shown.result.quality.remarks)
     if refused:
-        assert engine.result_problem is not None
-        assert engine.result_problem.startswith(f"the result is NOT on disk: {machine.folder}")
-        assert engine.result_problem in shown.faults
+        assert engine.refused.startswith(f"the result is NOT on disk: {machine.folder}")
+        assert engine.refused in shown.faults
         machine.mend()
         machine.drive.wait(RETRY_PERIOD + STEP)
         written = msgspec.json.decode((machine.folder / "result.json").read_bytes())

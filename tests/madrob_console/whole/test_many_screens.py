@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import resource
 import signal
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -16,7 +15,7 @@ import pytest
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.client import RemoteEngine
 from madrob_console.engine.requests import NO_ANSWER, NextRunNumber, Perform, Role
-from madrob_console.engine.server_socket import SPARE, WANTED_HANDLES
+from madrob_console.engine.server import FOR_REFEREES, MOST_SCREENS
 from madrob_console.engine.wire import UnsureError, awaited
 from madrob_console.referee.acts import Abort, Act, AddNote, DeclareTimeout
 from madrob_console.referee.run import Phase
@@ -29,8 +28,8 @@ from tests.madrob_console.fault_table import Row, fault_table
 from tests.watching import until
 
 AT_ONCE = 0.2  # s, within which an abort or a declared timeout takes effect
-SPECTATORS, FLOOD, FOLDERS = 300, 20_000, 3_000
-MORE_MEMORY = 30e6  # bytes, for hundreds of screens
+SPECTATORS, FLOOD, FOLDERS = 14, 20_000, 3_000
+MORE_MEMORY = 10e6  # bytes, for all screens
 
 
 def many_runs(results: Path) -> None:
@@ -71,12 +70,12 @@ def test_spectators_a_flood_and_deaf_screens_take_no_act_away(tmp_path: Path) ->
     results = tmp_path / "runs"
     many_runs(results)
     more: list[float] = []
-    row = Row(f"{SPECTATORS} spectators, {FLOOD:,} requests of one, 4 deaf screens")
+    row = Row(f"{SPECTATORS} spectators, {FLOOD:,} requests of one, 3 deaf screens")
     with EngineProcess(results, "no-touch", settings="[results]\nreports = false\n") as engine:
         for number, last in enumerate((Abort("unsafe"), DeclareTimeout("given up")) * 3):
             engine.start(make_setup(run_number=number + 1, countdown=1.0, timeout=600.0))
             before = memory_of(engine)
-            with crowd(engine.socket, SPECTATORS, FLOOD, deaf=4):
+            with crowd(engine.name, SPECTATORS, FLOOD, deaf=3):
                 time.sleep(0.5)
                 notes = [took(engine, AddNote(f"note {note}")) for note in range(10)]
                 end = took(engine, last)
@@ -151,83 +150,49 @@ NONE_LEFT = 3
 """A limit below all that are open: whatever is closed meanwhile makes no room for another."""
 
 
-@contextmanager
-def limited(results: Path, limits: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[EngineProcess]:
-    """An engine that was started under a shell's `ulimit`s."""
-    shell = results.with_name("python")
-    shell.write_text(f'#!/bin/sh\n{limits}\nexec {sys.executable} "$@"\n')
-    shell.chmod(0o755)
-    with monkeypatch.context() as patched:
-        patched.setattr(sys, "executable", str(shell))
-        engine = EngineProcess(results, "nominal")
-    with engine:
-        yield engine
-
-
-def handles(engine: EngineProcess) -> int:
-    return len(list(Path(f"/proc/{engine.process.pid}/fd").iterdir()))
-
-
 def processor_time(engine: EngineProcess) -> float:
     words = Path(f"/proc/{engine.process.pid}/stat").read_text().rpartition(")")[2].split()
     return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def test_more_screens_than_file_handles_take_nothing_from_a_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with limited(tmp_path / "runs", "ulimit -n 256", monkeypatch) as engine, ExitStack() as stack:
+def test_twenty_screens_attach_and_four_places_are_for_who_may_act(tmp_path: Path) -> None:
+    with EngineProcess(tmp_path / "runs", "nominal") as engine, ExitStack() as stack:
         engine.start(make_setup(timeout=60.0))
-        refused: list[str] = []
-        attached = 1
-        while len(refused) < IN_VAIN:
-            try:
-                watcher = RemoteEngine(engine.socket, Role.WATCH, "a watcher")
-            except MadrobError as error:
-                refused.append(str(error))
-            else:
-                attached += 1
-                assert attached < 256
-                stack.enter_context(closing(watcher))
-        assert attached >= 100
-        assert all("screens are attached" in why and "ulimit -n" in why for why in refused)
-        with closing(RemoteEngine(engine.socket, Role.REFEREE, "another referee")):
-            pass  # one comes in whatever the watchers do
-        begin = time.monotonic()
+        shown: list[RemoteEngine] = []
+
+        def attach(role: Role, most: int) -> None:
+            """As many as are let in; every further one is told so."""
+            for _ in range(most - 1 - len(shown)):
+                shown.append(RemoteEngine(engine.name, role, "a screen"))
+                stack.callback(shown[-1].close)
+            refused = f"{most} screens are attached, the most: close one"
+            for _ in range(IN_VAIN):
+                with pytest.raises(MadrobError, match=refused):
+                    RemoteEngine(engine.name, role, "one too many")
+
+        attach(Role.WATCH, MOST_SCREENS - FOR_REFEREES)
+        attach(Role.REFEREE, MOST_SCREENS)
         engine.act(Abort("enough"))
-        assert time.monotonic() - begin < 2.0
-        assert engine.snapshot().run.phase is Phase.STOPPED
+        for screen in shown:
+            until(lambda s=screen: s.snapshot().run.phase is Phase.STOPPED)  # type: ignore[misc]
         assert engine.result()["outcome"] == "aborted"
-        assert engine.snapshot().faults == ()
-        assert handles(engine) < 256 - SPARE
         assert engine.log.read_text() == ""
 
 
 def test_without_file_handles_screens_wait_and_the_log_says_it_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
-    with limited(tmp_path / "runs", ":", monkeypatch) as engine:
+    with EngineProcess(tmp_path / "runs", "nominal") as engine:
         limits = resource.prlimit(engine.process.pid, resource.RLIMIT_NOFILE)
         resource.prlimit(engine.process.pid, resource.RLIMIT_NOFILE, (NONE_LEFT, limits[1]))
         before, begin = processor_time(engine), time.monotonic()
-        with pytest.raises(MadrobError, match="does not answer"):
-            RemoteEngine(engine.socket, Role.WATCH, "a watcher")
+        with pytest.raises(TimeoutError):
+            RemoteEngine(engine.name, Role.WATCH, "a watcher")
         assert processor_time(engine) - before < 0.5 * (time.monotonic() - begin)
         assert engine.snapshot().run.phase is Phase.IDLE
         said = engine.log.read_text()
         assert said.count("new screens must wait ([Errno 24] Too many open files)\n") == 1
         assert "socket.accept" not in said
         resource.prlimit(engine.process.pid, resource.RLIMIT_NOFILE, limits)
-        with closing(RemoteEngine(engine.socket, Role.WATCH, "a watcher")) as watcher:
+        with closing(RemoteEngine(engine.name, Role.WATCH, "a watcher")) as watcher:
             assert until(lambda: watcher.snapshot().run.phase is Phase.IDLE)
-
-
-def test_an_engine_has_as_many_file_handles_as_it_may(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    with limited(tmp_path / "runs", "ulimit -S -n 200", monkeypatch) as engine:
-        soft, _ = resource.prlimit(engine.process.pid, resource.RLIMIT_NOFILE)
-        assert soft == (
-            WANTED_HANDLES if hard == resource.RLIM_INFINITY else min(hard, WANTED_HANDLES)
-        )

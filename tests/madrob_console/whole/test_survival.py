@@ -298,7 +298,7 @@ class SshServer:
     def console(self, hall: Hall) -> Terminal:
         """`madrob console` at the other end of a connection."""
         command = (
-            f"cd {ROOT} && TERM=xterm-256color LC_ALL=C.UTF-8 XDG_RUNTIME_DIR={hall.folder}"
+            f"cd {ROOT} && TERM=xterm-256color LC_ALL=C.UTF-8 XDG_STATE_HOME={hall.folder}"
             f" {sys.executable} -m madrob_console.cli.main console {' '.join(hall.testbed)}"
         )
         options = ("StrictHostKeyChecking=no", "UserKnownHostsFile=/dev/null", "LogLevel=ERROR")

@@ -55,7 +55,7 @@ class Manager:
     """
 
     def __init__(self) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="madrob-")  # a socket's path is short
+        self._folder = tempfile.TemporaryDirectory(prefix="madrob-")
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.bind(str(Path(self._folder.name) / "notify"))
         self._socket.setblocking(False)
@@ -107,15 +107,14 @@ class Service:
     """
 
     def __init__(self, command: Sequence[str]) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="madrob-")  # a socket's path is short
-        self.runtime = Path(self._folder.name) / "runtime"
-        self.runtime.mkdir(mode=0o700)
+        self._folder = tempfile.TemporaryDirectory(prefix="madrob-")
+        self.state = Path(self._folder.name) / "state"
         self.manager = Manager()
         self.journal = Path(self._folder.name) / "journal"
         with self.journal.open("wb") as journal:
             found = os.fstat(journal.fileno())
             own = {
-                "XDG_RUNTIME_DIR": str(self.runtime),
+                "XDG_STATE_HOME": str(self.state),
                 "JOURNAL_STREAM": f"{found.st_dev}:{found.st_ino}",
                 "PYTHONPATH": str(ROOT),
             }
@@ -174,7 +173,6 @@ def test_the_watchdog_hears_nothing_of_a_core_that_hangs(tmp_path: Path) -> None
     hang = tmp_path / "hang"
     with Service([sys.executable, "-c", HANGS_ON_REQUEST, str(hang), *serve(tmp_path)]) as service:
         service.wait_for("READY=1")
-        assert list(service.runtime.glob("madrob/*.sock"))
         service.wait_for("WATCHDOG=1")
         hang.touch()
         assert service.manager.longest_silence(2 * WATCHDOG) > WATCHDOG
@@ -191,7 +189,7 @@ def test_a_service_says_when_it_is_ready_and_when_it_ends_and_logs_with_prioriti
     with Service(command) as service:
         service.wait_for("READY=1")
         service.wait_for("STATUS=")
-        assert not list(service.runtime.glob("madrob/*.log"))
+        assert not list(service.state.rglob("*.log"))
         service.process.send_signal(signal.SIGTERM)
         assert service.process.wait(STARTING) == 0
         assert service.manager.hears("STOPPING=1")
@@ -222,26 +220,25 @@ def unit(capsys: pytest.CaptureFixture[str], *options: str) -> dict[str, list[st
     return {key: shlex.split(value.replace("%%", "%")) for key, _, value in pairs}
 
 
-def test_what_the_unit_starts_is_what_it_stops_and_nothing_else(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_what_the_unit_starts_ends_by_the_signal_of_systemd_and_nothing_else_does(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ours = tmp_path / "100% of 'our' runs"
-    options = ["--testbed", "simulated", "--results"]
-    keys = unit(capsys, *options, str(ours))
+    monkeypatch.chdir(tmp_path)
+    ours = "100% of 'our' $runs"
+    keys = unit(capsys, "--testbed", "simulated", "--results", ours)
     other = [sys.executable, "-m", "madrob_console.cli.main", *serve(tmp_path / "other")]
-    with Service(keys["ExecStart"]) as service, Service(other) as beside:
+    command = [word.replace("$$", "$") for word in keys["ExecStart"]]
+    with Service(command) as service, Service(other) as beside:
         for one in (service, beside):
             one.wait_for("READY=1")
-        done = subprocess.run(
-            keys["ExecStop"], env=service.environment, cwd=ROOT, check=False, timeout=STARTING
-        )
-        assert done.returncode == 0
+        assert (tmp_path / ours).is_dir()
+        service.process.send_signal(signal.SIGTERM)
         assert service.process.wait(STARTING) == 0
         assert beside.process.poll() is None
         beside.wait_for("WATCHDOG=1", time.monotonic())
 
 
-def test_a_login_finds_the_engine_of_a_service_that_has_another_runtime_folder(
+def test_a_login_finds_the_engine_of_a_service_that_has_another_state_folder(
     tmp_path: Path,
 ) -> None:
     command = [sys.executable, "-m", "madrob_console.cli.main", *serve(tmp_path / "results")]
@@ -249,7 +246,7 @@ def test_a_login_finds_the_engine_of_a_service_that_has_another_runtime_folder(
         service.wait_for("READY=1")
         status = subprocess.run(
             [sys.executable, "-m", "madrob_console.cli.main", "engine", "status"],
-            env={**service.environment, "XDG_RUNTIME_DIR": ""},
+            env={**service.environment, "XDG_STATE_HOME": str(tmp_path)},
             cwd=ROOT, check=False, capture_output=True, text=True, timeout=STARTING,
         )  # fmt: skip
         assert f"pid {service.process.pid}" in status.stdout

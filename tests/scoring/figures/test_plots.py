@@ -439,7 +439,7 @@ def test_no_number_is_too_large_to_be_drawn(force: Array, acceleration: Array) -
 @pytest.mark.machine
 def test_drawing_needs_no_pyplot_and_the_report_no_matplotlib_until_it_draws() -> None:
     program = (
-        "import sys, madrob_console.pages.page\n"
+        "import sys, madrob_console.pages.report\n"
         "assert 'matplotlib' not in sys.modules\n"
         "import scoring.figures.plots\n"
         "assert 'matplotlib' in sys.modules and 'matplotlib.pyplot' not in sys.modules\n"

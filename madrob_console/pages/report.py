@@ -1,0 +1,210 @@
+"""The report of a run: `report.html`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from markupsafe import Markup
+
+from madrob_console.archive.history import OUTCOME_WORDS, VOID
+from madrob_console.archive.result_summary import ListedResult
+from madrob_console.archive.run_pictures import NO_PICTURES, RunPictures
+from madrob_console.archive.scored import Scored
+from madrob_console.pages.camera_pictures import Anchors, anchors, definitions_of, pictures
+from madrob_console.pages.phases import phases
+from madrob_console.pages.surroundings import NOWHERE, PagePlace
+from madrob_console.pages.templates import NONE, render
+from madrob_console.pages.words import (
+    BIAS_NOTE,
+    INVALID,
+    LOCKED_BY,
+    MANUAL_START_NOTE,
+    NO_UNCERTAINTY_NOTE,
+    PRACTICE,
+    SOURCES,
+    TEAM_WORDS,
+    UNCERTAINTY_NOTE,
+    UNOFFICIAL,
+    VOIDED,
+)
+from madrob_console.referee.flags import (
+    FlagKind,
+    common_reason,
+    undecided,
+    untold_remarks,
+    weighty,
+)
+from madrob_console.referee.records import Reissuing
+from madrob_console.referee.run import Run
+from scoring.figures.team_drawings import TimedPhase
+from scoring.indicator_table import IndicatorName
+from scoring.protocol import Outcome
+from scoring.result import Indicator, Result, doubts_of, uncertainty_text, value_text
+from scoring.rulesets import ruleset
+
+_MOST_EVENTS = 30
+"""From the beginning, and from the end."""
+
+_MOST_ISSUES = 20
+"""The latest ones; the journal has all."""
+
+_QUALITY = (
+    "signal",
+    "samples",
+    "rate, Hz",
+    "longest gap, ms",
+    "gaps",
+    "jitter, ms",
+    "clock skew, ms",
+    "dropped",
+    "shifted",
+    "no reading",
+)
+
+_NOTES = {
+    "MANUAL_START_NOTE": MANUAL_START_NOTE,
+    "UNCERTAINTY_NOTE": UNCERTAINTY_NOTE,
+    "NO_UNCERTAINTY_NOTE": NO_UNCERTAINTY_NOTE,
+    "BIAS_NOTE": BIAS_NOTE,
+}
+
+
+def report_html(
+    scored: Scored,
+    software: str = "",
+    place: PagePlace = NOWHERE,
+    seen: RunPictures = NO_PICTURES,
+) -> str:
+    """The report of a run; the same run in the same place gives the same text.
+
+    `software` is the version that makes it; empty = the one that recorded the run.
+    """
+    from madrob_console.pages.report_pictures import figures  # it loads matplotlib
+
+    run, result, record = scored.run, scored.result, scored.record
+    return render(
+        "report.html",
+        run=run,
+        result=result,
+        record=record,
+        place=place,
+        software=software,
+        rules=ruleset(result.ruleset),
+        title=_title(scored),
+        notes=_NOTES,
+        locked_by=LOCKED_BY,
+        sources=SOURCES,
+        team_words=TEAM_WORDS,
+        quality_columns=_QUALITY,
+        quality_remarks=untold_remarks(run, result.quality),
+        pictures=pictures(seen, beside=bool(place.files)),
+        figures=figures(scored),
+        events=_events(result, anchors(seen)),
+        execution_time=IndicatorName.EXECUTION_TIME,
+        issued=_issued(run.reissues, place.earlier),
+        issues_left_out=max(0, len(run.reissues) - _MOST_ISSUES),
+        definitions=definitions_of(result),
+        phase_ends=[phase.words for phase in TimedPhase if phase.step is not None],
+        **_indicators(result.indicators),
+        **phases(scored, place),
+        **_top(scored),
+    )
+
+
+def decisions(run: Run) -> Markup:
+    return render("decisions.html", run=run)
+
+
+def protests(run: Run) -> Markup:
+    return render("protests.html", run=run)
+
+
+def _indicators(found: Mapping[IndicatorName, Indicator]) -> dict[str, object]:
+    known = [one.uncertainty for one in found.values()]
+    return {
+        "common_reason": common_reason(found),
+        "doubts": doubts_of(found),
+        "uncertain": any(uncertainty_text(one) for one in known),
+        "unknown": any(
+            one.uncertainty is None and one.value is not None and not name.spec.counts
+            for name, one in found.items()
+        ),
+    }
+
+
+def _events(result: Result, pictured: Anchors) -> list[tuple[str, str, str | None]]:
+    """Time, words, and the anchor of its pictures."""
+    times: list[tuple[str, str, str | None]] = [
+        (
+            f"{event.since_start:.2f}",
+            event.event.words,
+            pictured.get((event.time, event.event.value)),
+        )
+        for event in result.events
+    ]
+    left_out = len(times) - 2 * _MOST_EVENTS
+    if left_out > 0:
+        between = (NONE, f"{left_out} more, in the csv file of the events", None)
+        times = [*times[:_MOST_EVENTS], between, *times[-_MOST_EVENTS:]]
+    return times
+
+
+def _issued(
+    reissues: Sequence[Reissuing], earlier: Sequence[ListedResult]
+) -> list[tuple[Reissuing, str]]:
+    """The latest re-issues, newest first, each with what the result was before."""
+    known = {one.issue: one for one in earlier}
+    return [
+        (one, ", ".join(_value_words(known.get(one.issue - 1))))
+        for one in reversed(reissues[-_MOST_ISSUES:])
+    ]
+
+
+def _value_words(result: ListedResult | None) -> Iterator[str]:
+    if result is None:
+        return
+    level = result.told.get(IndicatorName.CAPABILITY_LEVEL)
+    time = result.told.get(IndicatorName.EXECUTION_TIME)
+    if level is not None and level.value is not None:
+        yield f"level {value_text(level.value)}{level.sign}"
+    if result.outcome is not Outcome.COMPLETED:
+        yield result.outcome.value
+    elif time is not None and time.value is not None:
+        yield time.text
+    if result.voided is not None:
+        yield "void"
+    if result.closure is not None:
+        yield "final"
+
+
+def _title(scored: Scored) -> str:
+    """Whose run it is, which, and how it ended: tabs show the beginning only."""
+    setup = scored.record.setup
+    ended = (VOID if scored.run.voided else OUTCOME_WORDS[scored.result.outcome]).lower()
+    team = f"{setup.team}: " if setup.team else ""
+    which = f"run {setup.run_number} of subject {setup.subject}"
+    return f"{team}{which} in condition {setup.condition.number}, {ended} (MADROB)"
+
+
+def _top(scored: Scored) -> dict[str, object]:
+    record, result, run = scored.record, scored.result, scored.run
+    waiting = undecided(scored.flags)
+    banners = (
+        UNOFFICIAL.get(record.source, PRACTICE if record.setup.practice else None),
+        INVALID.get(result.outcome),
+        VOIDED if run.voided else None,
+        "; ".join(flag.words for flag in waiting),
+    )
+    told = (FlagKind.PRACTICE, FlagKind.VOID)
+    others = [f for f in scored.flags if f not in waiting and f.kind not in told]
+    heavy = weighty(others)
+    whole = result.ended == result.outcome_reason  # else the summary says how many steps count
+    return {
+        "banners": [words for words in banners if words],
+        "ended": OUTCOME_WORDS[result.outcome].upper(),
+        "reason": result.ended if whole else "",
+        "heavy": "; ".join(flag.words for flag in heavy),
+        "light": "; ".join(flag.words for flag in others if flag not in heavy),
+        "denied": ", ".join(one.step.text for one in result.steps if one.denied),
+        "issue": f", issue {run.issue}" if run.issue > 1 else "",
+    }

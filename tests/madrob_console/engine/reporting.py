@@ -1,0 +1,33 @@
+"""What makes reports, pages and zips, without an engine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from madrob_console.cli import aside
+from madrob_console.engine.disk import InlineDisk
+from madrob_console.engine.reports import EVERY_REPORT, QUEUE_FOLDER, Reporting, Wanted
+from madrob_console.engine.supervisor import Supervisor
+
+SHORT_PAUSE = 0.2  # s
+
+
+@contextmanager
+def reporting_on(
+    results: Path,
+    wanted: Wanted = EVERY_REPORT,
+    busy: Callable[[], bool] = lambda: False,
+    command: Sequence[str] = aside.COMMAND,
+) -> Iterator[Reporting]:
+    """Chores that are asked for are done, until the end of the block."""
+    write = InlineDisk().submit_job
+    queue = results / QUEUE_FOLDER
+    reporting = Reporting(command, queue, results, busy, write, wanted, SHORT_PAUSE)
+    supervisor = Supervisor(reporting)
+    try:
+        yield reporting
+        reporting.finish()
+    finally:
+        supervisor.close()

@@ -1,0 +1,273 @@
+"""What a screen can rely on, in the engine's process and over a socket."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine import wire
+from madrob_console.engine.core import Engine
+from madrob_console.engine.engine_thread import LocalEngine
+from madrob_console.engine.requests import (
+    NO_ANSWER,
+    NO_REPLAY,
+    ExportDossier,
+    ExportTeam,
+    Faster,
+    GiveCurves,
+    GiveFrames,
+    GivePlan,
+    JumpTo,
+    NextRunNumber,
+    OpenRun,
+    Perform,
+    PlayOrPause,
+    Request,
+    SetSpeed,
+    Skip,
+    Slower,
+    TakeOver,
+)
+from madrob_console.engine.scorer import EarlierRun
+from madrob_console.engine.wire import EngineClient
+from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start
+from madrob_console.referee.competition_plan import (
+    Attempts,
+    Plan,
+    PlanLine,
+    PlannedAttempt,
+    PlanProgress,
+    Task,
+)
+from madrob_console.referee.run import Phase
+from madrob_console.testbeds.simulated import Scenario
+from recorder.bag import RawMessage
+from scoring.protocol import Outcome
+from tests.madrob_console.engine.drive import make_setup
+from tests.madrob_console.engine.served import Served, act, simulated, start
+from tests.madrob_console.recorded_runs import completed
+from tests.madrob_console.run_folders import summary, write
+from tests.watching import until
+
+WAYS = ("in this process", "over a socket")
+
+EXAMPLES: tuple[Request[Any], ...] = (
+    Perform.of(Abort("why")),
+    NextRunNumber(3, 1),
+    OpenRun("subject_003_cond_001_run_001_20231114_221320"),
+    ExportTeam(3),
+    ExportDossier("subject_003_cond_001_run_001_20231114_221320"),
+    GiveCurves(),
+    GiveFrames(),
+    GivePlan(),
+    TakeOver(),
+    PlayOrPause(),
+    Faster(),
+    Slower(),
+    SetSpeed(2.0),
+    Skip(1.0),
+    JumpTo(1.0),
+)
+
+
+@pytest.fixture
+def engine(request: pytest.FixtureRequest, tmp_path: Path) -> Engine:
+    return simulated(tmp_path / "runs", scenario=getattr(request, "param", Scenario.NOMINAL))
+
+
+@pytest.fixture(params=WAYS)
+def client(
+    request: pytest.FixtureRequest, engine: Engine, tmp_path: Path
+) -> Iterator[EngineClient]:
+    if request.param == WAYS[0]:
+        with closing(LocalEngine(engine)) as local:
+            yield local
+        return
+    with (
+        closing(Served(tmp_path, engine=engine)) as served,
+        closing(served.attach()) as remote,
+    ):
+        yield remote
+
+
+@pytest.mark.machine
+def test_a_run_goes_on_while_the_screen_only_looks(client: EngineClient) -> None:
+    start(client)
+    until(lambda: client.snapshot().result is not None)
+    shown = client.snapshot()
+    assert shown.run.outcome is Outcome.COMPLETED
+    assert shown.recorder.dropped == 0
+    assert shown.folder is not None
+    assert (Path(shown.folder) / "result.json").is_file()
+    assert client.send_request(NextRunNumber(3, 1, practice=True)) == 2
+    assert client.send_request(NextRunNumber(3, 1)) == 1
+    curves = client.send_request(GiveCurves())
+    assert curves is not None
+    assert not curves.empty
+    assert len(curves.events) > 5
+
+
+@pytest.mark.machine
+def test_the_plan_and_what_is_done_of_it_come_from_the_engine(
+    client: EngineClient, engine: Engine, tmp_path: Path
+) -> None:
+    assert client.send_request(GivePlan()) == PlanProgress()
+    task = Task(3, 1)
+    engine.hear_of_plan(Plan((PlanLine(task, 2),), ("plan.csv line 2: no",), "plan.csv"))
+    until(lambda: client.snapshot().plan.lines)
+    assert client.snapshot().plan.problems == ("plan.csv line 2: no",)
+    for run_number, competition in ((1, ""), (2, "Spring Cup")):
+        write(tmp_path / "runs", summary(3, 1, run_number, competition=competition))
+    found = client.send_request(GivePlan())
+    assert found.tasks == (Attempts(task, 2, 1, 1, 6),)
+    assert found.next == PlannedAttempt(task, 2, 2)
+    assert found.problems == ("plan.csv line 2: no",)
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize("engine", [Scenario.NO_TOUCH], indirect=True)
+def test_what_was_done_shows_in_the_next_snapshot(client: EngineClient) -> None:
+    start(client)
+    assert act(client, Abort("enough")) is None
+    assert client.snapshot().run.phase is Phase.STOPPED
+
+
+@pytest.mark.machine
+def test_a_refusal_comes_back_in_words(client: EngineClient) -> None:
+    assert act(client, Start()) == "no run is set up yet"
+    assert client.send_request(JumpTo(1.0)) == NO_REPLAY
+    assert client.send_request(ExportTeam(3)) == "nobody packs runs here: use `madrob export`"
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize(
+    "request_",
+    [
+        OpenRun("../../etc"),
+        Perform("abort", {"reason": 3}),
+        Perform("set up", {}),
+        Perform("rm -rf", {}),
+    ],
+)
+def test_what_fails_is_raised_in_words(client: EngineClient, request_: Request[Any]) -> None:
+    with pytest.raises(MadrobError, match=r"no run folder|'abort'|'set up'|no act"):
+        client.send_request(request_)
+    assert client.snapshot().run.phase is Phase.IDLE
+    assert act(client, SetUp(make_setup())) is None  # the next one is answered
+
+
+@pytest.mark.machine
+def test_a_run_that_is_set_up_while_a_slow_disk_reads_another_one_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = completed()
+    shutil.copytree(source, tmp_path / source.name)
+    engine, begun, go_on = simulated(tmp_path), threading.Event(), threading.Event()
+    read_run = engine.read_run
+
+    def slow(folder: Path) -> Future[EarlierRun]:
+        begun.set()
+        assert go_on.wait(60.0)
+        return read_run(folder)
+
+    monkeypatch.setattr(engine, "read_run", slow)
+    with closing(LocalEngine(engine)) as client:
+        answer = client.begin_request(OpenRun(source.name, invalid=True))
+        assert begun.wait(60.0)
+        assert act(client, SetUp(make_setup(run_number=4))) is None
+        go_on.set()
+        assert "run 4 of subject 3 was set up meanwhile, and stays" in str(answer.result(60.0))
+        run = client.snapshot().run
+        assert run.setup is not None
+        assert (run.phase, run.setup.run_number) == (Phase.READY, 4)
+
+
+@pytest.mark.machine
+def test_every_request_is_carried_out(client: EngineClient) -> None:
+    assert {type(example) for example in EXAMPLES} == set(wire.REQUESTS)
+    for example in EXAMPLES:
+        if type(example) in (OpenRun, GiveFrames):
+            with pytest.raises(MadrobError, match=r"No such file|this is no replay"):
+                client.send_request(example)
+        else:
+            client.send_request(example)
+
+
+@pytest.mark.machine
+def test_after_the_end_every_question_gets_an_answer(client: EngineClient) -> None:
+    client.close()
+    began = time.monotonic()
+    with pytest.raises(MadrobError, match="the engine has ended"):
+        act(client, ConfirmPose())
+    assert time.monotonic() - began < 1.0
+
+
+@pytest.mark.machine
+def test_what_a_screen_was_told_failed_does_not_happen_later(
+    client: EngineClient, engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held, go_on = threading.Event(), threading.Event()
+    take = engine.source.take_messages
+
+    def stalls(timeout: float) -> list[RawMessage]:
+        held.set()
+        assert go_on.wait(30.0)
+        return list(take(timeout))
+
+    monkeypatch.setattr(engine.source, "take_messages", stalls)
+    monkeypatch.setattr(Perform, "timeout", Perform.effect_time + 0.3)
+    assert held.wait(30.0)
+    with pytest.raises(MadrobError, match=NO_ANSWER):
+        act(client, SetUp(make_setup()))
+    go_on.set()
+    assert client.send_request(Skip(1.0)) == NO_REPLAY  # whatever came before it has had its turn
+    assert client.snapshot().run.phase is Phase.IDLE
+
+
+@pytest.mark.machine
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_an_engine_that_fails_says_so_at_once(
+    client: EngineClient, engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_arguments: object, **_options: object) -> None:
+        raise ValueError("a bug")
+
+    monkeypatch.setattr(engine, "submit", fails)
+    began = time.monotonic()
+    with pytest.raises(MadrobError, match="the engine has failed: a bug"):
+        act(client, Start())
+    assert time.monotonic() - began < 3.0
+    until(lambda: not any(thread.name == "engine" for thread in threading.enumerate()))
+    with pytest.raises(MadrobError, match="the engine has"):
+        act(client, Start())
+
+
+@pytest.mark.machine
+def test_one_that_waits_does_not_hold_up_the_others(
+    client: EngineClient, engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bag is read for as long as it takes; an abort goes past it."""
+    reading, go_on = threading.Event(), threading.Event()
+
+    def reads(_folder: Path) -> None:
+        reading.set()
+        assert go_on.wait(30.0)
+        raise MadrobError("its bag is gone")
+
+    monkeypatch.setattr("madrob_console.engine.scorer.open_run", reads)
+    with ThreadPoolExecutor() as pool:
+        opening = pool.submit(client.send_request, EXAMPLES[2])
+        assert reading.wait(30.0)
+        assert act(client, SetUp(make_setup())) is None
+        go_on.set()
+        with pytest.raises(MadrobError, match="its bag is gone"):
+            opening.result()
