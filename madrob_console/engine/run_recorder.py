@@ -266,7 +266,7 @@ class RunRecorder:
     @property
     def silent(self) -> float:
         """How long the disk has taken nothing of the recording, s. From any thread."""
-        last = self._last
+        last = self._last if self.open else None
         return 0.0 if last is None else last.silent
 
     def evidence(self, start: float) -> EvidenceAccount | None:
