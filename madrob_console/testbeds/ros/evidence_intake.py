@@ -290,12 +290,15 @@ class EvidenceIntakes:
             if taken is not None:
                 yield taken
 
-    def begin_recording(self) -> Iterator[TakenEvidence]:
-        """Begins a recording; what came before and is kept for late joiners."""
+    def begin_recording(self) -> list[TakenEvidence]:
+        """Begins a recording; returns the earlier messages that are kept for late joiners."""
         for intake in self._intakes.values():
             intake.begin_recording()
-            if intake.topic is not None and intake.kept:
-                yield TakenEvidence(intake.topic, list(intake.kept))
+        return [
+            TakenEvidence(intake.topic, list(intake.kept))
+            for intake in self._intakes.values()
+            if intake.topic is not None
+        ]
 
     def topics(self) -> tuple[EvidenceTopic, ...]:
         return tuple(self._intakes[name].state for name in sorted(self._intakes))
