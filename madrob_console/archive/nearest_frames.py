@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
 from itertools import islice
 from pathlib import Path
 from statistics import median
@@ -32,19 +32,6 @@ _STAMPS_LOOKED_AT, _MESSAGES_LOOKED_AT = 100, 10_000
 _LATEST = 2**62  # ns: what lies behind is no time
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CameraFrame:
-    """A camera's message, received `difference` s after the instant."""
-
-    message: RawMessage
-    difference: float
-
-    @property
-    def log(self) -> float:
-        """When it was received, s since the epoch."""
-        return seconds(self.message.receive_ns)
-
-
 def has_evidence(folder: Path) -> bool:
     try:
         return any(is_evidence(item.name) for item in folder.iterdir())
@@ -56,13 +43,14 @@ class Cameras:
     """The cameras of a run's evidence.
 
     The topics of `mappings` carry the testbed's signals, whose clock is that of all events.
+    `wanted` is a pattern for the topics of cameras.
     """
 
     def __init__(
         self,
         folder: Path,
         mappings: Sequence[TopicMapping],
-        wanted: Callable[[str], bool] = lambda _topic: True,
+        wanted: str = "*",
     ) -> None:
         self._problems: list[str] = []
         self._files: list[Seeker] = []
@@ -90,30 +78,23 @@ class Cameras:
         """The log time of an instant by the testbed's clock, both in s since the epoch."""
         return time + self._delay
 
-    def nearest(self, camera: Topic, log: float) -> CameraFrame | None:
+    def nearest(self, camera: Topic, log: float) -> RawMessage | None:
         """The frame received nearest to a log time, s since the epoch.
 
         None where none is within `FARTHEST`. Raises RecorderError where it cannot be read.
         """
-        begin, end = log - FARTHEST, log + FARTHEST
-        if not 0 <= begin < end < seconds(_LATEST):
+        if not FARTHEST <= log < seconds(_LATEST):
             return None
-        found = (
-            file.nearest(camera.name, nanoseconds(log), nanoseconds(FARTHEST))
-            for file in self._files
-        )
-        frames = (
-            CameraFrame(message, seconds(message.receive_ns) - log)
-            for message in found
-            if message is not None
-        )
-        return min(frames, key=lambda frame: abs(frame.difference), default=None)
+        at_ns, within_ns = nanoseconds(log), nanoseconds(FARTHEST)
+        found = (file.nearest(camera.name, at_ns, within_ns) for file in self._files)
+        frames = (message for message in found if message is not None)
+        return min(frames, key=lambda frame: abs(frame.receive_ns - at_ns), default=None)
 
-    def _found_cameras(self, wanted: Callable[[str], bool]) -> tuple[Topic, ...]:
+    def _found_cameras(self, wanted: str) -> tuple[Topic, ...]:
         known: dict[str, Topic] = {}
         for file in self._files:
             for topic in file.topics:
-                if topic.type in PICTURE_TYPES and wanted(topic.name):
+                if topic.type in PICTURE_TYPES and fnmatchcase(topic.name, wanted):
                     known.setdefault(topic.name, topic)
         if len(known) > MOST_CAMERAS:
             self._problems.append(f"{len(known)} cameras: {MOST_CAMERAS} are shown")

@@ -35,7 +35,6 @@ from madrob_console.common.names import SourceKind
 from madrob_console.referee.journal import (
     HOLD_FILE,
     Entry,
-    Journal,
     Origin,
     read_journal,
     refusal_words,
@@ -310,32 +309,29 @@ def write_next_issue(made: NextIssue, now: float) -> None:
         UnwrittenError: the disk refuses the result, but took the journal's line.
         MadrobError: somebody works on the run or did so since, or the disk refuses.
     """
-    folder = made.folder
-    path, journal = folder / JOURNAL_FILE, Journal()
+    folder, path = made.folder, made.folder / JOURNAL_FILE
     if is_held(path):
         raise _busy(folder)
     try:
-        journal.reopen(path)
+        with journal_held(folder) as journal:
+            if _whole(read_journal(path)[0]) != made.made_of:
+                raise MadrobError(f"{folder}: the referee went on meanwhile: re-issue it once more")
+            if not journal.append([made.entry]):
+                assert journal.refused is not None
+                why = refusal_words(journal.refused)
+                raise MadrobError(f"{folder}: {why}: nothing was re-issued")
+            try:
+                write_result(folder, made.files, made.number)
+            except MadrobError as error:
+                raise UnwrittenError(folder, made.number, error) from None
+            details = written_details(made.files[RESULT_FILE], made.number)
+            journal.append([Entry(now, Origin.SYSTEM, Change.RESULT_WRITTEN, details=details)])
     except BlockingIOError:
         raise _busy(folder) from None
     except OSError as error:
         raise MadrobError(
             f"{path}: cannot be written ({error.strerror}): nothing was re-issued"
         ) from None
-    try:
-        if _whole(read_journal(path)[0]) != made.made_of:
-            raise MadrobError(f"{folder}: the referee went on meanwhile: re-issue it once more")
-        if not journal.append([made.entry]):
-            assert journal.refused is not None
-            raise MadrobError(f"{folder}: {refusal_words(journal.refused)}: nothing was re-issued")
-        try:
-            write_result(folder, made.files, made.number)
-        except MadrobError as error:
-            raise UnwrittenError(folder, made.number, error) from None
-        details = written_details(made.files[RESULT_FILE], made.number)
-        journal.append([Entry(now, Origin.SYSTEM, Change.RESULT_WRITTEN, details=details)])
-    finally:
-        journal.close()
 
 
 def _whole(entries: Sequence[Entry]) -> JournalMark:

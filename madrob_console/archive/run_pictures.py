@@ -6,7 +6,6 @@ import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -16,12 +15,12 @@ from madrob_console.archive.folders import PICTURES_FOLDER, PICTURES_INDEX
 from madrob_console.archive.nearest_frames import (
     FARTHEST,
     SIDE,
-    CameraFrame,
     Cameras,
     has_evidence,
 )
 from madrob_console.archive.run_record import Moment, moments_of
 from madrob_console.archive.scored import Scored
+from madrob_console.common.clock import seconds
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import read_all, replaced_folder
 from madrob_console.common.names import terminal_safe
@@ -128,11 +127,8 @@ def pictures_of(
     if not has_evidence(folder):
         return NO_PICTURES
 
-    def wanted(topic: str) -> bool:
-        return fnmatchcase(topic, cameras)
-
     try:
-        found = Cameras(folder, mappings, wanted)
+        found = Cameras(folder, mappings, cameras)
         return _Maker(found, side, monotonic, name_distance=name_distance).pictures(moments)
     except MadrobError as error:
         return RunPictures(PictureIndex(problems=(terminal_safe(str(error)),)))
@@ -225,14 +221,11 @@ class _Maker:
             except RecorderError as error:
                 yield msgspec.structs.replace(entry, problem=terminal_safe(str(error)))
                 continue
-            yield entry if frame is None else self._of_frame(entry, frame)
+            yield entry if frame is None else self._of_frame(entry, frame, log)
 
-    def _of_frame(self, entry: PictureEntry, frame: CameraFrame) -> PictureEntry:
-        known = msgspec.structs.replace(
-            entry,
-            log_time=frame.log,
-            difference=frame.difference,
-        )
+    def _of_frame(self, entry: PictureEntry, frame: RawMessage, log: float) -> PictureEntry:
+        received = seconds(frame.receive_ns)
+        known = msgspec.structs.replace(entry, log_time=received, difference=received - log)
         made = self._picture(frame)
         if isinstance(made, str):
             return msgspec.structs.replace(known, problem=made)
@@ -246,10 +239,10 @@ class _Maker:
             known, file=name, width=file.width, height=file.height, scale=scale
         )
 
-    def _picture(self, frame: CameraFrame) -> tuple[Jpeg, str] | str:
-        key = frame.message.topic, frame.message.receive_ns
+    def _picture(self, frame: RawMessage) -> tuple[Jpeg, str] | str:
+        key = frame.topic, frame.receive_ns
         if key not in self._made:
-            self._made[key] = self._decode(frame.message)
+            self._made[key] = self._decode(frame)
         return self._made[key]
 
     def _decode(self, message: RawMessage) -> tuple[Jpeg, str] | str:

@@ -73,16 +73,14 @@ class OpenJournal:
         journal = Journal()
         try:
             journal.open(path)
-            if journal.append(lines) == len(lines):
+            journal.append(lines)
+            if (error := journal.refused) is None:
                 return cls(path, journal, lines)
-            error = journal.refused
-        except OSError as refused:
-            error = refused
-        else:
             with suppress(OSError):
                 path.unlink()
+        except OSError as refused:
+            error = refused
         journal.close()
-        assert error is not None
         raise MadrobError(f"{refusal_words(error)}: {_REMEDY}")
 
     @classmethod
@@ -117,14 +115,14 @@ class OpenJournal:
         Returns how many are on disk, and why not all. `again`: the disk refused before.
         """
         count = self._journal.append(lines)
-        problem = None if count == len(lines) else self._refusal()
+        problem = None if (error := self._journal.refused) is None else refusal_words(error)
         deleted = not os.path.lexists(self._path)
         if deleted or (problem is not None and again):
             try:
                 journal = up_to_date(self._path, (*self._lines, *lines), self._journal)
-            except (OSError, MadrobError) as error:
+            except (OSError, MadrobError) as refused:
                 if deleted:
-                    why = error.strerror if isinstance(error, OSError) else error
+                    why = refused.strerror if isinstance(refused, OSError) else refused
                     count, problem = 0, f"the journal was deleted, a new one is refused ({why})"
             else:
                 self._journal.close()
@@ -132,10 +130,6 @@ class OpenJournal:
                 count, problem = len(lines), None
         self._lines += lines[:count]
         return count, problem
-
-    def _refusal(self) -> str:
-        assert self._journal.refused is not None
-        return refusal_words(self._journal.refused)
 
     def close(self) -> None:
         self._journal.close()
@@ -274,7 +268,7 @@ class Recording:
         lossless: wait for the disk instead of dropping (virtual time).
     """
 
-    def __init__(  # noqa: PLR0913  what it records, and with what
+    def __init__(
         self,
         root: Path,
         record: RunRecord,
@@ -284,7 +278,6 @@ class Recording:
         *,
         lossless: bool,
         disk: DiskJobs,
-        monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         setup = record.setup
         name = RunName(setup.subject, setup.condition.number, setup.run_number)
@@ -293,7 +286,6 @@ class Recording:
         self.folder = reserve_run_folder(root, name, start, practice=setup.practice)
         self._topics = {topic.name for topic in topics}
         self._scored = {mapping.topic for mapping in record.mappings}
-        self._monotonic = monotonic
         look = partial(_problem_of, self.folder)
         self._folder_problem: RepeatedReading[str | None]
         self._folder_problem = RepeatedReading(look, disk.submit_job, LOOKING_PERIOD, None)
@@ -339,7 +331,7 @@ class Recording:
         stats = self._writer.stats()
         problem = stats.error
         if stats.state is RecorderState.RECORDING:
-            problem = self._folder_problem.look(self._monotonic())
+            problem = self._folder_problem.look(time.monotonic())
         return RecorderView(
             state=stats.state.value,
             messages=stats.written,

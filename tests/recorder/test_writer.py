@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import FrozenInstanceError
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -404,6 +405,26 @@ def test_large_messages_of_evidence_take_no_more_memory_than_the_queue_may(tmp_p
         go_on.set()
     assert camera.stats().drop_reasons == {DropReason.QUEUE_FULL: 3}
     assert len(list(read_bag(tmp_path / "bag", evidence=True).messages())) == 5
+
+
+def test_a_sync_of_what_is_scored_never_waits_for_much_evidence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    BagWriter(tmp_path / "bag", [talk()], {}).__enter__().close()
+    sizes: list[int] = []
+    real = os.fdatasync
+
+    def sync(fd: int) -> None:
+        sizes.append(os.fstat(fd).st_size)
+        real(fd)
+
+    monkeypatch.setattr(os, "fdatasync", sync)
+    place = Evidence(tmp_path / "bag", 0, lambda _size, _coming: None)
+    with BagWriter(place, [CAMERA], {}, flush_period=1e6) as camera:
+        assert all(map(camera.put_message, frames(40)))
+    unsynced = [after - before for before, after in pairwise(sizes)]
+    assert sizes[-1] > 9_000_000  # each frame is much like the one before it
+    assert max(unsynced) < 6_000_000
 
 
 def test_evidence_that_cannot_be_recorded_leaves_nothing(tmp_path: Path) -> None:

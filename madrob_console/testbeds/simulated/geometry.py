@@ -74,7 +74,7 @@ class DoorGeometry:
     """The doorway, its panel and its sensors; lengths in m.
 
     `sensor_distance` is that of each row from the wall; the rows are centred on the doorway.
-    The hinge is on the left, seen towards CCW, as in the protocol.
+    `hinge_left` is seen towards CCW, as in the protocol; False describes a mirrored testbed.
     `encoder_counts` are those of a turn.
     """
 
@@ -86,6 +86,7 @@ class DoorGeometry:
     sensor_distance: float = 0.175
     sensor_spacing: float = 0.125
     beam_radius: float = 0.02
+    hinge_left: bool = True
     encoder_counts: int = 3600
     thresholds: Thresholds = field(default_factory=Thresholds)
 

@@ -213,7 +213,8 @@ def _strip_frame(geometry: DoorGeometry, strip: Strip) -> StandingFrame:
 
 
 def _along_wall(geometry: DoorGeometry, reach: float) -> float:
-    return geometry.doorway_width / 2 - reach
+    y = geometry.doorway_width / 2 - reach
+    return y if geometry.hinge_left else -y
 
 
 _KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)

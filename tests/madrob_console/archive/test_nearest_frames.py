@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.archive.nearest_frames import FARTHEST, CameraFrame, Cameras
+from madrob_console.archive.nearest_frames import FARTHEST, Cameras
 from madrob_console.common.clock import seconds
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from recorder.bag import Topic, evidence_file_name
@@ -55,10 +55,11 @@ def only(found: Cameras) -> Topic:
     return camera
 
 
-def nearest(found: Cameras, time: float) -> CameraFrame:
-    frame = found.nearest(found.topics[0], time)
+def apart(found: Cameras, time: float, camera: int = 0) -> float:
+    """By how much later than an instant the nearest frame of a camera was received, s."""
+    frame = found.nearest(found.topics[camera], time)
     assert frame is not None
-    return frame
+    return seconds(frame.receive_ns) - time
 
 
 def test_no_other_frame_was_received_nearer(filmed: Path) -> None:
@@ -71,11 +72,9 @@ def test_no_other_frame_was_received_nearer(filmed: Path) -> None:
     @given(part=st.floats(0, 1))
     def none_is_nearer(found: Cameras, part: float) -> None:
         time = begin + part * (end - begin)
-        for camera in found.topics:
-            frame = found.nearest(camera, time)
-            assert frame is not None
+        for number, camera in enumerate(found.topics):
             best = min((log - time for log in received[camera.name]), key=abs)
-            assert frame.difference == frame.log - time == best
+            assert apart(found, time, number) == best
 
     found = cameras(filmed)
     none_is_nearer(found)
@@ -94,7 +93,7 @@ def test_a_frame_that_is_too_far_is_not_that_instant_s(filmed: Path) -> None:
 def test_a_camera_whose_clock_is_years_away_is_found(run: Path) -> None:
     film(run, FRONT, offset=-1_600_000_000.0)
     found = cameras(run)
-    assert abs(nearest(found, span(run)[0] + 5).difference) < 0.04
+    assert abs(apart(found, span(run)[0] + 5)) < 0.04
 
 
 def test_a_camera_that_stops_and_comes_again_is_found_on_both_sides(run: Path) -> None:
@@ -102,9 +101,9 @@ def test_a_camera_that_stops_and_comes_again_is_found_on_both_sides(run: Path) -
     sent = [m for m in stream(FRONT, begin, end) if not 5 < m.receive_ns / NS - begin < 9]
     add_evidence(run, sent)
     found = cameras(run)
-    assert nearest(found, begin + 5.5).difference < -0.4
+    assert apart(found, begin + 5.5) < -0.4
     assert found.nearest(only(found), begin + 7) is None
-    assert nearest(found, begin + 8.5).difference > 0.4
+    assert apart(found, begin + 8.5) > 0.4
 
 
 def test_evidence_that_is_torn_gives_the_frames_before_it(run: Path) -> None:
@@ -112,7 +111,7 @@ def test_evidence_that_is_torn_gives_the_frames_before_it(run: Path) -> None:
     file = add_evidence(run, stream(FRONT, begin, end, size=(1280, 960)))
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     found = cameras(run)
-    assert abs(nearest(found, begin + 2).difference) < 0.04
+    assert abs(apart(found, begin + 2)) < 0.04
     assert found.nearest(only(found), end - 1) is None
     assert found.problems[0].endswith("what comes before that is read")
 
@@ -127,9 +126,10 @@ def test_a_damaged_chunk_is_named_and_the_next_frame_keeps_its_distance(run: Pat
     assert found.problems == []
     times = np.arange(begin, end - 0.1, 0.1)
     frames = [found.nearest(only(found), time) for time in times]
-    apart = [FARTHEST if frame is None else abs(frame.difference) for frame in frames]
-    assert 0.5 < max(apart) <= FARTHEST
-    assert sorted(apart)[len(apart) // 2] < 0.04
+    seen = [time for time, frame in zip(times, frames, strict=True) if frame is not None]
+    distances = sorted(abs(apart(found, time)) for time in seen)
+    assert 0.5 < distances[-1] <= FARTHEST
+    assert distances[len(distances) // 2] < 0.04
     assert re.search(r"_evidence_0.mcap: a chunk .* \(byte \d+\)", found.problems[0])
 
 

@@ -501,8 +501,9 @@ def transforms(messages: list[Message]) -> dict[str, Message]:
     return {stamped.child_frame_id: stamped for stamped in message.transforms}
 
 
-def test_each_ray_of_a_scan_meets_the_ground_below_its_sensor() -> None:
-    geometry = DoorGeometry()
+@pytest.mark.parametrize("hinge_left", [True, False])
+def test_each_ray_of_a_scan_meets_the_ground_below_its_sensor(hinge_left: bool) -> None:
+    geometry = DoorGeometry(hinge_left=hinge_left)
     source = SimulatedSource(SimulatedTestbed(geometry=geometry), VirtualClock(START_NS), TYPES)
     source.open()
     found = transforms([TYPES.decode(m.type, m.data) for m in source.announcement.messages])
@@ -525,7 +526,7 @@ def test_each_ray_of_a_scan_meets_the_ground_below_its_sensor() -> None:
             )
             ground = origin + ray * (geometry.lintel_height / -ray[2])
             y = geometry.doorway_width / 2 - mount.reach
-            expected = [mount.x, y, 0.0]
+            expected = [mount.x, y if hinge_left else -y, 0.0]
             assert ground == pytest.approx(expected, abs=0.002)
 
 
