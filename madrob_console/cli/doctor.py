@@ -18,8 +18,9 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted, format_size, listed
 from madrob_console.engine.engine_lock import state_folder
 from madrob_console.referee.competition_plan import PlanSource, unknown_teams
+from madrob_console.referee.evidence_account import EvidenceTopic
 from madrob_console.referee.lists import TeamSource
-from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicFlow, TopicLimit
+from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
 from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
 from madrob_console.testbeds.ros_domain import domain_id
 
@@ -209,9 +210,9 @@ def look_at_evidence(
     except MadrobError as error:
         yield Finding(Severity.WARNING, "evidence", str(error))
         return
-    yield from (_evidence_topic(flow, choice.limit(flow.topic)) for flow in seen.flows)
-    if seen.flows:
-        yield _whole(seen.flows, budget)
+    yield from (_evidence_topic(topic, choice.limit(topic.topic)) for topic in seen.topics)
+    if seen.topics:
+        yield _whole(seen.topics, budget)
     yield from (Finding(Severity.WARNING, "evidence", words) for words in _missing_evidence(seen))
     yield from (Finding(Severity.WARNING, "ros says", words) for words in lines)
 
@@ -220,7 +221,7 @@ def look_at_evidence(
 class _Seen:
     """The topics that were seen; see `EvidenceIntakes` for the last three."""
 
-    flows: Sequence[TopicFlow]
+    topics: Sequence[EvidenceTopic]
     left_over: Sequence[str]
     unseen: Sequence[str]
     scored: Sequence[str]
@@ -249,16 +250,16 @@ def _listen(
                 intakes.discover(recording=False)
             for _ in intakes.take_messages(time.time_ns):
                 pass
-            if not found and not intakes.unseen and _comes(intakes.flows()):
+            if not found and not intakes.unseen and _comes(intakes.topics()):
                 found, ends = True, now + LISTENS
-            intakes.rest(_REST)
-        return _Seen(intakes.flows(), intakes.left_over, intakes.unseen, intakes.scored)
+            time.sleep(_REST)
+        return _Seen(intakes.topics(), intakes.left_over, intakes.unseen, intakes.scored)
     finally:
         intakes.close()
 
 
-def _comes(flows: Sequence[TopicFlow]) -> bool:
-    return not flows or any(flow.rate for flow in flows)
+def _comes(topics: Sequence[EvidenceTopic]) -> bool:
+    return not topics or any(topic.rate for topic in topics)
 
 
 def _missing_evidence(seen: _Seen) -> Iterator[str]:
@@ -273,29 +274,29 @@ def _missing_evidence(seen: _Seen) -> Iterator[str]:
         yield f"{too_many} too many, {listed(seen.left_over)}: exclude some"
 
 
-def _evidence_topic(flow: TopicFlow, limit: TopicLimit) -> Finding:
-    rate = f"{flow.rate:.1f} Hz, {flow.byte_rate / 1e6:.2f} MB/s"
+def _evidence_topic(topic: EvidenceTopic, limit: TopicLimit) -> Finding:
+    rate = f"{topic.rate:.1f} Hz, {topic.byte_rate / 1e6:.2f} MB/s"
     if limit.most_rate is not None:
         rate += f" (at most {limit.most_rate:g} Hz by `recording.limits`)"
-    lost = f", {flow.lost} lost on the way" if flow.lost else ""
-    text = f"evidence, {flow.type}, {rate}{lost}"
-    problem = flow.problem or ("nothing comes now" if flow.silent else "")
-    if flow.lost and flow.byte_rate > _LARGE * flow.rate and not problem:
+    lost = f", {topic.lost_count} lost on the way" if topic.lost else ""
+    text = f"evidence, {topic.type}, {rate}{lost}"
+    problem = topic.problem or ("nothing comes now" if topic.silent else "")
+    if topic.lost and topic.byte_rate > _LARGE * topic.rate and not problem:
         problem = (
             "have it published reliably, or give its publisher's Fast DDS profile a larger "
             "`segment_size` (`madrob guide testbed`)"
         )
     if problem:
-        return Finding(Severity.WARNING, flow.topic, f"{text}: {problem}")
-    return Finding(Severity.WARNING if flow.lost else Severity.OK, flow.topic, text)
+        return Finding(Severity.WARNING, topic.topic, f"{text}: {problem}")
+    return Finding(Severity.WARNING if topic.lost else Severity.OK, topic.topic, text)
 
 
-def _whole(flows: Sequence[TopicFlow], budget: int) -> Finding:
-    byte_rate = sum(flow.byte_rate for flow in flows)
+def _whole(topics: Sequence[EvidenceTopic], budget: int) -> Finding:
+    byte_rate = sum(topic.byte_rate for topic in topics)
     hours = (
         f", the budget of {budget / 1e9:g} GB is {budget / byte_rate / _HOUR:.1f} h"
         if byte_rate
         else ""
     )
-    text = f"{counted(len(flows), 'topic')}, {byte_rate * _HOUR / 1e9:.2f} GB an hour{hours}"
+    text = f"{counted(len(topics), 'topic')}, {byte_rate * _HOUR / 1e9:.2f} GB an hour{hours}"
     return Finding(Severity.OK, "evidence", text)

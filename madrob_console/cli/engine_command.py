@@ -124,10 +124,9 @@ def serve(arguments: argparse.Namespace) -> int:
 
         fallen = FallenThreads()
         threading.excepthook = fallen.note
-        scorer = ScoringProcess()
-        engine = open_engine(arguments, settings, scorer)
+        engine = open_engine(arguments, settings, ScoringProcess())
         reporting = _reporting(arguments, settings, engine, owned)
-        supervisor = Supervisor(scorer, reporting)
+        supervisor = Supervisor(*engine.workers, reporting)
         _follow_lists(
             options.team_source(arguments, settings),
             options.plan_source(arguments, settings),

@@ -134,6 +134,7 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.config import load_settings
         from madrob_console.engine.reports import QUEUE_FOLDER, Reporting, Wanted
         from madrob_console.engine.snapshot import label_of
+        from madrob_console.engine.supervisor import Supervisor
 
     settings = load_settings(arguments.settings)
     owned = owned_testbed(arguments, settings)
@@ -156,6 +157,8 @@ def main(arguments: argparse.Namespace) -> int:
         )
     run = UnattendedRun(engine, reporting)
     with ExitStack() as stack:
+        more = () if reporting is None else (reporting,)
+        stack.callback(Supervisor(*engine.workers, *more).close)
         server, known, _ = stack.enter_context(owning(arguments, owned))
         known = replace(known, version=software_version())
         server.describe = lambda: replace(

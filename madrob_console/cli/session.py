@@ -29,7 +29,6 @@ from madrob_console.engine.replay import Replay
 from madrob_console.engine.reports import Reporting
 from madrob_console.engine.run_recorder import EventLog
 from madrob_console.engine.scorer import Scorer
-from madrob_console.engine.supervisor import Supervisor
 from madrob_console.messages.codec import referee_topics
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, Waive, ZeroHandle
@@ -368,9 +367,7 @@ class UnattendedRun:
 
     def _wait_for_report(self, reporting: Reporting) -> None:
         self._signal = None
-        supervisor = Supervisor(reporting)
         while not reporting.wait(_LOOK_PERIOD) and self._signal is None:
             pass
-        supervisor.close()
         if reporting.problem is not None:
             print(reporting.problem)

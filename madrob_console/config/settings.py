@@ -275,12 +275,10 @@ _LISTS_HELP = """\
 
 # What is recorded of some topics of the evidence; the first one that matches a topic holds for it.
 # `*` stands for any characters between two slashes, `**` for any number of parts of a name. What
-# is beyond `most_rate` is left out on purpose. Where disk or processor cannot take everything,
-# topics with a higher priority (-9 to 9, else 0) are recorded first.
+# is beyond `most_rate` is left out on purpose.
 #[[recording.limits]]
 #topics = "/camera/*/image/compressed"
-#most_rate = 15.0
-#priority = 5"""
+#most_rate = 15.0"""
 
 
 def example_toml() -> str:

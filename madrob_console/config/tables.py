@@ -429,9 +429,6 @@ class EvidenceLimitSetting(SettingsTable, frozen=True):
         Annotated[float, within(0.01, 10000, "messages a second of each topic; more are left out")]
         | None
     ) = None
-    priority: Annotated[
-        int, Meta(ge=-9, le=9, description="where not all can be recorded, the higher ones are")
-    ] = 0
 
 
 class RecordingSettings(SettingsTable, frozen=True):
@@ -461,7 +458,7 @@ class RecordingSettings(SettingsTable, frozen=True):
 
     @property
     def choice(self) -> EvidenceChoice:
-        limits = (TopicLimit(each.topics, each.most_rate, each.priority) for each in self.limits)
+        limits = (TopicLimit(each.topics, each.most_rate) for each in self.limits)
         largest = round(self.largest * 1e6)
         return EvidenceChoice(self.topics, self.excluded, tuple(limits), largest)
 

@@ -17,7 +17,7 @@ from madrob_console.engine.current_run import Acting, CurrentRun
 from madrob_console.engine.disk import DiskThreads, T
 from madrob_console.engine.durable_acts import EarlierRuns, Told
 from madrob_console.engine.engine_config import EngineConfig, EvidenceRoom
-from madrob_console.engine.evidence_client import EvidenceClient, NoEvidence
+from madrob_console.engine.evidence_client import EvidenceClient
 from madrob_console.engine.observation import Backlog, Interrupt, Observation
 from madrob_console.engine.replay import NO_ACTS, OWN_RUN, EngineContext, Replay
 from madrob_console.engine.requests import NO_REPLAY, PlaybackCommand
@@ -25,6 +25,7 @@ from madrob_console.engine.run_recorder import EventLog
 from madrob_console.engine.scorer import EarlierRun, InlineScorer, RenderedResult, Scorer
 from madrob_console.engine.snapshot import ExportView, Snapshot
 from madrob_console.engine.start_checks import PreStart
+from madrob_console.engine.supervisor import Worker
 from madrob_console.engine.view import StateView, testbed_problem
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC
 from madrob_console.messages.message_types import MessageTypes
@@ -96,7 +97,7 @@ class Engine:
             replay,
             keepers,
             scorer or InlineScorer(),
-            evidence_client or NoEvidence(),
+            evidence_client or EvidenceClient(),
             EvidenceRoom(self.config, keepers.reading),
         )
         self._begin()
@@ -163,6 +164,13 @@ class Engine:
         """The act that takes effect when it is on disk; empty = none. From any thread."""
         waiting = self._acting.durable.waiting
         return "" if waiting is None else waiting.name
+
+    @property
+    def workers(self) -> tuple[Worker, ...]:
+        """Its child processes, for a supervisor to keep running."""
+        context = self._engine_context
+        parts = (context.scorer, context.evidence_client)
+        return tuple(one for one in parts if isinstance(one, Worker))
 
     @property
     def busy(self) -> bool:

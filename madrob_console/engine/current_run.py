@@ -13,11 +13,12 @@ from madrob_console.archive.evidence import account_entry, settled_account
 from madrob_console.archive.folders import give_out_run_number
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.engine.durable_acts import Answers, DurableActs, EarlierRuns, Told
-from madrob_console.engine.evidence_client import EvidenceNotes, RunFaults, WitnessStatus
+from madrob_console.engine.evidence_client import EvidenceNotes, EvidenceStatus
 from madrob_console.engine.journal_writer import OpenJournal, Recording
 from madrob_console.engine.observation import Happening, Observation, RunTracker
 from madrob_console.engine.replay import DECIDED_ANEW, EngineContext
 from madrob_console.engine.result_writer import CurrentResult
+from madrob_console.engine.run_faults import RunFaults
 from madrob_console.engine.run_recorder import EventPublisher, RunRecorder
 from madrob_console.engine.scorer import EarlierRun, RenderedResult, ToScore
 from madrob_console.referee.acts import (
@@ -232,7 +233,7 @@ class CurrentRun:
             details = {"time": fault.time, "kind": fault.kind}
             self.note(Happening(Origin.SYSTEM, Change.FAULT, fault.text, details))
 
-    def note_evidence(self, status: WitnessStatus, now: float) -> None:
+    def note_evidence(self, status: EvidenceStatus, now: float) -> None:
         for words in self._evidence_notes.due(status, self._start, now):
             self.note(Happening(Origin.SYSTEM, Change.EVIDENCE, words, {"time": now}))
 

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Protocol
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
-from madrob_console.common.formatting import listed, time_of_day
-from madrob_console.engine.snapshot import EvidenceTopicView
+import msgspec
+
+from madrob_console.common.formatting import listed
+from madrob_console.engine.run_faults import FaultNotes
+from madrob_console.engine.snapshot import EvidenceView
 from madrob_console.referee.evidence_account import (
-    NO_EVIDENCE,
     EvidenceAccount,
     EvidenceGap,
-    gaps_words,
+    EvidenceTopic,
+    first_words,
+    silence_words,
     unseen_words,
 )
-from madrob_console.referee.records import FaultKind, TestbedFault, merged, numbers_in
+from madrob_console.referee.records import FaultKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,21 +30,18 @@ class EvidencePlan:
     least_room: float
 
 
-@dataclass(frozen=True, slots=True)
-class EvidencePlace:
+class EvidencePlace(msgspec.Struct, frozen=True):
     """Where the evidence of a run goes.
 
     Attributes:
-        folder_fd: handle of the bag's folder; whoever gets it closes it.
-        name: of the folder, as it was made.
+        folder: of the bag.
         steady_ns: steady time now (protocol section 8).
         monotonic_ns: the machine's monotonic time at the same moment.
         most_bytes: what is left of the budget.
         least_free: bytes that stay free on the disk, for scoring.
     """
 
-    folder_fd: int
-    name: str
+    folder: str
     steady_ns: int
     monotonic_ns: int
     most_bytes: int
@@ -50,47 +49,49 @@ class EvidencePlace:
 
 
 @dataclass(frozen=True, slots=True)
-class WitnessStatus:
+class EvidenceStatus:
     """Status of the evidence; the recording is the current or last one.
 
     Attributes:
         ready: whether a process listens, and has had the time to find all topics.
-        topics: what comes; incomplete where the process has not reported lately.
-        silent: topics on which nothing comes now, and nothing is kept for late joiners.
-        unseen: patterns of the settings for which nobody publishes anything.
-        scored: patterns that match only what is recorded with the score.
+        topics: what comes; empty where the process has not reported lately.
+        recorded: the topics of the recording; `first` is that of topics that nobody had when it
+            began.
+        problems: what was wrong with all of the recording, in words.
+        unwritten: see `EvidenceAccount`.
         gaps: when nothing was recorded, s since the epoch: the start of a run may still move.
         finishing: whether one is over and not complete on disk.
         size: bytes on disk.
         stuck: that the disk takes nothing now, in words.
-        unrepaired: damaged files of the last run, and what their repair waits for, in words.
-        pauses: silences of steady topics in the recording, by topic, s since the epoch.
-        pauses_now: the current silences, also without a recording.
-        appeared: first message of each topic that nobody had when the recording began, s since
-            the epoch.
+        unrepaired: which file of the run is damaged and what its repair waits for, in words.
+        unseen: patterns of the settings for which nobody publishes anything.
+        scored: patterns that match only what is recorded with the score.
     """
 
     ready: bool = False
-    topics: tuple[EvidenceTopicView, ...] = ()
-    account: EvidenceAccount = NO_EVIDENCE
+    topics: tuple[EvidenceTopic, ...] = ()
+    recorded: tuple[EvidenceTopic, ...] = ()
+    problems: tuple[str, ...] = ()
+    unwritten: int | None = 0
+    gaps: tuple[EvidenceGap, ...] = ()
     recording: bool = False
     finishing: bool = False
     size: int = 0
     problem: str | None = None
-    silent: tuple[str, ...] = ()
+    stuck: str = ""
+    unrepaired: str = ""
     unseen: tuple[str, ...] = ()
     scored: tuple[str, ...] = ()
-    gaps: tuple[EvidenceGap, ...] = ()
-    stuck: str = ""
-    unrepaired: tuple[str, ...] = ()
-    pauses: Mapping[str, tuple[EvidenceGap, ...]] = field(default_factory=dict)
-    pauses_now: Mapping[str, EvidenceGap] = field(default_factory=dict)
-    appeared: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def byte_rate(self) -> float:
         """Bytes a second of all that is recorded."""
         return sum(topic.byte_rate for topic in self.topics)
+
+    @property
+    def silent(self) -> tuple[str, ...]:
+        """Topics on which nothing comes now, and nothing is kept for late joiners."""
+        return tuple(topic.topic for topic in self.topics if topic.silent)
 
     @property
     def gap(self) -> EvidenceGap | None:
@@ -104,49 +105,65 @@ class WitnessStatus:
         since = "" if start is None else f" since {self.gap.since(start).begin:+.1f} s"
         return f"nothing is recorded{since}, it is starting again: {self.gap.why}"
 
-    def faults(self, start: float | None) -> tuple[str, ...]:
+    def faults(self, start: float | None) -> Iterator[str]:
+        """All that is wrong now, in words; `start` of the run is in s since the epoch."""
         if (trouble := self.trouble(start)) is not None:
-            return (trouble, *self.unrepaired)
-        unseen = (unseen_words(self.unseen),) if self.ready and self.unseen else ()
-        lines = (
-            f"{topic.topic}: {topic.problem}"
-            for topic in self.topics_since(start)
-            if topic.problem and topic.topic in self.silent
-        )
-        return (*unseen, *lines, *self.unrepaired)
+            yield trouble
+        else:
+            if self.ready and self.unseen:
+                yield unseen_words(self.unseen)
+            for one in self.topics:
+                if one.silent and (words := self._words_of(one, start)):
+                    yield f"{one.topic}: {words}"
+        if self.unrepaired:
+            yield self.unrepaired
 
-    def topics_since(self, start: float | None) -> tuple[EvidenceTopicView, ...]:
-        return tuple(
-            replace(one, problem=_together(one.problem, self._silence(one.topic, start)))
+    def _words_of(self, topic: EvidenceTopic, start: float | None) -> str:
+        return topic.words_since(start if self.recording else None)
+
+    def view(self, start: float | None, room: float | None) -> EvidenceView:
+        """What screens show; `start` of the run is in s since the epoch, `room` in s."""
+        over = [gap for gap in self.gaps if self.recording and gap.end is not None]
+        times = sum(gap.number for gap in over)
+        missing = f"missing {times} times" if times else ""
+        if times == 1 and start is not None:
+            missing = f"missing {over[0].since(start).words}"
+        return EvidenceView(
+            len(self.topics),
+            float(f"{self.byte_rate:.2g}"),
+            self.recording,
+            self.size,
+            room,
+            self.trouble(start),
+            missing,
+            self._worst(start),
+        )
+
+    def _worst(self, start: float | None) -> str:
+        """The topic that lacks most, a silent one before others, and how many more there are."""
+        poor = [
+            (not (wrong := self._words_of(one, start)), -one.lost_count, one.topic, wrong)
             for one in self.topics
-        )
-
-    def _silence(self, topic: str, start: float | None) -> str:
-        if (now := self.pauses_now.get(topic)) is not None:
-            return silent_since(now, start)
-        pauses = self.pauses.get(topic) if self.recording else None
-        return _silent(pauses, start) if pauses and start is not None else ""
+        ]
+        poor = sorted(each for each in poor if each[1] or each[3])
+        if not poor:
+            return ""
+        _, lost, topic, wrong = poor[0]
+        least = "+" if self.recording and self.gaps else ""  # what comes in a gap is not counted
+        words = ", ".join(filter(None, (wrong, f"{-lost}{least} lost" if lost else "")))
+        more = f" and {len(poor) - 1} more" if len(poor) > 1 else ""
+        return f"{topic} {words}{more}"
 
     def account_since(self, start: float) -> EvidenceAccount:
-        topics = (
-            replace(
-                one,
-                problem=_together(
-                    first_words(self.appeared.get(one.topic), start),
-                    _silent(self.pauses.get(one.topic, ()), start),
-                    one.problem,
-                ),
-            )
-            for one in self.account.topics
-        )
+        topics = tuple(one.recorded(start) for one in self.recorded)
         gaps = tuple(gap.since(start) for gap in self.gaps)
-        return replace(self.account, topics=tuple(topics), gaps=gaps)
+        return EvidenceAccount(topics, self.problems, self.unwritten, gaps)
 
     @property
     def troubles(self) -> dict[tuple[str, FaultKind], str]:
         troubles = {
             (topic.topic, FaultKind.EVIDENCE): words
-            for topic in self.account.topics
+            for topic in self.recorded
             if (words := topic.troubles)
         }
         if self.problem is not None and self.gap is None:
@@ -154,182 +171,31 @@ class WitnessStatus:
         return troubles
 
 
-def silent_since(pause: EvidenceGap, start: float | None) -> str:
-    """That nothing comes any more, in words; without a `start`, by the time of day."""
-    if start is None:
-        return f"silent since {time_of_day(pause.begin)}"
-    return f"silent since {pause.since(start).begin:+.1f} s"
-
-
-def first_words(first: float | None, start: float) -> str:
-    """When a topic came first, in words; empty = before the start. Times: s since the epoch."""
-    return "" if first is None or first <= start else f"first message at {first - start:+.1f} s"
-
-
-def _silent(pauses: Sequence[EvidenceGap], start: float) -> str:
-    words = gaps_words([pause.since(start) for pause in pauses])
-    return f"silent {words}" if words else ""
-
-
-def _together(*words: str) -> str:
-    return ", ".join(filter(None, words))
-
-
-class EvidenceClient(Protocol):
-    """Records evidence beside the engine. Nothing here waits; calls are the core's."""
+class EvidenceClient:
+    """Records evidence beside the engine: this one none. Nothing waits; calls are the core's."""
 
     @property
-    def status(self) -> WitnessStatus | None:
+    def status(self) -> EvidenceStatus | None:
         """None = no evidence is wanted, or there can be none."""
-        ...
+        return None
 
     def warm(self) -> None:
         """Get ready: topics shall be found before the first start."""
-        ...
 
-    def begin_recording(self, place: EvidencePlace) -> None: ...
+    def begin_recording(self, place: EvidencePlace) -> None:
+        """It goes on until `end_recording`."""
 
-    def end(self) -> None: ...
+    def end_recording(self) -> None:
+        """Nothing more is recorded."""
 
     def await_account(self, limit: float) -> None:
-        """Wait until the account has all up to the `end`, `limit` s at most; not for the core."""
-        ...
+        """Wait until all that was recorded is counted, `limit` s at most; not for the core."""
 
-    def hold_writing(self, *, held: bool) -> None: ...
+    def hold_writing(self, *, held: bool) -> None:
+        """Leave the disk to scoring."""
 
     def close(self) -> None:
         """End it; the recording gets complete by itself."""
-        ...
-
-
-class NoEvidence:
-    """An `EvidenceClient` that records nothing."""
-
-    status = None
-
-    def warm(self) -> None:
-        """Nothing is needed."""
-
-    def begin_recording(self, place: EvidencePlace) -> None:
-        raise AssertionError(f"no evidence is wanted for {place.name}")
-
-    def end(self) -> None:
-        """Nothing was begun."""
-
-    def await_account(self, limit: float) -> None:
-        """Nothing is counted."""
-
-    def hold_writing(self, *, held: bool) -> None:
-        """Nothing is written."""
-
-    def close(self) -> None:
-        """Nothing was begun."""
-
-
-# Faults of the testbed that enter a run's journal and its data quality.
-
-
-LASTING = 0.5
-"""A trouble that lasts this long is noted, s: not the wobble of a rate that is just beginning."""
-
-
-class FaultNotes:
-    """Notes each trouble of each topic once a run."""
-
-    def __init__(self) -> None:
-        self._since: dict[tuple[str, FaultKind], float] = {}
-        self._noted: set[tuple[str, FaultKind]] = set()
-
-    def due(
-        self, troubles: Mapping[tuple[str, FaultKind], str], now: float
-    ) -> list[tuple[str, FaultKind]]:
-        """Which of the troubles are to be noted now; `now` is s since the epoch."""
-        self._since = {key: self._since.get(key, now) for key in troubles}
-        due = [
-            key
-            for key, since in self._since.items()
-            if key not in self._noted and abs(now - since) >= LASTING
-        ]
-        self._noted.update(due)
-        return due
-
-
-_PASSING = (
-    FaultKind.SLOW,
-    FaultKind.FLOOD,
-    FaultKind.UNREADABLE,
-    FaultKind.NO_READING,
-    FaultKind.STAMPS,
-    FaultKind.SKEW,
-)
-"""Troubles whose words do not say how long they lasted."""
-
-
-@dataclass(slots=True, eq=False)
-class _Cause:
-    """A trouble that came over some topics at the same time.
-
-    Attributes:
-        begin, seen: when it came first and when it was seen last, s since the epoch.
-        worst: the words with the largest numbers, by topic.
-        times, lasted: how often it came, and how long that was in all, s.
-    """
-
-    kind: FaultKind
-    begin: float
-    seen: float
-    worst: dict[str, str] = field(default_factory=dict)
-    times: int = 1
-    lasted: float = LASTING
-
-    def goes_on(self, now: float) -> bool:
-        return now - self.seen <= LASTING
-
-    def see(self, name: str, words: str, now: float) -> None:
-        if self.goes_on(now):
-            self.lasted += now - self.seen
-        else:
-            self.times += 1
-        self.seen = now
-        self.worst[name] = max(self.worst.get(name, words), words, key=numbers_in)
-
-    def fault(self) -> TestbedFault:
-        again = f", {self.times} times" if self.times > 1 else ""
-        lasted = f", for {self.lasted:.1f} s" if self.kind in _PASSING else ""
-        text = "; ".join(merged(self.worst.items()))
-        return TestbedFault(self.begin, f"{text}{again}{lasted}", self.kind)
-
-
-class RunFaults:
-    """The faults of the testbed in one run: one for each cause.
-
-    A fault is noted when its trouble has lasted for a while, and again when the recording ends:
-    then it says on which topics it was, how often and how long.
-    """
-
-    def __init__(self) -> None:
-        self._notes = FaultNotes()
-        self._causes: dict[tuple[str, FaultKind], _Cause] = {}
-
-    def due(self, troubles: Mapping[tuple[str, FaultKind], str], now: float) -> list[TestbedFault]:
-        """The faults that are new; `now` is s since the epoch."""
-        known = list(self._causes.values())
-        new = {kind: self._cause(kind, now) for _, kind in self._notes.due(troubles, now)}
-        for key, words in troubles.items():
-            if key[1] in new:
-                self._causes.setdefault(key, new[key[1]])
-            if (cause := self._causes.get(key)) is not None:
-                cause.see(key[0], words, now)
-        return [cause.fault() for cause in new.values() if cause not in known]
-
-    def _cause(self, kind: FaultKind, now: float) -> _Cause:
-        """The cause that goes on now, else a new one."""
-        known = (one for one in self._causes.values() if one.kind is kind and one.goes_on(now))
-        return next(known, _Cause(kind, now - LASTING, now))
-
-    def all(self) -> list[TestbedFault]:
-        """All faults of the run, with what is known of them by now."""
-        return [cause.fault() for cause in dict.fromkeys(self._causes.values())]
 
 
 # Faults of the evidence that enter a run's journal.
@@ -351,12 +217,9 @@ class EvidenceNotes:
     def __init__(self) -> None:
         self._faults = FaultNotes()
         self._told = -math.inf
-        self._begun = self._over = 0
-        self._silences: Counter[str] = Counter()
-        self._back: Counter[str] = Counter()
-        self._appeared: set[str] = set()
+        self._noted: set[tuple[object, ...]] = set()
 
-    def due(self, status: WitnessStatus, start: float, now: float) -> list[str]:
+    def due(self, status: EvidenceStatus, start: float, now: float) -> list[str]:
         """What is to be noted now, in words; `start` of the run and `now` are s since the epoch."""
         return [
             *self._of_gaps(status, start),
@@ -364,34 +227,36 @@ class EvidenceNotes:
             *self._of_topics(status, now),
         ]
 
-    def _of_gaps(self, status: WitnessStatus, start: float) -> Iterator[str]:
-        for gap in status.gaps[self._begun :]:
-            self._begun += 1
-            yield f"nothing is recorded since {gap.since(start).begin:+.1f} s: {gap.why}"
-        for gap in status.gaps[self._over :]:
-            if gap.end is None:
-                return
-            self._over += 1
-            yield f"recorded again, missing {gap.since(start).words}"
+    def _is_new(self, *what: object) -> bool:
+        known = what in self._noted
+        self._noted.add(what)
+        return not known
 
-    def _of_silences(self, status: WitnessStatus, start: float) -> Iterator[str]:
-        late = [topic for topic in status.appeared if topic not in self._appeared]
-        self._appeared.update(late)
-        told = {topic: first_words(status.appeared[topic], start) for topic in late}
-        yield from _in_a_line({topic: words for topic, words in told.items() if words})
+    def _of_gaps(self, status: EvidenceStatus, start: float) -> Iterator[str]:
+        for number, gap in enumerate(status.gaps):
+            since = gap.since(start)
+            if self._is_new("gap", number, gap.number):
+                yield f"nothing is recorded since {since.begin:+.1f} s: {gap.why}"
+            if gap.end is not None and self._is_new("recorded", number, gap.number):
+                yield f"recorded again, missing {since.words}"
+
+    def _of_silences(self, status: EvidenceStatus, start: float) -> Iterator[str]:
+        late: dict[str, str] = {}
         silent: dict[str, str] = {}
         back: dict[str, str] = {}
-        for topic, pauses in status.pauses.items():
-            over = sum(pause.end is not None for pause in pauses)
-            if over > self._back[topic]:
-                back[topic] = f"comes again, silent {pauses[over - 1].since(start).words}"
-            elif len(pauses) > max(over, self._silences[topic]):
-                silent[topic] = silent_since(pauses[-1], start)
-            self._silences[topic], self._back[topic] = len(pauses), max(over, self._back[topic])
-        yield from _in_a_line(silent)
-        yield from _in_a_line(back)
+        for one in status.recorded:
+            if one.first is not None and self._is_new("late", one.topic):
+                late[one.topic] = first_words(one.first, start)
+            for number, silence in enumerate(one.silences):
+                words = silence_words([silence], start)
+                goes_on = silence.end is None
+                if self._is_new(one.topic, number, silence.number, goes_on):
+                    (silent if goes_on else back)[one.topic] = words
+        back = {topic: f"comes again, {words}" for topic, words in back.items()}
+        for told in late, silent, back:
+            yield from _in_a_line({topic: words for topic, words in told.items() if words})
 
-    def _of_topics(self, status: WitnessStatus, now: float) -> Iterator[str]:
+    def _of_topics(self, status: EvidenceStatus, now: float) -> Iterator[str]:
         if 0 <= now - self._told < PERIOD:
             return
         topics: dict[str, list[str]] = {}

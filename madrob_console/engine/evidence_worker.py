@@ -8,19 +8,25 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import math
 import os
 import select
 import signal
 import socket
 import sys
+import threading
 import time
-from collections import Counter, deque
+from collections import Counter
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
+import msgspec
+
+from madrob_console.common.clock import NS
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import format_size
 from madrob_console.common.names import terminal_safe
-from madrob_console.engine.evidence_recorder import EvidenceRecorder
 from madrob_console.engine.evidence_status import (
     EvidenceNews,
     FinishFile,
@@ -28,12 +34,244 @@ from madrob_console.engine.evidence_status import (
     ListenFor,
     RecordInto,
     ToEvidence,
-    order_of,
 )
-from madrob_console.engine.wire import frame
-from madrob_console.engine.worker import frames
-from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
+from madrob_console.engine.wire import frame, frames
+from madrob_console.referee.evidence_account import EvidenceLoss, EvidenceTopic
+from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes, TakenEvidence
 from madrob_console.testbeds.ros.watches import console_name
+from recorder.bag import is_evidence
+from recorder.errors import RecorderError
+from recorder.recovery import recover_evidence
+from recorder.survey import summarised
+from recorder.writer import BagWriter, Evidence, RecorderState
+
+# One recording: a file of the recorder's writer.
+
+
+QUEUE_BYTES = 96_000_000
+"""Memory of what waits for the disk, of all files: some seconds of four cameras."""
+
+LEAST_QUEUE_BYTES = 8_000_000
+"""Memory of what waits for a file while earlier ones wait for the disk."""
+
+SYNC_PERIOD = 0.5
+"""s"""
+
+WRITER_NICE = 10
+"""Niceness of the writer: what waits for it waits in memory, what waits in DDS is lost."""
+
+REPAIR_PERIOD = 2.0
+"""Pause between two checks for room for a repair, s."""
+
+_SPARE = 1_000_000
+"""Bytes of a file beside its messages (its topic list)."""
+
+
+class EvidenceFile:
+    """One file of a recording.
+
+    Its thread makes the file, finishes it, and repairs what a killed process left of the run. All
+    else is called by one thread, and waits for no disk.
+    """
+
+    def __init__(self, order: RecordInto, queue_bytes: int, *, held: bool) -> None:
+        place = order.place
+        self.number = order.number
+        self.unrepaired = ""
+        self.finished = False
+        self._folder = Path(place.folder)
+        self._folder_fd = -1
+        self._most_bytes = place.most_bytes
+        self._least_free = place.least_free
+        self._held = held
+        self._ending = self._left = False
+        self._began = time.monotonic()
+        self._problem = ""
+        self._early: list[TakenEvidence] = []
+        self._came: Counter[str] = Counter()
+        self._bytes: Counter[str] = Counter()
+        self._left_out: Counter[str] = Counter()
+        self._too_large: Counter[str] = Counter()
+        self._behind: Counter[str] = Counter()
+        self._first: dict[str, float] = {}
+        self._writer = BagWriter(
+            Evidence(self._folder, order.file, self._refusal),
+            (),
+            {},
+            flush_period=SYNC_PERIOD,
+            queue_bytes=queue_bytes,
+        )
+        self._is_open, self._ended = threading.Event(), threading.Event()
+        self._changed = threading.Condition()  # guards `_held` and `_left`
+        self._thread = threading.Thread(target=self._work, name="evidence", daemon=True)
+        self._thread.start()
+
+    @property
+    def takes(self) -> bool:
+        """Whether messages find room: until the file is there they wait in memory, then in DDS."""
+        return self._is_open.is_set() or self._bytes.total() < QUEUE_BYTES
+
+    @property
+    def queued_bytes(self) -> int:
+        return self._writer.stats().queued_bytes
+
+    def record(self, taken: TakenEvidence) -> None:
+        """Have messages of a topic recorded; counts those that are left out or find no room."""
+        name = taken.topic.name
+        self._left_out[name] += taken.left_out
+        self._too_large[name] += taken.too_large
+        if taken.messages:
+            self._first.setdefault(name, taken.messages[0].receive_ns / NS)
+            self._came[name] += len(taken.messages)
+            self._bytes[name] += sum(len(message.data) for message in taken.messages)
+            self._early.append(taken)
+        self.advance()
+
+    def advance(self) -> None:
+        """Hand on what came, once the file is there; call it many times a second."""
+        if not self._is_open.is_set():
+            return
+        for taken in self._early:
+            self._writer.add_topic(taken.topic)
+            refused = len(taken.messages) - self._writer.put_all(taken.messages)
+            if refused and not self.problem:
+                self._behind[taken.topic.name] += refused
+        self._early.clear()
+        if self._ending:
+            self._ended.set()
+
+    def hold_writing(self, *, held: bool) -> None:
+        """Write nothing while scoring waits for the disk."""
+        with self._changed:
+            self._held = held
+            self._changed.notify_all()
+
+    def end(self) -> None:
+        self._ending = True
+        self.advance()
+
+    def close(self, deadline: float) -> None:
+        """Finish the file at once, by the `deadline` (monotonic s); no repair waits for room."""
+        self.leave()
+        self.hold_writing(held=False)
+        self._is_open.wait(max(0.0, deadline - time.monotonic()))
+        self.end()
+        self._thread.join(max(0.0, deadline - time.monotonic()))
+
+    def leave(self) -> None:
+        """Let no repair wait for room any longer."""
+        with self._changed:
+            self._left = True
+            self._changed.notify_all()
+
+    @property
+    def problem(self) -> str:
+        return self._problem or self._writer.stats().error or ""
+
+    def told(self, news: EvidenceNews) -> EvidenceNews:
+        """The report with the status of this file, and with what was recorded of the topics."""
+        stats = self._writer.stats()
+        unsynced, end = stats.seconds_since_sync, stats.end_ns
+        unwritten = self._came.total() - sum(stats.dropped.values()) - stats.written
+        return msgspec.structs.replace(
+            news,
+            number=self.number,
+            topics=tuple(
+                self._counted(one, stats.dropped.get(one.topic, 0)) for one in news.topics
+            ),
+            failed=terminal_safe(self.problem),
+            size=stats.file_bytes,
+            queued=stats.queued_bytes,
+            unsynced=time.monotonic() - self._began if unsynced is None else unsynced,
+            unwritten=None if stats.state is RecorderState.FAILED else unwritten,
+            saved=None if end is None else end / NS,
+            ended=self._ending,
+            finished=self.finished,
+            unrepaired=self.unrepaired,
+        )
+
+    def _counted(self, topic: EvidenceTopic, dropped: int) -> EvidenceTopic:
+        name, came = topic.topic, self._came[topic.topic]
+        lost = {
+            EvidenceLoss.BEHIND: self._behind[name],
+            EvidenceLoss.TOO_LARGE: self._too_large[name],
+            EvidenceLoss.DISK: dropped - self._behind[name],
+        }
+        return replace(
+            topic,
+            messages=came - dropped,
+            bytes=self._bytes[name] * (came - dropped) // max(1, came),
+            left_out=self._left_out[name],
+            lost=topic.lost | {why: number for why, number in lost.items() if number > 0},
+            first=self._first.get(name),
+        )
+
+    # Its thread, and that of the writer.
+
+    def _work(self) -> None:
+        with suppress(OSError):  # the writer's thread, made here, has it from this one
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), WRITER_NICE)
+        try:
+            self._folder_fd = os.open(self._folder, os.O_DIRECTORY | os.O_CLOEXEC)
+            self._writer.open()
+        except (OSError, RecorderError) as error:
+            self._problem = f"no evidence is recorded: {error}"
+        self._is_open.set()
+        self._ended.wait()
+        self._writer.close(timeout=None)
+        self.finished = True
+        with suppress(OSError, RecorderError):
+            self._repair()  # `madrob recover` says what is wrong with a file that stays as it is
+        self.unrepaired = ""
+        with suppress(OSError):
+            os.close(self._folder_fd)
+
+    def _refusal(self, size: int, coming: int) -> str | None:
+        with self._changed:
+            self._changed.wait_for(lambda: not self._held)
+        if size > self._most_bytes:
+            return "the budget is used up: raise `recording.budget`"
+        if (free := self._free()) - coming - _SPARE >= self._least_free:
+            return None
+        return (
+            f"no more evidence is recorded: {format_size(free)} free, the score keeps "
+            f"{format_size(self._least_free)} for itself; make room by `madrob tidy`"
+        )
+
+    def _free(self) -> int:
+        disk = os.fstatvfs(self._folder_fd)
+        return disk.f_bavail * disk.f_frsize
+
+    def _repair(self) -> None:
+        """Repair what a killed process left of the same run; nobody waits for it.
+
+        A repair copies the file: it waits until scoring has enough room meanwhile.
+        """
+        folder_fd = self._folder_fd
+        names = filter(is_evidence, os.listdir(folder_fd))  # noqa: PTH208  of a handle
+        torn = {
+            name: os.stat(name, dir_fd=folder_fd).st_size
+            for name in names
+            if not summarised(folder_fd, name)
+        }
+        if not torn:
+            return
+        name = max(torn, key=lambda name: torn[name])
+        size = torn[name] + _SPARE
+        while (free := self._free()) - size < self._least_free:
+            self.unrepaired = (
+                f"{name} is not complete and waits for its repair, which takes "
+                f"{format_size(size)}: {format_size(free)} free, the score keeps "
+                f"{format_size(self._least_free)} for itself; make room by `madrob tidy`"
+            )
+            with self._changed:
+                if self._changed.wait_for(lambda: self._left, REPAIR_PERIOD):
+                    return
+        recover_evidence(Path(f"/proc/self/fd/{folder_fd}"))
+
+
+# The process: it listens all the time, and records when ordered to.
+
 
 FIRST_TO_GO = 800
 """Out-of-memory score (of 1000): the kernel ends this process before all others of the engine."""
@@ -54,153 +292,116 @@ END_TIME = 20.0
 
 _PERIOD = 0.02
 _DISCOVERY = 0.5
-_MOST_UNFINISHED = 3
-"""Most recordings unfinished by a slow disk; before that no other is begun."""
+
+_decoder: msgspec.msgpack.Decoder[ToEvidence] = msgspec.msgpack.Decoder(ToEvidence)
 
 _LOWEST_OF_BEST_EFFORT = (2 << 13) | 7
 _IOPRIO_SET = {"x86_64": 251, "aarch64": 30}
 """Number of the system call ioprio_set(2), which the C library lacks."""
 
 
-class OrderLine:
-    """The connection to the engine."""
+class EvidenceDesk:
+    """Carries out the orders that come by the `link`, and reports."""
 
     def __init__(self, link: socket.socket) -> None:
         self._link = link
         self._received = bytearray()
-        self._waiting: deque[ToEvidence] = deque()
-        self.handles: deque[int] = deque()
-
-    def orders(self) -> list[ToEvidence]:
-        while select.select([self._link], [], [], 0)[0]:
-            data, handles, _, _ = socket.recv_fds(self._link, 1 << 16, 8)
-            self.handles.extend(handles)
-            if not data:
-                raise EOFError
-            self._received += data
-            self._waiting.extend(order_of(each) for each in frames(self._received))
-        found = list(self._waiting)
-        self._waiting.clear()
-        return found
-
-    def first_order(self) -> ListenFor:
-        while True:
-            for number, order in enumerate(orders := self.orders()):
-                if isinstance(order, ListenFor):
-                    self._waiting.extend(orders[number + 1 :])
-                    return order
-            time.sleep(_PERIOD)
-
-    def send_news(self, heard: EvidenceNews) -> None:
-        self._link.sendall(frame(heard))
-
-
-class EvidenceDesk:
-    """Listens all the time, and records when ordered to."""
-
-    def __init__(self, line: OrderLine, intakes: EvidenceIntakes) -> None:
-        self._line = line
-        self._intakes = intakes
-        self._recorders: dict[int, EvidenceRecorder] = {}
-        self._current: EvidenceRecorder | None = None
+        self._intakes: EvidenceIntakes | None = None
+        self._files: list[EvidenceFile] = []
+        self._recording: EvidenceFile | None = None
         self._anchor: tuple[int, int] | None = None
-        self._held = False
-        self._left_out: Counter[str] = Counter()
-        self._too_large: Counter[str] = Counter()
-        self._lost_before: dict[str, int] = {}
-        self._lost: dict[str, int] = {}
+        self._held = self._settled = False
         self._problem = ""
-        self._began = time.monotonic()
-        self._settled = False
+        self._settles = math.inf
 
     def work(self) -> None:
+        """Until the engine has gone; raises `EOFError` then."""
         told = found = 0.0
         finished = 0
         while True:
-            before, finished = finished, sum(one.finished for one in self._recorders.values())
-            changed = finished > before  # somebody waits for it
-            for order in self._line.orders():
+            orders, before = self._orders(), finished
+            for order in orders:
                 self._carry_out(order)
-                changed = True
+            finished = sum(one.finished for one in self._files)
             now = time.monotonic()
-            if now - found >= _DISCOVERY:
-                self._intakes.discover(recording=self._current is not None)
+            if self._intakes is not None and now - found >= _DISCOVERY:
+                self._intakes.discover(recording=self._recording is not None)
                 found = now
             self._take()
-            if changed or now - told >= TELL_PERIOD:
+            for file in self._files:
+                file.advance()
+            if orders or finished > before or now - told >= TELL_PERIOD:
                 self._tell()
                 told = now
-            self._intakes.rest(_PERIOD)
+            time.sleep(_PERIOD)
 
     def close(self) -> None:
-        end = time.monotonic() + END_TIME
-        for recorder in self._recorders.values():
-            recorder.hold_writing(held=False)
-            recorder.end()
-            recorder.leave()
-        for recorder in self._recorders.values():
-            recorder.wait(max(0.0, end - time.monotonic()))
+        deadline = time.monotonic() + END_TIME
+        for file in self._files:
+            file.close(deadline)
+        if self._intakes is not None:
+            self._intakes.close()
+
+    def _orders(self) -> list[ToEvidence]:
+        while select.select([self._link], [], [], 0)[0]:
+            data = self._link.recv(1 << 16)
+            if not data:
+                raise EOFError
+            self._received += data
+        return [_decoder.decode(each) for each in frames(self._received)]
 
     def _carry_out(self, order: ToEvidence) -> None:
         match order:
-            case RecordInto():
-                self._begin(order)
-            case FinishFile(number):
+            case ListenFor():
+                self._listen(order)
+            case RecordInto() if self._intakes is not None:
+                self._begin(order, self._intakes)
+            case FinishFile() if self._recording is not None:
                 self._take()
-                self._end(number)
+                self._recording.end()
+                self._tell()  # before a topic that has gone is forgotten
+                self._recording = self._anchor = None
             case LeaveDisk(held):
                 self._held = held
-                for recorder in self._recorders.values():
-                    recorder.hold_writing(held=held)
-            case ListenFor():
-                raise MadrobError("listens already")
+                for file in self._files:
+                    file.hold_writing(held=held)
 
-    def _begin(self, order: RecordInto) -> None:
-        if not self._line.handles:
-            self._problem = "the run's folder did not arrive: is there a file handle left?"
-            return
-        folder = self._line.handles.popleft()
-        for recorder in self._recorders.values():
-            recorder.leave()
-        self._recorders = {n: r for n, r in self._recorders.items() if not r.written.finished}
-        if len(self._recorders) >= _MOST_UNFINISHED:
-            os.close(folder)
-            self._problem = "the disk has not taken earlier evidence: nothing new is recorded"
-            return
-        self._problem = ""
-        self._anchor = (order.steady_ns, order.monotonic_ns)
-        self._take()  # what came before the recording is none of it
-        said_before = self._intakes.begin_recording()
-        self._left_out.clear()
-        self._too_large.clear()
-        self._lost_before = {flow.topic: flow.lost for flow in self._intakes.flows()}
-        recorder = EvidenceRecorder(
-            folder, order.file_name, most_bytes=order.most_bytes, least_free=order.least_free
-        )
-        recorder.hold_writing(held=self._held)
-        self._recorders[order.number] = self._current = recorder
-        for topic, limit, message in said_before:
-            said = type(message)(
-                message.topic, message.type, message.data, message.publish_ns, self._now_ns()
+    def _listen(self, order: ListenFor) -> None:
+        try:
+            self._intakes = EvidenceIntakes(
+                order.domain,
+                order.choice,
+                order.own_topics,
+                ros_args=order.ros_args,
+                environment=os.environ,
+                name=console_name().replace("console", "evidence", 1),
             )
-            recorder.record_message(said, topic, limit.priority)
+        except MadrobError as error:  # a new process could do no more
+            self._problem = terminal_safe(str(error))
+        self._settles = time.monotonic() + SETTLING
+        gc.freeze()  # what was imported stays
 
-    def _end(self, number: int) -> None:
-        if (recorder := self._recorders.get(number)) is not None:
-            recorder.end()
-            if recorder is self._current:
-                self._lost = self._lost_now()
-                self._current = self._anchor = None
+    def _begin(self, order: RecordInto, intakes: EvidenceIntakes) -> None:
+        for file in self._files:
+            file.leave()
+        self._files = [file for file in self._files if not file.finished]
+        room = QUEUE_BYTES - sum(file.queued_bytes for file in self._files)
+        self._anchor = (order.place.steady_ns, order.place.monotonic_ns)
+        self._take()  # what came before the recording is none of it
+        self._recording = EvidenceFile(order, max(room, LEAST_QUEUE_BYTES), held=self._held)
+        self._files.append(self._recording)
+        for kept in intakes.begin_recording():
+            now = self._now_ns()
+            said = [msgspec.structs.replace(message, receive_ns=now) for message in kept.messages]
+            self._recording.record(TakenEvidence(kept.topic, said))
 
     def _take(self) -> None:
+        recording = self._recording
+        if self._intakes is None or not (recording is None or recording.takes):
+            return
         for taken in self._intakes.take_messages(self._now_ns):
-            if self._current is None:
-                continue
-            name = taken.topic.name
-            self._left_out[name] += taken.left_out
-            self._too_large[name] += taken.too_large
-            for message in taken.messages:
-                self._current.record_message(message, taken.topic, taken.limit.priority)
+            if recording is not None:
+                recording.record(taken)
 
     def _now_ns(self) -> int:
         """Steady time: that of the engine while there is a recording (protocol section 8)."""
@@ -209,31 +410,20 @@ class EvidenceDesk:
         steady, monotonic = self._anchor
         return steady + time.monotonic_ns() - monotonic
 
-    def _lost_now(self) -> dict[str, int]:
-        before = self._lost_before
-        flows = self._intakes.flows()
-        return {f.topic: lost for f in flows if (lost := f.lost - before.get(f.topic, 0)) > 0}
-
     def _tell(self) -> None:
-        if self._current is not None:
-            self._lost = self._lost_now()
-        flows = self._intakes.flows()
-        complete = bool(flows) and not self._intakes.unseen
-        self._settled |= complete and all(flow.rate for flow in flows)
-        self._settled |= time.monotonic() - self._began > SETTLING
-        heard = EvidenceNews(
-            settled=self._settled,
-            flows=flows,
-            left_over=self._intakes.left_over,
-            unseen=self._intakes.unseen,
-            scored=self._intakes.scored,
-            recordings={number: one.written for number, one in self._recorders.items()},
-            left_out=+self._left_out,
-            too_large=+self._too_large,
-            lost=self._lost,
-            problem=self._problem,
-        )
-        self._line.send_news(heard)
+        news = EvidenceNews(problem=self._problem)
+        if (intakes := self._intakes) is not None:
+            topics = intakes.topics()
+            complete = bool(topics) and not intakes.unseen and all(one.rate for one in topics)
+            self._settled |= complete or time.monotonic() > self._settles
+            news = EvidenceNews(
+                settled=self._settled,
+                topics=topics,
+                left_over=intakes.left_over,
+                unseen=intakes.unseen,
+                scored=intakes.scored,
+            )
+        self._link.sendall(frame(self._files[-1].told(news) if self._files else news))
 
 
 def give_way() -> None:
@@ -251,38 +441,12 @@ def main() -> None:
     give_way()
     with Path(os.devnull).open("w") as nothing:
         os.dup2(nothing.fileno(), sys.stdout.fileno())  # what DDS says there is of no program's
-    line = OrderLine(socket.socket(fileno=int(sys.argv[1])))
-    with suppress(EOFError, ConnectionError):
-        wanted = line.first_order()
-        try:
-            intakes = EvidenceIntakes(
-                wanted.domain,
-                wanted.choice,
-                wanted.own_topics,
-                ros_args=wanted.ros_args,
-                environment=os.environ,
-                name=console_name().replace("console", "evidence", 1),
-            )
-        except MadrobError as error:
-            _wait_in_vain(line, str(error))
-            return
-        gc.freeze()  # what was imported stays
-        desk = EvidenceDesk(line, intakes)
-        try:
+    desk = EvidenceDesk(socket.socket(fileno=int(sys.argv[1])))
+    try:
+        with suppress(EOFError, ConnectionError):
             desk.work()
-        finally:
-            desk.close()
-            intakes.close()
-
-
-def _wait_in_vain(line: OrderLine, why: str) -> None:
-    """Idle: without ROS nothing can be recorded, and a restart would change nothing."""
-    while True:
-        for _ in line.orders():
-            while line.handles:
-                os.close(line.handles.popleft())
-        line.send_news(EvidenceNews(problem=terminal_safe(why)))
-        time.sleep(TELL_PERIOD)
+    finally:
+        desk.close()
 
 
 if __name__ == "__main__":

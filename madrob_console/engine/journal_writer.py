@@ -266,10 +266,9 @@ class Recording:
         topics: those known by now; more can be added.
         entries: the journal's first lines; the last one is the start.
         lossless: wait for the disk instead of dropping (virtual time).
-        evidence: whether others record into the folder, too.
     """
 
-    def __init__(  # noqa: PLR0913  what it records, and with what
+    def __init__(
         self,
         root: Path,
         record: RunRecord,
@@ -279,7 +278,6 @@ class Recording:
         *,
         lossless: bool,
         disk: DiskJobs,
-        evidence: bool = False,
     ) -> None:
         setup = record.setup
         name = RunName(setup.subject, setup.condition.number, setup.run_number)
@@ -298,7 +296,6 @@ class Recording:
             self._writer.open()
         except RecorderError as error:
             raise MadrobError(str(error)) from None
-        self._evidence_folder = _handle_of(self.folder) if evidence else None
         try:
             self.journal = OpenJournal.create(self.folder / JOURNAL_FILE, entries)
         except MadrobError:
@@ -319,14 +316,6 @@ class Recording:
 
     def record_messages(self, messages: Iterable[RawMessage]) -> None:
         self._writer.put_all(messages)
-
-    def take_evidence_folder(self) -> int | None:
-        """The folder's handle, once, for the evidence recorder, which closes it.
-
-        It stays good when the folder is renamed.
-        """
-        handle, self._evidence_folder = self._evidence_folder, None
-        return handle
 
     def dropped(self) -> dict[str, int]:
         return dict(self._writer.stats().dropped)
@@ -372,8 +361,6 @@ class Recording:
 
         The journal goes on.
         """
-        if (handle := self.take_evidence_folder()) is not None:
-            os.close(handle)
         return self._writer.close(None)
 
 
@@ -382,10 +369,3 @@ def _problem_of(folder: Path) -> str | None:
         return None
     why = "cannot be written" if os.path.lexists(folder) else "is gone"
     return f"{folder} {why}: the result would not be on disk"
-
-
-def _handle_of(folder: Path) -> int | None:
-    try:
-        return os.open(folder, os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
-    except OSError:
-        return None  # the run goes on; no evidence is recorded, which is told

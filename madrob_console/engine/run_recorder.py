@@ -151,10 +151,6 @@ class EventPublisher:
 COUNTING = 0.5
 """The result waits at most this long for all of the evidence to be counted, s."""
 
-_NO_FOLDER = EvidenceAccount(
-    problems=("nothing was recorded: the run's folder could not be opened a second time",)
-)
-
 
 class RunRecorder:
     """Opens and closes the recording of one run after the other, and knows what is missing."""
@@ -170,7 +166,6 @@ class RunRecorder:
         self._last: Recording | None = None
         self._closing = False
         self._lost_before: dict[str, int] = {}
-        self._has_evidence = False
 
     @property
     def recording(self) -> bool:
@@ -213,7 +208,6 @@ class RunRecorder:
             (*self._event_publisher.journal.entries, entry),
             lossless=config.lossless,
             disk=self._keepers.own,
-            evidence=self._evidence_client.status is not None,
         )
         return self._keepers.own.submit_job(partial(_open, make, line), done)
 
@@ -225,12 +219,9 @@ class RunRecorder:
             recording.add_topics(self._source.topics())
             self.record_messages([replace(told, receive_ns=now_ns)])  # said before the bag was open
         self._lost_before = self._lost()
-        folder = recording.take_evidence_folder()
-        self._has_evidence = folder is not None
-        if folder is not None:
+        if self._evidence_client.status is not None:
             place = EvidencePlace(
-                folder,
-                recording.folder.name,
+                str(recording.folder.absolute()),
                 self._clock.now_ns(),
                 time.monotonic_ns(),
                 most_bytes=self._room.budget_left,
@@ -255,7 +246,7 @@ class RunRecorder:
         recording = self._event_publisher.recording
         assert recording is not None
         self._event_publisher.recording, self._closing = None, True
-        self._evidence_client.end()
+        self._evidence_client.end_recording()
         losses = tuple(self._losses())
 
         def closed(_answer: Future[BagSummary]) -> None:
@@ -275,17 +266,13 @@ class RunRecorder:
     @property
     def silent(self) -> float:
         """How long the disk has taken nothing of the recording, s. From any thread."""
-        last = self._last
+        last = self._last if self.open else None
         return 0.0 if last is None else last.silent
 
     def evidence(self, start: float) -> EvidenceAccount | None:
         """Account of the evidence; None = none is wanted. `start` is in s since the epoch."""
         status = self._evidence_client.status
-        if status is None:
-            return None
-        if not self._has_evidence:
-            return _NO_FOLDER
-        return status.account_since(start)
+        return None if status is None else status.account_since(start)
 
     def view(self) -> RecorderView:
         return RecorderView("closed") if self._last is None else self._last.view()

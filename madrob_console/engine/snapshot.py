@@ -12,7 +12,6 @@ from madrob_console.engine.requests import PlaybackView, Role, TakeOver
 from madrob_console.referee.acts import Abort
 from madrob_console.referee.checks import Check, Freshness
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
-from madrob_console.referee.evidence_account import EvidenceGap
 from madrob_console.referee.flags import NO_INDICATORS, Flag, flags
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.lists import NO_TEAMS, TeamList
@@ -115,37 +114,26 @@ class RecorderView:
 
 
 @dataclass(frozen=True, slots=True)
-class EvidenceTopicView:
-    """One topic of the evidence, live.
-
-    `rate` and `byte_rate` are messages and bytes a second of what is recorded; `lost`
-    counts messages in the current or last recording.
-    """
-
-    topic: str
-    type: str
-    rate: float
-    byte_rate: float
-    lost: int = 0
-    problem: str = ""
-
-
-@dataclass(frozen=True, slots=True)
 class EvidenceView:
     """The evidence, live.
 
     Attributes:
+        topics: how many there are.
+        byte_rate: bytes a second of what is recorded of all.
         size: of the current or last recording, bytes.
         room: how long it can go on at the present rate, s; None = unknown, or nothing comes.
-        gaps: when nothing was recorded in the current recording, s since the start.
+        missing: when nothing was recorded in the current recording, in words.
+        worst: the topic that lacks most, in words.
     """
 
-    topics: tuple[EvidenceTopicView, ...] = ()
+    topics: int = 0
+    byte_rate: float = 0.0
     recording: bool = False
     size: int = 0
     room: float | None = None
     problem: str | None = None
-    gaps: tuple[EvidenceGap, ...] = ()
+    missing: str = ""
+    worst: str = ""
 
 
 class Weight(StrEnum):

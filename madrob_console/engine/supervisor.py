@@ -103,7 +103,7 @@ class Child:
                 self.link.close()
                 raise
         self.link.setblocking(False)
-        self.out: deque[tuple[memoryview, int | None]] = deque()
+        self.out: deque[memoryview] = deque()
         self._frame = _Frame(LENGTH.size)
         self._looked = self.moved_at = time.monotonic()
         self._used = ""
@@ -142,11 +142,8 @@ class Child:
         """Send what waits in `out`, as far as the socket takes it."""
         with suppress(BlockingIOError):
             while self.out:
-                data, handle = self.out[0]
-                handles = [] if handle is None else [handle]
-                sent = socket.send_fds(self.link, [data], handles)
-                self.out[0] = data[sent:], None
-                if sent == len(data):
+                self.out[0] = self.out[0][self.link.send(self.out[0]) :]
+                if not self.out[0]:
                     self.out.popleft()
 
     def moved(self, now: float) -> float:
@@ -263,15 +260,13 @@ class Worker:
         child = self._child
         return None if child is None else child.pid
 
-    def send(self, message: msgspec.Struct, handle: int | None = None) -> None:
-        """Send a message, and a file handle, which stays open until the process ends."""
-        assert self._child is not None
-        self._child.out.append((memoryview(frame(message)), handle))
+    def send(self, message: msgspec.Struct) -> None:
+        self.send_parts([frame(message)])
 
     def send_parts(self, parts: Iterable[bytes]) -> None:
         """Send bytes, which are no frame, without copying them."""
         assert self._child is not None
-        self._child.out.extend((memoryview(part), None) for part in parts)
+        self._child.out.extend(map(memoryview, parts))
 
     @property
     def moved(self) -> float:
@@ -283,6 +278,12 @@ class Worker:
     def backed_up(self) -> bool:
         """Whether messages wait until the process takes them."""
         return self._child is not None and bool(self._child.out)
+
+    def wait_until_left(self, limit: float) -> None:
+        """Wait for the end of a process that is not wanted any more, `limit` s at most."""
+        end = time.monotonic() + limit
+        while (self._child or self._leaving) is not None and time.monotonic() < end:
+            time.sleep(0.01)
 
     # ------------------------------------------------------------------ for the supervisor
 
@@ -358,11 +359,13 @@ class Worker:
                 self._leaving.kill()
 
     def _reap(self, now: float, child: Child) -> float:
-        ended = child.ended
-        if not ended and now - self._left_at < END_TIME:
+        ended, waited = child.ended, now - self._left_at
+        may_go_on = self.goes_on and not self.wanted and not child.stopped
+        if not ended and waited < END_TIME:
             return 0.05
-        if not ended:
+        if not ended and not may_go_on and waited < 2 * END_TIME:
             child.kill()  # it may hang in a disk: then nobody can end it
+            return 0.05
         self._leaving = None
         if self._why is not None:
             self._pause(self._why or ended or "it did not end by itself")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from madrob_console.archive.run_journal import Unfinished
 from madrob_console.common.formatting import time_words
 from madrob_console.engine.current_run import Acting, CurrentRun
-from madrob_console.engine.evidence_client import WitnessStatus
+from madrob_console.engine.evidence_client import EvidenceStatus
 from madrob_console.engine.observation import Backlog, Observation
 from madrob_console.engine.replay import NO_ACTS, EngineContext
 from madrob_console.engine.snapshot import (
@@ -137,16 +137,7 @@ class StateView:
         status = self.engine_context.evidence_client.status
         if status is None:
             return None
-        start = self.at_hand.run.start
-        gaps = () if start is None else (gap.since(start) for gap in status.gaps)
-        return EvidenceView(
-            status.topics_since(start),
-            status.recording,
-            status.size,
-            self.pre_start.evidence_lasts(now),
-            status.trouble(start),
-            tuple(gap for gap in gaps if status.recording),
-        )
+        return status.view(self.at_hand.run.start, self.pre_start.evidence_lasts(now))
 
 
 def overdue_protests(run: Run, now: float) -> Iterator[str]:
@@ -162,7 +153,7 @@ def disk_problem(checks: Iterable[Check]) -> str | None:
     return f"{check.name}: {check.reason}"
 
 
-def evidence_faults(status: WitnessStatus | None, start: float | None) -> Iterator[str]:
+def evidence_faults(status: EvidenceStatus | None, start: float | None) -> Iterator[str]:
     """Faults of the evidence, in words; `start` of the run is in s since the epoch."""
     if status is not None:
         yield from (f"evidence: {words}" for words in status.faults(start))

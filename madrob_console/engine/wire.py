@@ -262,6 +262,17 @@ _answers = {kind: msgspec.msgpack.Decoder(_answer_type(kind)) for kind in REQUES
 _messages: msgspec.msgpack.Decoder[FromEngine] = msgspec.msgpack.Decoder(FromEngine)
 
 
+def frames(received: bytearray) -> Iterator[bytes]:
+    """Whole frames; removes them from `received`."""
+    while len(received) >= LENGTH.size:
+        end = LENGTH.size + LENGTH.unpack_from(received)[0]
+        if len(received) < end:
+            return
+        data = bytes(memoryview(received)[LENGTH.size : end])
+        del received[:end]
+        yield data
+
+
 def frame(message: msgspec.Struct) -> bytes:
     data = _encoder.encode(message)
     return LENGTH.pack(len(data)) + data

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-from madrob_console.common.formatting import counted, listed
+from madrob_console.common.formatting import counted, listed, time_of_day
 
 
 class EvidenceLoss(StrEnum):
@@ -24,17 +24,20 @@ class EvidenceLoss(StrEnum):
     """The disk refused it or had no room left for evidence, or its process ended before."""
 
 
+MOST_GAPS = 20
+"""Gaps that are listed one by one."""
+
+
 @dataclass(frozen=True, slots=True)
 class EvidenceGap:
-    """A time of which nothing of the evidence is in the files.
+    """A time without evidence, of one topic or of all.
 
     Attributes:
-        begin: the last of what is there, s since the start of the run; while it is recorded, s
+        begin: the last message before it, s since the start of the run; while it is recorded, s
             since the epoch.
-        end: likewise, the first of what is there again; null = it went on to the end.
+        end: likewise, the first message after it; null = it went on to the end.
         why: in words.
-        number: how many gaps these are, with some evidence between them: the last one told has all
-            that came later.
+        number: how many gaps these are, with some evidence between them: see `with_gap`.
     """
 
     begin: float
@@ -52,6 +55,15 @@ class EvidenceGap:
         end = "the end" if self.end is None else f"{self.end:+.1f} s"
         times = f", {self.number} times" if self.number > 1 else ""
         return f"from {self.begin:+.1f} s to {end}{times}"
+
+
+def with_gap(gaps: Sequence[EvidenceGap], gap: EvidenceGap) -> tuple[EvidenceGap, ...]:
+    """Add a later gap; beyond `MOST_GAPS` the last one takes in all later ones."""
+    if len(gaps) < MOST_GAPS:
+        return *gaps, gap
+    last = gaps[-1]
+    merged = replace(last, end=gap.end, why=gap.why, number=last.number + gap.number)
+    return *gaps[:-1], merged
 
 
 def gaps_words(gaps: Sequence[EvidenceGap]) -> str:
@@ -81,9 +93,13 @@ class RecordedTopic:
     problem: str = ""
 
     @property
+    def lost_count(self) -> int:
+        return sum(self.lost.values())
+
+    @property
     def lost_words(self) -> str:
         reasons = ", ".join(f"{number} {why}" for why, number in self.lost.items() if number)
-        return f"{sum(self.lost.values())} lost ({reasons})" if reasons else ""
+        return f"{self.lost_count} lost ({reasons})" if reasons else ""
 
     @property
     def left_out_words(self) -> str:
@@ -94,6 +110,92 @@ class RecordedTopic:
         reasons = ", ".join(why for why, number in self.lost.items() if number)
         lost = f"messages are lost ({reasons})" if reasons else ""
         return ", ".join(filter(None, (lost, self.problem)))
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceTopic(RecordedTopic):
+    """One topic of the evidence, live. Times are s since the epoch.
+
+    Its counts are those of the current or last recording.
+
+    Attributes:
+        rate, byte_rate: messages and bytes a second of what is recorded.
+        publishers: how many there are.
+        kept: whether they keep messages for late joiners, so that silence is no fault.
+        silences: of a steady topic: in the recording, or the present one; the last may go on.
+        first: its first message in the recording.
+    """
+
+    rate: float = 0.0
+    byte_rate: float = 0.0
+    publishers: int = 1
+    kept: bool = False
+    silences: tuple[EvidenceGap, ...] = ()
+    first: float | None = None
+
+    @property
+    def silent(self) -> bool:
+        return not self.publishers or not (self.rate or self.kept)
+
+    def words_since(self, start: float | None) -> str:
+        """What is wrong with it, in words, live and afterwards.
+
+        Without a `start` of the run, in s since the epoch, it has the time of day.
+        """
+        first = "" if start is None else first_words(self.first, start)
+        return ", ".join(filter(None, (first, silence_words(self.silences, start), self.problem)))
+
+    def recorded(self, start: float) -> RecordedTopic:
+        """What stands in the account; `start` of the run is in s since the epoch."""
+        return RecordedTopic(
+            self.topic,
+            self.type,
+            self.messages,
+            self.bytes,
+            self.left_out,
+            self.lost,
+            self.words_since(start),
+        )
+
+    def after(self, before: EvidenceTopic) -> EvidenceTopic:
+        """With what an earlier process of the same recording counted."""
+        silences = before.silences
+        if silences and silences[-1].end is None and self.first is not None:
+            silences = *silences[:-1], replace(silences[-1], end=self.first)
+        for one in self.silences:
+            silences = with_gap(silences, one)
+        lost = {
+            why: number
+            for why in EvidenceLoss
+            if (number := before.lost.get(why, 0) + self.lost.get(why, 0))
+        }
+        return replace(
+            self,
+            messages=before.messages + self.messages,
+            bytes=(before.bytes or 0) + (self.bytes or 0),
+            left_out=before.left_out + self.left_out,
+            lost=lost,
+            problem=self.problem or before.problem,
+            silences=silences,
+            first=before.first or self.first,
+        )
+
+
+def first_words(first: float | None, start: float) -> str:
+    """When a topic came first, in words; empty = before the start. Times: s since the epoch."""
+    return "" if first is None or first <= start else f"first message at {first - start:+.1f} s"
+
+
+def silence_words(silences: Sequence[EvidenceGap], start: float | None) -> str:
+    """When nothing came, in words; without a `start` of the run the present silence alone."""
+    if not silences:
+        return ""
+    since, goes_on = silences[-1].begin, silences[-1].end is None
+    if start is None:
+        return f"silent since {time_of_day(since)}" if goes_on else ""
+    over = gaps_words([one.since(start) for one in silences if one.end is not None])
+    now = f"since {since - start:+.1f} s" if goes_on else ""
+    return f"silent {' and '.join(filter(None, (now, over)))}"
 
 
 def _as_found(told: RecordedTopic, found: int) -> RecordedTopic:
@@ -130,7 +232,7 @@ class EvidenceAccount:
     def words(self) -> str:
         messages = sum(one.messages for one in self.topics)
         size = (self.file_bytes or sum(one.bytes or 0 for one in self.topics)) / 1e6
-        lost = sum(sum(one.lost.values()) for one in self.topics)
+        lost = sum(one.lost_count for one in self.topics)
         missing = f", {self._at_least}{lost} lost" if lost else ""
         if self.gaps:
             missing += f", missing {self.gap_words}"
@@ -213,5 +315,3 @@ CUT_OFF = EvidenceAccount(
     unwritten=None,
 )
 """For a run with evidence files but no account."""
-
-NO_EVIDENCE = EvidenceAccount()

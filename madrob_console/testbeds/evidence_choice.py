@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from madrob_console.common.clock import NS
+from madrob_console.referee.evidence_account import EvidenceGap, with_gap
 
 if TYPE_CHECKING:
     from recorder.bag import RawMessage
@@ -25,12 +25,11 @@ class TopicLimit(msgspec.Struct, frozen=True):
     """Limits for recording the topics that match a pattern.
 
     `most_rate` is in messages a second of each topic, None = all; messages beyond it do not count
-    as lost. Topics with a higher `priority` are preferred where not everything can be recorded.
+    as lost.
     """
 
     topics: str
     most_rate: float | None = None
-    priority: int = 0
 
 
 NO_LIMIT = TopicLimit("/**")
@@ -90,8 +89,6 @@ RATE_WINDOW = 5.0
 SILENT_AFTER = 2.0
 """Seconds without a message after which a steady topic is silent."""
 
-MOST_PAUSES = 20
-
 _SHORTEST = 1.0
 """The shortest time, s, over which a rate is averaged."""
 
@@ -99,68 +96,33 @@ _UNEVEN, _MORE = 1.0, 1.02
 """How early a message may come, s, and by what factor a topic may exceed its limit."""
 
 
-@dataclass(frozen=True, slots=True)
-class TopicPause:
-    """A time without messages on a steady topic, in steady ns; `end_ns` null = it goes on.
-
-    `number` counts the pauses merged in this one, with some messages between them.
-    """
-
-    begin_ns: int
-    end_ns: int | None = None
-    number: int = 1
-
-
-@dataclass(frozen=True, slots=True)
-class TopicFlow:
-    """The traffic of a topic, with rates of the recorded messages and bytes a second.
-
-    `lost` counts since the subscription. A topic is `kept` where its publishers keep messages for
-    late joiners, so that silence is no fault. `pauses` are those of this recording.
-    """
-
-    topic: str
-    type: str
-    publishers: int
-    rate: float
-    byte_rate: float
-    lost: int
-    problem: str = ""
-    kept: bool = False
-    pauses: tuple[TopicPause, ...] = ()
-
-    @property
-    def silent(self) -> bool:
-        return not self.publishers or not (self.rate or self.kept)
-
-
 class SilenceWatch:
     """Notices when a steady topic stops; an irregular topic may be silent.
 
-    A topic is steady after `SILENT_AFTER` without as long a pause. Times are steady ones (protocol
-    section 8), ns since the epoch. A topic `named` in the settings may never be silent.
+    A topic is steady after `SILENT_AFTER` without as long a silence. Times are steady ones
+    (protocol section 8), ns since the epoch. A topic `named` in the settings may never be silent.
     """
 
     def __init__(self, *, named: bool = False) -> None:
         self._named = named
         self._listens: int | None = None
-        self._first: int | None = None  # of what came without a pause
+        self._first: int | None = None  # of what came without a silence
         self._last = 0
         self._steady = False
-        self._pauses: list[TopicPause] = []
+        self._over: tuple[EvidenceGap, ...] = ()
 
     def listen(self, at_ns: int) -> None:
         self._listens = at_ns if self._listens is None else self._listens
 
     def begin_recording(self) -> None:
-        self._pauses.clear()
+        self._over = ()
 
     def came(self, at_ns: int) -> None:
         if self._first is None:
             self._first = at_ns
         elif at_ns - self._last > SILENT_AFTER * NS:
             if self._steady:
-                self._pauses = [*self._with(self._last, at_ns)]
+                self._over = with_gap(self._over, self._silence(at_ns / NS))
             self._first = at_ns
         self._last = at_ns
         self._steady |= at_ns - self._first >= SILENT_AFTER * NS
@@ -170,17 +132,14 @@ class SilenceWatch:
             return ""
         return "nothing has come" if now_ns - self._listens > SILENT_AFTER * NS else ""
 
-    def pauses(self, now_ns: int) -> tuple[TopicPause, ...]:
+    def silences(self, now_ns: int) -> tuple[EvidenceGap, ...]:
+        """Since the recording began; the last may go on."""
         if self._steady and now_ns - self._last > SILENT_AFTER * NS:
-            return self._with(self._last, None)
-        return tuple(self._pauses)
+            return with_gap(self._over, self._silence(None))
+        return self._over
 
-    def _with(self, begin_ns: int, end_ns: int | None) -> tuple[TopicPause, ...]:
-        """Beyond `MOST_PAUSES` the last pause takes in all later ones."""
-        if len(self._pauses) < MOST_PAUSES:
-            return *self._pauses, TopicPause(begin_ns, end_ns)
-        *before, last = self._pauses
-        return *before, replace(last, end_ns=end_ns, number=last.number + 1)
+    def _silence(self, end: float | None) -> EvidenceGap:
+        return EvidenceGap(self._last / NS, end, "nothing came")
 
 
 class RateLimit:

@@ -20,6 +20,7 @@ from madrob_console.engine.evidence_client import EvidencePlace
 from madrob_console.engine.evidence_process import EvidenceProcess
 from madrob_console.engine.evidence_status import ListenFor
 from madrob_console.engine.evidence_worker import TELL_PERIOD
+from madrob_console.engine.supervisor import Supervisor
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
 from recorder.bag import RawMessage, Topic
@@ -256,27 +257,27 @@ def _evidence(stream: Stream) -> _Recorded:
         tempfile.TemporaryDirectory(prefix="madrob-") as folder,
         BagWriter(Path(folder, "bag"), [], {}) as bag,
         closing(EvidenceProcess(listen)) as process,
+        closing(Supervisor(process)),
         cameras(
             stream, seconds=SENDING, wait=PATIENCE, env={"ROS_DOMAIN_ID": str(domain)}
         ) as sender,
     ):
-        handle = os.open(bag.folder, os.O_DIRECTORY)
         now, monotonic = time.time_ns(), time.monotonic_ns()
-        process.begin_recording(EvidencePlace(handle, bag.folder.name, now, monotonic, 10**10, 0))
+        process.begin_recording(EvidencePlace(str(bag.folder), now, monotonic, 10**10, 0))
         first = until(lambda: _messages(process), PATIENCE)
         assert process.pid is not None
         before = cpu_time(process.pid)
         sent = _sent(sender)
         settled = until(lambda: _settled(process), PATIENCE)
         used = cpu_time(process.pid) - before
-        process.end()
+        process.end_recording()
         until(lambda: not (process.status.recording or process.status.finishing), PATIENCE)
         got = sum(1 for _ in read_bag(bag.folder, evidence=True).messages())
         return _Recorded(1e6 * used / (settled - first), 100 * (1 - got / sent))
 
 
 def _messages(process: EvidenceProcess) -> int:
-    return sum(topic.messages for topic in process.status.account.topics)
+    return sum(topic.messages for topic in process.status.recorded)
 
 
 def _settled(process: EvidenceProcess) -> int:

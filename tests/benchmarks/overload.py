@@ -98,7 +98,7 @@ def _run(streams: Sequence[Stream]) -> _Run:
         if streams:
             stack.enter_context(cameras(*streams, env=env))
             wanted = sum(stream.count for stream in streams)
-            engine.wait_for(lambda s: s.evidence is not None and len(s.evidence.topics) >= wanted)
+            engine.wait_for(lambda s: s.evidence is not None and s.evidence.topics >= wanted)
         _begin(engine)
         used, began = cpu_time(engine.process.pid), time.monotonic()
         until(lambda: time.monotonic() > began + WATCHED, 2 * WATCHED)

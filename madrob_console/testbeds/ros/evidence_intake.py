@@ -11,12 +11,12 @@ from functools import cache, partial
 from typing import TypeVar
 
 from madrob_console.common.names import terminal_safe
+from madrob_console.referee.evidence_account import EvidenceLoss, EvidenceTopic
 from madrob_console.testbeds.evidence_choice import (
     EvidenceChoice,
     FlowMeter,
     RateLimit,
     SilenceWatch,
-    TopicFlow,
     TopicLimit,
     matches,
 )
@@ -58,7 +58,6 @@ class TakenEvidence:
     """What one take of a topic has brought; `left_out` counts those over the rate limit."""
 
     topic: Topic
-    limit: TopicLimit
     messages: list[RawMessage] = field(default_factory=list)
     left_out: int = 0
     too_large: int = 0
@@ -79,14 +78,12 @@ class EvidenceIntake:
     ) -> None:
         self.name = name
         self._node = node
-        self._limit = limit
         self._largest = largest
         self._describe = describe
         self._intake = self._new_intake()
         self._rate_limit = RateLimit(limit.most_rate)
         self._refusal = ""
-        self._largest_seen = 0
-        self._too_large = 0
+        self._largest_seen = self._too_large = self._lost_before = 0
         self._kept: deque[RawMessage] = deque(maxlen=_KEPT)
         self._size: int | None = None
         self._meter = FlowMeter(time.monotonic())
@@ -99,10 +96,10 @@ class EvidenceIntake:
 
     @property
     def kept(self) -> tuple[RawMessage, ...]:
-        return tuple(self._kept) if self.kept_for_late else ()
+        return tuple(self._kept) if self._kept_for_late else ()
 
     @property
-    def kept_for_late(self) -> bool:
+    def _kept_for_late(self) -> bool:
         topic = self.topic
         return topic is not None and topic.qos.durability is Durability.TRANSIENT_LOCAL
 
@@ -129,7 +126,7 @@ class EvidenceIntake:
         if received:
             self._size = max(len(each.data) for each in received)
             intake.depth = _depth(self._size, intake.depth)
-        taken = TakenEvidence(topic, self._limit)
+        taken = TakenEvidence(topic)
         for each in received:
             self._sort(each, arrival(each.received_ns, now, wall), taken)
         self._count(taken.messages)
@@ -144,6 +141,7 @@ class EvidenceIntake:
     def begin_recording(self) -> None:
         """Begins a recording: a topic that was left alone gets another chance."""
         self._too_large = self._largest_seen = 0
+        self._lost_before = self._lost
         self._silence.begin_recording()
 
     @property
@@ -168,19 +166,20 @@ class EvidenceIntake:
 
     def _count(self, messages: Sequence[RawMessage]) -> None:
         self._meter.count(messages, time.monotonic())
-        if messages and self.kept_for_late:
+        if messages and self._kept_for_late:
             self._kept.extend(m for m in messages if len(m.data) <= _KEPT_BYTES)
             while sum(len(m.data) for m in self._kept) > _KEPT_BYTES:
                 self._kept.popleft()
 
     @property
-    def lost(self) -> int:
+    def _lost(self) -> int:
         """Messages lost on the way here, as far as sequence numbers or DDS tell."""
         counted = self._intake.lost
         return self._intake.reported_lost if counted is None else counted
 
     @property
-    def flow(self) -> TopicFlow:
+    def state(self) -> EvidenceTopic:
+        """The topic, with what was lost on the way since the recording began."""
         problem = self._refusal or self._intake.problem or ""
         if problem and not self._refusal and not self._intake.subscribed:
             problem = f"not recorded: {problem}"
@@ -190,16 +189,17 @@ class EvidenceIntake:
             if self.left_alone:
                 problem += ": it is left alone until the next run"
         rate, byte_rate = self._meter.rates(time.monotonic())
-        return TopicFlow(
+        lost = self._lost - self._lost_before
+        return EvidenceTopic(
             self.name,
             self._intake.type,
-            self._intake.publishers,
-            rate,
-            byte_rate,
-            self.lost,
-            problem or self._silence.problem(self._now),
-            self.kept_for_late,
-            self._silence.pauses(self._now),
+            lost={EvidenceLoss.ON_THE_WAY: lost} if lost > 0 else {},
+            problem=problem or self._silence.problem(self._now),
+            rate=rate,
+            byte_rate=byte_rate,
+            publishers=self._intake.publishers,
+            kept=self._kept_for_late,
+            silences=self._silence.silences(self._now),
         )
 
     def refuse(self, why: str) -> None:
@@ -284,28 +284,24 @@ class EvidenceIntakes:
             for name in [name for name in self._intakes if name not in there]:
                 self._intakes.pop(name).close()
 
-    def rest(self, duration: float) -> None:
-        time.sleep(duration)
-
     def take_messages(self, now_ns: Callable[[], int]) -> Iterator[TakenEvidence]:
         for intake in self._intakes.values():
             taken = _named(intake, partial(intake.take_messages, now_ns(), time.time_ns()))
             if taken is not None:
                 yield taken
 
-    def begin_recording(self) -> list[tuple[Topic, TopicLimit, RawMessage]]:
+    def begin_recording(self) -> list[TakenEvidence]:
         """Begins a recording; returns the earlier messages that are kept for late joiners."""
         for intake in self._intakes.values():
             intake.begin_recording()
         return [
-            (intake.topic, self._choice.limit(intake.name), message)
+            TakenEvidence(intake.topic, list(intake.kept))
             for intake in self._intakes.values()
             if intake.topic is not None
-            for message in intake.kept
         ]
 
-    def flows(self) -> tuple[TopicFlow, ...]:
-        return tuple(self._intakes[name].flow for name in sorted(self._intakes))
+    def topics(self) -> tuple[EvidenceTopic, ...]:
+        return tuple(self._intakes[name].state for name in sorted(self._intakes))
 
     def close(self) -> None:
         for intake in self._intakes.values():

@@ -14,7 +14,7 @@ from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragrap
 from madrob_console.ui.look.words import shortened, wrapped
 
 if TYPE_CHECKING:
-    from madrob_console.engine.snapshot import EvidenceTopicView, EvidenceView, Snapshot
+    from madrob_console.engine.snapshot import EvidenceView, Snapshot
 
 MOST_ROWS = 3
 """Rows that faults may take from the screen."""
@@ -143,28 +143,13 @@ def _parts(evidence: EvidenceView) -> Iterator[Span]:
         yield Span(evidence.problem, Tone.BAD)
     elif not evidence.topics:
         yield Span("none of its topics is there", Tone.WARN)
-    if over := [gap for gap in evidence.gaps if gap.end is not None]:
-        number = sum(gap.number for gap in over)
-        when = over[-1].words if number == 1 else f"{number} times"
-        yield Span(f"missing {when}", Tone.WARN)
+    if evidence.missing:
+        yield Span(evidence.missing, Tone.WARN)
     if evidence.room is not None:
         yield Span(f"room for {format_duration(evidence.room)}")
-    if poor := [topic for topic in evidence.topics if topic.lost or topic.problem]:
-        yield Span(_worst(poor, "+" if evidence.gaps else ""), Tone.WARN)
-    if number := len(evidence.topics):
-        byte_rate = sum(topic.byte_rate for topic in evidence.topics)
-        yield Span(f"{counted(number, 'topic')} {byte_rate / 1e6:.1f} MB/s")
+    if evidence.worst:
+        yield Span(evidence.worst, Tone.WARN)
+    if number := evidence.topics:
+        yield Span(f"{counted(number, 'topic')} {evidence.byte_rate / 1e6:.1f} MB/s")
     if evidence.recording:
         yield Span(f"{evidence.size / 1e6:.0f} MB recorded", Tone.DIM)
-
-
-def _worst(poor: Sequence[EvidenceTopicView], least: str) -> str:
-    """The topic that lacks most, a silent one before others, and how many more there are.
-
-    `least` marks a number as the least: nobody counts what comes while nothing is recorded.
-    """
-    worst = min(poor, key=lambda topic: (not topic.problem, -topic.lost, topic.topic))
-    lost = f"{worst.lost}{least} lost" if worst.lost else ""
-    wrong = ", ".join(filter(None, (worst.problem, lost)))
-    more = f" and {len(poor) - 1} more" if len(poor) > 1 else ""
-    return f"{worst.topic} {wrong}{more}"

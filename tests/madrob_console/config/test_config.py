@@ -190,7 +190,6 @@ def test_without_settings_no_evidence_is_recorded_and_the_file_chooses_it(tmp_pa
         [[recording.limits]]
         topics = "/camera/**"
         most_rate = 10
-        priority = 3
         """,
     ).recording
     choice = recording.choice
@@ -198,7 +197,7 @@ def test_without_settings_no_evidence_is_recorded_and_the_file_chooses_it(tmp_pa
     assert choice.largest == 2_000_000
     assert choice.wants("/camera/left/image/compressed")
     assert not choice.wants("/camera/spare/image/compressed")
-    assert choice.limit("/camera/left/image/compressed") == TopicLimit("/camera/**", 10.0, 3)
+    assert choice.limit("/camera/left/image/compressed") == TopicLimit("/camera/**", 10.0)
     assert choice.limit("/tf") == NO_LIMIT
 
 
@@ -287,8 +286,8 @@ def test_without_settings_no_evidence_is_recorded_and_the_file_chooses_it(tmp_pa
         ("[recording]\nlargest = 91", "recording.largest: expected a number <= 90"),
         ("[recording]\nbudget = 0", "recording.budget: expected a number >= 0.001"),
         (
-            "[[recording.limits]]\ntopics = '/tf'\npriority = 10",
-            "recording.limits[0].priority: expected a whole number <= 9",
+            "[[recording.limits]]\ntopics = '/tf'\nmost_rate = 0",
+            "recording.limits[0].most_rate: expected a number >= 0.01",
         ),
         ("[console]\nascii = 1", "console.ascii: expected true or false, got a whole number"),
         ("[console]\nbell = 'no'", "console.bell: expected true or false, got text"),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,19 +15,19 @@ from madrob_console.cli.repairing import repair_all
 from madrob_console.engine.core import DISK_WAITS, Engine
 from madrob_console.engine.engine_config import STEADY_FOR
 from madrob_console.engine.evidence_client import (
+    EvidenceClient,
     EvidenceNotes,
     EvidencePlace,
     EvidencePlan,
-    WitnessStatus,
+    EvidenceStatus,
 )
 from madrob_console.engine.journal_writer import Recording
-from madrob_console.engine.snapshot import EvidenceTopicView
 from madrob_console.referee.acts import Start, Waive
 from madrob_console.referee.evidence_account import (
     EvidenceAccount,
     EvidenceGap,
     EvidenceLoss,
-    RecordedTopic,
+    EvidenceTopic,
 )
 from madrob_console.referee.journal import read_journal
 from madrob_console.referee.rebuild import Change, rebuild
@@ -38,43 +38,41 @@ from tests.madrob_console.engine.test_opening import cut_off
 from tests.recorder.samples import add_evidence, strings
 
 LEFT = "/camera/left"
-COMES = EvidenceTopicView(LEFT, "sensor_msgs/msg/CompressedImage", 30.0, 6e6)
-RECORDED = RecordedTopic(LEFT, COMES.type, 600, 120_000_000)
+COMES = EvidenceTopic(LEFT, "sensor_msgs/msg/CompressedImage", rate=30.0, byte_rate=6e6)
+RECORDED = EvidenceTopic(LEFT, COMES.type, 600, 120_000_000)
 HOUR = 3600.0
 
 
-class ToldWitness:
-    """Holds the folder's handle, and says what a test tells it to."""
+class ToldWitness(EvidenceClient):
+    """Says what a test tells it to."""
+
+    status = EvidenceStatus(ready=True, topics=(COMES,))
 
     def __init__(self) -> None:
-        self.status = WitnessStatus(ready=True, topics=(COMES,))
         self.places: list[EvidencePlace] = []
         self.held: list[bool] = []
-        self.counted: EvidenceAccount | None = None  # what it says when it is asked to the end
-
-    def warm(self) -> None: ...
+        self.counted: dict[str, Any] = {}  # what it says when it is asked to the end
 
     def begin_recording(self, place: EvidencePlace) -> None:
-        os.close(place.folder_fd)
         self.places.append(place)
-        self.status = replace(self.status, recording=True, account=EvidenceAccount((RECORDED,)))
+        self.status = replace(self.status, recording=True, recorded=(RECORDED,))
 
-    def end(self) -> None:
+    def end_recording(self) -> None:
         self.status = replace(self.status, recording=False)
 
     def await_account(self, limit: float) -> None:
         assert limit <= 0.5
         assert not self.status.recording
-        self.status = replace(self.status, account=self.counted or self.status.account)
+        self.status = replace(self.status, **self.counted)
 
     def hold_writing(self, *, held: bool) -> None:
         self.held.append(held)
 
-    def close(self) -> None: ...
-
     def lose(self, number: int) -> None:
-        lost = replace(RECORDED, lost={EvidenceLoss.BEHIND: number})
-        self.status = replace(self.status, account=EvidenceAccount((lost,)))
+        self.tell(recorded=(replace(RECORDED, lost={EvidenceLoss.BEHIND: number}),))
+
+    def tell(self, **changes: Any) -> None:  # noqa: ANN401  fields of the status
+        self.status = replace(self.status, **changes)
 
 
 class Watched(Drive):
@@ -102,7 +100,7 @@ def test_evidence_begins_and_ends_with_the_recording_and_stands_in_the_result(
 ) -> None:
     drive.start(make_setup())
     (place,) = drive.evidence_client.places
-    assert place.name == drive.folder.name
+    assert place.folder == str(drive.folder)
     assert place.steady_ns >= drive.engine.run.countdown_began * 1e9 - 1e8  # type: ignore[operator]
     assert drive.engine.snapshot().evidence is not None
     assert drive.engine.snapshot().evidence.recording  # type: ignore[union-attr]
@@ -133,13 +131,13 @@ def test_evidence_begins_and_ends_with_the_recording_and_stands_in_the_result(
 
 def test_the_result_has_all_that_came_up_to_the_end(drive: Watched) -> None:
     drive.start(make_setup())
-    drive.evidence_client.counted = EvidenceAccount((replace(RECORDED, messages=613),))
+    drive.evidence_client.counted = {"recorded": (replace(RECORDED, messages=613),)}
     drive.finish()
     stored = json.loads((drive.folder / "result.json").read_text())
     assert stored["evidence"]["topics"][0]["messages"] == 613
 
 
-STILL_WRITTEN = EvidenceAccount((replace(RECORDED, messages=5),), unwritten=3)
+STILL_WRITTEN = {"recorded": (replace(RECORDED, messages=5),), "unwritten": 3}
 
 
 def ended_while_it_was_written(drive: Watched, run_number: int = 1) -> dict[str, Any]:
@@ -208,7 +206,7 @@ def test_a_run_that_was_left_meanwhile_is_looked_after_with_the_result_of_the_ne
     drive.engine.on_left_unsettled = lambda: asked.append(drive.engine.run.setup.run_number)  # type: ignore[union-attr]
     ended_while_it_was_written(drive)
     left = drive.folder
-    drive.evidence_client.counted = None
+    drive.evidence_client.counted = {"unwritten": 0}
     drive.whole_run(make_setup(run_number=2))
     assert asked == [2]
     write_rest(left)
@@ -250,11 +248,9 @@ def test_when_nothing_was_recorded_is_a_fault_until_it_is_and_stands_in_journal_
     killed = "it was ended by SIGKILL"
     begun = EvidenceGap(start + 5.62, None, killed)
     drive.evidence_client.lose(4)
-    drive.evidence_client.status = replace(
-        drive.evidence_client.status, gaps=(begun,), topics=(), problem=killed
-    )
+    drive.evidence_client.tell(gaps=(begun,), topics=(), problem=killed)
     drive.wait(1.0)
-    drive.evidence_client.status = replace(drive.evidence_client.status, problem=None)
+    drive.evidence_client.tell(problem=None)
     drive.wait(5.0)
     fault = f"evidence: nothing is recorded since +5.6 s, it is starting again: {killed}"
     assert fault in drive.engine.snapshot().faults
@@ -262,9 +258,7 @@ def test_when_nothing_was_recorded_is_a_fault_until_it_is_and_stands_in_journal_
     assert evidence is not None
     assert evidence.problem == fault.removeprefix("evidence: ")
     over = replace(begun, end=start + 8.31)
-    drive.evidence_client.status = replace(
-        drive.evidence_client.status, gaps=(over,), topics=(COMES,)
-    )
+    drive.evidence_client.tell(gaps=(over,), topics=(COMES,))
     drive.wait(1.0)
     assert fault not in drive.engine.snapshot().faults
     drive.finish()
@@ -288,9 +282,7 @@ def test_of_topics_that_lack_the_same_one_line_tells(drive: Watched) -> None:
         replace(RECORDED, topic=f"/c{number}", lost={EvidenceLoss.ON_THE_WAY: 1})
         for number in range(5)
     )
-    drive.evidence_client.status = replace(
-        drive.evidence_client.status, account=EvidenceAccount(lost)
-    )
+    drive.evidence_client.tell(recorded=lost)
     drive.wait(3.0)
     told = [one.text for one in drive.engine.log.lines if one.text.startswith("evidence: ")]
     assert told == ["evidence: /c0, /c1 and 3 more: messages are lost (on the way)"]
@@ -319,16 +311,14 @@ def test_a_run_whose_engine_was_ended_is_scored_with_what_is_in_its_files(
 def test_a_run_that_is_read_back_has_its_evidence(drive: Watched) -> None:
     drive.whole_run(make_setup())
     entries, _ = read_journal(drive.folder / "journal.jsonl")
-    assert rebuild(entries).evidence == EvidenceAccount((RECORDED,))
-    assert drive.engine.run.evidence == EvidenceAccount((RECORDED,))
+    account = EvidenceAccount((RECORDED.recorded(0.0),))
+    assert rebuild(entries).evidence == drive.engine.run.evidence == account
 
 
 def test_what_goes_wrong_after_the_result_is_said_and_the_result_stands(drive: Watched) -> None:
     drive.whole_run(make_setup())
     before = (drive.folder / "result.json").read_bytes()
-    drive.evidence_client.status = replace(
-        drive.evidence_client.status, problem="not complete on disk"
-    )
+    drive.evidence_client.tell(problem="not complete on disk")
     drive.wait(1.0)
     assert "evidence: not complete on disk" in drive.engine.snapshot().faults
     assert (drive.folder / "result.json").read_bytes() == before
@@ -343,20 +333,6 @@ def test_evidence_that_left_the_disk_to_the_score_is_written_when_the_bag_is_clo
     assert True in drive.evidence_client.held
     drive.wait(1.0)
     assert not drive.evidence_client.held[-1]
-
-
-def test_a_run_without_evidence_has_not_what_was_recorded_in_the_one_before(
-    drive: Watched, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    drive.whole_run(make_setup())
-    # as where no handle of a file is left
-    monkeypatch.setattr("madrob_console.engine.journal_writer._handle_of", lambda _folder: None)
-    drive.whole_run(make_setup(run_number=2))
-    assert len(drive.evidence_client.places) == 1
-    stored = json.loads((drive.folder / "result.json").read_text())
-    assert stored["setup"]["run_number"] == 2
-    assert stored["evidence"]["topics"] == []
-    assert stored["evidence"]["problems"][0].startswith("nothing was recorded")
 
 
 def test_the_check_says_how_long_evidence_can_be_recorded(drive: Watched) -> None:
@@ -396,7 +372,7 @@ def test_room_for_less_than_a_run_is_a_warning_and_told_in_seconds(tmp_path: Pat
 def test_the_room_does_not_jump_while_rates_begin_and_end(drive: Watched) -> None:
     def room_at(byte_rate: float, after: float) -> float | None:
         topic = replace(COMES, byte_rate=byte_rate)
-        drive.evidence_client.status = replace(drive.evidence_client.status, topics=(topic,))
+        drive.evidence_client.tell(topics=(topic,))
         drive.wait(after)
         evidence = drive.engine.snapshot().evidence
         assert evidence is not None
@@ -425,46 +401,44 @@ def test_evidence_of_earlier_runs_counts_against_the_budget(tmp_path: Path) -> N
     )
 
 
-FOUR = (COMES, *(EvidenceTopicView(topic, "a/msg/B", 0.0, 0.0) for topic in ("/a", "/b", "/c")))
+FOUR = (COMES, *(EvidenceTopic(topic, "a/msg/B") for topic in ("/a", "/b", "/c")))
 
 
 @pytest.mark.parametrize(
     ("status", "said"),
     [
         (
-            WitnessStatus(unseen=("/camera/**",)),
+            EvidenceStatus(unseen=("/camera/**",)),
             "no data: wait: the evidence's topics are not all seen yet",
         ),
-        (WitnessStatus(ready=True), "warning: 0 topics, room for "),  # all are excluded
+        (EvidenceStatus(ready=True), "warning: 0 topics, room for "),  # all are excluded
         (
-            WitnessStatus(ready=True, topics=(COMES,), problem="it hangs"),
+            EvidenceStatus(ready=True, topics=(COMES,), problem="it hangs"),
             "failed: evidence: it hangs",
         ),
         (
-            WitnessStatus(
-                ready=True, topics=(replace(COMES, rate=0.0, byte_rate=0.0),), silent=(LEFT,)
-            ),
+            EvidenceStatus(ready=True, topics=(replace(COMES, rate=0.0, byte_rate=0.0),)),
             f"warning: {LEFT}: nothing comes now; 0 topics, room for ",
         ),
         (
-            WitnessStatus(ready=True, topics=FOUR, silent=("/a", "/b", "/c")),
+            EvidenceStatus(ready=True, topics=FOUR),
             "warning: /a, /b and 1 more: nothing comes now; 1 topic, room for ",
         ),
         (
-            WitnessStatus(ready=True, topics=(COMES,), unseen=("/camera/front", "/robot/**")),
+            EvidenceStatus(ready=True, topics=(COMES,), unseen=("/camera/front", "/robot/**")),
             "warning: nobody publishes /camera/front, /robot/**; 1 topic, room for ",
         ),
         (
-            WitnessStatus(ready=True, unseen=("/rosout",), scored=("/madrob/**",)),
+            EvidenceStatus(ready=True, unseen=("/rosout",), scored=("/madrob/**",)),
             "warning: nobody publishes /rosout; /madrob/**: recorded with the score, remove the ",
         ),
         (
-            WitnessStatus(ready=True, unseen=("/camera/**",)),
+            EvidenceStatus(ready=True, unseen=("/camera/**",)),
             "warning: nobody publishes /camera/**; 0 topics, room for ",
         ),
     ],
 )
-def test_missing_evidence_is_never_ok(drive: Watched, status: WitnessStatus, said: str) -> None:
+def test_missing_evidence_is_never_ok(drive: Watched, status: EvidenceStatus, said: str) -> None:
     drive.prepare(make_setup())
     drive.evidence_client.status = status
     assert drive.check(CheckName.EVIDENCE).startswith(said)
@@ -473,18 +447,11 @@ def test_missing_evidence_is_never_ok(drive: Watched, status: WitnessStatus, sai
 def test_what_does_not_come_is_a_fault_and_stands_in_no_start_s_way(drive: Watched) -> None:
     quiet = replace(COMES, topic="/camera/quiet", rate=0.0, byte_rate=0.0)
     dead = replace(quiet, topic="/camera/dead")
-    drive.evidence_client.status = replace(
-        drive.evidence_client.status,
-        topics=(COMES, dead, quiet),
-        silent=(dead.topic, quiet.topic),
-        unseen=("/camera/front",),
-    )
+    drive.evidence_client.tell(topics=(COMES, dead, quiet), unseen=("/camera/front",))
     drive.start(make_setup())
     assert drive.engine.run.start is not None
     since = EvidenceGap(drive.engine.run.start + 3.9, None, "nothing came")
-    drive.evidence_client.status = replace(
-        drive.evidence_client.status, pauses_now={dead.topic: since}
-    )
+    drive.evidence_client.tell(topics=(COMES, replace(dead, silences=(since,)), quiet))
     assert drive.engine.run.active
     assert [fault for fault in drive.engine.snapshot().faults if "evidence" in fault] == [
         "evidence: nobody publishes /camera/front",
@@ -497,7 +464,7 @@ def test_without_any_camera_a_run_starts_and_only_too_little_room_is_in_its_way(
     tmp_path: Path, budget: int
 ) -> None:
     drive = Watched(tmp_path / "runs", budget=budget)
-    drive.evidence_client.status = WitnessStatus(ready=True, unseen=("/camera/**",))
+    drive.evidence_client.status = EvidenceStatus(ready=True, unseen=("/camera/**",))
     drive.prepare(make_setup())
     said = drive.check(CheckName.EVIDENCE)
     if not budget:
@@ -538,13 +505,19 @@ class Journal:
     def __init__(self) -> None:
         self._notes = EvidenceNotes()
 
-    def says(self, **pauses: list[EvidenceGap]) -> list[str]:
-        told = {f"/{topic}": tuple(each) for topic, each in pauses.items()}
-        return self._notes.due(WitnessStatus(recording=True, pauses=told), START, START + 99.0)
+    def says(self, **silences: list[EvidenceGap]) -> list[str]:
+        return self._due(
+            EvidenceTopic(f"/{topic}", "", silences=tuple(each)) for topic, each in silences.items()
+        )
 
     def hears_first(self, **first: float) -> list[str]:
-        told = {f"/{topic}": START + at for topic, at in first.items()}
-        return self._notes.due(WitnessStatus(recording=True, appeared=told), START, START + 99.0)
+        return self._due(
+            EvidenceTopic(f"/{topic}", "", first=START + at) for topic, at in first.items()
+        )
+
+    def _due(self, topics: Iterable[EvidenceTopic]) -> list[str]:
+        status = EvidenceStatus(recording=True, recorded=tuple(topics))
+        return self._notes.due(status, START, START + 99.0)
 
 
 def test_a_camera_s_silence_is_noted_when_it_begins_and_when_it_comes_again() -> None:
@@ -587,12 +560,11 @@ def test_a_camera_s_times_stand_in_journal_and_result_from_the_start_on(tmp_path
     assert start is not None
     drive.wait(2.0)
     gone = EvidenceGap(start + 1.9, None, "nothing came")
-    drive.evidence_client.status = replace(drive.evidence_client.status, pauses={LEFT: (gone,)})
+    drive.evidence_client.tell(recorded=(replace(RECORDED, silences=(gone,)),))
     drive.wait(1.0)
-    back = replace(gone, end=start + 6.5)
-    drive.evidence_client.status = replace(
-        drive.evidence_client.status, pauses={LEFT: (back,)}, appeared={"/camera/late": start + 4.2}
-    )
+    back = replace(RECORDED, silences=(replace(gone, end=start + 6.5),))
+    late = EvidenceTopic("/camera/late", COMES.type, first=start + 4.2)
+    drive.evidence_client.tell(recorded=(back, late))
     drive.wait(1.0)
     drive.finish()
     texts = [line.text for line in drive.engine.log.lines]
@@ -602,5 +574,8 @@ def test_a_camera_s_times_stand_in_journal_and_result_from_the_start_on(tmp_path
         "/camera/late: first message at +4.2 s",
     ):
         assert texts.count(f"evidence: {told}") == 1
-    (topic,) = json.loads((drive.folder / "result.json").read_text())["evidence"]["topics"]
-    assert topic["problem"] == "silent from +1.9 s to +6.5 s"
+    topics = json.loads((drive.folder / "result.json").read_text())["evidence"]["topics"]
+    assert [one["problem"] for one in topics] == [
+        "silent from +1.9 s to +6.5 s",
+        "first message at +4.2 s",
+    ]

@@ -10,19 +10,18 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from rosbags.highlevel import AnyReader
 
-from madrob_console.archive.evidence import settled_account
+from madrob_console.archive.evidence import repair_evidence, settled_account
 from madrob_console.common.clock import NS
-from madrob_console.engine import evidence_process
-from madrob_console.engine.evidence_client import EvidencePlace, WitnessStatus
+from madrob_console.engine.evidence_client import EvidencePlace, EvidenceStatus
 from madrob_console.engine.evidence_process import COMMAND, EvidenceProcess
 from madrob_console.engine.evidence_status import ListenFor
-from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceLoss, RecordedTopic
+from madrob_console.engine.supervisor import Supervisor
+from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceLoss, EvidenceTopic
 from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
 from recorder.bag import Durability, RawMessage, evidence_file_name
 from recorder.reader import read_bag
@@ -54,16 +53,21 @@ class Hall:
         self.steady_ns = 0
 
     @property
-    def status(self) -> WitnessStatus:
+    def status(self) -> EvidenceStatus:
         return self.evidence.status
 
-    def until(self, look: Callable[[WitnessStatus], object]) -> WitnessStatus:
+    def until(self, look: Callable[[EvidenceStatus], object]) -> EvidenceStatus:
         until(lambda: look(self.status))
         return self.status
 
-    def topic(self, name: str = LEFT) -> RecordedTopic:
-        found = (one for one in self.status.account.topics if one.topic == name)
-        return next(found, RecordedTopic(name, ""))
+    @property
+    def account(self) -> EvidenceAccount:
+        """Of a run that starts with its recording."""
+        return self.status.account_since(START)
+
+    def topic(self, name: str = LEFT) -> EvidenceTopic:
+        found = (one for one in self.status.recorded if one.topic == name)
+        return next(found, EvidenceTopic(name, ""))
 
     def comes(self, *names: str, rate: float = 1.0) -> None:
         """Until something comes on these topics."""
@@ -79,14 +83,11 @@ class Hall:
     ) -> Iterator[None]:
         """As an engine records a run: the bag is there first, and closed last."""
         with BagWriter(self.folder, [], {}):
-            handle = os.open(self.folder, os.O_DIRECTORY)
             self.steady_ns, monotonic = round(START * NS), time.monotonic_ns()
-            place = EvidencePlace(
-                handle, self.folder.name, self.steady_ns, monotonic, most_bytes, least_free=0
-            )
+            place = EvidencePlace(str(self.folder), self.steady_ns, monotonic, most_bytes, 0)
             self.evidence.begin_recording(place)
             yield
-            self.evidence.end()
+            self.evidence.end_recording()
             ended()
         self.until(lambda status: not status.recording and not status.finishing)
 
@@ -100,11 +101,13 @@ def hall(
 ) -> Iterator[Hall]:
     choice = EvidenceChoice(topics or ("/camera/**",), **more)  # type: ignore[arg-type]
     evidence = EvidenceProcess(ListenFor(domain, choice, ("/madrob/own",), ()), command)
+    supervisor = Supervisor(evidence)
     evidence.warm()
     try:
         yield Hall(tmp_path / "run", evidence)
     finally:
         evidence.close()
+        supervisor.close()
 
 
 def test_cameras_are_recorded_as_they_came_and_others_open_the_whole_bag(
@@ -115,7 +118,7 @@ def test_cameras_are_recorded_as_they_came_and_others_open_the_whole_bag(
         with here.recording():
             here.until(lambda _: here.topic().messages >= 40)
         messages = here.recorded()
-        account = here.status.account
+        account = here.account
     assert account.problems == ()
     assert account.remarks() == []
     counts = Counter(message.topic for message in messages)
@@ -169,18 +172,15 @@ def test_a_process_that_is_killed_is_told_started_again_and_goes_on_in_a_file_of
             os.kill(here.evidence.pid, signal.SIGKILL)
             here.until(lambda status: "SIGKILL" in (status.problem or ""))
             before = here.topic().messages
-            moved = here.folder.rename(tmp_path / "moved")  # the handle stays good
             here.until(lambda status: status.gaps and status.gap is None)
             here.until(lambda _: here.topic().messages >= before + 10)
-            moved.rename(here.folder)
-        told = here.status
-        (problem,) = told.account.problems
-        (gap,) = told.gaps
-        (true_gap,) = settled(here.folder, replace(told.account, gaps=told.gaps), 0.0).gaps
+        told = here.account
+        (problem,), (gap,) = told.problems, here.status.gaps
+        (true_gap,) = settled(here.folder, told).gaps
     assert "ended by SIGKILL" in problem
-    times = sorted(message.receive_ns / NS for message in here.recorded())
+    times = sorted(message.receive_ns / NS - START for message in here.recorded())
     pause = max(itertools.pairwise(times), key=lambda two: two[1] - two[0])
-    assert gap.begin <= pause[0]
+    assert gap.begin - START <= pause[0]
     assert (true_gap.begin, true_gap.end) == pytest.approx(pause, abs=0.2)
     names = {path.name for path in here.folder.glob("*.mcap")}
     assert {evidence_file_name("run", number) for number in range(2)} < names
@@ -205,6 +205,40 @@ def test_a_process_that_hangs_is_told_ended_and_started_again(
         os.kill(here.evidence.pid, signal.SIGSTOP)
         here.evidence.close()
         assert time.monotonic() - begin < 6  # the end waits for nobody
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("phase", ["listens", "begins", "records", "has ended"])
+def test_in_every_phase_a_spoilt_process_is_told_within_3_s_and_another_one_goes_on(
+    ros_domain: int, tmp_path: Path, phase: str, how: signal.Signals
+) -> None:
+    def spoil(now: str) -> None:
+        if now == phase:
+            spoilt, began = here.evidence.pid, time.monotonic()
+            assert spoilt is not None
+            os.kill(spoilt, how)
+            here.until(lambda status: status.trouble(START) is not None)
+            assert time.monotonic() - began < 3.0
+            until(lambda: here.evidence.pid not in (None, spoilt))
+
+    with cameras(CAMERAS), hall(tmp_path, ros_domain) as here:
+        here.comes(LEFT)
+        spoil("listens")
+        with here.recording(ended=lambda: spoil("has ended")):
+            spoil("begins")
+            here.until(lambda _: here.topic().messages >= 10)
+            spoil("records")
+            before = here.topic().messages
+            here.until(lambda _: here.topic().messages >= before + 10)
+            here.until(lambda status: status.trouble(START) is None)
+        told = here.account
+    repair_evidence(here.folder)
+    account = settled(here.folder, told)
+    assert Counter(m.topic for m in here.recorded()) == {
+        one.topic: one.messages for one in account.topics
+    }
+    assert account.gaps or phase in ("listens", "has ended")
 
 
 AILING = (
@@ -255,7 +289,7 @@ def settled(folder: Path, told: EvidenceAccount, start: float = START) -> Eviden
 def test_a_process_that_moves_and_says_nothing_is_ended_and_started_again(
     ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: signal.Signals
 ) -> None:
-    monkeypatch.setattr(evidence_process, "HANGS", 5.0)
+    monkeypatch.setattr(EvidenceProcess, "longest", 5.0)
     with cameras(CAMERAS), hall(tmp_path, ros_domain, command=ailing()) as here:
         here.comes(LEFT)
         with here.recording():
@@ -263,15 +297,15 @@ def test_a_process_that_moves_and_says_nothing_is_ended_and_started_again(
             hangs = here.evidence.pid
             assert hangs is not None
             os.kill(hangs, wrong)
-            until(lambda: "said nothing for" in (here.status.problem or ""), patience=120)
+            until(lambda: "it gave no answer for" in (here.status.problem or ""), patience=120)
             before = here.topic().messages
             until(lambda: here.topic().messages >= before + 10, patience=120)
             assert here.evidence.pid != hangs
         until(lambda: len(set(map(str, here.folder.glob("*_evidence_*.mcap")))) == 2)
-        told = here.status.account
+        told = here.account
         assert told.unwritten is None
         account = settled(here.folder, told)
-    assert "said nothing for" in told.problems[0]
+    assert "it gave no answer for" in told.problems[0]
     assert Counter(m.topic for m in here.recorded()) == {
         one.topic: one.messages for one in account.topics
     }
@@ -286,7 +320,7 @@ def test_on_a_slow_disk_the_account_is_in_the_end_what_is_in_the_file(
 
         def end() -> None:
             here.evidence.await_account(0.5)
-            told.append(here.status.account)
+            told.append(here.account)
 
         with here.recording(most_bytes=3_000_000, ended=end):
             here.until(lambda _: here.topic().messages >= 40)
@@ -326,7 +360,7 @@ def test_a_topic_whose_type_is_not_installed_is_named_and_no_other_pays(
         here.until(lambda status: any(one.topic == pose.topic for one in status.topics))
         with here.recording():
             here.until(lambda _: here.topic().messages >= 40)
-        account = here.status.account
+        account = here.account
         counts = Counter(message.topic for message in here.recorded())
     (named,) = (one for one in account.topics if one.topic == pose.topic)
     assert "not recorded: geometry_msgs/msg/PoseStamped is not installed here: " in named.problem
@@ -365,7 +399,7 @@ def test_of_publishers_that_go_wrong_each_is_named_and_no_other_topic_pays(
             here.until(lambda _: here.topic("/camera/flood").left_out > 300)
             before = here.topic("/camera/good").messages
             here.until(lambda _: here.topic("/camera/good").messages >= before + 20)
-        topics = {one.topic.removeprefix("/camera/"): one for one in here.status.account.topics}
+        topics = {one.topic.removeprefix("/camera/"): one for one in here.account.topics}
         counts = Counter(message.topic for message in here.recorded())
     assert topics["huge"].lost[EvidenceLoss.TOO_LARGE] >= 3
     assert "messages of 0.4 MB are not recorded, the limit is 0.2 MB" in topics["huge"].problem
@@ -385,14 +419,15 @@ def test_a_budget_that_is_used_up_ends_the_evidence_and_says_so(
             here.until(lambda _: here.topic().lost.get(EvidenceLoss.DISK))
         file = here.folder / evidence_file_name("run", 0)
         assert 2_000_000 < file.stat().st_size < 6_000_000
-        assert len(here.recorded()) == sum(one.messages for one in here.status.account.topics)
+        assert len(here.recorded()) == sum(one.messages for one in here.account.topics)
 
 
 def test_without_ros_it_is_said_and_nothing_is_started_again_and_again(
     ros_domain: int, tmp_path: Path
 ) -> None:
     misread = ListenFor(ros_domain, EvidenceChoice(("/**",)), (), ("-r", "nonsense"))
-    with hall(tmp_path, ros_domain) as other, closing(EvidenceProcess(misread)) as evidence:
+    evidence = EvidenceProcess(misread)
+    with hall(tmp_path, ros_domain) as other, closing(Supervisor(evidence)), closing(evidence):
         evidence.warm()
         assert "ROS does not understand" in until(lambda: evidence.status.problem or "")
         pid = evidence.pid

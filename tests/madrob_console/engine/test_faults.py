@@ -15,8 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.archive.history import History
-from madrob_console.engine.evidence_client import RunFaults
 from madrob_console.engine.observation import FLICKERS, MOST_FALSE_STARTS, MOST_NOTED
+from madrob_console.engine.run_faults import RunFaults
 from madrob_console.referee.acts import Abort, DeclareTimeout, SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.flags import FlagKind, FlagWeight, undecided, weighty, worst
 from madrob_console.referee.records import CheckName, FaultKind

@@ -56,7 +56,7 @@ def test_a_topic_is_wanted_if_it_matches_and_is_not_excluded() -> None:
 
 
 def test_the_first_limit_that_matches_a_topic_holds_for_it() -> None:
-    left, all_cameras = TopicLimit("/camera/left", 10.0, 5), TopicLimit("/camera/*", 1.0)
+    left, all_cameras = TopicLimit("/camera/left", 10.0), TopicLimit("/camera/*", 1.0)
     choice = EvidenceChoice(("/**",), limits=(left, all_cameras))
     assert choice.limit("/camera/left") == left
     assert choice.limit("/camera/right") == all_cameras

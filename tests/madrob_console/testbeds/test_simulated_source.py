@@ -19,7 +19,8 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, TopicMapping
 from madrob_console.messages.message_types import Message, MessageTypes
-from madrob_console.testbeds.evidence_choice import MOST_PAUSES, FlowMeter, RateLimit, SilenceWatch
+from madrob_console.referee.evidence_account import MOST_GAPS
+from madrob_console.testbeds.evidence_choice import FlowMeter, RateLimit, SilenceWatch
 from madrob_console.testbeds.simulated import (
     DoorGeometry,
     Network,
@@ -593,7 +594,7 @@ def test_rates_are_those_of_the_last_seconds() -> None:
     assert meter.rates(20.0) == (0.0, 0.0)
 
 
-def pauses(
+def silences(
     came: Sequence[float], now: float, begin: float | None = None
 ) -> list[tuple[float, float | None]]:
     """Of a topic on which messages came at these times, s, in a recording from `begin` on."""
@@ -603,36 +604,35 @@ def pauses(
             watch.begin_recording()
             begin = None
         watch.came(round(at * NS))
-    told = watch.pauses(round(now * NS))
-    return [(p.begin_ns / NS, None if p.end_ns is None else p.end_ns / NS) for p in told]
+    return [(one.begin, one.end) for one in watch.silences(round(now * NS))]
 
 
 STEADY = [number / 10 for number in range(50)]  # until 4.9 s
 
 
 def test_a_camera_that_stops_is_silent_since_then_and_was_so_when_it_comes_again() -> None:
-    assert pauses(STEADY, 6.8) == []
-    assert pauses(STEADY, 7.0) == [(4.9, None)]
+    assert silences(STEADY, 6.8) == []
+    assert silences(STEADY, 7.0) == [(4.9, None)]
     again = [*STEADY, *(9 + at for at in STEADY)]
-    assert pauses(again, 14.0) == [(4.9, 9.0)]
-    assert pauses([*again, 20.0], 20.1) == [(4.9, 9.0), (13.9, 20.0)]
-    assert pauses([*again, 20.0], 22.1) == [(4.9, 9.0), (13.9, 20.0), (20.0, None)]
-    assert pauses(again, 14.0, begin=9.05) == []
+    assert silences(again, 14.0) == [(4.9, 9.0)]
+    assert silences([*again, 20.0], 20.1) == [(4.9, 9.0), (13.9, 20.0)]
+    assert silences([*again, 20.0], 22.1) == [(4.9, 9.0), (13.9, 20.0), (20.0, None)]
+    assert silences(again, 14.0, begin=9.05) == []
 
 
 def test_of_many_silences_the_last_one_told_has_all_that_came_later() -> None:
     watch = SilenceWatch()
-    for number in range(MOST_PAUSES + 5):
+    for number in range(MOST_GAPS + 5):
         for at in STEADY:
             watch.came(round((10 * number + at) * NS))
-    told = watch.pauses(round((10 * number + 5.0) * NS))
-    assert len(told) == MOST_PAUSES
-    assert (told[-1].number, told[-1].end_ns) == (5, 10 * number * NS)
+    told = watch.silences(round((10 * number + 5.0) * NS))
+    assert len(told) == MOST_GAPS
+    assert (told[-1].number, told[-1].end) == (5, 10 * number)
 
 
 @pytest.mark.parametrize("came", [[], [0.0], [0.1 * n for n in range(15)], [0.0, 30.0, 60.0, 90.0]])
 def test_what_comes_now_and_then_may_be_silent(came: Sequence[float]) -> None:
-    assert pauses(came, 1000.0) == []
+    assert silences(came, 1000.0) == []
 
 
 def test_what_the_settings_name_may_not_be_silent_from_the_first() -> None:

@@ -530,7 +530,7 @@ class Listening:
         return self.problem(topic)
 
     def problem(self, topic: str) -> str:
-        return next((f.problem for f in self.intakes.flows() if f.topic == topic), "not there")
+        return next((f.problem for f in self.intakes.topics() if f.topic == topic), "not there")
 
     def qos(self, topic: str) -> tuple[Reliability, Durability] | None:
         known = self.intakes._intakes[topic].topic
@@ -590,7 +590,7 @@ def test_a_type_stays_while_it_is_recorded_and_changes_between_runs(
 
     peer.until(changed)
     peer.until(lambda: not here.looked("/hall/state"))
-    assert {flow.type for flow in here.intakes.flows()} == {HEADER}
+    assert {flow.type for flow in here.intakes.topics()} == {HEADER}
     here.intakes.close()
 
 
@@ -669,5 +669,5 @@ def test_what_nobody_publishes_and_what_has_gone_is_known(ros_domain: int, peer:
     peer.until(heard)
     assert here.problem("/hall/named") == ""
     peer.own.destroy_publisher(sender)
-    peer.until(lambda: here.looked("/hall/named") == "" and here.intakes.flows()[0].silent)
+    peer.until(lambda: here.looked("/hall/named") == "" and here.intakes.topics()[0].silent)
     assert "/hall/named" not in here.intakes.unseen
