@@ -45,7 +45,6 @@ class EvidenceProcess(Worker, EvidenceClient):
 
     patience = 4.0
     longest = 30.0
-    goes_on = True
     status = EvidenceStatus()
 
     def __init__(self, observe: ListenFor, command: Sequence[str] = COMMAND) -> None:
@@ -99,6 +98,10 @@ class EvidenceProcess(Worker, EvidenceClient):
     @property
     def wanted(self) -> bool:
         return self._warm and not self._closed
+
+    @property
+    def goes_on(self) -> bool:
+        return True  # its file gets complete
 
     def begin(self) -> None:
         self._news, self._heard = None, time.monotonic() + FIRST_WORD - self.patience

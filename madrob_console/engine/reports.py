@@ -213,8 +213,6 @@ class Reporting(Worker):
         pause: before a chore is retried, s.
     """
 
-    goes_on = True
-
     def __init__(
         self,
         command: Sequence[str],
@@ -328,6 +326,10 @@ class Reporting(Worker):
     @property
     def wanted(self) -> bool:
         return time.monotonic() >= self._due and (self._closing or not self._busy())
+
+    @property
+    def goes_on(self) -> bool:
+        return not self._busy()  # a run ends it
 
     def begin(self) -> None:
         self._looked = 0

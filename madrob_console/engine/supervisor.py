@@ -210,13 +210,11 @@ class Worker:
     Attributes:
         patience: time without activity, while an answer is due, after which it hangs, s.
         longest: the same for one that is active (an endless loop), s.
-        goes_on: whether it finishes its work alone after the engine has ended.
         failures: starts in a row after which no message came.
     """
 
     patience = 20.0
     longest = math.inf
-    goes_on = False
 
     def __init__(self, command: Sequence[str]) -> None:
         self.failures = 0
@@ -233,6 +231,11 @@ class Worker:
     def wanted(self) -> bool:
         """Whether its process should run now; one that is not wanted any more is ended."""
         return True
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether a process that is not wanted any more finishes its work alone."""
+        return False
 
     def begin(self) -> None:
         """Tell a new process what it must know, by `send`."""
@@ -273,11 +276,6 @@ class Worker:
         """When its process was last seen active, monotonic s; from any thread."""
         child = self._child
         return -math.inf if child is None else child.moved_at
-
-    @property
-    def backed_up(self) -> bool:
-        """Whether messages wait until the process takes them."""
-        return self._child is not None and bool(self._child.out)
 
     def wait_until_left(self, limit: float) -> None:
         """Wait for the end of a process that is not wanted any more, `limit` s at most."""
