@@ -35,7 +35,7 @@ from recorder.survey import put_listing, remove
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
+class FurtherFile:
     """A further file of a bag that others record; it gives way to them.
 
     Attributes:
@@ -60,13 +60,13 @@ class BagFolder:
 
     def __init__(
         self,
-        place: Path | Evidence,
+        place: Path | FurtherFile,
         topics: Iterable[Topic],
         records: Mapping[str, Mapping[str, str]],
     ) -> None:
         """Make everything; on disk on return. RecorderError leaves nothing behind."""
-        self._is_new = not isinstance(place, Evidence)
-        if isinstance(place, Evidence):
+        self._is_new = not isinstance(place, FurtherFile)
+        if isinstance(place, FurtherFile):
             folder, name = place.folder, evidence_file_name(place.folder.name, place.number)
         else:
             folder, name = place, bag_file_name(place.name)
@@ -262,7 +262,7 @@ class BagWriter:
 
     def __init__(
         self,
-        place: Path | Evidence,
+        place: Path | FurtherFile,
         topics: Sequence[Topic],
         records: Mapping[str, Mapping[str, str]],
         *,
@@ -272,7 +272,7 @@ class BagWriter:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._place = place
-        self.folder = place.folder if isinstance(place, Evidence) else place
+        self.folder = place.folder if isinstance(place, FurtherFile) else place
         self._topics: dict[str, Topic] = {}
         self._first_topics = tuple(topics)
         self._records = dict(records)
@@ -487,7 +487,7 @@ class BagWriter:
             self._changed.wait_for(self._work_is_due, timeout)
             batch, self._queue = self._queue, deque()
             size, last = self._queued, self._closing
-        if isinstance(self._place, Evidence):
+        if isinstance(self._place, FurtherFile):
             self._asked_bytes = 0
         for item in batch:
             if file.size > self._asked_bytes and not self._has_room(file, item):
@@ -511,7 +511,7 @@ class BagWriter:
 
     def _has_room(self, file: McapFile, item: _Item) -> bool:
         """Ask before each chunk whether evidence may go on; syncs what would hold others up."""
-        assert isinstance(self._place, Evidence)
+        assert isinstance(self._place, FurtherFile)
         if file.size - self._synced_bytes >= SYNC_BYTES:
             self._sync(file)
         self._asked_bytes = file.size

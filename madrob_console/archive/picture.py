@@ -43,7 +43,7 @@ _QUALITIES = (85, 70, 50, 30, 15)
 _SHOWN = 40
 _PLAIN_NAME = re.compile(r"[0-9A-Za-z_]{1,40}")
 
-Numbers = NDArray[Any]
+PixelArray = NDArray[Any]
 
 
 class PictureError(MadrobError):
@@ -186,36 +186,36 @@ def _raw(message: Message) -> Decoded:
     return found if isinstance(found, Decoded) else Decoded(found)
 
 
-def _picture(mode: str, pixels: Numbers) -> Image.Image:
+def _picture(mode: str, pixels: PixelArray) -> Image.Image:
     height, width = pixels.shape[:2]
     return Image.frombytes(mode, (width, height), np.ascontiguousarray(pixels, np.uint8).tobytes())
 
 
-def _grey(values: Numbers) -> Image.Image:
+def _grey(values: PixelArray) -> Image.Image:
     return _picture("L", values)
 
 
-def _stretched(values: Numbers) -> Image.Image:
+def _stretched(values: PixelArray) -> Image.Image:
     """The brightest is white: few cameras use all of 16 bits."""
     finite = np.nan_to_num(values.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0).clip(0)
     brightest = float(finite.max(initial=0.0)) or 1.0
     return _picture("L", finite * (255 / brightest))
 
 
-def _colours(*order: int) -> Callable[[Numbers], Image.Image]:
+def _colours(*order: int) -> Callable[[PixelArray], Image.Image]:
     """`order` gives the places of red, green and blue, and how many bytes there are in all."""
     *places, size = order
 
-    def make(rows: Numbers) -> Image.Image:
+    def make(rows: PixelArray) -> Image.Image:
         return _picture("RGB", rows.reshape(rows.shape[0], -1, size)[:, :, places])
 
     return make
 
 
-def _yuv(luma: int, blue: int, red: int) -> Callable[[Numbers], Image.Image]:
+def _yuv(luma: int, blue: int, red: int) -> Callable[[PixelArray], Image.Image]:
     """Two pixels in four bytes; the places of the first brightness and of both colours."""
 
-    def make(rows: Numbers) -> Image.Image:
+    def make(rows: PixelArray) -> Image.Image:
         height, size = rows.shape
         if size % 4:
             raise PictureError("an odd number of pixels in a row")
@@ -227,12 +227,12 @@ def _yuv(luma: int, blue: int, red: int) -> Callable[[Numbers], Image.Image]:
     return make
 
 
-def _bayer(pattern: str, shift: int) -> Callable[[Numbers], Image.Image]:
+def _bayer(pattern: str, shift: int) -> Callable[[PixelArray], Image.Image]:
     """Each square of four becomes one pixel; `pattern` names its colours, row by row."""
     red, blue = pattern.index("r"), pattern.index("b")
     greens = [place for place, colour in enumerate(pattern) if colour == "g"]
 
-    def make(rows: Numbers) -> Image.Image:
+    def make(rows: PixelArray) -> Image.Image:
         values = rows >> shift
         height, width = (size - size % 2 for size in values.shape)
         if not height or not width:
@@ -244,10 +244,10 @@ def _bayer(pattern: str, shift: int) -> Callable[[Numbers], Image.Image]:
     return make
 
 
-def _depth(unit: float) -> Callable[[Numbers], Decoded]:
+def _depth(unit: float) -> Callable[[PixelArray], Decoded]:
     """Distances, by REP 118, as grey: the nearest dark, the farthest white, no distance black."""
 
-    def make(found: Numbers) -> Decoded:
+    def make(found: PixelArray) -> Decoded:
         there = np.isfinite(found) if found.dtype.kind == "f" else found > 0
         if not there.any():
             raise PictureError("no pixel of it has a depth")
@@ -270,7 +270,7 @@ _PATTERNS = ("rggb", "bggr", "gbrg", "grbg")
 _RGB, _BGR = _colours(0, 1, 2, 3), _colours(2, 1, 0, 3)
 _UYVY, _YUYV = _yuv(1, 0, 2), _yuv(0, 1, 3)
 
-_ENCODINGS: Mapping[str, tuple[str, int, Callable[[Numbers], Image.Image | Decoded]]] = {
+_ENCODINGS: Mapping[str, tuple[str, int, Callable[[PixelArray], Image.Image | Decoded]]] = {
     "rgb8": ("u1", 3, _RGB),
     "bgr8": ("u1", 3, _BGR),
     "8UC3": ("u1", 3, _BGR),

@@ -42,7 +42,7 @@ class _Terminated(BaseException):
     """A run begins: what is under way leaves no half-written file behind."""
 
 
-class EngineLink:
+class ChoreLink:
     """The socket to the engine, which may have ended."""
 
     def __init__(self, link: socket.socket) -> None:
@@ -70,7 +70,7 @@ def main() -> int:
         signal.signal(number, _end)
     os.nice(NICENESS)
     queue = ChoreQueue(Path(folder), float(pause))
-    link = EngineLink(socket.socket(fileno=int(handle)))
+    link = ChoreLink(socket.socket(fileno=int(handle)))
     try:
         queue.hold()
         while link.wait_for_look() or queue.rest == 0:

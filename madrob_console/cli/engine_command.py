@@ -162,13 +162,13 @@ def _reporting(
 ) -> Reporting:
     from madrob_console.cli import aside
     from madrob_console.engine.engine_lock import state_folder
-    from madrob_console.engine.reports import QUEUE_FOLDER, Reporting, Wanted
+    from madrob_console.engine.reports import QUEUE_FOLDER, Reporting, WantedPages
 
     results = engine.config.results
     queue = results / QUEUE_FOLDER
     if engine.replay is not None:
         queue = state_folder() / f"{owned.stem}.queue"
-    wanted = Wanted(
+    wanted = WantedPages(
         settings.results.reports,
         site_arguments(arguments, settings),
         named_places(arguments, settings),

@@ -132,7 +132,7 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.cli.session import UnattendedRun, open_engine, print_replay
         from madrob_console.common.version import software_version
         from madrob_console.config import load_settings
-        from madrob_console.engine.reports import QUEUE_FOLDER, Reporting, Wanted
+        from madrob_console.engine.reports import QUEUE_FOLDER, Reporting, WantedPages
         from madrob_console.engine.snapshot import label_of
         from madrob_console.engine.supervisor import Supervisor
 
@@ -153,7 +153,7 @@ def main(arguments: argparse.Namespace) -> int:
             engine.config.results,
             lambda: engine.busy,
             engine.write,
-            Wanted(reports, site),
+            WantedPages(reports, site),
         )
     run = UnattendedRun(engine, reporting)
     with ExitStack() as stack:

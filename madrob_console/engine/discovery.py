@@ -243,6 +243,8 @@ def held(owned: Owned) -> Iterator[Holding]:
                 lock = _in_time(partial(lock_file, path))
             except OSError as error:
                 _refuse_second(owned, path, words, name, locked=isinstance(error, BlockingIOError))
+                if isinstance(error, FileExistsError):
+                    continue  # a file is in the folder's place: whoever writes there says so
                 why = error.strerror or "it does not answer"
                 remarks.append(f"{path}: {why}: other engines are not kept off {words}")
             else:

@@ -13,7 +13,7 @@ from typing import Any
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.run_journal import Unfinished, find_unfinished
 from madrob_console.engine.disk import DiskThreads, why_not
-from madrob_console.engine.journal_writer import Line, OpenJournal, Recording
+from madrob_console.engine.journal_writer import JournalLine, OpenJournal, Recording
 from madrob_console.engine.replay import EngineContext
 from madrob_console.engine.run_recorder import EventPublisher, RunRecorder
 from madrob_console.engine.scorer import EarlierRun
@@ -84,7 +84,7 @@ class _Pending:
     """
 
     act: Act
-    line: Line
+    line: JournalLine
     answer: Told
     deadline: float
     job: Future[Any] | None = None
@@ -158,7 +158,7 @@ class DurableActs:
         refused, in words, or None. `prepare` first completes the act, in the disk's thread.
         """
         deadline = self._keepers.monotonic() + DURABLE_WITHIN
-        pending = self._pending = _Pending(act, Line(line_of(act)), answer, deadline)
+        pending = self._pending = _Pending(act, JournalLine(line_of(act)), answer, deadline)
         if pending.starts:
             self._clock.hold_steady()
             run, opened = self._situation().run, partial(self._opened, pending)
@@ -182,7 +182,7 @@ class DurableActs:
 
     def _write(self, pending: _Pending, entry: Entry) -> None:
         """To the journal alone; the rest is told when it takes effect."""
-        pending.line = Line(entry, partial(self._decide, pending))
+        pending.line = JournalLine(entry, partial(self._decide, pending))
         self._event_publisher.journal.add_line(pending.line)
 
     def withdraw_overdue(self) -> None:

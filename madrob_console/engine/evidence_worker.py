@@ -43,7 +43,7 @@ from recorder.bag import is_evidence
 from recorder.errors import RecorderError
 from recorder.recovery import recover_evidence
 from recorder.survey import summarised
-from recorder.writer import BagWriter, Evidence, RecorderState
+from recorder.writer import BagWriter, FurtherFile, RecorderState
 
 # One recording: a file of the recorder's writer.
 
@@ -95,7 +95,7 @@ class EvidenceFile:
         self._behind: Counter[str] = Counter()
         self._first: dict[str, float] = {}
         self._writer = BagWriter(
-            Evidence(self._folder, order.file, self._refusal),
+            FurtherFile(self._folder, order.file, self._refusal),
             (),
             {},
             flush_period=SYNC_PERIOD,

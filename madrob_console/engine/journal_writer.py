@@ -31,7 +31,7 @@ from recorder.errors import RecorderError
 from recorder.writer import BagSummary, BagWriter, DropReason, RecorderState
 
 
-class Line:
+class JournalLine:
     """A line on its way to the journal on disk.
 
     With `done` it is an act's: it takes effect once it is on disk, unless it is withdrawn before.
@@ -156,7 +156,7 @@ class JournalKeeper:
         self._entries: list[Entry] = []
         self._mark = GrowingMark()
         self._size = 0  # bytes of these lines
-        self._waiting: tuple[Line, ...] = ()
+        self._waiting: tuple[JournalLine, ...] = ()
         self._problem: str | None = None
         for entry in entries:
             self._stands(entry)
@@ -200,7 +200,7 @@ class JournalKeeper:
             self._disk.submit_job(self._file.close)
         self._file, self._busy = None, False
 
-    def add_line(self, line: Line) -> None:
+    def add_line(self, line: JournalLine) -> None:
         """Have a line written: an act's stands when it is on disk, any other from now on."""
         if line.done is None:
             self._stands(line.entry)
@@ -223,19 +223,21 @@ class JournalKeeper:
             return
         self._busy = True
 
-        def job() -> tuple[Sequence[Line], str | None]:
+        def job() -> tuple[Sequence[JournalLine], str | None]:
             wanted = [line for line in lines if not line.withdrawn]
             count, problem = file.append([line.entry for line in wanted], again=again)
             return [line for line in wanted[:count] if line.keep()], problem
 
-        def done(answer: Future[tuple[Sequence[Line], str | None]]) -> None:
+        def done(answer: Future[tuple[Sequence[JournalLine], str | None]]) -> None:
             if file is self._file:
                 written, problem = ((), why) if (why := why_not(answer)) else answer.result()
                 self._heard(lines, written, problem)
 
         self._disk.submit_job(job, done)
 
-    def _heard(self, lines: Sequence[Line], written: Sequence[Line], problem: str | None) -> None:
+    def _heard(
+        self, lines: Sequence[JournalLine], written: Sequence[JournalLine], problem: str | None
+    ) -> None:
         self._busy, self._problem = False, problem
         over = [line for line in lines if line in written or line.done is not None]
         self._waiting = tuple(

@@ -170,7 +170,7 @@ _answers: msgspec.msgpack.Decoder[Finished | Resting] = msgspec.msgpack.Decoder(
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class WantedPages:
     """What is made by itself.
 
     Attributes:
@@ -184,7 +184,7 @@ class Wanted:
     options: Sequence[str] = ()
 
 
-EVERY_REPORT = Wanted()
+EVERY_REPORT = WantedPages()
 
 _UNMADE = {
     ChoreKind.REPORT: "no report of {place.name}: {why}; `madrob report` makes it",
@@ -220,7 +220,7 @@ class Reporting(Worker):
         results: Path,
         busy: Callable[[], bool],
         write: Callable[[Callable[[], None]], Future[None]],
-        wanted: Wanted = EVERY_REPORT,
+        wanted: WantedPages = EVERY_REPORT,
         pause: float = PAUSE,
     ) -> None:
         super().__init__((*command, str(queue), str(pause)))

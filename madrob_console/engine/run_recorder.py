@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.engine.evidence_client import EvidenceClient, EvidencePlace
-from madrob_console.engine.journal_writer import JournalKeeper, Line, Recording
+from madrob_console.engine.journal_writer import JournalKeeper, JournalLine, Recording
 from madrob_console.engine.public_state import PublishedState
 from madrob_console.engine.replay import EngineContext
 from madrob_console.engine.snapshot import LogLine, RecorderView, Weight
@@ -122,7 +122,7 @@ class EventPublisher:
 
         `start` of the run is in s since the epoch.
         """
-        self.journal.add_line(Line(entry))
+        self.journal.add_line(JournalLine(entry))
         self.say(entry, start)
 
     def say(self, entry: Entry, start: float | None) -> None:
@@ -179,7 +179,7 @@ class RunRecorder:
         self._last = None
 
     def start(
-        self, run: Run, line: Line, done: Callable[[Future[Recording | None]], None]
+        self, run: Run, line: JournalLine, done: Callable[[Future[Recording | None]], None]
     ) -> Future[Recording | None]:
         """Have a run's folder, bag and journal made; nothing is recorded yet.
 
@@ -288,7 +288,7 @@ def _close(recording: Recording, evidence_client: EvidenceClient) -> BagSummary:
     return summary
 
 
-def _open(make: Callable[[], Recording], line: Line) -> Recording | None:
+def _open(make: Callable[[], Recording], line: JournalLine) -> Recording | None:
     recording = make()
     if line.keep():
         return recording

@@ -417,7 +417,7 @@ class Supervisor:
         assert bell is not None
         while not self._closed:
             now = time.monotonic()
-            rest = min(worker.step(now) for worker in self._workers)
+            rest = min((worker.step(now) for worker in self._workers), default=LOOK_PERIOD)
             poll = select.poll()
             poll.register(bell, select.POLLIN)
             for worker in self._workers:

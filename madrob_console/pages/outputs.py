@@ -29,6 +29,7 @@ from madrob_console.pages.competition import (
     statistics_of,
     statistics_text,
 )
+from madrob_console.pages.notes import MANUAL_START_NOTE, PRACTICE_STANDINGS
 from madrob_console.pages.tally import (
     ALIKE,
     Overall,
@@ -39,7 +40,6 @@ from madrob_console.pages.tally import (
     subjects_text,
 )
 from madrob_console.pages.templates import NONE, render, task_text
-from madrob_console.pages.words import MANUAL_START_NOTE, PRACTICE_STANDINGS
 from madrob_console.referee.flags import weighty
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Condition

@@ -11,10 +11,7 @@ from madrob_console.archive.result_summary import ListedResult
 from madrob_console.archive.run_pictures import NO_PICTURES, RunPictures
 from madrob_console.archive.scored import Scored
 from madrob_console.pages.camera_pictures import Anchors, anchors, definitions_of, pictures
-from madrob_console.pages.phases import phases
-from madrob_console.pages.surroundings import NOWHERE, PagePlace
-from madrob_console.pages.templates import NONE, render
-from madrob_console.pages.words import (
+from madrob_console.pages.notes import (
     BIAS_NOTE,
     INVALID,
     LOCKED_BY,
@@ -27,6 +24,9 @@ from madrob_console.pages.words import (
     UNOFFICIAL,
     VOIDED,
 )
+from madrob_console.pages.phases import phases
+from madrob_console.pages.surroundings import NOWHERE, PagePlace
+from madrob_console.pages.templates import NONE, render
 from madrob_console.referee.flags import (
     FlagKind,
     common_reason,

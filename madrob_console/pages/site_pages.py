@@ -19,6 +19,7 @@ from madrob_console.pages.competition import (
     summary_words,
     why_left_out,
 )
+from madrob_console.pages.notes import MANUAL_START_NOTE, NO_UNCERTAINTY_NOTE, UNCERTAINTY_NOTE
 from madrob_console.pages.outputs import MEANS, NOTES_OF_PAGES
 from madrob_console.pages.site_content import (
     NONE_ALIKE,
@@ -44,7 +45,6 @@ from madrob_console.pages.site_drawings import (
 )
 from madrob_console.pages.tally import ALIKE
 from madrob_console.pages.templates import NONE, path_link, render
-from madrob_console.pages.words import MANUAL_START_NOTE, NO_UNCERTAINTY_NOTE, UNCERTAINTY_NOTE
 from madrob_console.referee.competition_plan import PlanProgress
 from madrob_console.referee.flags import FlagKind, weighty
 from scoring.figures.team_drawings import ROW

@@ -37,7 +37,8 @@ class EvidenceGap:
             since the epoch.
         end: likewise, the first message after it; null = it went on to the end.
         why: in words.
-        number: how many gaps these are, with some evidence between them: see `with_gap`.
+        number: how many gaps these are, with some evidence between them: the last one told has
+            all that came later.
     """
 
     begin: float

@@ -35,7 +35,7 @@ from recorder.bag import MAX_NS, RawMessage, Topic, evidence_file_name
 from recorder.errors import RecorderError
 from recorder.mcap_writer import CHUNK_BYTES, McapFile, McapWriter
 from recorder.reader import read_bag
-from recorder.writer import BagWriter, DropReason, Evidence, RecorderState
+from recorder.writer import BagWriter, DropReason, FurtherFile, RecorderState
 from tests.recorder.samples import door_messages, door_topics, strings, talk
 from tests.watching import until
 
@@ -341,7 +341,7 @@ def evidence(folder: Path, limit: int = 2**62, number: int = 0) -> BagWriter:
     def refusal(size: int, coming: int) -> str | None:
         return "the budget is used up" if size + coming > limit else None
 
-    return BagWriter(Evidence(folder, number, refusal), [CAMERA], {})
+    return BagWriter(FurtherFile(folder, number, refusal), [CAMERA], {})
 
 
 CAMERA = Topic("/camera", "sensor_msgs/msg/Image", "uint8[] data\n")
@@ -398,7 +398,7 @@ def test_large_messages_of_evidence_take_no_more_memory_than_the_queue_may(tmp_p
     def wait(_size: int, _coming: int) -> None:
         go_on.wait()
 
-    place = Evidence(tmp_path / "bag", 0, wait)
+    place = FurtherFile(tmp_path / "bag", 0, wait)
     with BagWriter(place, [CAMERA], {}, queue_bytes=3_000_000) as camera:
         assert [camera.put_message(message) for message in frames(8)] == [True] * 5 + [False] * 3
         assert camera.stats().queued_bytes <= 3_000_000
@@ -419,7 +419,7 @@ def test_a_sync_of_what_is_scored_never_waits_for_much_evidence(
         real(fd)
 
     monkeypatch.setattr(os, "fdatasync", sync)
-    place = Evidence(tmp_path / "bag", 0, lambda _size, _coming: None)
+    place = FurtherFile(tmp_path / "bag", 0, lambda _size, _coming: None)
     with BagWriter(place, [CAMERA], {}, flush_period=1e6) as camera:
         assert all(map(camera.put_message, frames(40)))
     unsynced = [after - before for before, after in pairwise(sizes)]

@@ -310,7 +310,7 @@ def test_room_that_cannot_be_made_is_told_in_the_last_line(
     for flag in ("--dry-run", "--yes"):
         assert tidy(root, "--until-free", "900000GB", flag) == 0
         line = capsys.readouterr().out.splitlines()[-1]
-        assert re.fullmatch(r"--until-free 900.0 TB is not reached: \d+.\d TB are lacking", line)
+        assert re.fullmatch(r"--until-free 900 TB is not reached: \d+ TB are lacking", line)
     assert tidy(root, "--until-free", "1MB", "--dry-run") == 0
     assert "--until-free" not in capsys.readouterr().out
 

@@ -61,7 +61,8 @@ def test_the_version_is_valid_and_names_the_release() -> None:
 
 
 @pytest.mark.parametrize(
-    "changed", ["scoring/indicators.py", "recorder/bag.py", "madrob_console/pages/report.css"]
+    "changed",
+    ["scoring/indicators.py", "recorder/bag.py", "madrob_console/pages/templates/report.css"],
 )
 def test_one_line_of_code_changes_the_version(changed: str, tree: Path) -> None:
     before = source_version(tree)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from madrob_console.cli import aside
 from madrob_console.engine.disk import InlineDisk
-from madrob_console.engine.reports import EVERY_REPORT, QUEUE_FOLDER, Reporting, Wanted
+from madrob_console.engine.reports import EVERY_REPORT, QUEUE_FOLDER, Reporting, WantedPages
 from madrob_console.engine.supervisor import Supervisor
 
 SHORT_PAUSE = 0.2  # s
@@ -17,7 +17,7 @@ SHORT_PAUSE = 0.2  # s
 @contextmanager
 def reporting_on(
     results: Path,
-    wanted: Wanted = EVERY_REPORT,
+    wanted: WantedPages = EVERY_REPORT,
     busy: Callable[[], bool] = lambda: False,
     command: Sequence[str] = aside.COMMAND,
 ) -> Iterator[Reporting]:

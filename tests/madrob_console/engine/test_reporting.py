@@ -24,7 +24,7 @@ from madrob_console.cli.main import main
 from madrob_console.common.version import software_version
 from madrob_console.engine import server
 from madrob_console.engine.engine_thread import LocalEngine
-from madrob_console.engine.reports import QUEUE_FOLDER, Chore, ChoreKind, ChoreQueue, Wanted
+from madrob_console.engine.reports import QUEUE_FOLDER, Chore, ChoreKind, ChoreQueue, WantedPages
 from madrob_console.engine.requests import ExportTeam, OpenRun, Role
 from madrob_console.engine.server import AGAIN, LogOnce
 from madrob_console.engine.service import FallenThreads
@@ -145,7 +145,7 @@ def test_report_and_pages_follow_every_result(tmp_path: Path) -> None:
     results, site = tmp_path / "runs", tmp_path / "site"
     drive = Drive(results, Scenario.NO_TOUCH)
     options = (str(site), f"--results={results}", "--practice")
-    with reporting_on(results, Wanted(publish=options)) as reporting:
+    with reporting_on(results, WantedPages(publish=options)) as reporting:
         drive.engine.on_result = reporting.report
         drive.whole_run(make_setup(timeout=1.0))
         assert reporting.wait(60.0)
@@ -166,7 +166,7 @@ def test_report_and_pages_follow_every_result(tmp_path: Path) -> None:
 def test_pages_that_the_disk_refuses_are_a_fault_until_they_are_written(tmp_path: Path) -> None:
     write(tmp_path / "runs", summary(3))
     site = tmp_path / "site"
-    wanted = Wanted(publish=(str(site), f"--results={tmp_path / 'runs'}"))
+    wanted = WantedPages(publish=(str(site), f"--results={tmp_path / 'runs'}"))
     with reporting_on(tmp_path / "runs", wanted) as reporting:
         reporting.publish()
         assert reporting.wait(60.0)
@@ -202,7 +202,7 @@ def test_a_report_that_the_disk_refuses_is_a_fault_until_it_is_made(tmp_path: Pa
 @pytest.mark.machine
 def test_what_cannot_ever_be_made_is_told_and_not_tried_again(tmp_path: Path) -> None:
     write(tmp_path, summary(3))
-    wanted = Wanted(
+    wanted = WantedPages(
         publish=(str(tmp_path), f"--results={tmp_path}"), options=(f"--results={tmp_path}",)
     )
     with reporting_on(tmp_path, wanted) as reporting:
@@ -325,7 +325,7 @@ def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_
     for run in (wanted, summary(3, hour=1, competition="Spring Cup")):
         write(tmp_path / "runs", run)
     engine = simulated(tmp_path / "runs")
-    options = Wanted(options=[f"--results={tmp_path / 'runs'}"])
+    options = WantedPages(options=[f"--results={tmp_path / 'runs'}"])
     with (
         reporting_on(tmp_path / "runs", options, lambda: engine.busy) as reporting,
         closing(Served(tmp_path, engine=engine, reporting=reporting)) as served,
@@ -414,7 +414,7 @@ def test_reports_that_tell_of_other_runs_are_made_again_and_those_that_cannot_be
     assert main(["report", str(tmp_path)]) == 0
     assert other_runs(first / "report.html") == ["run 2", "run 2"]
     shutil.rmtree(second)
-    with reporting_on(tmp_path, Wanted(reports=False)) as reporting:
+    with reporting_on(tmp_path, WantedPages(reports=False)) as reporting:
         for _ in range(2):
             reporting.report(first)
             assert reporting.wait(60.0)
@@ -427,7 +427,7 @@ def test_reports_that_tell_of_other_runs_are_made_again_and_those_that_cannot_be
     shutil.rmtree(second)
     for recording in first.glob("*.mcap"):
         recording.unlink()
-    with reporting_on(tmp_path / "more", Wanted(reports=False)) as reporting:
+    with reporting_on(tmp_path / "more", WantedPages(reports=False)) as reporting:
         reporting.report(first)
         assert reporting.wait(60.0)
         assert reporting.problem is not None
