@@ -49,6 +49,9 @@ StartTime = Annotated[float, Meta(ge=0, le=1e11)]
 
 _UNTOLD = "why is not told"
 
+Whole = Annotated[int, Meta(ge=-(2**53), le=2**53)]
+"""As many digits as every reader of JSON keeps."""
+
 Spread = Annotated[float, Meta(ge=0)]
 
 
@@ -62,7 +65,7 @@ class UncertaintyPart(msgspec.Struct, frozen=True):
 class IndicatorPart(msgspec.Struct, frozen=True):
     """One indicator; a value or a reason why not."""
 
-    value: int | float | None
+    value: Whole | float | None
     unit: str = ""
     reason: str | None = None
     uncertainty: UncertaintyPart | None = None
@@ -151,7 +154,7 @@ class ListedResult(msgspec.Struct, frozen=True):
     start: StartTime
     outcome: Outcome
     indicators: dict[str, IndicatorPart]
-    issue: Annotated[int, Meta(ge=0)]
+    issue: Annotated[int, Meta(ge=0, le=2**53)]
     ruleset: Name
     source: Name | None = None
     competition: Name = ""
