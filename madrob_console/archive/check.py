@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from madrob_console.archive.folders import RESULT_FILE, RunPath
-from madrob_console.archive.result_document import ResultDocument
+from madrob_console.archive.result_files import document_of
 from madrob_console.archive.result_reader import UnusableResultError, read_result, read_whole_result
 from madrob_console.archive.result_summary import ListedResult, lists_evidence
 from madrob_console.archive.scored import Scored, score_recording
@@ -194,7 +194,7 @@ def compare(stored: dict[str, Any], scored: Scored, folder: Path) -> CheckedRun:
     # cut off after its result and before the journal's line of it: this is the first issue
     first = dataclasses.replace(scored.run, issue=max(1, scored.run.issue))
     scored = dataclasses.replace(scored, run=first)
-    recomputed = msgspec.json.encode(ResultDocument.of(scored, folder, {}))
+    recomputed = msgspec.json.encode(document_of(scored, folder, {}))
     found = tuple(_compare(stored, msgspec.json.decode(recomputed), folder))
     return CheckedRun(
         found=tuple(each for each in found if not _UNCERTAINTY.match(each.what)),
