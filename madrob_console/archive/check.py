@@ -14,16 +14,16 @@ from typing import Any
 import msgspec
 
 from madrob_console.archive.folders import RESULT_FILE, RunPath
-from madrob_console.archive.result_document import ResultDocument
+from madrob_console.archive.result_files import document_of
 from madrob_console.archive.result_reader import UnusableResultError, read_result, read_whole_result
-from madrob_console.archive.result_summary import ListedResult, lists_evidence
+from madrob_console.archive.result_summary import IndicatorPart, ListedResult, lists_evidence
 from madrob_console.archive.scored import Scored, score_recording
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from recorder.bag import METADATA_FILE
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import Libraries, libraries_here
-from scoring.result import Result
+from scoring.result import Indicator, Result
 
 # Grades of agreement between two computations of one result (section 11).
 
@@ -80,6 +80,7 @@ _NOT_COMPARED = {
 _COMPUTED = ("indicators.", "quality.")
 """Where libraries decide the last digits. Not for times: 1e-9 of the epoch is over a second."""
 
+_VALUE = re.compile(r"indicators\.(\w+)\.value")
 _UNCERTAINTY = re.compile(r"indicators\.\w+\.uncertainty\b")
 _DOUBTS = re.compile(r"indicators\.\w+\.doubts\b")
 
@@ -98,6 +99,12 @@ class Difference:
     @property
     def words(self) -> str:
         return f"{self.what}: stored {_short(self.stored)}, now {_short(self.recomputed)}"
+
+    @property
+    def indicator(self) -> IndicatorName | None:
+        """Whose value it is; None for anything else."""
+        match = _VALUE.fullmatch(self.what)
+        return next((name for name in IndicatorName if match and name == match[1]), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +201,7 @@ def compare(stored: dict[str, Any], scored: Scored, folder: Path) -> CheckedRun:
     # cut off after its result and before the journal's line of it: this is the first issue
     first = dataclasses.replace(scored.run, issue=max(1, scored.run.issue))
     scored = dataclasses.replace(scored, run=first)
-    recomputed = msgspec.json.encode(ResultDocument.of(scored, folder, {}))
+    recomputed = msgspec.json.encode(document_of(scored, folder, {}))
     found = tuple(_compare(stored, msgspec.json.decode(recomputed), folder))
     return CheckedRun(
         found=tuple(each for each in found if not _UNCERTAINTY.match(each.what)),
@@ -307,9 +314,9 @@ def compared(stored: ListedResult | str, result: Result) -> Comparison:
     """With enough digits to tell two values apart."""
     if isinstance(stored, str):
         return Comparison(stored)
-    found = tuple(_result_differences(stored, result))
-    grade = Grade.worst(each for each, _ in found)
-    values = "; ".join(words for each, words in found if each is grade)
+    found = tuple(_differences("", _appealed(stored), _appealed(result)))
+    grade = Grade.worst(each.grade for each in found)
+    values = "; ".join(_beside_stored(each) for each in found if each.grade is grade)
     match grade:
         case Grade.SAME:
             return Comparison(EQUAL, grade)
@@ -320,20 +327,27 @@ def compared(stored: ListedResult | str, result: Result) -> Comparison:
             return Comparison(f"differs from the stored result: {values}", grade)
 
 
-def _result_differences(stored: ListedResult, result: Result) -> Iterator[tuple[Grade, str]]:
-    if stored.ruleset != result.ruleset:
-        ruleset = terminal_safe(stored.ruleset)
-        yield Grade.DIFFERS, f"ruleset {result.ruleset}, stored {ruleset}"
-    if stored.outcome is not result.outcome:
-        yield Grade.DIFFERS, f"outcome {result.outcome}, stored {stored.outcome}"
-    if stored.start != result.start:
-        yield Grade.DIFFERS, f"start {result.start - stored.start:+.6g} s from the stored one"
-    for name in IndicatorName:
-        value, part = result.indicators[name].value, stored.indicators.get(name)
-        known = None if part is None else part.value
-        if value != known:
-            here, there = _apart(value, known)
-            yield Grade.of(known, value), f"{name.replace('_', ' ')} {here}, stored {there}"
+def _appealed(result: ListedResult | Result) -> dict[str, Any]:
+    """What an appeal is about; the same of a stored result as of a fresh one."""
+    indicators: Mapping[Any, IndicatorPart | Indicator] = result.indicators
+    known = {name: indicators.get(name) for name in IndicatorName}
+    return {
+        "ruleset": result.ruleset,
+        "outcome": result.outcome,
+        "start": result.start,
+        "indicators": {name: {"value": one and one.value} for name, one in known.items()},
+    }
+
+
+def _beside_stored(found: Difference) -> str:
+    now: Any = found.recomputed
+    stored: Any = found.stored
+    if found.indicator is not None:
+        here, there = _apart(now, stored)
+        return f"{found.indicator.replace('_', ' ')} {here}, stored {there}"
+    if found.what == "start":
+        return f"start {now - stored:+.6g} s from the stored one"
+    return f"{found.what} {now}, stored {terminal_safe(stored)}"
 
 
 def _apart(value: float | None, stored: float | None) -> tuple[str, str]:

@@ -1,22 +1,23 @@
 """The runs of a results folder: what each `result.json` says, with an index for speed.
 
-The index `.history.json` is only a cache: it is made again whenever it is missing, damaged or of
-another version, and not kept where the folder cannot be written.
+Summaries of unchanged files come from the index (`history_index`), where there is one.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 import threading
 import time
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
+from operator import attrgetter
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar
+from struct import Struct
+from typing import Any, NamedTuple
 
 import msgspec
-from msgspec.structs import replace
+from msgspec.structs import force_setattr, replace
 
 from madrob_console.archive.folders import (
     JOURNAL_FILE,
@@ -30,6 +31,7 @@ from madrob_console.archive.folders import (
     run_folder_names,
     why_twin,
 )
+from madrob_console.archive.history_index import HistoryIndex
 from madrob_console.archive.result_reader import (
     DamagedResultError,
     UnusableResultError,
@@ -45,8 +47,7 @@ from madrob_console.archive.run_journal import (
     out_of_date,
     read_run_journal,
 )
-from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import Stamp, atomic_write, read_bounded, stamp_of
+from madrob_console.common.files import Stamp, stamp_of
 from madrob_console.common.formatting import time_words
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.flags import Flag
@@ -56,66 +57,9 @@ from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, ScoringError, Thresholds
 from scoring.result import DOUBTED, Uncertainty
 
-# A cache of what was read from many files, kept with the files' stamps.
+_VERSION = f"10_{RESULT_FORMAT}"
+"""Of the summaries in the index: another one where any of them would be made differently."""
 
-
-_Item = TypeVar("_Item")
-
-Stamps = tuple[Stamp | None, ...]
-"""The stamps of all files of an item, in a fixed order; None = no such file."""
-
-_Kept = tuple[tuple[int, int, int] | None, ...]  # equal to stamps, and decoded sooner
-
-_LARGEST = 100_000_000  # bytes; a larger index is none
-
-
-class StampedIndex(Generic[_Item]):
-    """A cache of items by name, each valid while its files keep their stamps.
-
-    A cache file that is missing, damaged or of another version is empty; one that cannot be
-    written is not kept. `version` is that of the items' meaning; msgspec must read `kind`.
-    """
-
-    def __init__(self, path: Path, kind: type[_Item], version: tuple[int, int]) -> None:
-        self._path = path
-        self._version = version
-        layout: Any = tuple[tuple[int, int], dict[str, tuple[_Kept, kind]]]  # type: ignore[valid-type]
-        self._decoder = msgspec.json.Decoder(layout)
-        self._items = self._read()
-        self._changed = False
-
-    def get(self, name: str, stamps: Stamps) -> _Item | None:
-        kept = self._items.get(name)
-        return kept[1] if kept is not None and kept[0] == stamps else None
-
-    def store_item(self, name: str, stamps: Stamps, item: _Item) -> None:
-        self._items[name] = (stamps, item)
-        self._changed = True
-
-    def keep_only(self, names: Iterable[str]) -> None:
-        for name in self._items.keys() - set(names):
-            del self._items[name]
-            self._changed = True
-
-    def save(self) -> None:
-        """Write the file if anything changed; a folder that cannot be written is no error."""
-        if self._changed:
-            self._changed = False
-            with suppress(MadrobError):
-                atomic_write(self._path, msgspec.json.encode((self._version, self._items)))
-
-    def _read(self) -> dict[str, tuple[Stamps, _Item]]:
-        try:
-            data, _ = read_bounded(str(self._path), _LARGEST)
-            version, items = self._decoder.decode(data)
-        except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-            return {}
-        return items if version == self._version else {}
-
-
-INDEX_FILE = ".history.json"
-
-_INDEX_VERSION = (9, RESULT_FORMAT)
 _LONGEST_REASON = 500  # characters
 
 OUTCOME_WORDS = {
@@ -151,7 +95,59 @@ def condition_words(number: int) -> ConditionWords:
     return ConditionWords(found.way, found.benchmark_type.value)
 
 
-class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
+class Details(NamedTuple):
+    """The larger part of a summary.
+
+    Attributes:
+        values, uncertainties: by indicator file name, where known.
+        doubts: their number by indicator file name; those without are missing.
+        flags: open questions, the most serious first.
+        thresholds: those of the testbed that are not the protocol's; None = not known.
+    """
+
+    values: Mapping[str, int | float] = {}
+    uncertainties: Mapping[str, Uncertainty] = {}
+    doubts: Mapping[str, int] = {}
+    flags: tuple[Flag, ...] = ()
+    thresholds: Mapping[str, Any] | None = None
+
+    def packed(self) -> bytes:
+        """In few bytes, so that a hundred thousand summaries fit in memory."""
+        indicators = [
+            (
+                self.values.get(name),
+                None
+                if (known := self.uncertainties.get(name)) is None
+                else (known.u, known.expanded),
+                self.doubts.get(name, 0),
+            )
+            for name in IndicatorName
+        ]
+        return msgspec.msgpack.encode((indicators, self.flags, self.thresholds))
+
+    @classmethod
+    def unpacked(cls, packed: bytes) -> Details:
+        indicators, flags, thresholds = _details.decode(packed)
+        found = list(zip(IndicatorName, indicators, strict=True))
+        return cls(
+            {name: value for name, (value, _, _) in found if value is not None},
+            {name: Uncertainty(*known) for name, (_, known, _) in found if known is not None},
+            {name: number for name, (_, _, number) in found if number},
+            flags,
+            thresholds,
+        )
+
+
+_Indicator = tuple[int | float | None, tuple[float, float] | None, int]
+_details = msgspec.msgpack.Decoder(
+    tuple[tuple[_Indicator, ...], tuple[Flag, ...], dict[str, Any] | None]
+)
+_unpacked = lru_cache(maxsize=4096)(Details.unpacked)
+
+NO_DETAILS = Details().packed()
+
+
+class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True, array_like=True):
     """One run in a list.
 
     Attributes:
@@ -159,8 +155,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         started: s since the epoch; without a result, from the folder's name.
         outcome: None = no result yet: the run goes on, or it was cut off.
         reason: why it does not count, in the referee's words (shortened); empty if valid.
-        values, uncertainties: by indicator file name, where known.
-        doubts: their number by indicator file name; those without are missing.
+        packed: the `Details`.
         issue: of the result; 0 = none yet.
         protest_due: when the first open protest must be decided, s since the epoch.
         protest_at: the instant in question of that or the last protest, s from the start.
@@ -173,9 +168,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         repairable: the result is damaged or out of date, and can be made again.
         voided: the referee voided it, whatever its outcome.
         never_ran: why there is nothing to score; empty = there is, or may be.
-        flags: open questions, the most serious first.
         run_id: unique over all testbeds; empty where its files do not say.
-        thresholds: those of the testbed that are not the protocol's; None = not known.
         rate: of the door's angle, Hz; None = not known.
         twin: the folder of the same run that counts in place of this one; empty = none.
     """
@@ -188,9 +181,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     team: Name = ""
     outcome: Outcome | None = None
     reason: str = ""
-    values: dict[str, int | float] = {}
-    uncertainties: dict[str, Uncertainty] = {}
-    doubts: dict[str, int] = {}
+    packed: bytes = NO_DETAILS
     issue: int = 0
     final: bool = False
     team_word: str | None = None
@@ -204,13 +195,31 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     problem: str | None = None
     repairable: bool = False
     never_ran: str = ""
-    flags: tuple[Flag, ...] = ()
     voided: bool = False
     run_id: str = ""
     testbed: Name = ""
-    thresholds: dict[str, Any] | None = None
     rate: float | None = None
     twin: str = ""
+
+    @property
+    def values(self) -> Mapping[str, int | float]:
+        return _unpacked(self.packed).values
+
+    @property
+    def uncertainties(self) -> Mapping[str, Uncertainty]:
+        return _unpacked(self.packed).uncertainties
+
+    @property
+    def doubts(self) -> Mapping[str, int]:
+        return _unpacked(self.packed).doubts
+
+    @property
+    def flags(self) -> tuple[Flag, ...]:
+        return _unpacked(self.packed).flags
+
+    @property
+    def thresholds(self) -> Mapping[str, Any] | None:
+        return _unpacked(self.packed).thresholds
 
     @property
     def valid(self) -> bool:
@@ -288,8 +297,11 @@ class History:
 
     def __init__(self, root: Path) -> None:
         self._root = root
+        self._place = str(root)
         self._lock = threading.Lock()
-        self._index: StampedIndex[RunSummary] | None = None
+        self._index = HistoryIndex(root, _VERSION)
+        self._known: dict[str, tuple[bytes, RunSummary]] | None = None
+        self._changed: set[str] = set()
         self._open: dict[str, tuple[Stamp, RunSummary]] = {}
 
     def refresh(self) -> tuple[RunSummary, ...]:
@@ -298,21 +310,51 @@ class History:
         Links are not followed. What is wrong with a run's files is in its `problem`.
         """
         with self._lock:
-            names = run_folder_names(self._root)
-            if self._index is None:
-                self._index = StampedIndex(self._root / INDEX_FILE, RunSummary, _INDEX_VERSION)
-            found = (self._summary(name, self._index) for name in names)
-            runs = [run for run in found if run is not None]
-            self._index.keep_only(names)
-            self._index.save()
-        return twins_told(sorted(runs, key=lambda run: (run.started, run.folder)))
+            runs = list(self._listed())
+        runs.sort(key=attrgetter("started"))
+        return twins_told(runs)
 
-    def _summary(self, name: str, index: StampedIndex[RunSummary]) -> RunSummary | None:
-        folder = f"{self._root}/{name}"
+    def _listed(self) -> Iterator[RunSummary]:
+        """In the order of their folders' names."""
+        names = {name: name for name in sorted(run_folder_names(self._root))}
+        if self._known is None:
+            self._known = dict(self._indexed(names))
+        known = self._known
+        for name in names:
+            if (run := self._summary(name, known)) is not None:
+                yield run
+        gone = [name for name in known if name not in names]
+        for name in gone:
+            del known[name]
+        if gone or self._changed:
+            self._index.store(map(self._row_of, self._changed), gone)
+            self._changed.clear()
+
+    def _indexed(self, names: Mapping[str, str]) -> Iterator[tuple[str, tuple[bytes, RunSummary]]]:
+        """The summaries in the index, with one copy of each text in memory."""
+        for stamps, packed in self._index.read():
+            try:
+                run = _summaries.decode(packed)
+            except msgspec.MsgspecError:
+                continue
+            folder = names.get(run.folder, run.folder)
+            force_setattr(run, "folder", folder)
+            for field in _TOLD_BY_MANY:
+                if text := getattr(run, field):
+                    force_setattr(run, field, sys.intern(text))
+            yield folder, (stamps, run)
+
+    def _row_of(self, name: str) -> tuple[str, bytes, bytes]:
+        assert self._known is not None
+        stamps, run = self._known[name]
+        return name, stamps, msgspec.msgpack.encode(run)
+
+    def _summary(self, name: str, known: dict[str, tuple[bytes, RunSummary]]) -> RunSummary | None:
+        folder = f"{self._place}/{name}"
         stamps = (stamp_of(f"{folder}/{RESULT_FILE}"), stamp_of(f"{folder}/{JOURNAL_FILE}"))
-        kept = index.get(name, stamps)
-        if kept is not None and kept.folder == name:
-            return kept
+        kept = known.get(name)
+        if kept is not None and kept[0] == _stamps(*stamps):
+            return kept[1]
         parsed = parse_folder_name(name)
         if parsed is None:  # a date that does not exist
             return None
@@ -340,7 +382,8 @@ class History:
             damaged = isinstance(problem, DamagedResultError)
             return _unusable(unread, folder, str(problem), repairable=damaged)
         run = self._told(unread, result)
-        index.store_item(name, (stamp, stamps[1]), run)
+        known[name] = (_stamps(stamp, stamps[1]), run)
+        self._changed.add(name)
         return run
 
     def _told(self, unread: RunSummary, result: ListedResult) -> RunSummary:
@@ -361,6 +404,17 @@ class History:
         if stamp is not None:
             self._open[unread.folder] = (stamp, run)
         return run
+
+
+_summaries = msgspec.msgpack.Decoder(RunSummary)
+_NO_FILE = Stamp(0, 0, -1)
+_six_numbers = Struct("<6q").pack
+_TOLD_BY_MANY = "team", "source", "competition", "ruleset", "testbed"
+"""Texts of which a hundred thousand summaries share one copy."""
+
+
+def _stamps(result: Stamp | None, journal: Stamp | None) -> bytes:
+    return _six_numbers(*(result or _NO_FILE), *(journal or _NO_FILE))
 
 
 def twins_told(runs: Sequence[RunSummary]) -> tuple[RunSummary, ...]:
@@ -451,9 +505,14 @@ def _of_journal(unread: RunSummary, folder: Path) -> RunSummary:
 
 
 def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
-    indicators = result.indicators.items()
-    values = {name: found.value for name, found in indicators}
-    known = {name: found.uncertainty for name, found in indicators if found.uncertainty}
+    found = result.told
+    details = Details(
+        {name: one.value for name, one in found.items() if one.value is not None},
+        {name: one.uncertainty for name, one in found.items() if one.uncertainty is not None},
+        {name: len(one.doubts) for name, one in found.items()},
+        result.flags or (),
+        _unlike_protocol(result.thresholds),
+    )
     closure, waiting = result.closure, result.open_protest
     signed_so = closure is not None and closure.team_word == TeamWord.PROTESTED
     return replace(
@@ -466,9 +525,7 @@ def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
         outcome=result.outcome,
         reason=result.why_invalid[:_LONGEST_REASON],
         voided=result.voided is not None,
-        values={name: value for name, value in values.items() if value is not None},
-        uncertainties={name: Uncertainty(one.u, one.expanded) for name, one in known.items()},
-        doubts={name: len(found.doubts) for name, found in indicators if found.doubts},
+        packed=details.packed(),
         issue=result.issue,
         final=closure is not None,
         team_word=None if closure is None else closure.team_word,
@@ -479,10 +536,8 @@ def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
         practice=unread.practice or result.practice,
         competition=result.competition,
         ruleset=result.ruleset,
-        flags=result.flags or (),
         run_id=result.run_id,
         testbed=result.testbed,
-        thresholds=_unlike_protocol(result.thresholds),
         rate=result.rate,
     )
 

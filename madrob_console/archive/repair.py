@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -138,7 +138,6 @@ def _has_all_files(folder: Path) -> bool:
 # makes the result again from that line; there is no second issue.
 
 
-_VALUE = re.compile(r"indicators\.(\w+)\.value")
 _WHOSE = ("run_id", "subject", "condition_number", "run_number")
 _RECORDING = re.compile(r"files\..*\.mcap\b")
 
@@ -161,28 +160,12 @@ class RuleChange:
         return Entry(self.time, Origin.REFEREE, Change.REISSUED, self.referee, self.reason, details)
 
 
-@dataclass(frozen=True, slots=True)
-class ChangedValue:
-    """An indicator that a rule change changes; None = no value."""
-
-    indicator: IndicatorName
-    before: int | float | None
-    after: int | float | None
-
-    @property
-    def words(self) -> str:
-        """With as many digits as tell the two values apart."""
-        texts = [_rounded(self.before), _rounded(self.after)]
-        if texts[0] == texts[1]:
-            texts = [str(self.before), str(self.after)]
-        return f"{self.indicator.words} {' -> '.join(texts)}"
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class NextIssue:
     """The next issue of a changed result, to be written.
 
     Attributes:
+        values: the indicators that the rule change changes.
         others: the number of differences beside `values`.
         signed: the team's word on the issue before; None = that was not final.
         counts: whether the run enters the standings: it is valid and official.
@@ -192,7 +175,7 @@ class NextIssue:
 
     folder: Path
     number: int
-    values: tuple[ChangedValue, ...]
+    values: Mapping[IndicatorName, Difference]
     others: int
     signed: TeamWord | None
     counts: bool
@@ -202,7 +185,7 @@ class NextIssue:
 
     @property
     def words(self) -> str:
-        parts = [value.words for value in self.values]
+        parts = [_changed_words(name, value) for name, value in self.values.items()]
         if self.others:
             parts.append(f"{self.others} {'others' if parts else 'beside the values'}")
         signed = "" if self.signed is None else f" (was final, {self.signed}: not final any more)"
@@ -283,7 +266,7 @@ def _issue(
     if not found:
         return None
     reissued = replace(after(before, entry), journal=mark_of((*entries, entry)))
-    values = tuple(_values(found))
+    values = {name: each for each in found if (name := each.indicator) is not None}
     data: dict[str, bytes] = {}
     if files:
         data = result_files(folder, Scored.of(recorded.record, reissued, opened.assessment))
@@ -366,15 +349,13 @@ def _differences(folder: Path, scored: Scored) -> Sequence[Difference]:
     return [each for each in found if not each.what.startswith("files")]
 
 
-def _values(found: Sequence[Difference]) -> Iterator[ChangedValue]:
-    for each in found:
-        if match := _VALUE.fullmatch(each.what):
-            before, now = each.stored, each.recomputed
-            assert isinstance(before, int | float | None)
-            assert isinstance(now, int | float | None)
-            name = next(one for one in IndicatorName if one == match[1])
-            yield ChangedValue(name, before, now)
+def _changed_words(name: IndicatorName, value: Difference) -> str:
+    """With as many digits as tell the two values apart."""
+    texts = [_rounded(value.stored), _rounded(value.recomputed)]
+    if texts[0] == texts[1]:
+        texts = [str(value.stored), str(value.recomputed)]
+    return f"{name.words} {' -> '.join(texts)}"
 
 
-def _rounded(value: float | None) -> str:
+def _rounded(value: object) -> str:
     return "none" if value is None else f"{value:.6g}"

@@ -8,16 +8,15 @@ new one (`RESULT_FORMAT`). What a class says of its attributes stands in the sch
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from inspect import cleandoc
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import msgspec
 from msgspec import UNSET, UnsetType
 
 from madrob_console.archive.folders import RESULT_FORMAT
-from madrob_console.archive.result_summary import FileDigest, digests_of, kept_run_id, run_id_of
+from madrob_console.archive.result_summary import FileDigest
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.flags import Flag
@@ -38,14 +37,11 @@ from madrob_console.referee.records import (
     Waiver,
 )
 from scoring.indicator_table import WITH_THE_START, IndicatorName
-from scoring.libraries import Libraries, libraries_here
+from scoring.libraries import Libraries
 from scoring.procedure import Ruling
 from scoring.protocol import Thresholds
 from scoring.rest import HandleRest
 from scoring.result import Result
-
-if TYPE_CHECKING:
-    from madrob_console.archive.scored import Scored
 
 SCHEMA_FILE = f"madrob_result_schema_{RESULT_FORMAT}.json"
 
@@ -148,48 +144,6 @@ class ResultDocument(Result, Heading):
     evidence: EvidenceAccount | None = None
     zero_samples: HandleRest | None = None
     libraries: Libraries | UnsetType = UNSET
-
-    @classmethod
-    def of(cls, scored: Scored, folder: Path, data: Mapping[str, bytes]) -> ResultDocument:
-        record, run, setup = scored.record, scored.run, scored.record.setup
-        files, left_out = digests_of(folder, data)
-        return cls(
-            format=RESULT_FORMAT,
-            software=f"madrob-console {record.version}",
-            competition=record.competition,
-            source=record.source,
-            issue=run.issue,
-            subject=setup.subject,
-            team=setup.team,
-            run_number=setup.run_number,
-            condition_number=setup.condition.number,
-            setup=setup,
-            run_id=setup.run_id or kept_run_id(folder) or run_id_of(files),
-            testbed=setup.testbed,
-            thresholds=record.thresholds,
-            **{each.name: getattr(scored.result, each.name) for each in fields(Result)},
-            waivers=run.waivers,
-            false_starts=run.false_starts,
-            incidents=run.incidents,
-            rulings=run.rulings,
-            notes=run.notes if run.closure is None else run.notes[: run.signed_notes],
-            closure=run.closure,
-            voided=run.voided,
-            corrections=run.corrections,
-            accepted_doubts=run.accepted_doubts,
-            protests=run.protests,
-            taken_back=run.taken_back,
-            reissues=run.reissues,
-            removed_evidence=run.removed_evidence,
-            remark=MANUAL_START,
-            files=files,
-            files_left_out=left_out,
-            journal=run.journal or UNSET,
-            flags=scored.flags,
-            evidence=run.evidence if run.closure is None else run.signed_evidence,
-            zero_samples=record.zero_samples,
-            libraries=libraries_here(),
-        )
 
 
 def result_schema() -> dict[str, Any]:

@@ -4,30 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
+from msgspec import UNSET
 
 from madrob_console.archive.folders import (
     ISSUE_FILE,
     PRACTICE_FOLDER,
     RESULT_FILE,
+    RESULT_FORMAT,
     RunPath,
     RunPlace,
     parse_folder_name,
     places_that_count,
 )
 from madrob_console.archive.history import misplaced
-from madrob_console.archive.result_document import ResultDocument
+from madrob_console.archive.result_document import MANUAL_START, ResultDocument
 from madrob_console.archive.result_reader import (
     LARGEST_RESULT,
     UnusableResultError,
-    read_tabled_result,
-    tabled_result,
+    decoded_result,
+    read_result,
 )
-from madrob_console.archive.result_summary import TabledResult
+from madrob_console.archive.result_summary import ListedResult, digests_of, kept_run_id, run_id_of
 from madrob_console.archive.run_journal import UnusableJournalError, disagreement, out_of_date
 from madrob_console.archive.run_record import RunLabel
 from madrob_console.archive.scored import Scored
@@ -36,7 +38,9 @@ from madrob_console.common.files import atomic_write, atomic_writes, read_all, r
 from madrob_console.referee.flags import FlagKind
 from scoring.eurobench.run_files import Wrench, run_files
 from scoring.eurobench.run_info import RunInfo
+from scoring.libraries import libraries_here
 from scoring.protocol import Event, Outcome, ScoringError
+from scoring.result import Result
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
@@ -48,8 +52,51 @@ ResultFiles = Mapping[str, bytes | memoryview]
 def result_files(folder: Path, scored: Scored) -> dict[str, bytes]:
     """Every file of the result; `result.json` is the last. `folder` holds the recording."""
     data = eurobench_files(folder.name, scored)
-    document = msgspec.json.encode(ResultDocument.of(scored, folder, data))
+    document = msgspec.json.encode(document_of(scored, folder, data))
     return data | {RESULT_FILE: msgspec.json.format(document, indent=2) + b"\n"}
+
+
+def document_of(scored: Scored, folder: Path, data: Mapping[str, bytes]) -> ResultDocument:
+    """What `result.json` says; `folder` holds the recording, `data` are the other new files."""
+    record, run, setup = scored.record, scored.run, scored.record.setup
+    files, left_out = digests_of(folder, data)
+    return ResultDocument(
+        format=RESULT_FORMAT,
+        software=f"madrob-console {record.version}",
+        competition=record.competition,
+        source=record.source,
+        issue=run.issue,
+        subject=setup.subject,
+        team=setup.team,
+        run_number=setup.run_number,
+        condition_number=setup.condition.number,
+        setup=setup,
+        run_id=setup.run_id or kept_run_id(folder) or run_id_of(files),
+        testbed=setup.testbed,
+        thresholds=record.thresholds,
+        **{each.name: getattr(scored.result, each.name) for each in fields(Result)},
+        waivers=run.waivers,
+        false_starts=run.false_starts,
+        incidents=run.incidents,
+        rulings=run.rulings,
+        notes=run.notes if run.closure is None else run.notes[: run.signed_notes],
+        closure=run.closure,
+        voided=run.voided,
+        corrections=run.corrections,
+        accepted_doubts=run.accepted_doubts,
+        protests=run.protests,
+        taken_back=run.taken_back,
+        reissues=run.reissues,
+        removed_evidence=run.removed_evidence,
+        remark=MANUAL_START,
+        files=files,
+        files_left_out=left_out,
+        journal=run.journal or UNSET,
+        flags=scored.flags,
+        evidence=run.evidence if run.closure is None else run.signed_evidence,
+        zero_samples=record.zero_samples,
+        libraries=libraries_here(),
+    )
 
 
 def eurobench_files(name: str, scored: Scored) -> dict[str, bytes]:
@@ -141,7 +188,7 @@ class StoredRun:
     """A run with its result, as stored or freshly scored; `folder` may be a bag file."""
 
     folder: Path
-    result: TabledResult
+    result: ListedResult
 
     @property
     def label(self) -> RunLabel:
@@ -187,7 +234,7 @@ class Counted:
 def stored_run(run: RunPath) -> StoredRun:
     folder = run.path
     try:
-        result = read_tabled_result(str(folder))
+        result = read_result(str(folder))[0]
         named = parse_folder_name(folder.name)
         why = None if named is None else misplaced(result, named[0])
         if why is None and (differing := disagreement(result, folder)) is not None:
@@ -205,16 +252,15 @@ def stored_run(run: RunPath) -> StoredRun:
 def fresh_runs(run: RunPath, rules: Sequence[RulesetName | None]) -> list[StoredRun]:
     """A run scored now by each ruleset, as for `score_run`; it is read only once."""
     # they load numpy and SciPy, which the tables of stored results do without
-    from madrob_console.archive.result_document import ResultDocument
     from madrob_console.archive.scored import score_recording, score_run
 
     if run.prefix:
         documents = [_published_content(one) for one in score_run(run, rules)]
     else:
         scored = score_recording(run.path, rules)
-        documents = [msgspec.to_builtins(ResultDocument.of(one, run.path, {})) for one in scored]
+        documents = [msgspec.to_builtins(document_of(one, run.path, {})) for one in scored]
     return [
-        StoredRun(run.path, tabled_result(str(run.path), msgspec.json.encode(document)))
+        StoredRun(run.path, decoded_result(str(run.path), msgspec.json.encode(document)))
         for document in documents
     ]
 

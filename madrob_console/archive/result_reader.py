@@ -11,14 +11,11 @@ import msgspec
 from msgspec.structs import replace
 
 from madrob_console.archive.folders import ISSUE_FILE, JOURNAL_FILE, RESULT_FILE, RESULT_FORMAT
+from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.result_summary import (
     FileDigest,
     ListedResult,
-    MarksPart,
-    RemarksPart,
     SetupPart,
-    StepsPart,
-    TabledResult,
     run_id_at,
     run_id_of,
 )
@@ -26,7 +23,8 @@ from madrob_console.archive.run_journal import was_changed
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Stamp, read_bounded, refusal
 from madrob_console.referee.flags import Flag, flags
-from madrob_console.referee.records import Reissuing
+from madrob_console.referee.records import Reissuing, TestbedFault
+from madrob_console.referee.run import Run
 from scoring.quality import Quality
 
 LARGEST_RESULT = 10_000_000
@@ -35,20 +33,15 @@ LARGEST_RESULT = 10_000_000
 _Item = TypeVar("_Item")
 
 _AGAIN = "`madrob recover` makes it again"
+_FAULT = "fault at ", "fault: "
+"""How `Run.remarks` begins a fault of the testbed."""
+
 _FIRST_LINE = 65_536
 _DAMAGED = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
 
 class _Format(msgspec.Struct):
     format: int
-
-
-class _OfQuality(msgspec.Struct):
-    quality: RemarksPart
-
-
-class _Files(msgspec.Struct):
-    files: dict[str, FileDigest]
 
 
 class _Details(msgspec.Struct):
@@ -59,16 +52,10 @@ class _FirstEntry(msgspec.Struct):
     details: _Details
 
 
-_Listed = TypeVar("_Listed", bound=ListedResult)
-
 _formats = msgspec.json.Decoder(_Format)
 _anything: msgspec.json.Decoder[Any] = msgspec.json.Decoder()
 _results = msgspec.json.Decoder(ListedResult)
-_tabled = msgspec.json.Decoder(TabledResult)
-_files = msgspec.json.Decoder(_Files)
-_steps = msgspec.json.Decoder(StepsPart)
-_quality = msgspec.json.Decoder(_OfQuality)
-_marks = msgspec.json.Decoder(MarksPart)
+_documents = msgspec.json.Decoder(ResultDocument)
 _first_entries = msgspec.json.Decoder(_FirstEntry)
 
 
@@ -88,50 +75,43 @@ def read_result(folder: str) -> tuple[ListedResult, Stamp]:
         UnusableResultError: the message says why and what to do.
     """
     data, stamp = _read(folder)
-    return _own(_decoded(_results, data), folder, data), stamp
-
-
-def read_tabled_result(folder: str) -> TabledResult:
-    """As `read_result`, with what the tables of runs need."""
-    data, _ = _read(folder)
-    return _own(_decoded(_tabled, data), folder, data)
-
-
-def tabled_result(folder: str, data: bytes) -> TabledResult:
-    """As `read_tabled_result`, of a `result.json` in memory; `folder` may be its bag."""
-    return _completed(_decoded(_tabled, data), folder, data)
-
-
-def _own(result: _Listed, folder: str, data: bytes) -> _Listed:
-    """Raises DamagedResultError if the file was changed since it was written."""
+    result = _decoded(_results, data)
     if was_changed(data, Path(folder)):
         raise DamagedResultError(f"{RESULT_FILE} was changed after it was written: {_AGAIN}")
-    return _completed(result, folder, data)
+    return _completed(result, folder, data), stamp
 
 
-def _completed(result: _Listed, folder: str, data: bytes) -> _Listed:
+def decoded_result(folder: str, data: bytes) -> ListedResult:
+    """As `read_result`, of a `result.json` in memory; `folder` may be its bag."""
+    return _completed(_decoded(_results, data), folder, data)
+
+
+def _completed(result: ListedResult, folder: str, data: bytes) -> ListedResult:
+    """Adds what results of earlier versions lack."""
     if result.flags is None:
         result = replace(result, flags=_flags_of(data))
     if not result.run_id:
-        result = replace(result, run_id=_run_id_of(folder, data))
+        result = replace(result, run_id=run_id_of(result.files) or run_id_at(Path(folder)))
     return result
 
 
-def _run_id_of(folder: str, data: bytes) -> str:
-    try:
-        found = run_id_of(_files.decode(data).files)
-    except _DAMAGED:
-        found = ""
-    return found or run_id_at(Path(folder))
-
-
 def _flags_of(data: bytes) -> tuple[Flag, ...]:
+    """The flags of a result of 0.1.0; its faults are among the remarks."""
     try:
-        marks = _marks.decode(data)
+        document = _documents.decode(data)
     except _DAMAGED:
         return ()
-    quality = Quality(remarks=tuple(marks.quality.remarks))
-    return flags(marks.run, marks.steps, marks.source, quality)
+    remarks = document.quality.remarks
+    run = Run(
+        outcome=document.outcome,
+        false_starts=document.false_starts,
+        incidents=document.incidents,
+        waivers=document.waivers,
+        rulings=document.rulings,
+        closure=document.closure,
+        faults=tuple(TestbedFault(0.0, text) for text in remarks if text.startswith(_FAULT)),
+    )
+    return flags(run, document.steps, document.source, Quality(remarks=remarks))
 
 
 def earlier_issues(folder: Path, reissues: Iterable[Reissuing]) -> tuple[ListedResult, ...]:
@@ -152,32 +132,18 @@ def read_whole_result(folder: str) -> dict[str, Any]:
     return whole
 
 
-def read_remarks(folder: str) -> list[str]:
-    """Empty where the result is missing or damaged."""
+def read_sound_result(folder: str) -> ListedResult | None:
+    """As `read_result`; None where the result is missing or cannot be used."""
     try:
-        data, _ = read_bounded(f"{folder}/{RESULT_FILE}", LARGEST_RESULT)
-        remarks = _quality.decode(data).quality.remarks
-        return [] if was_changed(data, Path(folder)) else remarks
-    except (OSError, *_DAMAGED):
-        return []
-
-
-def read_steps(folder: str) -> StepsPart | None:
-    """None where the result is missing or damaged."""
-    try:
-        data, _ = read_bounded(f"{folder}/{RESULT_FILE}", LARGEST_RESULT)
-        return _steps.decode(data)
-    except (OSError, *_DAMAGED):
+        return read_result(folder)[0]
+    except (FileNotFoundError, UnusableResultError):
         return None
 
 
 def read_file_digests(folder: str) -> dict[str, FileDigest]:
     """Empty where the result is missing, damaged or older."""
-    try:
-        data, _ = read_bounded(f"{folder}/{RESULT_FILE}", LARGEST_RESULT)
-        return _files.decode(data).files
-    except (OSError, *_DAMAGED):
-        return {}
+    result = read_sound_result(folder)
+    return {} if result is None else result.files
 
 
 def _read(folder: str) -> tuple[bytes, Stamp]:
@@ -222,8 +188,7 @@ def read_setup(journal: str) -> SetupPart | None:
 
 def competition_of(folder: str) -> str | None:
     """From the result, else the journal; None = neither says."""
-    try:
-        return read_result(folder)[0].competition
-    except (FileNotFoundError, UnusableResultError):
-        setup = read_setup(f"{folder}/{JOURNAL_FILE}")
-        return None if setup is None else setup.competition
+    if (result := read_sound_result(folder)) is not None:
+        return result.competition
+    setup = read_setup(f"{folder}/{JOURNAL_FILE}")
+    return None if setup is None else setup.competition

@@ -25,19 +25,13 @@ from madrob_console.common.files import open_plain, refusal
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.flags import Flag
 from madrob_console.referee.records import (
-    Closure,
-    FalseStart,
-    Incident,
     JournalMark,
     Sha256,
-    TestbedFault,
-    Waiver,
     derived_run_id,
 )
-from madrob_console.referee.run import VALID_OUTCOMES, Run
+from madrob_console.referee.run import VALID_OUTCOMES
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import Libraries
-from scoring.procedure import Ruling, StepRecord
 from scoring.protocol import Condition, Outcome, Signal, Step, Thresholds
 from scoring.result import Indicator, Uncertainty
 
@@ -48,6 +42,9 @@ StartTime = Annotated[float, Meta(ge=0, le=1e11)]
 """s since the epoch, within the range of calendars."""
 
 _UNTOLD = "why is not told"
+
+Whole = Annotated[int, Meta(ge=-(2**53), le=2**53)]
+"""As many digits as every reader of JSON keeps."""
 
 Spread = Annotated[float, Meta(ge=0)]
 
@@ -62,7 +59,7 @@ class UncertaintyPart(msgspec.Struct, frozen=True):
 class IndicatorPart(msgspec.Struct, frozen=True):
     """One indicator; a value or a reason why not."""
 
-    value: int | float | None
+    value: Whole | float | None
     unit: str = ""
     reason: str | None = None
     uncertainty: UncertaintyPart | None = None
@@ -129,10 +126,11 @@ class SignalRate(msgspec.Struct, frozen=True):
     rate: Annotated[float, Meta(ge=0)] | None = None
 
 
-class RatesPart(msgspec.Struct, frozen=True):
-    """The part of the data quality that lists read."""
+class QualityPart(msgspec.Struct, frozen=True):
+    """Sampling rates and remarks of the data quality."""
 
     signals: Annotated[tuple[SignalRate, ...], Meta(max_length=50)] = ()
+    remarks: tuple[str, ...] = ()
 
 
 class RunKind(msgspec.Struct, frozen=True):
@@ -141,8 +139,49 @@ class RunKind(msgspec.Struct, frozen=True):
     practice: bool = False
 
 
+class RulingPart(msgspec.Struct, frozen=True):
+    """The referee's word on a step."""
+
+    confirmed: bool | None
+
+
+class StepPart(msgspec.Struct, frozen=True):
+    """One of the six steps: its times, s since the epoch; null = not done."""
+
+    step: Step
+    name: Name = ""
+    sensors: StartTime | None = None
+    referee: RulingPart | None = None
+    final: StartTime | None = None
+    reason: str | None = None
+
+
+class EventPart(msgspec.Struct, frozen=True):
+    """An event, s since the epoch and since the start."""
+
+    time: float
+    since_start: float
+    event: Name
+
+
+@dataclass(frozen=True, slots=True)
+class FileDigest:
+    """A file of the run as it was when the result was written.
+
+    Attributes:
+        sha256: its digest.
+        bytes: its size.
+    """
+
+    sha256: Sha256
+    bytes: int
+
+
 class ListedResult(msgspec.Struct, frozen=True):
-    """The part of a `ResultDocument` that lists read; later versions' words pass unchanged."""
+    """What is read of a `result.json`; what other versions add or lack does not matter.
+
+    No stop where the machine failed.
+    """
 
     subject: Number
     condition_number: ConditionNumber
@@ -151,7 +190,7 @@ class ListedResult(msgspec.Struct, frozen=True):
     start: StartTime
     outcome: Outcome
     indicators: dict[str, IndicatorPart]
-    issue: Annotated[int, Meta(ge=0)]
+    issue: Annotated[int, Meta(ge=0, le=2**53)]
     ruleset: Name
     source: Name | None = None
     competition: Name = ""
@@ -168,13 +207,23 @@ class ListedResult(msgspec.Struct, frozen=True):
     run_id: Name = ""
     testbed: Name = ""
     thresholds: Thresholds | None = None
-    quality: RatesPart = RatesPart()
+    quality: QualityPart = QualityPart()
+    stop: StartTime | None = None
+    lock_detection: Name = ""
+    software: str = ""
+    events: tuple[EventPart, ...] = ()
+    steps: Annotated[tuple[StepPart, ...], Meta(max_length=len(Step))] = ()
+    files: dict[str, FileDigest] = {}
 
     @property
     def told(self) -> dict[IndicatorName, Indicator]:
         """The indicators that this version knows, in the protocol's order."""
         parts = self.indicators
         return {name: parts[name].indicator_of(name) for name in IndicatorName if name in parts}
+
+    @property
+    def steps_done(self) -> dict[Step, float]:
+        return {one.step: one.final for one in self.steps if one.final is not None}
 
     @property
     def rate(self) -> float | None:
@@ -211,35 +260,6 @@ class ListedResult(msgspec.Struct, frozen=True):
         return self.setup.practice or self.source == SourceKind.SIMULATED
 
 
-class RulingPart(msgspec.Struct, frozen=True):
-    """The referee's word on a step."""
-
-    confirmed: bool | None
-
-
-class StepPart(msgspec.Struct, frozen=True):
-    """One of the six steps: its times, s since the epoch; null = not done."""
-
-    step: Step
-    name: Name = ""
-    sensors: StartTime | None = None
-    referee: RulingPart | None = None
-    final: StartTime | None = None
-    reason: str | None = None
-
-
-class StepsPart(msgspec.Struct, frozen=True):
-    """When the steps were done, s since the epoch; no stop where the machine failed."""
-
-    start: StartTime
-    stop: StartTime | None
-    steps: Annotated[tuple[StepPart, ...], Meta(max_length=len(Step))]
-
-    @property
-    def done(self) -> dict[Step, float]:
-        return {one.step: one.final for one in self.steps if one.final is not None}
-
-
 class SetupPart(msgspec.Struct, frozen=True):
     """The part of a set-up that is read from the journal."""
 
@@ -250,58 +270,6 @@ class SetupPart(msgspec.Struct, frozen=True):
     run_id: Name = ""
     testbed: Name = ""
     competition: Name | None = None
-
-
-class RemarksPart(msgspec.Struct):
-    """The remarks on the data quality."""
-
-    remarks: list[str]
-
-
-class MarksPart(msgspec.Struct, frozen=True):
-    """Stands in for flags in a result of 0.1.0, which wrote none."""
-
-    outcome: Outcome
-    source: SourceKind
-    quality: RemarksPart
-    steps: tuple[StepRecord, ...]
-    false_starts: tuple[FalseStart, ...]
-    incidents: tuple[Incident, ...]
-    waivers: tuple[Waiver, ...]
-    rulings: tuple[Ruling, ...]
-    closure: Closure | None
-
-    @property
-    def run(self) -> Run:
-        """As far as flags need it; faults are among the remarks, as `Run.remarks` words them."""
-        found = (text for text in self.quality.remarks if text.startswith(("fault at ", "fault: ")))
-        return Run(
-            outcome=self.outcome,
-            false_starts=self.false_starts,
-            incidents=self.incidents,
-            waivers=self.waivers,
-            rulings=self.rulings,
-            closure=self.closure,
-            faults=tuple(TestbedFault(0.0, text) for text in found),
-        )
-
-
-class EventPart(msgspec.Struct, frozen=True):
-    """An event, s since the epoch and since the start."""
-
-    time: float
-    since_start: float
-    event: Name
-
-
-class TabledResult(ListedResult, frozen=True):
-    """What the tables of runs also read."""
-
-    stop: float | None = None
-    lock_detection: Name = ""
-    software: str = ""
-    events: tuple[EventPart, ...] = ()
-    steps: tuple[StepPart, ...] = ()
 
 
 # Links of a report, rewritten for another place.
@@ -339,19 +307,6 @@ _RUN_ID = "run_id"
 _RECORDING = ".mcap"
 _METADATA = "metadata.yaml"
 _DATA = (_RECORDING, ".yaml", ".csv")
-
-
-@dataclass(frozen=True, slots=True)
-class FileDigest:
-    """A file of the run as it was when the result was written.
-
-    Attributes:
-        sha256: its digest.
-        bytes: its size.
-    """
-
-    sha256: Sha256
-    bytes: int
 
 
 def digests_of(

@@ -17,8 +17,8 @@ from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
 from madrob_console.archive.result_reader import (
     DamagedResultError,
     UnusableResultError,
-    read_remarks,
     read_result,
+    read_sound_result,
 )
 from madrob_console.archive.run_journal import disagreements, is_held, read_run_journal
 from madrob_console.archive.run_record import RECORD_NAME, RunLabel, RunRecord
@@ -355,7 +355,8 @@ def _out_of_date(folder: Path, run: Run) -> bool:
 def keep_stored_remarks(assessment: Assessment, run: Run, folder: Path) -> None:
     """Keep what a stored result says of the data and the bag cannot tell: what was dropped."""
     known = {*assessment.quality().remarks, *run.remarks()}
-    for remark in read_remarks(str(folder)):
+    stored = read_sound_result(str(folder))
+    for remark in () if stored is None else stored.quality.remarks:
         if remark not in known and not _of_the_moment(remark):
             assessment.report_problem(remark)
 

@@ -281,7 +281,7 @@ class ChangeTotals:
     counting: int = 0
     signed: int = 0
     values: Counter[IndicatorName] = field(default_factory=Counter)
-    levels: Counter[tuple[float | None, float | None]] = field(default_factory=Counter)
+    levels: Counter[tuple[object, object]] = field(default_factory=Counter)
     unchanged: int = 0
     unwritten: int = 0
 
@@ -289,10 +289,10 @@ class ChangeTotals:
         self.issues += 1
         self.counting += issue.counts
         self.signed += issue.signed is not None
-        for value in issue.values:
-            self.values[value.indicator] += 1
-            if value.indicator is IndicatorName.CAPABILITY_LEVEL:
-                self.levels[value.before, value.after] += 1
+        for name, value in issue.values.items():
+            self.values[name] += 1
+            if name is IndicatorName.CAPABILITY_LEVEL:
+                self.levels[value.stored, value.recomputed] += 1
 
     def lines(self, bad: int, *, dry: bool) -> Iterator[str]:
         done = "would be re-issued" if dry else "re-issued"

@@ -19,7 +19,7 @@ from madrob_console.archive.result_reader import (
     UnusableResultError,
     earlier_issues,
     read_result,
-    read_steps,
+    read_sound_result,
 )
 from madrob_console.archive.result_summary import ListedResult
 from madrob_console.archive.scored import Scored
@@ -200,10 +200,10 @@ class Surroundings:
 
     def _phases_of(self, folder: Path) -> PhaseTimes | None:
         if folder not in self._phases:
-            steps = read_steps(str(folder))
+            result = read_sound_result(str(folder))
             phases: PhaseTimes | None = None
-            if steps is not None:
-                phases = phases_of(steps.done, steps.start, steps.stop)
+            if result is not None and result.steps:
+                phases = phases_of(result.steps_done, result.start, result.stop)
             self._phases[folder] = phases
         return self._phases[folder]
 

@@ -18,7 +18,8 @@ from typing import TypeVar
 import msgspec
 
 from madrob_console.archive.folders import NUMBERS_FILE, RESULT_FILE, RunName, next_run_number
-from madrob_console.archive.history import INDEX_FILE, History
+from madrob_console.archive.history import History
+from madrob_console.archive.history_index import INDEX_FILE
 from madrob_console.pages.tally import standings
 from tests.benchmarks.report import Baseline, Figure, Goal
 from tests.madrob_console.run_folders import summary, write

@@ -4,15 +4,16 @@ import fcntl
 import json
 import os
 import shutil
+import sqlite3
 import subprocess
 import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import example, given
@@ -27,7 +28,8 @@ from madrob_console.archive.folders import (
     RunPath,
     next_run_number,
 )
-from madrob_console.archive.history import INDEX_FILE, History, RunSummary, earlier_runs
+from madrob_console.archive.history import History, RunSummary, earlier_runs
+from madrob_console.archive.history_index import INDEX_FILE
 from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.archive.run_journal import MOST_READ, find_unfinished, is_held
 from madrob_console.archive.scored import open_run
@@ -196,6 +198,8 @@ def changed(**fields: object) -> bytes:
         (changed(start=None), "damaged"),
         (changed(indicators={"execution_time": {"value": "fast"}}), "damaged"),
         (changed(indicators=[]), "damaged"),
+        (changed(indicators={"capability_level": {"value": 2**70}}), "damaged"),
+        (changed(issue=2**70), "damaged"),
         (changed(closure={"team_word": 3}), "damaged"),
         (changed(condition_number=21), "damaged"),
         (changed(format=RESULT_FORMAT + 1, outcome=7), "use a newer madrob-console"),
@@ -328,30 +332,106 @@ def test_a_result_that_changed_is_read_again(tmp_path: Path) -> None:
     assert History(tmp_path).refresh() == ()
 
 
-def foreign(index: list[Any]) -> object:
-    return [[99, 1], index[1]]
+def table_of(index: Path) -> str:
+    with closing(sqlite3.connect(index)) as opened:
+        ((name,),) = opened.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")
+    return str(name)
 
 
-def renamed(index: list[Any]) -> object:
-    other = summary(subject=5).folder
-    return [index[0], {summary().folder: [index[1][summary().folder][0], {"folder": other}]}]
+def with_index(index: Path, *acts: str) -> None:
+    table = table_of(index)
+    with closing(sqlite3.connect(index)) as opened:
+        for act in acts:
+            opened.execute(act.format(table))
+        opened.commit()
 
 
-@pytest.mark.parametrize(
-    "spoil", [foreign, renamed, lambda _i: {}, lambda _i: [[1, 1], {"x": 3}], lambda i: i[1]]
-)
+def bytes_changed(index: Path) -> None:
+    """A name in a summary, as a disk may change it."""
+    index.write_bytes(index.read_bytes().replace(b"Autumn Cup", b"Spring Cup"))
+
+
+FALSE_INDEXES: dict[str, Callable[[Path], object]] = {
+    "empty": lambda index: index.write_bytes(b""),
+    "no database": lambda index: index.write_bytes(b"\xff" * 9_999),
+    "an older index": lambda index: index.write_text("[[9, 1], {}]"),
+    "half": lambda index: os.truncate(index, index.stat().st_size // 2),
+    "a page missing": lambda index: os.truncate(index, index.stat().st_size - 4096),
+    "zeros after the head": lambda index: index.write_bytes(index.read_bytes()[:100] + bytes(9999)),
+    "a changed byte": bytes_changed,
+    "of another version": lambda index: with_index(index, "ALTER TABLE {} RENAME TO runs_0_1"),
+    "with another table": lambda index: with_index(index, "CREATE TABLE more (x)"),
+    "a view without end": lambda index: with_index(
+        index,
+        "DROP TABLE {}",
+        "CREATE VIEW {} AS WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x FROM n) "
+        "SELECT x AS folder, x AS stamps, x AS summary, x AS checksum FROM n",
+    ),
+    "without rows": lambda index: with_index(index, "DELETE FROM {}"),
+    "other stamps": lambda index: with_index(index, "UPDATE {} SET stamps = x'00'"),
+    "no summaries": lambda index: with_index(index, "UPDATE {} SET summary = x'c0'"),
+}
+
+
+@pytest.mark.parametrize("case", FALSE_INDEXES)
 def test_a_damaged_or_foreign_index_is_made_again(
-    tmp_path: Path, spoil: Callable[[list[Any]], object]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: str
 ) -> None:
     run = summary()
     write(tmp_path, run)
     History(tmp_path).refresh()
+    FALSE_INDEXES[case](tmp_path / INDEX_FILE)
+    assert History(tmp_path).refresh() == (run,)
+    assert refreshed(History(tmp_path), monkeypatch) == ((run,), 0)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [INDEX_FILE, run.folder]
+
+
+def test_an_index_of_several_pages_may_be_cut_off_anywhere(tmp_path: Path) -> None:
+    runs = tuple(summary(run_number=number, hour=number) for number in range(1, 40))
+    for run in runs:
+        write(tmp_path, run)
+    History(tmp_path).refresh()
     index = tmp_path / INDEX_FILE
     good = index.read_bytes()
-    for bad in (json.dumps(spoil(json.loads(good))).encode(), good[:-5], b"", b"\xff", b"[" * 9999):
-        index.write_bytes(bad)
-        assert History(tmp_path).refresh() == (run,)
-        assert index.read_bytes() == good
+    for size in range(0, len(good), 1_000):
+        index.write_bytes(good[:size])
+        assert History(tmp_path).refresh() == runs
+        index.write_bytes(good[:size] + bytes(1_000) + good[size + 1_000 :])
+        assert History(tmp_path).refresh() == runs
+
+
+def test_an_index_that_another_process_holds_is_not_waited_for(tmp_path: Path) -> None:
+    first, second = summary(), summary(run_number=2, hour=1)
+    write(tmp_path, first)
+    History(tmp_path).refresh()
+    write(tmp_path, second)
+    with closing(sqlite3.connect(tmp_path / INDEX_FILE)) as other:
+        other.execute("PRAGMA locking_mode = EXCLUSIVE")
+        other.execute("BEGIN EXCLUSIVE")
+        began = time.monotonic()
+        assert History(tmp_path).refresh() == (first, second)
+        assert time.monotonic() - began < 5
+    assert History(tmp_path).refresh() == (first, second)
+
+
+@pytest.mark.machine
+def test_two_programs_that_read_at_once_keep_one_index(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = tuple(summary(run_number=number, hour=number) for number in range(1, 60))
+    for run in runs:
+        write(tmp_path, run)
+    program = (
+        "import sys; from pathlib import Path; "
+        "from madrob_console.archive.history import History; "
+        "print(len(History(Path(sys.argv[1])).refresh()))"
+    )
+    others = [
+        subprocess.Popen([sys.executable, "-c", program, str(tmp_path)], stdout=subprocess.PIPE)
+        for _ in range(3)
+    ]
+    assert [other.communicate()[0] for other in others] == [b"59\n"] * 3
+    assert refreshed(History(tmp_path), monkeypatch) == (runs, 0)
 
 
 def test_an_index_that_cannot_be_kept_is_no_problem(tmp_path: Path) -> None:

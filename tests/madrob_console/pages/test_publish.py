@@ -351,6 +351,7 @@ def test_two_halls_are_one_competition(results: Path) -> None:
     assert len(list(site.glob("runs/*/result.json"))) == 2 * (len(RUNS) - 1)
 
 
+_WHOLE = st.integers(-(2**53), 2**53)
 _NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 
 
@@ -362,7 +363,7 @@ _NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
             st.integers(1, 3),
             st.integers(1, 999),
             st.sampled_from([1, 7]),
-            own=st.fixed_dictionaries({TIME: _NUMBERS, SMOOTH: _NUMBERS, LEVEL: st.integers()}),
+            own=st.fixed_dictionaries({TIME: _NUMBERS, SMOOTH: _NUMBERS, LEVEL: _WHOLE}),
             uncertainties=st.just({}) | st.builds(lambda x: {TIME: Uncertainty(x, x)}, _NUMBERS),
             outcome=st.sampled_from(Outcome),
             ruleset=st.sampled_from(["protocol", "robust-2026"]),

@@ -171,8 +171,8 @@ def test_the_time_of_a_failed_run_makes_it_no_better() -> None:
 
 
 def test_of_equal_runs_the_earlier_is_the_better() -> None:
-    first, second = timed(10.0, hour=1.0), timed(10.0, hour=2.0)
-    first.values[HANDLE] = 7.0
+    first = summary(values={TIME: 10.0, HANDLE: 7.0, LEVEL: 6}, hour=1.0)
+    second = timed(10.0, hour=2.0)
     (standing,) = standings([second, first], best=1)
     assert standing.aggregates[HANDLE].mean == 7.0
 

@@ -549,7 +549,6 @@ def a_summary(folder: str = "subject_004_cond_003_run_002_20231114_221320") -> R
         condition=3,
         started=1_700_000_000.0,
         outcome=Outcome.COMPLETED,
-        values={},
         source="simulated",
     )
 
