@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,6 @@ from madrob_console.archive.folders import (
     RunPath,
     RunPlace,
     parse_folder_name,
-    places_that_count,
 )
 from madrob_console.archive.history import misplaced
 from madrob_console.archive.result_document import MANUAL_START, ResultDocument
@@ -27,6 +26,7 @@ from madrob_console.archive.result_reader import (
     LARGEST_RESULT,
     UnusableResultError,
     decoded_result,
+    read_file_digests,
     read_result,
 )
 from madrob_console.archive.result_summary import ListedResult, digests_of, kept_run_id, run_id_of
@@ -35,15 +35,17 @@ from madrob_console.archive.run_record import RunLabel
 from madrob_console.archive.scored import Scored
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import atomic_write, atomic_writes, read_all, refusal
-from madrob_console.referee.flags import FlagKind
+from madrob_console.referee.flags import FlagKind, undecided
 from scoring.eurobench.run_files import Wrench, run_files
 from scoring.eurobench.run_info import RunInfo
 from scoring.libraries import libraries_here
-from scoring.protocol import Event, Outcome, ScoringError
+from scoring.protocol import Condition, Event, Outcome, ScoringError, Thresholds
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
     from madrob_console.archive.scored import ScoredPath
 
 ResultFiles = Mapping[str, bytes | memoryview]
@@ -207,28 +209,49 @@ class StoredRun:
     def practice(self) -> bool:
         return self.result.practice or self.folder.parent.name == PRACTICE_FOLDER
 
+    @property
+    def condition(self) -> Condition:
+        return Condition.from_number(self.result.condition_number)
 
-@dataclass(frozen=True, slots=True)
-class Counted:
-    """Which place of each run counts (by `run_id`), where it has duplicates."""
+    def place(self, name: str) -> RunPlace:
+        return RunPlace(name, self.result.run_id, self.practice, self.result.issue)
 
-    places: dict[str, str]
-    testbeds: frozenset[str]
-    competitions: frozenset[str]
+    @property
+    def undecided(self) -> int:
+        return len(undecided(self.result.flags or ()))
 
-    @classmethod
-    def of(cls, runs: Iterable[RunPath]) -> Counted:
-        testbeds, competitions = set(), set()
+    @property
+    def libraries(self) -> str:
+        told = {} if self.result.libraries is None else asdict(self.result.libraries)
+        return "; ".join(f"{name} {version}" for name, version in told.items())
 
-        def places() -> Iterator[RunPlace]:
-            for run in runs:
-                with suppress(MadrobError):
-                    one = stored_run(run)
-                    testbeds.add(one.result.testbed)
-                    competitions.add(one.result.competition)
-                    yield RunPlace(run.name, one.result.run_id, one.practice, one.result.issue)
+    @property
+    def thresholds_changed(self) -> Iterator[str]:
+        """The testbed's numbers that are not the protocol's."""
+        given = self.result.thresholds
+        return iter(()) if given is None else _changed(given, Thresholds())
 
-        return cls(places_that_count(places()), frozenset(testbeds), frozenset(competitions))
+    @property
+    def recording_digest(self) -> str:
+        """As the result has it; empty where it has none."""
+        files = read_file_digests(str(self.folder))
+        return next((files[name].sha256 for name in sorted(files) if name.endswith(".mcap")), "")
+
+
+def _changed(given: object, standard: DataclassInstance) -> Iterator[str]:
+    for name in (each.name for each in fields(standard)):
+        value, usual = getattr(given, name), getattr(standard, name)
+        if is_dataclass(usual) and not isinstance(usual, type):
+            yield from (f"{name}.{words}" for words in _changed(value, usual))
+        elif value != usual:
+            yield f"{name} {value}"
+
+
+def stored_places(runs: Iterable[RunPath]) -> Iterator[RunPlace]:
+    """Where the runs with a usable result lie."""
+    for run in runs:
+        with suppress(MadrobError):
+            yield stored_run(run).place(run.name)
 
 
 def stored_run(run: RunPath) -> StoredRun:

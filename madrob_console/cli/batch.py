@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from madrob_console.cli import options
-from madrob_console.cli.options import results_folder, team_names
+from madrob_console.cli.options import results_folder
 from madrob_console.cli.output import complain
 from madrob_console.cli.parsing import whole_within
 from madrob_console.cli.sharing import in_order
@@ -96,7 +96,10 @@ def add_which_runs(parser: argparse.ArgumentParser) -> None:
 
 
 def standings(
-    arguments: argparse.Namespace, settings: Settings, collection: Collection
+    arguments: argparse.Namespace,
+    settings: Settings,
+    collection: Collection,
+    teams: Mapping[int, str],
 ) -> CompetitionStandings:
     from madrob_console.pages.competition import competition_standings
 
@@ -108,7 +111,7 @@ def standings(
         competition=arguments.competition,
         official=not arguments.practice,
         best=best,
-        listed=team_names(arguments, settings, collection),
+        listed=teams,
     )
 
 

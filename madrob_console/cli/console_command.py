@@ -212,9 +212,7 @@ def _read_lists(arguments: argparse.Namespace, settings: Settings) -> None:
     if arguments.teams is not None:
         options.team_list(arguments, settings)
     if arguments.plan is not None:
-        from madrob_console.referee.competition_plan import read_plan
-
-        read_plan(arguments.plan.expanduser(), "correct --plan")
+        options.plan_list(arguments, settings)
 
 
 def check_lists(client: EngineClient, arguments: argparse.Namespace, settings: Settings) -> None:

@@ -8,6 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from madrob_console.cli.output import complain
 from madrob_console.cli.parsing import (
     Parser,
     delay,
@@ -26,7 +27,7 @@ from scoring.protocol import BenchmarkType, Condition, Side, Signal, Strip
 if TYPE_CHECKING:
     from madrob_console.archive.collection import Collection
     from madrob_console.config import Settings
-    from madrob_console.referee.competition_plan import PlanSource
+    from madrob_console.referee.competition_plan import Plan, PlanSource
     from madrob_console.referee.lists import TeamList, TeamSource
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
@@ -261,13 +262,33 @@ def team_source(arguments: argparse.Namespace, settings: Settings) -> TeamSource
 
 
 def team_list(arguments: argparse.Namespace, settings: Settings) -> TeamList:
-    """The list of teams; a file that only the settings name may be missing."""
+    """The list of teams, its bad lines named; a file that only the settings name may be missing."""
     from madrob_console.referee.lists import read_teams
 
     source = team_source(arguments, settings)
     if arguments.teams is not None and source.file is not None:
         read_teams(source.file, source.remedy)
-    return source.read()
+    listed = source.read()
+    tell_problems(listed)
+    return listed
+
+
+def plan_list(arguments: argparse.Namespace, settings: Settings) -> Plan:
+    """The plan, its bad lines named; a file that only the settings name may be missing."""
+    from madrob_console.referee.competition_plan import read_plan
+
+    source = plan_source(arguments, settings)
+    if arguments.plan is not None and source.file is not None:
+        read_plan(source.file, source.remedy)
+    plan = source.read()
+    tell_problems(plan)
+    return plan
+
+
+def tell_problems(listed: TeamList | Plan) -> None:
+    """Name the bad lines of a list."""
+    for problem in listed.problems:
+        complain(problem)
 
 
 def team_names(
@@ -287,7 +308,8 @@ def add_plan(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=None,
         metavar="FILE",
-        help="the competition's plan, csv lines of subject,condition,attempts; else the settings'",
+        help="the competition's plan, csv lines of subject,condition,attempts,time; else the "
+        "settings'",
     )
 
 

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
 from madrob_console.cli.output import BAD_INPUT, Complaints, complain, put_bytes
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
-
-if TYPE_CHECKING:
-    from madrob_console.referee.competition_plan import Plan, PlanSource
 
 
 def add_command(commands: options.Commands) -> None:
@@ -22,7 +18,7 @@ def add_command(commands: options.Commands) -> None:
         "plan",
         main,
         "the competition's plan: what is done, what comes next, what is left",
-        "The plan is a csv file with lines `subject,condition,attempts` in the order of the "
+        "The plan is a csv file with lines `subject,condition,attempts,time` in the order of the "
         "competition (setting `plan.file`). Exit code 2 when a line of it cannot be used or has a "
         "subject that is not in the list of teams, or a run cannot be read; the others count.",
         examples=(
@@ -53,9 +49,11 @@ def main(arguments: argparse.Namespace) -> int:
         print("\n".join(condition_lines()))
         return 0
     settings = load_settings(arguments.settings)
-    plan = _plan(options.plan_source(arguments, settings))
+    plan = options.plan_list(arguments, settings)
+    if not plan.lines and (plan.problems or not plan.file):
+        raise MadrobError("no plan: name a file in [plan] of the settings, or with --plan")
     teams = options.team_list(arguments, settings).names
-    unknown = unknown_teams((line.task for line in plan.lines), teams)
+    unknown = [*unknown_teams((line.task for line in plan.lines), teams)]
     plan = replace(plan, problems=(*plan.problems, *unknown))
     chosen: str | None = arguments.competition
     competition = settings.competition.name if chosen is None else chosen
@@ -68,19 +66,9 @@ def main(arguments: argparse.Namespace) -> int:
             print(terminal_safe(line))
     for remark in collection.twins:
         complain(f"note: {remark}")
-    for problem in plan.problems:
+    for problem in unknown:
         complain(problem)
     with Complaints() as complaints:
         complaints.add_each(collection.unlisted)
         complaints.add_each((run.folder, run.problem) for run in collection.runs if run.problem)
     return BAD_INPUT if plan.problems or complaints.count else 0
-
-
-def _plan(source: PlanSource) -> Plan:
-    from madrob_console.referee.competition_plan import Plan, read_plan
-
-    if source.file is not None:
-        return read_plan(source.file, source.remedy)
-    if not source.lines:
-        raise MadrobError("no plan: name a file in [plan] of the settings, or with --plan")
-    return Plan(source.lines)

@@ -91,16 +91,15 @@ def _content(arguments: argparse.Namespace, settings: Settings, found: Collectio
 
     official = not arguments.practice
     title, runs = entering_runs(found.runs, arguments.competition, official=official)
-    plan = options.plan_source(arguments, settings).read()
-    for problem in plan.problems:
-        complain(problem)
+    plan = options.plan_list(arguments, settings)
+    teams = options.team_names(arguments, settings, found)
     name = title if runs else settings.competition.name
     return SiteContent(
         root=found.root,
         runs=[run for run in runs if not run.twin and not run.never_ran],
-        standings=batch.standings(arguments, settings, found),
+        standings=batch.standings(arguments, settings, found, teams),
         plan=plan_progress(plan, found.runs, name) if plan.lines else None,
-        names=options.team_names(arguments, settings, found),
+        names=teams,
         software=software_version(),
         zips=frozenset(
             run.subject for run in runs if (_site(arguments) / zip_place(run.subject)).is_file()

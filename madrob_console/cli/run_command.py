@@ -223,6 +223,7 @@ def _out_of_plan(subject: int, condition: int, settings: Settings, engine: Engin
     from madrob_console.referee.competition_plan import Task, plan_progress
 
     plan = settings.plan.source.read()
+    options.tell_problems(plan)
     runs = History(engine.config.results).refresh() if plan.lines else ()
     return plan_progress(plan, runs, settings.competition.name).out_of_plan(
         Task(subject, condition)

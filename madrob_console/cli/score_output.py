@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 
-from madrob_console.archive.folders import JOURNAL_FILE, RunPath
+from madrob_console.archive.folders import JOURNAL_FILE, RunPath, places_that_count
 from madrob_console.archive.result_document import MANUAL_START
 from madrob_console.cli.batch import lost_words, shared
 from madrob_console.cli.output import BAD_INPUT, Complaints, Tell, name_twins, progress
@@ -32,7 +32,8 @@ from scoring.rulesets import RulesetName
 if TYPE_CHECKING:
     from madrob_console.archive.repair import NextIssue, RuleChange
     from madrob_console.common.clock import Clock
-    from madrob_console.export.rows import Row, RowWriter
+    from madrob_console.export.rows import TableWriter
+    from madrob_console.export.table_columns import Row
     from madrob_console.pages.surroundings import Surroundings
 
 _ALL = (*RUN_TABLES, UNREADABLE)
@@ -49,7 +50,7 @@ class FreshRows(NamedTuple):
 def fresh_rows(run: RunPath, *, rules: tuple[RulesetName | None, ...]) -> FreshRows:
     """Score a run for the tables; never raises. `rules` None = the ruleset of the run."""
     from madrob_console.archive.result_files import fresh_runs
-    from madrob_console.export.rows import rows_of
+    from madrob_console.export.table_columns import rows_of
 
     try:
         scored = fresh_runs(run, rules)
@@ -69,7 +70,7 @@ def write_tables(
 ) -> int:
     """Write the tables of all runs atomically; one that cannot be read has its row."""
     from madrob_console.common.files import new_folder, whole_file
-    from madrob_console.export.rows import RowWriter, TableWriter, check_writable
+    from madrob_console.export.rows import TableWriter, check_writable
 
     kind = arguments.format or TableFormat.CSV
     check_writable(kind)
@@ -81,8 +82,7 @@ def write_tables(
         writers = {}
         for table in _ALL:
             file = stack.enter_context(whole_file(part / f"{table.name}.{kind}"))
-            writer = RowWriter(TableWriter(file, table, kind), table)
-            writers[table.name] = stack.enter_context(closing(writer))
+            writers[table.name] = stack.enter_context(closing(TableWriter(file, table, kind)))
         work = partial(fresh_rows, rules=rules)
         made = stack.enter_context(closing(shared(arguments, work, runs, _lost_rows)))
         _write(runs, made, writers, bad, tell)
@@ -93,13 +93,13 @@ def write_tables(
 def _write(
     runs: Sequence[RunPath],
     made: Iterable[FreshRows],
-    writers: Mapping[str, RowWriter],
+    writers: Mapping[str, TableWriter],
     bad: Complaints,
     tell: Tell,
 ) -> None:
-    from madrob_console.archive.result_files import Counted
+    from madrob_console.archive.result_files import stored_places
 
-    counted = Counted.of(runs).places
+    counted = places_that_count(stored_places(runs))
     twins: list[tuple[str, str]] = []
     tell(0, len(runs))
     for number, (run, one) in enumerate(zip(runs, made, strict=True), start=1):
@@ -107,7 +107,7 @@ def _write(
         if one.problem is not None:
             bad.add_complaint(one.problem, run.name)
             reason = one.problem.removeprefix(f"{run.name}: ")
-            writers[UNREADABLE.name].write_rows([{"place": run.name, "reason": reason}])
+            writers[UNREADABLE.name].write_rows([UNREADABLE.row_of(run.name, reason)])
         elif one.run_id and (place := counted.setdefault(one.run_id, run.name)) != run.name:
             twins.append((run.name, place))
         else:

@@ -84,7 +84,8 @@ def main(arguments: argparse.Namespace) -> int:
     details = arguments.details or arguments.best is not None
     if not details and not targets:
         arguments.best = 1
-    found = batch.standings(arguments, settings, collection)
+    teams = options.team_names(arguments, settings, collection)
+    found = batch.standings(arguments, settings, collection, teams)
     for kind, path in targets.items():
         data = makers[kind](found)
         if path == _STDOUT:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from contextlib import closing, nullcontext
+from contextlib import ExitStack, closing, nullcontext
 from functools import partial
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, NamedTuple
 
 from madrob_console.cli import options
-from madrob_console.cli.output import BAD_INPUT, Complaints, Tell, name_twins, progress, put_bytes
+from madrob_console.cli.output import BAD_INPUT, Complaints, name_twins, progress, put_bytes
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.export.table_columns import (
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from typing_extensions import Buffer
 
     from madrob_console.archive.folders import RunPath
-    from madrob_console.export.rows import RowWriter
 
 _SAMPLES = """\
 From the opening of a recording to its end, before it is cut to the run, by the code that makes \
@@ -58,9 +58,10 @@ def add_command(commands: options.Commands) -> None:
         examples=(
             "madrob table runs ~/madrob_runs > runs.csv",
             "madrob table indicators hall_a hall_b --format parquet --output all.parquet",
-            "madrob table samples --help",
+            "madrob table --columns",
         ),
     )
+    _add_columns(parser, (*RUN_TABLES, *SAMPLE_TABLES))
     parts = parser.add_subparsers(metavar="WHAT")
     for table in RUN_TABLES:
         _add_runs(parts, table)
@@ -75,6 +76,7 @@ def add_command(commands: options.Commands) -> None:
             "madrob table samples ~/madrob_runs --output tables --format parquet",
         ),
     )
+    _add_columns(samples, SAMPLE_TABLES)
     samples.add_argument("paths", nargs="+", type=Path, metavar="PATH")
     samples.add_argument(
         "--output",
@@ -99,6 +101,7 @@ def _add_runs(parts: options.Commands, table: TidyTable) -> None:
         "\n".join([_RUNS, *column_lines([table])]),
         (f"madrob table {table.name} ~/madrob_runs --output {table.name}.csv",),
     )
+    _add_columns(parser, (table,))
     options.add_run_paths(parser)
     parser.add_argument(
         "--output",
@@ -111,11 +114,36 @@ def _add_runs(parts: options.Commands, table: TidyTable) -> None:
     options.add_settings(parser)
 
 
+class _TellColumns(argparse.Action):
+    """Prints the columns of the tables in `const`; no path is needed, as for `--help`."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        _namespace: argparse.Namespace,
+        _values: object,
+        _option_string: str | None = None,
+    ) -> None:
+        print("\n".join(column_lines(self.const)))
+        parser.exit()
+
+
+def _add_columns(parser: argparse.ArgumentParser, tables: Sequence[TidyTable]) -> None:
+    parser.add_argument(
+        "--columns",
+        action=_TellColumns,
+        nargs=0,
+        const=tables,
+        help="tell the columns, their units and meaning, and end",
+    )
+
+
 def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
     from madrob_console.archive.folders import all_runs_at
     from madrob_console.common.files import whole_file
     from madrob_console.config import load_settings
-    from madrob_console.export.rows import RowWriter, TableWriter, check_writable
+    from madrob_console.export.read_runs import ReadRuns
+    from madrob_console.export.rows import TableWriter, check_writable
 
     output: Path = arguments.output
     to_terminal = output == _STDOUT
@@ -126,53 +154,27 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
     for path in paths:
         if not path.exists():  # before it takes the place of a table that is there
             raise MadrobError(f"{path}: no such folder; name a folder with runs")
-    runs = all_runs_at(paths)
-    target = nullcontext(_StandardOutput()) if to_terminal else whole_file(output)
-    with (
-        Complaints() as bad,
-        progress("runs") as tell,
-        target as file,
-        closing(RowWriter(TableWriter(file, table, arguments.format), table)) as writer,
-    ):
-        _write_runs(runs, arguments, table, writer, bad, tell)
+    with ExitStack() as stack:
+        bad = stack.enter_context(Complaints())
+        read = ReadRuns(table, stack.enter_context(TemporaryFile()))
+        with progress("runs") as tell:
+            runs = all_runs_at(paths)
+            for number, run in enumerate(runs):
+                tell(number, len(runs))
+                try:
+                    read.add_run(run)
+                except MadrobError as error:
+                    bad.add_complaint(error, run.name)
+        chosen = read.chosen(arguments.testbed_name, arguments.competition)
+        target = nullcontext(_StandardOutput()) if to_terminal else whole_file(output)
+        file = stack.enter_context(target)
+        writer = stack.enter_context(closing(TableWriter(file, table, arguments.format)))
+        for rows in chosen:
+            writer.write_rows(rows)
+    name_twins(read.twins)
     if not to_terminal:
         print(terminal_safe(str(output)))
     return BAD_INPUT if bad.count else 0
-
-
-def _write_runs(
-    runs: Sequence[RunPath],
-    arguments: argparse.Namespace,
-    table: TidyTable,
-    writer: RowWriter,
-    bad: Complaints,
-    tell: Tell,
-) -> None:
-    from madrob_console.archive.collection import demand_competition, demand_testbed
-    from madrob_console.archive.result_files import Counted, stored_run
-    from madrob_console.export.rows import rows_of
-
-    counted = Counted.of(runs)
-    testbed, competition = arguments.testbed_name, arguments.competition
-    if testbed is not None:
-        demand_testbed(testbed, counted.testbeds)
-    if competition is not None:
-        demand_competition(competition, counted.competitions)
-    twins: list[tuple[str, str]] = []
-    tell(0, len(runs))
-    for number, run in enumerate(runs, start=1):
-        try:
-            stored = stored_run(run)
-        except MadrobError as error:
-            bad.add_complaint(error, run.name)
-            continue
-        label = stored.label
-        if (place := counted.places.get(label.run_id, run.name)) != run.name:
-            twins.append((run.name, place))
-        elif testbed in (None, label.testbed) and competition in (None, label.competition):
-            writer.write_rows(rows_of(table, stored))
-        tell(number, len(runs))
-    name_twins(twins)
 
 
 class _StandardOutput(BytesIO):
@@ -222,18 +224,18 @@ def write_samples(
 ) -> _Written:
     """Write the tables of one run, which alone is in memory; never raises."""
     from madrob_console.archive.scored import score_with_series
-    from madrob_console.export.rows import sample_rows, write_table
+    from madrob_console.export.rows import SampledRun, write_table
 
     if run.prefix:
         return _Written(problem=f"{run.name}: files without a recording: give the run's bag")
     try:
         scored, series = score_with_series(run.path, rules)
-        rows = sample_rows(run.own_name, scored, series, scored.record.label(run.path))
+        sampled = SampledRun(run.own_name, scored, series, scored.record.label(run.path))
         output.mkdir(parents=True, exist_ok=True)
         files = []
         for table in SAMPLE_TABLES:
             path = output / f"{run.own_name}_{table.name}.{kind}"
-            write_table(path, table, rows[table.name], kind)
+            write_table(path, table, sampled.columns_of(table), kind)
             files.append(path)
         return _Written(tuple(files))
     except MadrobError as error:

@@ -154,8 +154,8 @@ class PlanSettings(SettingsTable, frozen=True):
     file: Annotated[
         str,
         Meta(
-            description="CSV file with lines `subject,condition,attempts`, in order, read again "
-            "when it changes"
+            description="CSV file of `subject,condition,attempts,time` in order, read again when "
+            "it changes"
         ),
     ] = ""
     runs: Annotated[

@@ -371,7 +371,8 @@ def condition_lines() -> Iterator[str]:
         sides = f"{of.opening_side.upper():12}  {of.starting_side.upper():13}"
         yield f"{number:>4}  {of.benchmark_type:14}  {sides}  {of.way}"
     yield ""
-    yield "A line of a plan is `subject,condition number,attempts`: 3,7,2"
+    yield "A line of a plan is `subject,condition,attempts,time`, the last two at will: 3,7,2,14:30"
+    yield 'A condition in words is quoted: 3,"pull, from CCW, No Force",2'
 
 
 def plan_lines(found: PlanProgress, competition: str, teams: Mapping[int, str]) -> Iterator[str]:
@@ -383,11 +384,15 @@ def plan_lines(found: PlanProgress, competition: str, teams: Mapping[int, str]) 
         yield f"Next: {attempt_words(following, teams)}."
     yield ""
     yield _line("", "subj", "team", "cond", "task", "door", "done", "valid", "best")
-    begun = False
+    begun, day = False, ""
     for line in found.lines:
         mark = ">" if line.left and not begun else ""
         begun = begun or bool(mark)
-        yield _row(mark, line, teams)
+        of_day, _, time = line.time.rpartition(" ")
+        if of_day not in ("", day):
+            day = of_day
+            yield day
+        yield _row(mark, line, teams, time)
     if extra := [one for one in found.tasks if not one.planned]:
         yield ""
         yield "Out of plan:"
@@ -451,13 +456,16 @@ def plan_json(
     return msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n"
 
 
-def _row(mark: str, of: Attempts, teams: Mapping[int, str]) -> str:
+def _row(mark: str, of: Attempts, teams: Mapping[int, str], time: str = "") -> str:
     subject, condition = of.task
+    team = teams.get(subject, "")
+    if time:  # beside the team, as nothing else is as long as its column
+        team = f"{_fit(team, _TEAM - len(time) - 1)} {time}"
     best = "-" if of.best_level is None else str(of.best_level)
     done = attempts_cell(of)
     words = condition_words(condition)
     return _line(
-        *(mark, str(subject), teams.get(subject, ""), str(condition)),
+        *(mark, str(subject), team, str(condition)),
         *(words.way, words.door, done, str(of.valid), best),
     )
 
@@ -492,4 +500,5 @@ def _attempts(of: Attempts, teams: Mapping[int, str]) -> dict[str, Any]:
         "best_level": of.best_level,
         "left": of.left,
         "open_protests": of.open_protests,
+        "time": of.time,
     }

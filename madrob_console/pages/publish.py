@@ -37,8 +37,7 @@ from madrob_console.common.files import (
     refusal,
     stamp_of,
 )
-from madrob_console.export.rows import cells_of, rows_of
-from madrob_console.export.table_columns import RUN_TABLES, TableFormat, TidyTable
+from madrob_console.export.table_columns import RUN_TABLES, TableFormat, TidyTable, rows_of
 from madrob_console.pages.competition import plan_json
 from madrob_console.pages.outputs import standings_csv, standings_json
 from madrob_console.pages.site_content import (
@@ -311,7 +310,7 @@ class RunTables:
             self._rows = self._read()
         file = BytesIO()
         with closing(TableWriter(file, table, TableFormat.CSV)) as writer:
-            writer.write_rows(cells_of(table, self._rows[table.name]))
+            writer.write_rows(self._rows[table.name])
         return file.getvalue()
 
     def _runs(self) -> list[RunSummary]:

@@ -1,6 +1,7 @@
 """A competition's plan: who does what, in which order, and how much of it is done.
 
-A line of the plan is a team, a condition and a number of attempts. The same team and condition may
+A line of the plan is a team, a condition (its number or its words), a number of attempts and the
+time for which it is planned; the last two may be missing. The same team and condition may
 stand in several lines, as in rounds. An attempt is done when the run is official, of this
 competition, and has ended as completed, timeout or aborted: who is aborted has had the attempt,
 though it is not valid. An interrupted or a voided run is no attempt, so that it comes next again;
@@ -9,22 +10,27 @@ practice never is one (protocol section 2).
 
 from __future__ import annotations
 
+import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import listed
 from madrob_console.common.names import terminal_safe
-from madrob_console.referee.lists import ListReader, quoted, subject_number, told
+from madrob_console.referee.lists import ListReader, quoted, told
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Outcome, Step
+from scoring.protocol import Condition, Outcome, Step
 
 MOST_LINES = 2000
 """Lines of a plan; further ones are ignored."""
 MOST_ATTEMPTS = 99
+
+_ATTEMPTS = re.compile("0*([1-9][0-9]?)")
 
 _MOST_NAMED = 10
 
@@ -46,6 +52,8 @@ class PlanLine(NamedTuple):
 
     task: Task
     attempts: int
+    time: str = ""
+    """`HH:MM` or `YYYY-MM-DD HH:MM`, of the place; empty = none is planned."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +73,7 @@ class Attempts:
     """The attempts of a team in a condition: all of them, or those of one line of the plan.
 
     `planned` is 0 out of plan. `best_level` is of the valid ones. With `open_protests`, which also
-    count runs that are no attempt, nothing here is final.
+    count runs that are no attempt, nothing here is final. `time` is that of the line.
     """
 
     task: Task
@@ -74,6 +82,7 @@ class Attempts:
     valid: int = 0
     best_level: int | None = None
     open_protests: int = 0
+    time: str = ""
 
     @property
     def left(self) -> int:
@@ -200,12 +209,12 @@ def plan_progress(plan: Plan, runs: Iterable[RunFacts], competition: str) -> Pla
     planned: dict[Task, int] = defaultdict(int)
     last = {line.task: number for number, line in enumerate(plan.lines)}
     lines = []
-    for number, (task, attempts) in enumerate(plan.lines):
+    for number, (task, attempts, time) in enumerate(plan.lines):
         begin = planned[task]
         planned[task] += attempts
         end = None if number == last[task] else planned[task]
         of_line = _attempts(task, attempts, done[task][begin:end])
-        lines.append(replace(of_line, open_protests=protested[task]))
+        lines.append(replace(of_line, open_protests=protested[task], time=time))
     tasks = tuple(
         replace(_attempts(task, planned[task], of_task), open_protests=protested[task])
         for task, of_task in done.items()
@@ -228,7 +237,7 @@ def is_attempt(run: RunFacts) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class PlanSource:
-    """The source of the plan: settings, or a csv file with lines `subject,condition,attempts`."""
+    """The source of the plan: settings, or a csv file of `subject,condition,attempts,time`."""
 
     lines: tuple[PlanLine, ...] = ()
     file: Path | None = None
@@ -271,26 +280,61 @@ def _attempts(task: Task, planned: int, runs: Sequence[RunFacts]) -> Attempts:
 
 
 class _Reader(ListReader):
+    columns = ("subject", "condition", "attempts", "time")
+
     def __init__(self, path: Path, name: str, remedy: str) -> None:
         super().__init__(path, name, remedy)
         self.lines: list[PlanLine] = []
 
-    def take_entry(self, number: int, values: list[str]) -> Iterator[str]:
-        """Takes a line; without a number it means one attempt."""
-        if len(values) > 3:
-            raise MadrobError(f"{len(values)} values, use subject, condition and attempts")
-        subject = subject_number(values[0])
-        if len(values) == 1:
-            raise MadrobError(f"subject {subject} has no condition")
-        condition = _whole(values[1], "condition", 20)
-        attempts = _whole(values[2], "attempts", MOST_ATTEMPTS) if len(values) == 3 else 1
+    def take_entry(self, number: int, subject: int, entry: Mapping[str, str]) -> Iterator[str]:
+        """Takes a line; without a number of attempts it means one."""
+        condition = condition_number(entry["condition"])
+        attempts = _ATTEMPTS.fullmatch(told := entry.get("attempts") or "1")
+        if attempts is None:
+            raise MadrobError(
+                f"attempts {quoted(told)} is no number from 1 to {MOST_ATTEMPTS}: write one"
+            )
         if len(self.lines) == MOST_LINES:
             raise MadrobError(f"a plan has {MOST_LINES} lines at most, this one is left out")
-        self.lines.append(PlanLine(Task(subject, condition), attempts))
+        time = _planned_time(entry.get("time", ""))
+        self.lines.append(PlanLine(Task(subject, condition), int(attempts[1]), time))
         yield from ()
 
 
-def _whole(value: str, name: str, largest: int) -> int:
-    if not (value.isascii() and value.isdigit() and len(value) < 10 and 1 <= int(value) <= largest):
-        raise MadrobError(f"{name} {quoted(value)} is no number from 1 to {largest}")
-    return int(value)
+def condition_number(text: str) -> int:
+    """Of a condition's number or words, as `pull, from CCW, No Force`; MadrobError if neither."""
+    number = _CONDITIONS.get(_words(text.lstrip("0")))
+    if number is None:
+        raise MadrobError(f"condition {quoted(text)} is none: see `madrob plan --conditions`")
+    return number
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(text.casefold().replace(",", " ").split())
+
+
+def _ways_to_say(condition: Condition) -> Iterator[str]:
+    yield str(condition.number)
+    for way in (condition.way, condition.way.partition(" to ")[0]):
+        yield f"{way} {condition.benchmark_type}"
+        yield f"{condition.benchmark_type} {way}"
+
+
+_CONDITIONS = {
+    _words(text): number
+    for number in range(1, 21)
+    for text in _ways_to_say(Condition.from_number(number))
+}
+
+
+def _planned_time(text: str) -> str:
+    """As in `PlanLine`, of `HH:MM` or an ISO date with time; MadrobError if it is neither."""
+    if not text:
+        return ""
+    with suppress(ValueError):
+        return datetime.strptime(text, "%H:%M").strftime("%H:%M")  # noqa: DTZ007  of the place
+    with suppress(ValueError):
+        if ":" in text:
+            moment = datetime.fromisoformat(text)
+            return (moment.astimezone() if moment.tzinfo else moment).strftime("%Y-%m-%d %H:%M")
+    raise MadrobError(f"time {quoted(text)} is none: write 14:30 or 2026-11-25T14:30")

@@ -1,8 +1,9 @@
 """A competition's lists: reading them safely, and the teams (protocol section 2).
 
-Commas or semicolons; a first line that begins with `subject` is a header; empty lines and lines
-that begin with # say nothing. What cannot be used is named and the rest counts, so that one
-broken line does not cost a competition its morning.
+Commas or semicolons; a first line that begins with `subject` is a header, which may name the
+columns in another order, and more of them; empty lines and lines that begin with # say nothing.
+What cannot be used is named and the rest counts, so that one broken line does not cost a
+competition its morning.
 """
 
 from __future__ import annotations
@@ -10,10 +11,10 @@ from __future__ import annotations
 import csv
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import LONGEST_NAME, clean_name, terminal_safe
@@ -39,15 +40,19 @@ class ListReader(ABC):
     `problems` has a line for each rejected or odd entry; `unread` counts the rejected ones.
     """
 
+    columns: ClassVar[tuple[str, ...]]
+    """The first is the subject; every line needs a value in the second, too."""
+
     def __init__(self, path: Path, name: str, remedy: str) -> None:
         self.problems: list[str] = []
         self.unread = 0
         self._path, self._name, self._remedy = path, name, remedy
         self._delimiter = ""
+        self._columns: Sequence[str] = self.columns
 
     @abstractmethod
-    def take_entry(self, number: int, values: list[str]) -> Iterator[str]:
-        """Takes an entry and yields what looks wrong with it; MadrobError rejects it."""
+    def take_entry(self, number: int, subject: int, entry: Mapping[str, str]) -> Iterator[str]:
+        """Takes a line, its values by column; yields what looks wrong, MadrobError rejects it."""
 
     def read(self) -> None:
         """Takes all lines; MadrobError where the file is missing, too large or no text."""
@@ -56,7 +61,7 @@ class ListReader(ABC):
             try:
                 for problem in self._line(number, text.strip()):
                     self.problems.append(f"{file} line {number}: {problem}")
-            except (MadrobError, csv.Error) as error:
+            except MadrobError as error:
                 self.unread += 1
                 self.problems.append(f"{file} line {number}: {error}")
 
@@ -67,9 +72,21 @@ class ListReader(ABC):
             raise MadrobError("not in UTF-8; save the file as CSV in UTF-8")
         if not self._delimiter:
             self._delimiter = _delimiter(text)
-            if _fields(text, self._delimiter)[0].casefold().startswith("subject"):
+            header = [value.casefold() for value in _fields(text, self._delimiter)]
+            if header[0].startswith("subject"):
+                named = [next(filter(value.startswith, self.columns), "") for value in header]
+                if self.columns[1] in named:
+                    self._columns = named
                 return
-        yield from self.take_entry(number, _fields(text, self._delimiter))
+        values = _fields(text, self._delimiter)
+        subject = subject_number(values[0])
+        if len(values) > len(self._columns):
+            known = ", ".join(filter(None, self._columns))
+            raise MadrobError(f"{len(values)} values, use {known}; quote one with a separator")
+        entry = dict(zip(self._columns, values, strict=False))
+        if not entry.get(self.columns[1]):
+            raise MadrobError(f"subject {subject} has no {self.columns[1]}: add it")
+        yield from self.take_entry(number, subject, entry)
 
     def _text(self) -> str:
         """The file's text; single bytes that are no UTF-8 become surrogates."""
@@ -93,7 +110,7 @@ def subject_number(value: str) -> int:
     """Parses a team's number; MadrobError for anything else."""
     found = _SUBJECT.fullmatch(value)
     if found is None:
-        raise MadrobError(f"subject {quoted(value)} is no number from 1 to 999")
+        raise MadrobError(f"subject {quoted(value)} is no number from 1 to 999: write one")
     return int(found[1])
 
 
@@ -124,9 +141,12 @@ def _delimiter(text: str) -> str:
 def _fields(text: str, delimiter: str) -> list[str]:
     """The values of a line, stripped, without empty ones at its end."""
     # an open quote would swallow the second, empty line
-    rows = list(csv.reader((text, ""), delimiter=delimiter, skipinitialspace=True))
+    try:
+        rows = list(csv.reader((text, ""), delimiter=delimiter, skipinitialspace=True))
+    except csv.Error as error:
+        raise MadrobError(f"{error}: shorten it") from None
     if len(rows) != 2:
-        raise MadrobError('a quote (") is not closed')
+        raise MadrobError('a quote (") is not closed: close it')
     values = [value.strip() for value in rows[0]]
     while len(values) > 1 and not values[-1]:
         values.pop()
@@ -240,42 +260,34 @@ def merge_teams(settings: Mapping[int, str], file: TeamList) -> TeamList:
 
 
 class _Reader(ListReader):
+    columns = ("subject", "team")
+
     def __init__(self, path: Path, name: str, remedy: str) -> None:
         super().__init__(path, name, remedy)
         self.names: dict[int, str] = {}
         self._lines: dict[int, int] = {}
         self._subjects: dict[str, int] = {}
 
-    def take_entry(self, number: int, values: list[str]) -> Iterator[str]:
+    def take_entry(self, number: int, subject: int, entry: Mapping[str, str]) -> Iterator[str]:
         """Takes a team; the first of two for one subject counts."""
-        subject, name = _entry(values)
+        name = _name(entry["team"])
+        if not name:
+            raise MadrobError(f"subject {subject} has no team: add it")
         if subject in self.names:
             raise MadrobError(
-                f"subject {subject} is {quoted(name)} here and {quoted(self.names[subject])} in"
-                f" line {self._lines[subject]}: line {self._lines[subject]} counts"
+                f"subject {subject} is {quoted(name)} here, {quoted(self.names[subject])} in"
+                f" line {self._lines[subject]}, which counts: cut one"
             )
         known = self._subjects.setdefault(name.casefold(), subject)
         self.names[subject] = name
         self._lines[subject] = number
         if known != subject:
             yield (
-                f"{quoted(name)} is subject {subject} here and subject {known} in line"
-                f" {self._lines[known]}: both count"
+                f"{quoted(name)} is subject {subject} here and {known} in line"
+                f" {self._lines[known]}, both count: correct one"
             )
-        if changed := _loss(values[1]):
+        if changed := _loss(entry["team"]):
             yield f"{changed}: the team is {quoted(name)}"
-
-
-def _entry(values: list[str]) -> tuple[int, str]:
-    subject = subject_number(values[0])
-    if len(values) > 2:
-        raise MadrobError(
-            f"{len(values)} values, use subject and team; put a team with a separator into quotes"
-        )
-    name = _name(values[1]) if len(values) == 2 else ""
-    if not name:
-        raise MadrobError(f"subject {subject} has no team")
-    return subject, name
 
 
 def _name(value: str) -> str:

@@ -275,6 +275,7 @@ def test_json_says_the_same_to_programs(folder: Path, capsys: pytest.CaptureFixt
         "best_level": 4,
         "left": 0,
         "open_protests": 0,
+        "time": "",
     }
     assert [one["subject"] for one in found["out_of_plan"]] == [9]
 
@@ -298,7 +299,34 @@ def test_a_line_that_cannot_be_used_is_named_and_the_exit_code_says_so(
     assert plan(folder) == BAD_INPUT
     said = capsys.readouterr()
     assert "2 of 2 attempts done, 0 left." in said.out
-    assert said.err == ("madrob: plan.csv line 2: condition 'No Force' is no number from 1 to 20\n")
+    assert said.err == (
+        "madrob: plan.csv line 2: condition 'No Force' is none: see `madrob plan --conditions`\n"
+    )
+
+
+@pytest.mark.parametrize("command", ["plan", "standings", "publish", "export"])
+def test_every_command_that_reads_the_teams_names_a_bad_line_once(
+    command: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "teams.csv").write_text("3,Delft\nx,Late\n")
+    more = {"publish": [str(tmp_path / "site")], "export": ["--subject", "3"]}
+    files = ["--teams", str(folder / "teams.csv"), "--settings", str(folder / "madrob.toml")]
+    main([command, *more.get(command, []), *files])
+    told = "madrob: teams.csv line 2: subject 'x' is no number from 1 to 999: write one\n"
+    assert capsys.readouterr().err.count(told) == 1
+
+
+def test_a_line_has_its_time_beside_the_team_and_its_day_above(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "plan.csv").write_text("4,1,1,9:30\n4,2,1,2026-11-26T14:00\n4,3,1\n")
+    assert plan(folder) == 0
+    shown = capsys.readouterr().out.splitlines()
+    first = next(at for at, line in enumerate(shown) if " 09:30 " in line)
+    assert shown[first + 1] == "2026-11-26"
+    assert " 14:00 " in shown[first + 2]
+    assert ":" not in shown[first + 3]
+    assert all(len(line) <= 80 for line in shown)
 
 
 def test_a_team_that_is_not_in_the_list_is_named_and_the_exit_code_says_so(

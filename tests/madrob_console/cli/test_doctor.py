@@ -295,8 +295,16 @@ def test_the_lists_of_a_competition_are_looked_at_line_by_line(tmp_path: Path) -
     plan.write_text("3,1,2\n7,1,1\n9,20,1\n3,21,1\n")
     found = list(look_at_lists(TeamSource({}, teams), PlanSource(file=plan)))
     assert [(f.severity, f.subject, f.text) for f in found] == [
-        (Severity.WARNING, "teams", "teams.csv line 3: subject 'x' is no number from 1 to 999"),
-        (Severity.WARNING, "plan", "plan.csv line 4: condition '21' is no number from 1 to 20"),
+        (
+            Severity.WARNING,
+            "teams",
+            "teams.csv line 3: subject 'x' is no number from 1 to 999: write one",
+        ),
+        (
+            Severity.WARNING,
+            "plan",
+            "plan.csv line 4: condition '21' is none: see `madrob plan --conditions`",
+        ),
         (Severity.OK, "teams", "2 in the list"),
         (Severity.OK, "plan", "4 attempts, teams: 3, conditions: 2"),
         (

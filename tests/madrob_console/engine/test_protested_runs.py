@@ -26,8 +26,7 @@ from madrob_console.engine.replay import Replay
 from madrob_console.engine.requests import JumpTo, Skip
 from madrob_console.export.dossier import PROTESTS_FILE, dossier_target
 from madrob_console.export.pack import README_FILE
-from madrob_console.export.rows import rows_of
-from madrob_console.export.table_columns import RUNS
+from madrob_console.export.table_columns import RUNS, rows_of
 from madrob_console.export.zip_file import SUMS_FILE
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.pages.competition import CompetitionStandings, competition_standings

@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 
 from madrob_console.cli.main import main
+from madrob_console.common.files import read_bounded
 from madrob_console.export.table_columns import RUN_TABLES, WHOSE, CellKind, TidyTable
 from madrob_console.testbeds.simulated import Scenario
 from tests.madrob_console.recorded_runs import appealed, recorded
@@ -59,7 +60,38 @@ def test_runs_has_a_row_for_each_run_with_whose_and_which_it_is(
         assert row["final"] == (stored["closure"] is not None)
         assert row["flags"] == "; ".join(flag["words"] for flag in stored["flags"])
         assert row["duration"] == stored["stop"] - stored["start"]
+        assert row["libraries"] == "; ".join(map(" ".join, stored["libraries"].items()))
+        recording = stored["files"][f"{row['folder']}_0.mcap"]
+        assert row["recording_sha256"] == recording["sha256"]
         assert json.loads((Path(row["place"]) / "result.json").read_text()) == stored
+
+
+def test_runs_tells_which_numbers_of_the_testbed_are_not_the_protocols(
+    archive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (first, _) = results_below(archive)
+    first["thresholds"]["lintel_height"] = 2.2
+    first["thresholds"]["doubt"]["gap_reach"] = 0.5
+    del first["journal"]
+    folder = tmp_path / "subject_003_cond_001_run_001_20231114_221323"
+    folder.mkdir()
+    (folder / "result.json").write_text(json.dumps(first))
+    (changed,) = table(capsys, "runs", tmp_path).thresholds_changed
+    assert changed == "lintel_height 2.2; doubt.gap_reach 0.5"
+
+
+def test_a_table_reads_each_result_once(
+    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    read: list[str] = []
+
+    def noted(path: str, largest: int) -> object:
+        read.append(path)
+        return read_bounded(path, largest)
+
+    monkeypatch.setattr("madrob_console.archive.result_reader.read_bounded", noted)
+    table(capsys, "indicators", archive)
+    assert sorted(read) == sorted(map(str, archive.rglob("result.json")))
 
 
 def test_indicators_events_and_steps_have_what_the_results_have(
@@ -139,11 +171,15 @@ def test_an_archive_without_runs_gives_the_columns(
 
 
 @pytest.mark.parametrize("one", RUN_TABLES, ids=lambda one: one.name)
-def test_the_help_says_of_each_column_what_it_is(
-    one: TidyTable, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    "command", [["{}", "--help"], ["{}", "--columns"], ["--columns"]], ids=" ".join
+)
+def test_help_and_columns_say_of_each_column_what_it_is(
+    one: TidyTable, command: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(SystemExit):
-        main(["table", one.name, "--help"])
+    with pytest.raises(SystemExit) as end:
+        main(["table", *(word.format(one.name) for word in command)])
+    assert not end.value.code
     text = " ".join(capsys.readouterr().out.split())
     assert one.columns[: len(WHOSE)] == WHOSE
     for column in one.columns:

@@ -24,7 +24,7 @@ from madrob_console.referee.competition_plan import (
     read_plan,
 )
 from madrob_console.referee.lists import MOST_PROBLEMS
-from scoring.protocol import Outcome
+from scoring.protocol import Condition, Outcome
 from tests.madrob_console.run_folders import summary
 
 CUP = "Autumn Cup"
@@ -225,25 +225,60 @@ def test_every_usual_way_to_write_a_plan_is_read(file: Path, text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("x,1,1", "subject 'x' is no number from 1 to 999"),
-        ("1000,1,1", "subject '1000' is no number from 1 to 999"),
-        ("3", "subject 3 has no condition"),
-        ("3,", "subject 3 has no condition"),
-        ("3,0,1", "condition '0' is no number from 1 to 20"),
-        ("3,21,1", "condition '21' is no number from 1 to 20"),
-        ("3,No Force,1", "condition 'No Force' is no number from 1 to 20"),
-        ("3,٤,1", "condition '٤' is no number from 1 to 20"),
-        ("3,1,0", "attempts '0' is no number from 1 to 99"),
-        ("3,1,100", "attempts '100' is no number from 1 to 99"),
-        ("3,1," + "9" * 5000, "attempts '99999999999999999...' is no number from 1 to 99"),
-        ("3,1,1,Delft", "4 values, use subject, condition and attempts"),
-        ('3,1,"2', 'a quote (") is not closed'),
+        ("x,1,1", "subject 'x' is no number from 1 to 999: write one"),
+        ("1000,1,1", "subject '1000' is no number from 1 to 999: write one"),
+        ("3", "subject 3 has no condition: add it"),
+        ("3,", "subject 3 has no condition: add it"),
+        ("3,-1,1", "condition '-1' is none: see `madrob plan --conditions`"),
+        ("3,0,1", "condition '0' is none: see `madrob plan --conditions`"),
+        ("3,21,1", "condition '21' is none: see `madrob plan --conditions`"),
+        ("3,No Force,1", "condition 'No Force' is none: see `madrob plan --conditions`"),
+        ("3,٤,1", "condition '٤' is none: see `madrob plan --conditions`"),
+        ("3,1,0", "attempts '0' is no number from 1 to 99: write one"),
+        ("3,1,100", "attempts '100' is no number from 1 to 99: write one"),
+        (
+            "3,1," + "9" * 5000,
+            "attempts '99999999999999999...' is no number from 1 to 99: write one",
+        ),
+        ("3,1,1,Delft", "4 values, use subject, condition, attempts; quote one with a separator"),
+        ('3,1,"2', 'a quote (") is not closed: close it'),
     ],
 )
 def test_a_bad_line_is_named_and_the_others_count(file: Path, text: str, problem: str) -> None:
     found = read(file, f"subject,condition,attempts\n3,1,2\n{text}\n4,1,1\n")
     assert found.lines == plan((A, 2), (B, 1)).lines
     assert found.problems == (f"plan.csv line 3: {problem}",)
+
+
+@pytest.mark.parametrize("condition", [Condition.from_number(number) for number in range(1, 21)])
+def test_a_condition_is_its_number_or_its_words(file: Path, condition: Condition) -> None:
+    short, _, _ = condition.way.partition(" to ")
+    door = condition.benchmark_type
+    for text in (condition.number, f'"{short}, {door}"', f'"{door.upper()}, {condition.way}"'):
+        assert read(file, f"3,{text}").lines == plan((Task(3, condition.number), 1)).lines
+
+
+@pytest.mark.parametrize(
+    ("text", "time"),
+    [
+        ("9:05", "09:05"),
+        ("14:30", "14:30"),
+        ("2026-11-25T14:30", "2026-11-25 14:30"),
+        ("2026-11-25 14:30:10", "2026-11-25 14:30"),
+    ],
+)
+def test_a_line_may_have_a_time(file: Path, text: str, time: str) -> None:
+    named = read(file, f"subject,time,condition\n3,{text},1\n")
+    assert named == read(file, f"3,1,1,{text}\n") == Plan((PlanLine(A, 1, time),), (), str(file))
+    assert progress(named).lines == (Attempts(A, 1, time=time),)
+
+
+@pytest.mark.parametrize("text", ["soon", "25:00", "14", "2026-11-25"])
+def test_what_is_no_time_is_named(file: Path, text: str) -> None:
+    found = read(file, f"3,1,2\n4,1,1,{text}\n")
+    assert found.lines == plan((A, 2)).lines
+    why = f"time '{text}' is none: write 14:30 or 2026-11-25T14:30"
+    assert found.problems == (f"plan.csv line 2: {why}",)
 
 
 def test_a_plan_has_an_end(file: Path) -> None:
@@ -286,7 +321,7 @@ def test_no_content_is_too_strange(tmp_path_factory: pytest.TempPathFactory, dat
     except MadrobError as error:
         assert "no text" in str(error)  # noqa: PT017  either is right, a traceback is not
         return
-    for (subject, condition), attempts in found.lines:
+    for (subject, condition), attempts, _ in found.lines:
         assert 1 <= subject <= 999
         assert 1 <= condition <= 20
         assert 1 <= attempts <= 99

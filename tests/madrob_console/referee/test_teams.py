@@ -41,6 +41,7 @@ def read(file: Path, text: str | bytes) -> TeamList:
         "\ufeff3,Walk-Man\r12,Team Walker\r",
         '\n# ours\n  "3" , "Walk-Man" \n\n  # theirs\n\t012\t,\tTeam   Walker\t\n\n',
         '"subject","team"\n"3","Walk-Man",,\n12,Team Walker,\n',
+        "Subject,City,Team name\n3,Genoa,Walk-Man\n12,,Team Walker\n",
     ],
 )
 def test_every_usual_way_to_write_the_list_is_read(file: Path, text: str) -> None:
@@ -62,25 +63,28 @@ def test_names_of_every_script_and_with_separators_in_quotes_are_kept(file: Path
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("x,Late", "subject 'x' is no number from 1 to 999"),
-        ("0,Late", "subject '0' is no number from 1 to 999"),
-        ("1000,Late", "subject '1000' is no number from 1 to 999"),
-        ("-4,Late", "subject '-4' is no number from 1 to 999"),
-        ("4.0,Late", "subject '4.0' is no number from 1 to 999"),
-        ("٤,Late", "subject '٤' is no number from 1 to 999"),
-        ("9" * 5000 + ",Late", "subject '99999999999999999...' is no number from 1 to 999"),
-        (",Late", "subject '' is no number from 1 to 999"),
-        (",", "subject '' is no number from 1 to 999"),
-        ("4", "subject 4 has no team"),
-        ("4,", "subject 4 has no team"),
-        ('4," "', "subject 4 has no team"),
-        ("4,\u200d", "subject 4 has no team"),
-        ("4;Late", "subject '4;Late' is no number from 1 to 999"),
-        ("4,Late,Delft", "3 values, use subject and team; put a team with a separator into quotes"),
-        ("4," + "x" * 200_000, "field larger than field limit (131072)"),
-        ('4,"Late', 'a quote (") is not closed'),
-        ("subject,team", "subject 'subject' is no number from 1 to 999"),
-        ("\x004\x00,Late", "subject '4' is no number from 1 to 999"),
+        ("x,Late", "subject 'x' is no number from 1 to 999: write one"),
+        ("0,Late", "subject '0' is no number from 1 to 999: write one"),
+        ("1000,Late", "subject '1000' is no number from 1 to 999: write one"),
+        ("-4,Late", "subject '-4' is no number from 1 to 999: write one"),
+        ("4.0,Late", "subject '4.0' is no number from 1 to 999: write one"),
+        ("٤,Late", "subject '٤' is no number from 1 to 999: write one"),
+        (
+            "9" * 5000 + ",Late",
+            "subject '99999999999999999...' is no number from 1 to 999: write one",
+        ),
+        (",Late", "subject '' is no number from 1 to 999: write one"),
+        (",", "subject '' is no number from 1 to 999: write one"),
+        ("4", "subject 4 has no team: add it"),
+        ("4,", "subject 4 has no team: add it"),
+        ('4," "', "subject 4 has no team: add it"),
+        ("4,\u200d", "subject 4 has no team: add it"),
+        ("4;Late", "subject '4;Late' is no number from 1 to 999: write one"),
+        ("4,Late,Delft", "3 values, use subject, team; quote one with a separator"),
+        ("4," + "x" * 200_000, "field larger than field limit (131072): shorten it"),
+        ('4,"Late', 'a quote (") is not closed: close it'),
+        ("subject,team", "subject 'subject' is no number from 1 to 999: write one"),
+        ("\x004\x00,Late", "subject '4' is no number from 1 to 999: write one"),
     ],
 )
 def test_a_broken_line_is_named_and_the_others_count(file: Path, text: str, problem: str) -> None:
@@ -112,7 +116,7 @@ def test_of_two_lines_for_one_subject_the_first_counts(file: Path) -> None:
     teams = read(file, "3,Walk-Man\n# later\n3,Runner\n")
     assert teams.names == {3: "Walk-Man"}
     assert teams.problems == (
-        "teams.csv line 3: subject 3 is 'Runner' here and 'Walk-Man' in line 1: line 1 counts",
+        "teams.csv line 3: subject 3 is 'Runner' here, 'Walk-Man' in line 1, which counts: cut one",
     )
 
 
@@ -120,7 +124,7 @@ def test_two_subjects_of_one_team_are_said_and_kept(file: Path) -> None:
     teams = read(file, "3,Walk-Man\n4,WALK-MAN\n")
     assert teams.names == {3: "Walk-Man", 4: "WALK-MAN"}
     assert teams.problems == (
-        "teams.csv line 2: 'WALK-MAN' is subject 4 here and subject 3 in line 1: both count",
+        "teams.csv line 2: 'WALK-MAN' is subject 4 here and 3 in line 1, both count: correct one",
     )
 
 
