@@ -95,7 +95,7 @@ def condition_words(number: int) -> ConditionWords:
     return ConditionWords(found.way, found.benchmark_type.value)
 
 
-class Details(NamedTuple):
+class RunDetails(NamedTuple):
     """The larger part of a summary.
 
     Attributes:
@@ -126,7 +126,7 @@ class Details(NamedTuple):
         return msgspec.msgpack.encode((indicators, self.flags, self.thresholds))
 
     @classmethod
-    def unpacked(cls, packed: bytes) -> Details:
+    def unpacked(cls, packed: bytes) -> RunDetails:
         indicators, flags, thresholds = _details.decode(packed)
         found = list(zip(IndicatorName, indicators, strict=True))
         return cls(
@@ -142,9 +142,9 @@ _Indicator = tuple[int | float | None, tuple[float, float] | None, int]
 _details = msgspec.msgpack.Decoder(
     tuple[tuple[_Indicator, ...], tuple[Flag, ...], dict[str, Any] | None]
 )
-_unpacked = lru_cache(maxsize=4096)(Details.unpacked)
+_unpacked = lru_cache(maxsize=4096)(RunDetails.unpacked)
 
-NO_DETAILS = Details().packed()
+NO_DETAILS = RunDetails().packed()
 
 
 class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True, array_like=True):
@@ -155,7 +155,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True, array_lik
         started: s since the epoch; without a result, from the folder's name.
         outcome: None = no result yet: the run goes on, or it was cut off.
         reason: why it does not count, in the referee's words (shortened); empty if valid.
-        packed: the `Details`.
+        packed: the `RunDetails`.
         issue: of the result; 0 = none yet.
         protest_due: when the first open protest must be decided, s since the epoch.
         protest_at: the instant in question of that or the last protest, s from the start.
@@ -506,7 +506,7 @@ def _of_journal(unread: RunSummary, folder: Path) -> RunSummary:
 
 def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
     found = result.told
-    details = Details(
+    details = RunDetails(
         {name: one.value for name, one in found.items() if one.value is not None},
         {name: one.uncertainty for name, one in found.items() if one.uncertainty is not None},
         {name: len(one.doubts) for name, one in found.items()},

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from madrob_console.archive.folders import RESULT_FILE, RunName
-from madrob_console.archive.history import Details, RunSummary
+from madrob_console.archive.history import RunDetails, RunSummary
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
@@ -102,7 +102,7 @@ def summary(
         "ruleset": "protocol",
     }
     told.update(fields)
-    details = {name: told.pop(name) for name in Details._fields if name in told}
+    details = {name: told.pop(name) for name in RunDetails._fields if name in told}
     told.setdefault("practice", told["source"] == "simulated")
     return RunSummary(
         folder=RunName(subject, condition, run_number).folder_name(started),
@@ -110,7 +110,7 @@ def summary(
         condition=condition,
         run_number=run_number,
         started=started,
-        packed=Details(**details).packed(),
+        packed=RunDetails(**details).packed(),
         **told,
     )
 

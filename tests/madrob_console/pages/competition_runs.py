@@ -60,7 +60,14 @@ def publish_code(results: Path, *options: object, site: str = "site") -> int:
     """Publish them; returns the exit code."""
     chosen = results.parent / "madrob.toml"
     chosen.write_text(f'[competition]\nname = "{CUP}"\n')
-    where = ("--results", results, "--settings", chosen, "--plan", results.parent / "plan.csv")
+    plan = results.parent / "plan.csv"
+    where = (
+        "--results",
+        results,
+        "--settings",
+        chosen,
+        *(("--plan", plan) if plan.exists() else ()),
+    )
     return main(["publish", str(results.parent / site), *map(str, (*where, *options))])
 
 
