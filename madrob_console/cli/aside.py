@@ -66,12 +66,12 @@ class ChoreLink:
 
 def main() -> int:
     folder, pause, handle = sys.argv[1:]
-    for number in (signal.SIGTERM, signal.SIGALRM):
-        signal.signal(number, _end)
-    os.nice(NICENESS)
     queue = ChoreQueue(Path(folder), float(pause))
     link = ChoreLink(socket.socket(fileno=int(handle)))
     try:
+        for number in (signal.SIGTERM, signal.SIGALRM):
+            signal.signal(number, _end)
+        os.nice(NICENESS)
         queue.hold()
         while link.wait_for_look() or queue.rest == 0:
             while (chore := queue.take_next()) is not None:
@@ -81,6 +81,7 @@ def main() -> int:
                 link.tell(finished)
             link.tell(Resting(link.number, queue.rest))
     except _Terminated:
+        signal.setitimer(signal.ITIMER_REAL, 0)
         queue.give_back()
         return 128 + signal.SIGTERM
     return 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
+import signal
 import struct
 import subprocess
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from tests.programs import found
+from tests.watching import until
 
 _SHUTDOWN = 0x8004587D  # FS_IOC_SHUTDOWN: what was not synced is gone, every access fails
 _NO_LOGFLUSH = struct.pack("I", 2)
@@ -21,6 +23,16 @@ _FREEZE, _THAW = 0xC0045877, 0xC0045878
 _IMMUTABLE = 0x00000010
 _GET_FLAGS, _SET_FLAGS = 0x80086601, 0x40086602
 _EXT4_BYTES = 8 * 1024 * 1024
+
+
+def users_of(folder: Path) -> set[int]:
+    """The processes that have something open below a folder."""
+    users = set()
+    for handle in Path("/proc").glob("[0-9]*/fd/*"):
+        with suppress(OSError):
+            if handle.readlink().is_relative_to(folder):
+                users.add(int(handle.parts[2]))
+    return users - {os.getpid()}
 
 
 class SmallDisk:
@@ -59,7 +71,11 @@ class SmallDisk:
         self.mount()
 
     def restart(self) -> None:
-        """The machine starts again, nobody uses the disk: what was synced is there."""
+        """The machine starts again: all who use the disk are gone, what was synced is there."""
+        for process in users_of(self.folder):
+            with suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)
+        until(lambda: not users_of(self.folder))
         subprocess.run(["umount", str(self.folder)], check=True, capture_output=True)
         self.mount()
 

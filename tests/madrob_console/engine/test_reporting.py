@@ -447,6 +447,7 @@ def test_an_engine_makes_reports_when_no_run_goes_on_even_as_its_last_deed(tmp_p
             time.sleep(0.1)
         engine.act(Abort("enough"))
         first = engine.folder / "report.html"
+        engine.result()
         until(lambda: any(processes_of(engine.process.pid)))
         engine.act(SetUp(replace(setup, run_number=2)), ZeroHandle(), ConfirmPose())
         engine.wait_for(lambda s: not blocking(s.checks))
