@@ -56,7 +56,9 @@ class ChoreLink:
 
     def wait_for_look(self) -> bool:
         """Wait until the engine asks for something; False once it has ended."""
-        head = self._coming.read(LENGTH.size)
+        head = b""
+        with suppress(ConnectionError):
+            head = self._coming.read(LENGTH.size)
         if len(head) < LENGTH.size:
             return False
         data = self._coming.read(LENGTH.unpack(head)[0])
@@ -84,6 +86,9 @@ def main() -> int:
         signal.setitimer(signal.ITIMER_REAL, 0)
         queue.give_back()
         return 128 + signal.SIGTERM
+    except (OSError, MemoryError) as error:  # it is started again
+        print(f"madrob: reports, pages and zips wait: {error!r}", file=sys.stderr)
+        return os.EX_TEMPFAIL
     return 0
 
 
