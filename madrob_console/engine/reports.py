@@ -87,7 +87,11 @@ class ChoreQueue:
         """
         waiting: dict[str, list[tuple[Path, Chore]]] = {}
         for path in sorted(self._folder.glob("*.json")):
-            chore = msgspec.json.decode(path.read_bytes(), type=Chore)
+            try:
+                chore = msgspec.json.decode(path.read_bytes(), type=Chore)
+            except msgspec.MsgspecError:  # of a power cut: what it asked for is found by the repair
+                path.unlink()
+                continue
             waiting.setdefault(chore.name, []).append((path, chore))
         for same in waiting.values():
             path, chore = same[-1]

@@ -277,6 +277,8 @@ def test_a_queue_holds_each_chore_once_the_latest_and_what_comes_meanwhile(tmp_p
         return Chore(name, ChoreKind.EXPORT, (argument,))
 
     queue = ChoreQueue(tmp_path / "queue", pause=3600.0)
+    (tmp_path / "queue").mkdir()
+    (tmp_path / "queue" / "1.json").write_text('{"name"')  # a power cut
     for name, argument in (("report", "1"), ("zip", "2"), ("report", "3")):
         queue.put(chore(name, argument))
     assert queue.take_next() == chore("report", "3")
