@@ -46,7 +46,7 @@ def test_a_help_has_an_example_that_works_and_no_empty_default(
     lines = list(examples(text))
     assert lines
     for line in lines:
-        if not line.endswith("--help"):
+        if not line.endswith(("--help", "--columns")):  # these end the program
             build_parser().parse_args(shlex.split(line)[1:])
 
 
