@@ -46,6 +46,7 @@ FOLDERS: Mapping[str, Ring] = {
     "recorder": Ring.PURE,
     "scoring": Ring.PURE,
     "test_papers.py": Ring.PURE,
+    "test_promises.py": Ring.PURE,
     "test_one_name.py": Ring.PURE,
     "test_programs.py": Ring.PURE,
     "test_rings.py": Ring.PURE,
