@@ -29,7 +29,6 @@ from madrob_console.common.formatting import time_words
 from madrob_console.referee.evidence_account import CUT_OFF, EvidenceAccount
 from madrob_console.referee.journal import Entry, Origin, refusal_words
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.records import USUAL_PROTEST_TIMES
 from madrob_console.referee.run import Phase, Run
 from recorder.bag import is_evidence, is_left_of_evidence
 from recorder.errors import RecorderError
@@ -173,13 +172,11 @@ class TidyLimits:
         keep_runs: that of so many newest runs; of official and practice runs each.
         older_than: that of runs of the last so many s.
         until_free: what is left once so many bytes of the disk are free; the oldest goes first.
-        filing: that of runs signed in the last so many s: a protest may come.
     """
 
     keep_runs: int = 0
     older_than: float = 0.0
     until_free: float | None = None
-    filing: float = USUAL_PROTEST_TIMES.filing
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +209,7 @@ def evidence_at(root: Path, limits: TidyLimits, now: float, free: float) -> list
         kept = (
             _always_kept(one, newest[run.folder])
             or _within(limits, one, newest, now)
-            or _may_be_protested(folder, limits.filing, now)
+            or _may_be_protested(folder, now)
         )
         if not kept and limits.until_free is not None and free >= limits.until_free:
             kept = "there is room enough"
@@ -227,14 +224,11 @@ def run_going_on(root: Path) -> str | None:
     return next((name for name in open_ones if is_held(root / name / JOURNAL_FILE)), None)
 
 
-def remove_evidence(
-    of: RunEvidence, now: float, filing: float = USUAL_PROTEST_TIMES.filing
-) -> None:
+def remove_evidence(of: RunEvidence, now: float) -> None:
     """Remove the evidence of a run for good; its journal says so first.
 
     The bag stops listing it first, so a kill at any moment leaves a bag that every reader opens.
-    Called again, it goes on where it was cut off. `now` is in s since the epoch, `filing` as in
-    `TidyLimits`.
+    Called again, it goes on where it was cut off. `now` is in s since the epoch.
     """
     folder = of.folder
     try:
@@ -243,7 +237,7 @@ def remove_evidence(
             opened_folder(folder.parent, folder.name) as folder_fd,
         ):
             known = read_run_journal(folder)
-            why = _why_not_now(of, known) or _protest_words(known.run, filing, now)
+            why = _why_not_now(of, known) or _protest_words(known.run, now)
             if why:
                 raise MadrobError(f"{folder}: {why}: nothing of it was removed")
             files = _files(folder) or {}
@@ -319,16 +313,20 @@ def _within(limits: TidyLimits, one: RunEvidence, newest: dict[str, int], now: f
     return ""
 
 
-def _may_be_protested(folder: Path, filing: float, now: float) -> str:
-    """Why the evidence stays while a team may protest; empty = that time is over."""
+_FRESH = 1800.0
+"""A result that was signed in the last so many s may still be protested."""
+
+
+def _may_be_protested(folder: Path, now: float) -> str:
+    """Why the evidence stays while a protest may come; empty = it may go."""
     try:
-        return _protest_words(read_run_journal(folder).run, filing, now)
+        return _protest_words(read_run_journal(folder).run, now)
     except (UnusableJournalError, OSError) as error:
         return str(error)
 
 
-def _protest_words(run: Run, filing: float, now: float) -> str:
-    if run.signed is None or now > (until := run.signed + filing):
+def _protest_words(run: Run, now: float) -> str:
+    if run.signed is None or now > (until := run.signed + _FRESH):
         return ""
     return f"a protest is possible until {time_words(until)}"
 

@@ -355,8 +355,6 @@ class Engine:
             testbed=self.config.testbed,
             competition=self.config.competition,
             new_id=lambda: new_run_id(self._engine_context.clock.now_ns(), self.config.random),
-            time=self.now(),
-            protest_times=self.config.protest_times,
         )
 
     @property

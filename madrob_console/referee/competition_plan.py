@@ -186,8 +186,8 @@ class RunFacts(Protocol):
         ...
 
     @property
-    def protest_due(self) -> float | None:
-        """When an open protest is to be decided, s since the epoch; None = no open one."""
+    def protest_filed(self) -> float | None:
+        """When the first open protest was filed, s since the epoch; None = none is open."""
         ...
 
     @property
@@ -202,7 +202,7 @@ def plan_progress(plan: Plan, runs: Iterable[RunFacts], competition: str) -> Pla
     unread, protested = 0, Counter[Task]()
     for run in sorted(runs, key=lambda run: (run.started, run.folder)):
         unread += run.problem is not None
-        if run.protest_due is not None and run.official and run.competition == competition:
+        if run.protest_filed is not None and run.official and run.competition == competition:
             protested[Task(run.subject, run.condition)] += 1
         if is_attempt(run) and run.competition == competition:
             done.setdefault(Task(run.subject, run.condition), []).append(run)

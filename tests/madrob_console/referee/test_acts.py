@@ -117,7 +117,7 @@ DOUBTED = {
 ONE_SAMPLE: Doubts = {IndicatorName.TIME_TO_HANDLE: ("the touch rests on 1 sample",)}
 FAILED = Check(CheckName.DOOR, CheckState.FAILED, "close the door: angle +0.500 rad")
 
-PROTEST = Protest(1, 130.0, "Graz", "it was slower", "step 4", None, 3730.0, "", "R. Eferee")
+PROTEST = Protest(1, 130.0, "Graz", "it was slower", "step 4", None, "R. Eferee")
 
 POSSIBLE: list[tuple[Act, set[Phase]]] = [
     (SetUp(SETUP), {Phase.IDLE, Phase.READY, Phase.STOPPED, Phase.FINAL}),
