@@ -158,7 +158,6 @@ class RunFacts(Protocol):
     @property
     def started(self) -> float:
         """Start, s since the epoch."""
-        ...
 
     @property
     def competition(self) -> str | None: ...
@@ -178,22 +177,18 @@ class RunFacts(Protocol):
     @property
     def values(self) -> Mapping[str, float]:
         """Its indicators that have a value."""
-        ...
 
     @property
     def problem(self) -> str | None:
         """Why the run cannot be read."""
-        ...
 
     @property
     def protest_filed(self) -> float | None:
         """When the first open protest was filed, s since the epoch; None = none is open."""
-        ...
 
     @property
     def twin(self) -> str:
         """The folder of a duplicate that counts instead; empty = this one counts."""
-        ...
 
 
 def plan_progress(plan: Plan, runs: Iterable[RunFacts], competition: str) -> PlanProgress:

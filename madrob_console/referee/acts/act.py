@@ -182,7 +182,6 @@ class RunView(Protocol):
     @property
     def indicators(self) -> Mapping[IndicatorName, Indicator]:
         """Of the result; empty without one."""
-        ...
 
     @property
     def flags(self) -> tuple[Flag, ...]: ...
@@ -190,7 +189,6 @@ class RunView(Protocol):
     @property
     def elapsed(self) -> float | None:
         """Time since the start of the run, s; None outside a run."""
-        ...
 
 
 class Consequence(FlagEnum):
