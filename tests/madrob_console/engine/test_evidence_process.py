@@ -181,7 +181,7 @@ def test_a_process_that_is_killed_is_told_started_again_and_goes_on_in_a_file_of
     pause = max(itertools.pairwise(times), key=lambda two: two[1] - two[0])
     assert gap.begin - START <= pause[0]
     assert gap.end is not None
-    assert gap.end - START == pytest.approx(pause[1], abs=0.2)
+    assert gap.end - START >= pause[1] - 0.2  # until all cameras are back
     names = {path.name for path in here.folder.glob("*.mcap")}
     assert {evidence_file_name("run", number) for number in range(2)} < names
 
