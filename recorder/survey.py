@@ -178,10 +178,7 @@ def listing(
     if not files or len(files) < len(known):
         return None
     found = [summarised(folder_fd, name) for name in evidence if name not in without]
-    listed = replace(files[0], more=(*files[1:], *(file for file in found if file is not None)))
-    while len(listed.more) >= len(files) and not _is_readable(listed):
-        listed = replace(listed, more=listed.more[:-1])
-    return listed
+    return replace(files[0], more=(*files[1:], *(file for file in found if file is not None)))
 
 
 def _told(folder_fd: int) -> list[str]:
@@ -191,15 +188,6 @@ def _told(folder_fd: int) -> list[str]:
     except (DamageError, OSError, *YAML_PROBLEMS):
         return []
     return [name for name in names if not is_evidence(name)]
-
-
-def _is_readable(listed: BagInformation) -> bool:
-    """Whether readers accept the listing: evidence may have topics without end."""
-    text = listed.metadata_yaml().encode()
-    try:
-        return len(text) <= METADATA_LIMIT and bool(information_in(text))
-    except YAML_PROBLEMS:
-        return False
 
 
 def summarised(folder_fd: int, name: str) -> BagInformation | None:

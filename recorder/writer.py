@@ -165,39 +165,30 @@ class RecorderStats:
     """A recorder at one instant; messages per topic.
 
     Attributes:
+        counts: those in the file.
         dropped: those handed over that are not and will not be in the bag.
         queued_bytes: memory of the messages on their way to the file.
         seconds_since_sync: since everything received had reached the disk; None before `open`.
-        end_ns: log time of the last message in the file, ns since the epoch; None without any.
+        start_ns, end_ns: first and last log time in the file, ns since the epoch; None without.
         error: why the recording failed, or evidence was refused, with the remedy.
     """
 
+    folder: Path
     state: RecorderState
-    written: int
+    counts: Mapping[str, int]
     received: Mapping[str, int]
     dropped: Mapping[str, int]
     drop_reasons: Mapping[DropReason, int]
     queued_bytes: int
     file_bytes: int
     seconds_since_sync: float | None
-    end_ns: int | None
-    error: str | None
-
-
-@dataclass(frozen=True, slots=True)
-class BagSummary:
-    """The outcome of a recording; log times in ns since the epoch, None without messages.
-
-    `error` says why the bag is unfinished, or evidence was refused, with the remedy; else None.
-    """
-
-    folder: Path
-    counts: Mapping[str, int]
-    dropped: Mapping[str, int]
     start_ns: int | None
     end_ns: int | None
-    file_bytes: int
     error: str | None
+
+    @property
+    def written(self) -> int:
+        return sum(self.counts.values())
 
 
 class Account:
@@ -384,19 +375,21 @@ class BagWriter:
     def stats(self) -> RecorderStats:
         with self._changed:
             return RecorderStats(
+                folder=self.folder,
                 state=self._state,
-                written=self._account.saved.total(),
+                counts={name: self._account.saved[name] for name in self._topics},
                 received=dict(self._account.received),
                 dropped=dict(self._account.dropped()),
                 drop_reasons=dict(self._account.reasons()),
                 queued_bytes=self._queued,
                 file_bytes=self._file_bytes,
                 seconds_since_sync=None if self._synced is None else self._clock() - self._synced,
+                start_ns=self._span[0],
                 end_ns=self._span[1],
                 error=self._error,
             )
 
-    def close(self, timeout: float | None = 30.0) -> BagSummary:
+    def close(self, timeout: float | None = 30.0) -> RecorderStats:
         """Write what is queued, finish the bag and its `metadata.yaml`; safe to call twice.
 
         `timeout` (s) is when an unresponsive disk counts as failed; None = never.
@@ -408,16 +401,7 @@ class BagWriter:
             self._thread.join(timeout)
             if self._thread.is_alive():
                 self._fail(TimeoutError(f"the disk did not answer within {timeout:g} s"))
-        with self._changed:
-            return BagSummary(
-                folder=self.folder,
-                counts={name: self._account.saved[name] for name in self._topics},
-                dropped=dict(self._account.dropped()),
-                start_ns=self._span[0],
-                end_ns=self._span[1],
-                file_bytes=self._file_bytes,
-                error=self._error,
-            )
+        return self.stats()
 
     # Called with the lock held.
 

@@ -22,14 +22,12 @@ from madrob_console.archive.run_journal import (
     journal_held,
     read_run_journal,
 )
-from madrob_console.common.clock import seconds
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import locked_by_another, open_plain, opened_folder
+from madrob_console.common.files import free_space, locked_by_another, open_plain, opened_folder
 from madrob_console.common.formatting import time_words
 from madrob_console.referee.evidence_account import CUT_OFF, EvidenceAccount
 from madrob_console.referee.journal import Entry, Origin, refusal_words
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.records import USUAL_PROTEST_TIMES
 from madrob_console.referee.run import Phase, Run
 from recorder.bag import is_evidence, is_left_of_evidence
 from recorder.errors import RecorderError
@@ -40,7 +38,8 @@ from recorder.survey import listing, put_listing, remove_metadata_parts
 def repair_evidence(folder: Path) -> bool:
     """Repair the evidence of a run that was cut off; returns whether it wrote.
 
-    A run that goes on is left alone. Evidence that `metadata.yaml` lists is not opened.
+    A run that goes on is left alone. Evidence that `metadata.yaml` lists is not opened. A repair
+    copies the file: nothing is repaired where the copy would take half of the room that is left.
     """
     try:
         names = [name for name in os.listdir(folder) if is_evidence(name)]  # noqa: PTH208
@@ -51,6 +50,9 @@ def repair_evidence(folder: Path) -> bool:
     from recorder.recovery import recover_evidence  # few runs need it
 
     try:
+        size = max((folder / name).stat().st_size for name in names)
+        if (free_space(folder) or 0) < 2 * size:
+            return False
         return any(file.changed for file in recover_evidence(folder))
     except RecorderError as error:
         raise MadrobError(str(error)) from None
@@ -66,18 +68,15 @@ def evidence_told(folder: Path, run: Run) -> EvidenceAccount | None:
     return None
 
 
-def settled_account(
-    folder: Path, told: EvidenceAccount, start: float | None
-) -> EvidenceAccount | None:
+def settled_account(folder: Path, told: EvidenceAccount) -> EvidenceAccount | None:
     """The account of complete evidence files, by their summaries; None while one is incomplete.
 
-    `told` is the account while they were written; `start` is in s since the epoch.
+    `told` is the account while they were written.
     """
     from recorder.survey import summarised  # few runs need it
 
     counts: dict[str, tuple[str, int]] = {}
     problems: list[str] = []
-    spans: list[tuple[float, float]] = []
     size = 0
     folder_fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
     try:
@@ -94,18 +93,12 @@ def settled_account(
             if (file := summarised(folder_fd, name)) is None:
                 return None
             size += of_file
-            if start is not None and file.start_ns is not None and file.end_ns is not None:
-                spans.append((_since(file.start_ns, start), _since(file.end_ns, start)))
             for topic in file.topics:
                 before = counts.get(topic.name, ("", 0))[1]
                 counts[topic.name] = topic.type, before + file.counts.get(topic.name, 0)
     finally:
         os.close(folder_fd)
-    return told.settled(counts, problems, spans, size) if any(map(is_evidence, names)) else None
-
-
-def _since(time_ns: int, start: float) -> float:
-    return round(seconds(time_ns) - start, 2)
+    return told.settled(counts, problems, size) if any(map(is_evidence, names)) else None
 
 
 def settle_account(folder: Path, now: float) -> bool:
@@ -120,7 +113,7 @@ def settle_account(folder: Path, now: float) -> bool:
             return False
         with journal_held(folder) as journal:
             told = _unsettled(folder)
-            account = None if told is None else settled_account(folder, *told)
+            account = None if told is None else settled_account(folder, told)
             if account is None:
                 return False
             if not journal.append([account_entry(account, now)]):
@@ -133,12 +126,12 @@ def settle_account(folder: Path, now: float) -> bool:
         raise MadrobError(f"{folder}: cannot be written ({error.strerror})") from None
 
 
-def _unsettled(folder: Path) -> tuple[EvidenceAccount, float | None] | None:
-    """The account and the start, if the journal has no final account of the evidence."""
+def _unsettled(folder: Path) -> EvidenceAccount | None:
+    """The account, if the journal has no final one of the evidence."""
     run = read_run_journal(folder).run
     over = run.phase in (Phase.STOPPED, Phase.FINAL)
     told = evidence_told(folder, run) if over else run.evidence
-    return None if told is None or told.unwritten == 0 else (told, run.start)
+    return None if told is None or told.unwritten == 0 else told
 
 
 def account_entry(account: EvidenceAccount, now: float) -> Entry:
@@ -173,13 +166,11 @@ class TidyLimits:
         keep_runs: that of so many newest runs; of official and practice runs each.
         older_than: that of runs of the last so many s.
         until_free: what is left once so many bytes of the disk are free; the oldest goes first.
-        filing: that of runs signed in the last so many s: a protest may come.
     """
 
     keep_runs: int = 0
     older_than: float = 0.0
     until_free: float | None = None
-    filing: float = USUAL_PROTEST_TIMES.filing
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +203,7 @@ def evidence_at(root: Path, limits: TidyLimits, now: float, free: float) -> list
         kept = (
             _always_kept(one, newest[run.folder])
             or _within(limits, one, newest, now)
-            or _may_be_protested(folder, limits.filing, now)
+            or _may_be_protested(folder, now)
         )
         if not kept and limits.until_free is not None and free >= limits.until_free:
             kept = "there is room enough"
@@ -227,14 +218,11 @@ def run_going_on(root: Path) -> str | None:
     return next((name for name in open_ones if is_held(root / name / JOURNAL_FILE)), None)
 
 
-def remove_evidence(
-    of: RunEvidence, now: float, filing: float = USUAL_PROTEST_TIMES.filing
-) -> None:
+def remove_evidence(of: RunEvidence, now: float) -> None:
     """Remove the evidence of a run for good; its journal says so first.
 
     The bag stops listing it first, so a kill at any moment leaves a bag that every reader opens.
-    Called again, it goes on where it was cut off. `now` is in s since the epoch, `filing` as in
-    `TidyLimits`.
+    Called again, it goes on where it was cut off. `now` is in s since the epoch.
     """
     folder = of.folder
     try:
@@ -243,7 +231,7 @@ def remove_evidence(
             opened_folder(folder.parent, folder.name) as folder_fd,
         ):
             known = read_run_journal(folder)
-            why = _why_not_now(of, known) or _protest_words(known.run, filing, now)
+            why = _why_not_now(of, known) or _protest_words(known.run, now)
             if why:
                 raise MadrobError(f"{folder}: {why}: nothing of it was removed")
             files = _files(folder) or {}
@@ -319,16 +307,20 @@ def _within(limits: TidyLimits, one: RunEvidence, newest: dict[str, int], now: f
     return ""
 
 
-def _may_be_protested(folder: Path, filing: float, now: float) -> str:
-    """Why the evidence stays while a team may protest; empty = that time is over."""
+_FRESH = 1800.0
+"""A result that was signed in the last so many s may still be protested."""
+
+
+def _may_be_protested(folder: Path, now: float) -> str:
+    """Why the evidence stays while a protest may come; empty = it may go."""
     try:
-        return _protest_words(read_run_journal(folder).run, filing, now)
+        return _protest_words(read_run_journal(folder).run, now)
     except (UnusableJournalError, OSError) as error:
         return str(error)
 
 
-def _protest_words(run: Run, filing: float, now: float) -> str:
-    if run.signed is None or now > (until := run.signed + filing):
+def _protest_words(run: Run, now: float) -> str:
+    if run.signed is None or now > (until := run.signed + _FRESH):
         return ""
     return f"a protest is possible until {time_words(until)}"
 

@@ -57,7 +57,7 @@ from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, ScoringError, Thresholds
 from scoring.result import DOUBTED, Uncertainty
 
-_VERSION = f"10_{RESULT_FORMAT}"
+_VERSION = f"11_{RESULT_FORMAT}"
 """Of the summaries in the index: another one where any of them would be made differently."""
 
 _LONGEST_REASON = 500  # characters
@@ -157,7 +157,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True, array_lik
         reason: why it does not count, in the referee's words (shortened); empty if valid.
         packed: the `RunDetails`.
         issue: of the result; 0 = none yet.
-        protest_due: when the first open protest must be decided, s since the epoch.
+        protest_filed: when the first open protest was, s since the epoch; None = none is open.
         protest_at: the instant in question of that or the last protest, s from the start.
         protested: a team protested at some time, whatever became of it.
         source: `ros`, `simulated` or `replay`; None = unknown.
@@ -185,7 +185,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True, array_lik
     issue: int = 0
     final: bool = False
     team_word: str | None = None
-    protest_due: float | None = None
+    protest_filed: float | None = None
     protest_at: float | None = None
     protested: bool = False
     source: str | None = None
@@ -258,7 +258,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True, array_lik
     @property
     def closing(self) -> str:
         """`PROTEST` while one is open, else `not final`, `final`, or `protested`."""
-        if self.protest_due is not None:
+        if self.protest_filed is not None:
             return PROTEST_OPEN
         if not self.final:
             return "not final"
@@ -529,7 +529,7 @@ def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
         issue=result.issue,
         final=closure is not None,
         team_word=None if closure is None else closure.team_word,
-        protest_due=None if waiting is None else waiting.due,
+        protest_filed=None if waiting is None else waiting.time,
         protest_at=result.instant_in_question,
         protested=bool(result.protests) or signed_so,
         source=result.source,

@@ -16,8 +16,7 @@ from madrob_console.messages.message_types import types_of
 from recorder.bag import RawMessage, Topic, is_evidence
 from recorder.errors import RecorderError
 from recorder.mcap_reader import DamageError
-from recorder.reader import bag_files, read_bag
-from recorder.seeking import Seeker
+from recorder.reader import Seeker, bag_files, read_bag
 from scoring.protocol import Signal
 
 PICTURE_TYPES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")

@@ -94,7 +94,7 @@ class AnswerPart(msgspec.Struct, frozen=True):
 class ProtestPart(msgspec.Struct, frozen=True):
     """A protest against the result; without an answer it is open. Times as `StartTime`."""
 
-    due: StartTime
+    time: StartTime
     at: StartTime | None = None
     answer: AnswerPart | None = None
 
@@ -233,8 +233,7 @@ class ListedResult(msgspec.Struct, frozen=True):
 
     @property
     def open_protest(self) -> ProtestPart | None:
-        waiting = (one for one in self.protests if one.answer is None)
-        return min(waiting, key=lambda one: one.due, default=None)
+        return next((one for one in self.protests if one.answer is None), None)
 
     @property
     def instant_in_question(self) -> float | None:

@@ -102,9 +102,8 @@ def serve(arguments: argparse.Namespace) -> int:
     from madrob_console.config import load_settings
     from madrob_console.engine import wire
     from madrob_console.engine.engine_lock import HeldError
-    from madrob_console.engine.service import ServiceManager, keep_told, log_to_journal
+    from madrob_console.engine.service import ServiceManager, keep_told
 
-    log_to_journal(os.environ)
     manager = ServiceManager(os.environ)
     settings = load_settings(arguments.settings)
     owned = owned_testbed(arguments, settings)

@@ -161,7 +161,6 @@ def make_dossier(arguments: argparse.Namespace, tell_size: Callable[[int, int], 
         return export_dossier(
             run,
             arguments.output or dossier_target(run),
-            time.time(),
             made=made,
             tables=tables,
             problems=(*problems, *why),

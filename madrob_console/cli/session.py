@@ -61,7 +61,6 @@ def open_engine(
         limits=settings.sensor_limits(),
         competition=settings.competition.name,
         testbed=settings.testbed_name(gethostname()),
-        protest_times=settings.protest_times(),
         disk_needed=settings.checks.disk_space,
         evidence=_evidence_plan(settings),
         lossless=arguments.speed == 0,

@@ -77,7 +77,7 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.config import load_settings
 
     settings = load_settings(arguments.settings)
-    limits = _limits(arguments, settings.protests.filing)
+    limits = _limits(arguments)
     root = options.results_folder(arguments, settings)
     if not root.is_dir():
         raise MadrobError(f"{root}: no such results folder; name one with --results")
@@ -109,13 +109,13 @@ def main(arguments: argparse.Namespace) -> int:
     return _remove(going, root, limits)
 
 
-def _limits(arguments: argparse.Namespace, filing: float) -> TidyLimits:
+def _limits(arguments: argparse.Namespace) -> TidyLimits:
     from madrob_console.archive.evidence import TidyLimits
 
     keep, age, free = arguments.keep_runs, arguments.older_than, arguments.until_free
     if keep is None and age is None and free is None:
         raise MadrobError("say what stays: --keep-runs, --older-than or --until-free")
-    return TidyLimits(keep or 0, age or 0.0, free, filing)
+    return TidyLimits(keep or 0, age or 0.0, free)
 
 
 def _lacking(limits: TidyLimits, free: float) -> str:
@@ -161,7 +161,7 @@ def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int
             for number, one in enumerate(going):
                 tell(number, len(going))
                 try:
-                    remove_evidence(one, time.time(), limits.filing)
+                    remove_evidence(one, time.time())
                 except MadrobError as error:
                     bad.add_complaint(error, one.folder)
                 else:

@@ -8,8 +8,8 @@ durations.
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
-from typing import Protocol
 
 from madrob_console.common.errors import MadrobError
 
@@ -34,27 +34,25 @@ def nanoseconds(s: float) -> int:
     return round(s * NS)
 
 
-class Clock(Protocol):
-    """Time for the engine and its sources."""
+class Clock(ABC):
+    """Time for the engine and its sources; without steps, unless it follows the wall clock."""
 
+    @abstractmethod
     def now_ns(self) -> int:
         """Steady time, ns since the epoch."""
-        ...
 
+    @abstractmethod
     def sleep(self, duration: float) -> None:
         """Let `duration` seconds of this clock's time pass."""
-        ...
 
-    def hold_steady(self) -> None:
+    def hold_steady(self) -> None:  # noqa: B027  without steps
         """From now on run on monotonic time alone (a bag is open)."""
-        ...
 
-    def release(self) -> None:
+    def release(self) -> None:  # noqa: B027  without steps
         """Follow the wall clock again (the bag is closed)."""
-        ...
 
 
-class SystemClock:
+class SystemClock(Clock):
     """The machine's time, optionally running `speed` times as fast.
 
     While held, a step of the machine's clock does not move it.
@@ -133,7 +131,7 @@ class SimulationClock(SystemClock):
         return reading + round(min(passed, _SILENT) * pace) + max(0, passed - _SILENT)
 
 
-class VirtualClock:
+class VirtualClock(Clock):
     """Time that moves only when told to: a two-minute run takes milliseconds."""
 
     def __init__(self, start_ns: int) -> None:
@@ -148,12 +146,6 @@ class VirtualClock:
     def advance_to(self, now_ns: int) -> None:
         """Move to `now_ns`; never back."""
         self._now = max(self._now, now_ns)
-
-    def hold_steady(self) -> None:
-        """Nothing to do: virtual time has no steps."""
-
-    def release(self) -> None:
-        """Nothing to do: virtual time has no steps."""
 
 
 # The clock of a recording: it stands, steps, jumps and runs at any speed.
@@ -172,7 +164,7 @@ _TICK_NS = nanoseconds(TICK)
 _LONGEST_LEAP = 0.1
 
 
-class RecordedClock:
+class RecordedClock(Clock):
     """Goes from instant to instant of a recording.
 
     The instants are whole ticks from its beginning, and those given to `stop_at`. So pauses, steps,
@@ -223,12 +215,6 @@ class RecordedClock:
         if self.target is not None and self.ticks >= self.target:
             self.target = None
             self._go_on_from_here()
-
-    def hold_steady(self) -> None:
-        """Does nothing: recorded time has no steps."""
-
-    def release(self) -> None:
-        """Does nothing: recorded time has no steps."""
 
     @property
     def ended(self) -> bool:

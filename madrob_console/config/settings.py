@@ -27,7 +27,6 @@ from madrob_console.config.tables import (
     EngineSettings,
     FreshnessSettings,
     PlanSettings,
-    ProtestSettings,
     RecordingSettings,
     Results,
     RosSettings,
@@ -47,7 +46,6 @@ from madrob_console.config.tables import (
     type_at,
 )
 from madrob_console.referee.checks import SensorLimits
-from madrob_console.referee.records import ProtestTimes
 from scoring.protocol import DoubtLimits, Side, Signal, StartPose, Thresholds
 
 if TYPE_CHECKING:
@@ -120,7 +118,6 @@ class Settings(SettingsTable, frozen=True):
     start_poses: tuple[StartPoseSetting, ...] = DEFAULT_START_POSES
     testbed: SourceSetting = SourceSetting()
     ros: RosSettings = RosSettings()
-    protests: ProtestSettings = ProtestSettings()
     topics: tuple[TopicSetting, ...] = ()
     thresholds: ThresholdSettings = ThresholdSettings()
     doubt: DoubtSettings = DoubtSettings()
@@ -156,9 +153,6 @@ class Settings(SettingsTable, frozen=True):
             rate=self.checks.rate,
             doubt=DoubtLimits(**asdict(self.doubt)),
         )
-
-    def protest_times(self) -> ProtestTimes:
-        return ProtestTimes(**asdict(self.protests))
 
     def door_geometry(self) -> DoorGeometry:
         """The simulated doorway, with the masks that belong to it."""

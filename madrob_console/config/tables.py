@@ -19,7 +19,6 @@ from madrob_console.referee.competition_plan import (
     PlanSource,
     Task,
 )
-from madrob_console.referee.records import USUAL_PROTEST_TIMES
 from madrob_console.testbeds.evidence_choice import TOPIC_PATTERN, EvidenceChoice, TopicLimit
 from madrob_console.testbeds.ros_domain import LARGEST_DOMAIN
 from scoring.protocol import LockDetection, Side, Signal, StartPose, Thresholds
@@ -96,7 +95,6 @@ _Topics = Annotated[
         "pattern of topics: it begins with /, and has letters, digits, _ and * between slashes",
     ),
 ]
-_P = USUAL_PROTEST_TIMES
 _NAME = r"[A-Za-z_][A-Za-z0-9_]*"
 _TopicName = Annotated[
     str,
@@ -192,15 +190,6 @@ class RunDefaults(SettingsTable, frozen=True):
         RulesetName,
         Meta(description=f"which rules make the results: {' or '.join(RulesetName)}"),
     ] = RulesetName.PROTOCOL
-
-
-class ProtestSettings(SettingsTable, frozen=True):
-    """[protests]: a competition's deadlines. A missed one is reported and has no other effect."""
-
-    filing: Annotated[
-        float, within(0, 1e6, "s after a result is signed; later ones need a reason")
-    ] = _P.filing
-    decision: Annotated[float, within(0, 1e6, "s after it was filed it is due")] = _P.decision
 
 
 class TeamSetting(SettingsTable, frozen=True):

@@ -22,7 +22,7 @@ from madrob_console.engine.observation import Backlog, Interrupt, Observation
 from madrob_console.engine.replay import NO_ACTS, OWN_RUN, EngineContext, Replay
 from madrob_console.engine.requests import NO_REPLAY, PlaybackCommand
 from madrob_console.engine.run_recorder import EventLog
-from madrob_console.engine.scorer import EarlierRun, InlineScorer, RenderedResult, Scorer
+from madrob_console.engine.scorer import EarlierRun, RenderedResult, Scorer
 from madrob_console.engine.snapshot import ExportView, Snapshot
 from madrob_console.engine.start_checks import PreStart
 from madrob_console.engine.supervisor import Worker
@@ -96,7 +96,7 @@ class Engine:
             types,
             replay,
             keepers,
-            scorer or InlineScorer(),
+            scorer or Scorer(),
             evidence_client or EvidenceClient(),
             EvidenceRoom(self.config, keepers.reading),
         )
@@ -355,8 +355,6 @@ class Engine:
             testbed=self.config.testbed,
             competition=self.config.competition,
             new_id=lambda: new_run_id(self._engine_context.clock.now_ns(), self.config.random),
-            time=self.now(),
-            protest_times=self.config.protest_times,
         )
 
     @property

@@ -295,7 +295,7 @@ class CurrentRun:
 
         keepers = self._engine_context.keepers
         disk = keepers.own if ending else keepers.reading
-        disk.submit_job(partial(settled_account, self.folder, told, self.run.start), heard)
+        disk.submit_job(partial(settled_account, self.folder, told), heard)
 
     def score(self, *, write: bool = True) -> None:
         """Ask for its result, and have it written unless `write` says no."""

@@ -15,7 +15,7 @@ from concurrent.futures import Future, wait
 from contextlib import suppress
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from typing import Any, Generic, Protocol, Self, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 from madrob_console.common.errors import MadrobError
 
@@ -114,8 +114,8 @@ class _Job:
             self.done(self.answer)
 
 
-class DiskJobs(Protocol):
-    """Does jobs one after the other, in the order of the requests."""
+class DiskJobs:
+    """Does jobs one after the other: this one at once, for virtual time and replays."""
 
     def submit_job(
         self,
@@ -130,53 +130,29 @@ class DiskJobs(Protocol):
         never runs. `done` gets the answer in the thread that calls `deliver`, but not that of a
         cancelled job. `first` jobs go before the others.
         """
-        ...
-
-    def deliver(self) -> None: ...
-
-    def wait_until_idle(self, limit: float) -> bool:
-        """Wait `limit` s at most until no job is left, and deliver; returns whether none is."""
-        ...
-
-    @property
-    def silent(self) -> float:
-        """How long the current job has been running, s; 0 without one. From any thread."""
-        ...
-
-    def close(self, limit: float) -> None:
-        """Wait for the jobs, `limit` s at most; those that have not begun then never do."""
-        ...
-
-
-class InlineDisk:
-    """Does each job at once, for virtual time and replays; a `DiskJobs`."""
-
-    silent = 0.0
-
-    def submit_job(
-        self,
-        job: Callable[[], T],
-        done: Callable[[Future[T]], None] | None = None,
-        *,
-        first: bool = True,
-    ) -> Future[T]:
         asked = _Job(job, done, Future())
         asked.carry_out()
         asked.tell()
         return asked.answer
 
     def deliver(self) -> None:
-        """Nothing is left to be told."""
+        """Tell the answers that came since."""
 
     def wait_until_idle(self, limit: float) -> bool:
+        """Wait `limit` s at most until no job is left, and deliver; returns whether none is."""
         return True
 
+    @property
+    def silent(self) -> float:
+        """How long the current job has been running, s; 0 without one. From any thread."""
+        return 0.0
+
     def close(self, limit: float) -> None:
-        """Nothing is left to be done."""
+        """Wait for the jobs, `limit` s at most; those that have not begun then never do."""
 
 
-class DiskThread:
-    """Does jobs in a thread of its own; a `DiskJobs`."""
+class DiskThread(DiskJobs):
+    """Does jobs in a thread of its own."""
 
     def __init__(
         self,
@@ -263,7 +239,7 @@ class DiskThreads:
 
     @classmethod
     def inline(cls) -> Self:
-        return cls(InlineDisk(), InlineDisk())
+        return cls(DiskJobs(), DiskJobs())
 
     @classmethod
     def threads(cls) -> Self:

@@ -13,7 +13,7 @@ from madrob_console.engine.disk import DiskJobs, RepeatedReading
 from madrob_console.engine.evidence_client import EvidencePlan
 from madrob_console.messages.codec import TopicMapping
 from madrob_console.referee.checks import SensorLimits
-from madrob_console.referee.records import USUAL_PROTEST_TIMES, ProtestTimes, Randomness
+from madrob_console.referee.records import Randomness
 from scoring.protocol import Thresholds
 
 
@@ -34,7 +34,6 @@ class EngineConfig:
     limits: SensorLimits = field(default_factory=SensorLimits)
     competition: str = ""
     testbed: str = ""
-    protest_times: ProtestTimes = USUAL_PROTEST_TIMES
     version: str = field(default_factory=software_version)
     evidence: EvidencePlan | None = None
     lossless: bool = False

@@ -1,11 +1,11 @@
-"""An engine in its own thread, its local client, and what is read for it: lists and protests."""
+"""An engine in its own thread, its local client, and the lists that are read for it."""
 
 from __future__ import annotations
 
 import os
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -15,12 +15,11 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from madrob_console.archive.folders import parse_folder_name
-from madrob_console.archive.history import History, RunSummary
+from madrob_console.archive.history import History
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Stamp, stamp_of
-from madrob_console.common.formatting import time_words
 from madrob_console.engine.core import Engine
-from madrob_console.engine.disk import PriorityQueue, RepeatedReading
+from madrob_console.engine.disk import PriorityQueue
 from madrob_console.engine.reports import Reporting
 from madrob_console.engine.requests import (
     NO_ANSWER,
@@ -45,7 +44,6 @@ from madrob_console.engine.wire import awaited
 from madrob_console.referee.acts import act_named
 from madrob_console.referee.competition_plan import PlanProgress, plan_progress
 from madrob_console.referee.journal import Origin
-from madrob_console.referee.records import format_deadline, format_due
 
 # A watch over the competition's lists: read again when their files change.
 
@@ -122,39 +120,6 @@ def follow_lists(watches: Sequence[ListWatch[Any]], period: float = PERIOD) -> C
     return closed.set
 
 
-# The runs with a protest that waits for a decision.
-
-
-LOOKING_PERIOD = 60.0
-"""How often protests are read, s: another console or machine may have filed one."""
-
-
-def protested_runs(history: History) -> Sequence[RunSummary]:
-    """The runs with an open protest, the one to be decided first at the beginning."""
-    open_ones = (run for run in history.refresh() if run.protest_due is not None)
-    return tuple(sorted(open_ones, key=lambda run: run.protest_due or 0.0))
-
-
-def overdue_words(protested: Iterable[RunSummary], now: float, at_hand: str) -> Iterator[str]:
-    """Protests past their deadline, without the folder `at_hand`; `now` in s since the epoch."""
-    for run in protested:
-        if run.protest_due is not None and run.protest_due < now and run.folder != at_hand:
-            late = format_deadline(run.protest_due, now, time_words)
-            yield f"{_protest_against(run)}: {late}; h opens it, P decides it"
-
-
-def open_words(protested: Iterable[RunSummary], now: float) -> Iterator[str]:
-    """All open protests, in words; `now` in s since the epoch."""
-    return (
-        f"{_protest_against(run)}: {format_due(run.protest_due or now, now)}" for run in protested
-    )
-
-
-def _protest_against(run: RunSummary) -> str:
-    which = f"run {run.run_number} of subject {run.subject} in condition {run.condition}"
-    return f"protest against {which}"
-
-
 # A request that waits for the engine's thread.
 
 
@@ -227,12 +192,6 @@ class LocalEngine:
         self._turns: PriorityQueue[Turn] = PriorityQueue()
         self._begun: set[Turn] = set()
         self._history = History(engine.config.results)
-        self._protested: RepeatedReading[Sequence[RunSummary]] = RepeatedReading(
-            lambda: protested_runs(self._history),
-            lambda job, done: engine.read(job, first=False).add_done_callback(done),
-            LOOKING_PERIOD,
-            (),
-        )
         self._stop = threading.Event()
         self._failure: BaseException | None = None
         self._writing = "", 0.0
@@ -313,22 +272,11 @@ class LocalEngine:
         )
 
     def _look(self) -> None:
-        reporting, engine = self._reporting, self._engine
-        others = [None if reporting is None else reporting.problem, self._fallen()]
-        if engine.replay is None:
-            run, folder = engine.run, engine.folder
-            if not run.active:  # then a disk has other things to do
-                seen = (
-                    engine.current_run.generation,
-                    run.issue,
-                    run.phase,
-                    run.protests,
-                    engine.busy,
-                )
-                self._protested.look(time.monotonic(), seen)
-            at_hand = "" if folder is None else str(folder.relative_to(self.results))
-            others += overdue_words(self._protested.value, engine.now(), at_hand)
-        self._snapshot = engine.snapshot(None if reporting is None else reporting.exported, others)
+        reporting, others = self._reporting, [self._fallen()]
+        if reporting is not None:
+            others.append(reporting.problem)
+        exported = None if reporting is None else reporting.exported
+        self._snapshot = self._engine.snapshot(exported, others)
 
     def begin_request(
         self,
@@ -450,10 +398,6 @@ class LocalEngine:
         plan = self.snapshot().plan
         runs = self._history.refresh() if plan.lines else ()
         return plan_progress(plan, runs, self._engine.config.competition)
-
-    @property
-    def open_protests(self) -> Sequence[str]:
-        return tuple(open_words(self._protested.value, self._engine.now()))
 
     def repair(self) -> None:
         """Have results made again that differ from their journals. Never waits."""

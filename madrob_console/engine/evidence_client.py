@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import msgspec
@@ -15,8 +15,6 @@ from madrob_console.referee.evidence_account import (
     EvidenceAccount,
     EvidenceGap,
     EvidenceTopic,
-    first_words,
-    silence_words,
     unseen_words,
 )
 from madrob_console.referee.records import FaultKind
@@ -55,15 +53,13 @@ class EvidenceStatus:
     Attributes:
         ready: whether a process listens, and has had the time to find all topics.
         topics: what comes; empty where the process has not reported lately.
-        recorded: the topics of the recording; `first` is that of topics that nobody had when it
-            began.
+        recorded: the topics of the recording.
         problems: what was wrong with all of the recording, in words.
         unwritten: see `EvidenceAccount`.
         gaps: when nothing was recorded, s since the epoch: the start of a run may still move.
         finishing: whether one is over and not complete on disk.
         size: bytes on disk.
         stuck: that the disk takes nothing now, in words.
-        unrepaired: which file of the run is damaged and what its repair waits for, in words.
         unseen: patterns of the settings for which nobody publishes anything.
         scored: patterns that match only what is recorded with the score.
     """
@@ -79,7 +75,6 @@ class EvidenceStatus:
     size: int = 0
     problem: str | None = None
     stuck: str = ""
-    unrepaired: str = ""
     unseen: tuple[str, ...] = ()
     scored: tuple[str, ...] = ()
 
@@ -115,8 +110,6 @@ class EvidenceStatus:
             for one in self.topics:
                 if one.silent and (words := self._words_of(one, start)):
                     yield f"{one.topic}: {words}"
-        if self.unrepaired:
-            yield self.unrepaired
 
     def _words_of(self, topic: EvidenceTopic, start: float | None) -> str:
         return topic.words_since(start if self.recording else None)
@@ -124,9 +117,8 @@ class EvidenceStatus:
     def view(self, start: float | None, room: float | None) -> EvidenceView:
         """What screens show; `start` of the run is in s since the epoch, `room` in s."""
         over = [gap for gap in self.gaps if self.recording and gap.end is not None]
-        times = sum(gap.number for gap in over)
-        missing = f"missing {times} times" if times else ""
-        if times == 1 and start is not None:
+        missing = f"missing {len(over)} times" if over else ""
+        if len(over) == 1 and start is not None:
             missing = f"missing {over[0].since(start).words}"
         return EvidenceView(
             len(self.topics),
@@ -210,14 +202,14 @@ hide the sensors' events.
 class EvidenceNotes:
     """What the journal says of one run's evidence.
 
-    Gaps, and silences of topics, when they begin and when they end; the first message of a
-    topic that appears late; each trouble of a topic once.
+    Gaps, and silences of topics, when they begin and when they end; each trouble of a topic once.
     """
 
     def __init__(self) -> None:
         self._faults = FaultNotes()
         self._told = -math.inf
-        self._noted: set[tuple[object, ...]] = set()
+        self._gaps: list[EvidenceGap] = []
+        self._silent: dict[str, float] = {}
 
     def due(self, status: EvidenceStatus, start: float, now: float) -> list[str]:
         """What is to be noted now, in words; `start` of the run and `now` are s since the epoch."""
@@ -227,34 +219,25 @@ class EvidenceNotes:
             *self._of_topics(status, now),
         ]
 
-    def _is_new(self, *what: object) -> bool:
-        known = what in self._noted
-        self._noted.add(what)
-        return not known
-
     def _of_gaps(self, status: EvidenceStatus, start: float) -> Iterator[str]:
+        known, self._gaps = self._gaps, list(status.gaps)
         for number, gap in enumerate(status.gaps):
             since = gap.since(start)
-            if self._is_new("gap", number, gap.number):
+            if number >= len(known):
                 yield f"nothing is recorded since {since.begin:+.1f} s: {gap.why}"
-            if gap.end is not None and self._is_new("recorded", number, gap.number):
+            if gap.end is not None and (number >= len(known) or known[number].end is None):
                 yield f"recorded again, missing {since.words}"
 
     def _of_silences(self, status: EvidenceStatus, start: float) -> Iterator[str]:
-        late: dict[str, str] = {}
-        silent: dict[str, str] = {}
-        back: dict[str, str] = {}
+        known, silent = self._silent, dict[str, float]()
         for one in status.recorded:
-            if one.first is not None and self._is_new("late", one.topic):
-                late[one.topic] = first_words(one.first, start)
-            for number, silence in enumerate(one.silences):
-                words = silence_words([silence], start)
-                goes_on = silence.end is None
-                if self._is_new(one.topic, number, silence.number, goes_on):
-                    (silent if goes_on else back)[one.topic] = words
-        back = {topic: f"comes again, {words}" for topic, words in back.items()}
-        for told in late, silent, back:
-            yield from _in_a_line({topic: words for topic, words in told.items() if words})
+            if one.silent_since is not None:
+                silent[one.topic] = one.silent_since
+        if begun := [topic for topic in silent if topic not in known]:
+            yield f"{listed(begun)}: silent since {silent[begun[0]] - start:+.1f} s"
+        if back := [topic for topic in known if topic not in silent]:
+            yield f"{listed(back)}: comes again, silent since {known[back[0]] - start:+.1f} s"
+        self._silent = silent
 
     def _of_topics(self, status: EvidenceStatus, now: float) -> Iterator[str]:
         if 0 <= now - self._told < PERIOD:
@@ -266,9 +249,3 @@ class EvidenceNotes:
             self._told = now
         for words, names in topics.items():
             yield f"{listed(names)}: {words}"
-
-
-def _in_a_line(words: Mapping[str, str]) -> Iterator[str]:
-    """One line for several topics, in the words of the first; none where there is none."""
-    if words:
-        yield f"{listed(list(words))}: {next(iter(words.values()))}"

@@ -14,7 +14,6 @@ from madrob_console.referee.evidence_account import (
     EvidenceGap,
     EvidenceTopic,
     unseen_words,
-    with_gap,
 )
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
 
@@ -62,7 +61,6 @@ class EvidenceNews(msgspec.Struct, frozen=True):
         saved: time of the last message in the file, s since the epoch.
         ended: whether nothing more comes: all messages are counted.
         finished: whether the file is complete, or given up.
-        unrepaired: see `EvidenceStatus`.
     """
 
     settled: bool = False
@@ -80,7 +78,6 @@ class EvidenceNews(msgspec.Struct, frozen=True):
     saved: float | None = None
     ended: bool = False
     finished: bool = False
-    unrepaired: str = ""
 
 
 ToEvidence = ListenFor | RecordInto | FinishFile | LeaveDisk
@@ -113,7 +110,6 @@ class EvidenceRecording:
         self._news = NOTHING
         self._heard: float | None = None
         self._failed = ""
-        self._there: set[str] | None = None
         self._former: dict[str, EvidenceTopic] = {}
         self._former_size = 0
         self._ends: Counter[str] = Counter()
@@ -156,8 +152,6 @@ class EvidenceRecording:
         """Take a report of its own process; reports of later ones do not mention this recording."""
         if news.number != self._number:
             return
-        if self._there is None and news.settled:
-            self._there = {topic.topic for topic in news.topics}
         if not self.counted:
             self.topics |= {topic.topic: self._merged(topic) for topic in news.topics}
         if self.goes_on:
@@ -167,9 +161,7 @@ class EvidenceRecording:
 
     def _merged(self, told: EvidenceTopic) -> EvidenceTopic:
         before = self._former.get(told.topic)
-        topic = told if before is None else told.after(before)
-        late = self._there is not None and told.topic not in self._there
-        return topic if late else replace(topic, first=None)
+        return told if before is None else told.after(before)
 
     def lose_process(self, why: str) -> None:
         if not (self.goes_on or self.finishing):
@@ -190,7 +182,7 @@ class EvidenceRecording:
         if self.gaps:
             begin = max(begin, self.gaps[-1].end or 0.0)
         self._awaited = {one.topic for one in self._news.topics if one.rate and not one.kept}
-        self.gaps = with_gap(self.gaps, EvidenceGap(begin, None, why))
+        self.gaps = *self.gaps, EvidenceGap(begin, None, why)
 
     @property
     def _gap_is_open(self) -> bool:
@@ -284,7 +276,6 @@ def status_of(
         ready=news.settled,
         topics=news.topics,
         problem=problem or None,
-        unrepaired=news.unrepaired,
         unseen=news.unseen,
         scored=news.scored,
     )

@@ -39,10 +39,7 @@ from madrob_console.engine.wire import frame, frames
 from madrob_console.referee.evidence_account import EvidenceLoss, EvidenceTopic
 from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes, TakenEvidence
 from madrob_console.testbeds.ros.watches import console_name
-from recorder.bag import is_evidence
 from recorder.errors import RecorderError
-from recorder.recovery import recover_evidence
-from recorder.survey import summarised
 from recorder.writer import BagWriter, FurtherFile, RecorderState
 
 # One recording: a file of the recorder's writer.
@@ -60,9 +57,6 @@ SYNC_PERIOD = 0.5
 WRITER_NICE = 10
 """Niceness of the writer: what waits for it waits in memory, what waits in DDS is lost."""
 
-REPAIR_PERIOD = 2.0
-"""Pause between two checks for room for a repair, s."""
-
 _SPARE = 1_000_000
 """Bytes of a file beside its messages (its topic list)."""
 
@@ -70,21 +64,20 @@ _SPARE = 1_000_000
 class EvidenceFile:
     """One file of a recording.
 
-    Its thread makes the file, finishes it, and repairs what a killed process left of the run. All
-    else is called by one thread, and waits for no disk.
+    Its thread makes the file and finishes it. All else is called by one thread, and waits for no
+    disk.
     """
 
     def __init__(self, order: RecordInto, queue_bytes: int, *, held: bool) -> None:
         place = order.place
         self.number = order.number
-        self.unrepaired = ""
         self.finished = False
         self._folder = Path(place.folder)
         self._folder_fd = -1
         self._most_bytes = place.most_bytes
         self._least_free = place.least_free
         self._held = held
-        self._ending = self._left = False
+        self._ending = False
         self._began = time.monotonic()
         self._problem = ""
         self._early: list[TakenEvidence] = []
@@ -102,7 +95,7 @@ class EvidenceFile:
             queue_bytes=queue_bytes,
         )
         self._is_open, self._ended = threading.Event(), threading.Event()
-        self._changed = threading.Condition()  # guards `_held` and `_left`
+        self._changed = threading.Condition()  # guards `_held`
         self._thread = threading.Thread(target=self._work, name="evidence", daemon=True)
         self._thread.start()
 
@@ -151,18 +144,11 @@ class EvidenceFile:
         self.advance()
 
     def close(self, deadline: float) -> None:
-        """Finish the file at once, by the `deadline` (monotonic s); no repair waits for room."""
-        self.leave()
+        """Finish the file at once, by the `deadline` (monotonic s)."""
         self.hold_writing(held=False)
         self._is_open.wait(max(0.0, deadline - time.monotonic()))
         self.end()
         self._thread.join(max(0.0, deadline - time.monotonic()))
-
-    def leave(self) -> None:
-        """Let no repair wait for room any longer."""
-        with self._changed:
-            self._left = True
-            self._changed.notify_all()
 
     @property
     def problem(self) -> str:
@@ -187,7 +173,6 @@ class EvidenceFile:
             saved=None if end is None else end / NS,
             ended=self._ending,
             finished=self.finished,
-            unrepaired=self.unrepaired,
         )
 
     def _counted(self, topic: EvidenceTopic, dropped: int) -> EvidenceTopic:
@@ -220,9 +205,6 @@ class EvidenceFile:
         self._ended.wait()
         self._writer.close(timeout=None)
         self.finished = True
-        with suppress(OSError, RecorderError):
-            self._repair()  # `madrob recover` says what is wrong with a file that stays as it is
-        self.unrepaired = ""
         with suppress(OSError):
             os.close(self._folder_fd)
 
@@ -241,33 +223,6 @@ class EvidenceFile:
     def _free(self) -> int:
         disk = os.fstatvfs(self._folder_fd)
         return disk.f_bavail * disk.f_frsize
-
-    def _repair(self) -> None:
-        """Repair what a killed process left of the same run; nobody waits for it.
-
-        A repair copies the file: it waits until scoring has enough room meanwhile.
-        """
-        folder_fd = self._folder_fd
-        names = filter(is_evidence, os.listdir(folder_fd))  # noqa: PTH208  of a handle
-        torn = {
-            name: os.stat(name, dir_fd=folder_fd).st_size
-            for name in names
-            if not summarised(folder_fd, name)
-        }
-        if not torn:
-            return
-        name = max(torn, key=lambda name: torn[name])
-        size = torn[name] + _SPARE
-        while (free := self._free()) - size < self._least_free:
-            self.unrepaired = (
-                f"{name} is not complete and waits for its repair, which takes "
-                f"{format_size(size)}: {format_size(free)} free, the score keeps "
-                f"{format_size(self._least_free)} for itself; make room by `madrob tidy`"
-            )
-            with self._changed:
-                if self._changed.wait_for(lambda: self._left, REPAIR_PERIOD):
-                    return
-        recover_evidence(Path(f"/proc/self/fd/{folder_fd}"))
 
 
 # The process: it listens all the time, and records when ordered to.
@@ -382,8 +337,6 @@ class EvidenceDesk:
         gc.freeze()  # what was imported stays
 
     def _begin(self, order: RecordInto, intakes: EvidenceIntakes) -> None:
-        for file in self._files:
-            file.leave()
         self._files = [file for file in self._files if not file.finished]
         room = QUEUE_BYTES - sum(file.queued_bytes for file in self._files)
         self._anchor = (order.place.steady_ns, order.place.monotonic_ns)

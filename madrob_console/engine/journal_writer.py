@@ -28,7 +28,7 @@ from madrob_console.referee.rebuild import GrowingMark
 from madrob_console.referee.records import JournalMark
 from recorder.bag import RawMessage, Topic
 from recorder.errors import RecorderError
-from recorder.writer import BagSummary, BagWriter, DropReason, RecorderState
+from recorder.writer import BagWriter, DropReason, RecorderState
 
 
 class JournalLine:
@@ -358,12 +358,12 @@ class Recording:
         missing = sum(n for topic, n in stats.dropped.items() if topic in self._scored)
         return max(0, missing - stats.drop_reasons.get(DropReason.OTHER_TYPE, 0))
 
-    def close(self) -> BagSummary:
+    def close(self) -> None:
         """Write what is queued and finish the bag; waits for the disk as long as it takes.
 
         The journal goes on.
         """
-        return self._writer.close(None)
+        self._writer.close(None)
 
 
 def _problem_of(folder: Path) -> str | None:

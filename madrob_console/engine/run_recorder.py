@@ -31,7 +31,6 @@ from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import Change, act_of
 from madrob_console.referee.run import Run, begin_countdown
 from recorder.bag import RawMessage
-from recorder.writer import BagSummary
 from scoring.protocol import StartPose, event_words
 
 # The event log that people read: the last lines, numbered.
@@ -249,7 +248,7 @@ class RunRecorder:
         self._evidence_client.end_recording()
         losses = tuple(self._losses())
 
-        def closed(_answer: Future[BagSummary]) -> None:
+        def closed(_answer: Future[None]) -> None:
             self._closing = False
             done((*recording.remarks(), *losses), recording.unrecorded)
 
@@ -282,10 +281,9 @@ class RunRecorder:
         return {} if recording is None else recording.dropped()
 
 
-def _close(recording: Recording, evidence_client: EvidenceClient) -> BagSummary:
-    summary = recording.close()
+def _close(recording: Recording, evidence_client: EvidenceClient) -> None:
+    recording.close()
     evidence_client.await_account(COUNTING)
-    return summary
 
 
 def _open(make: Callable[[], Recording], line: JournalLine) -> Recording | None:

@@ -8,7 +8,6 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Protocol
 
 import msgspec
 
@@ -18,7 +17,7 @@ from madrob_console.archive.result_files import result_files
 from madrob_console.archive.run_journal import Details, written_details
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.archive.scored import Scored, assess_recording, open_run
-from madrob_console.engine.disk import InlineDisk
+from madrob_console.engine.disk import DiskJobs
 from madrob_console.engine.requests import curves_of
 from madrob_console.referee.flags import Flag, flags
 from madrob_console.referee.journal import Entry
@@ -165,68 +164,46 @@ class ScoringDesk:
         self._kept = dict([*others, (folder, data)][-_KEPT:])
 
 
-class Scorer(Protocol):
-    """Makes the results of one run after the other. Nothing here waits."""
+class Scorer:
+    """Makes the results of one run after the other: this one at once, where it is asked.
+
+    Nothing else here waits.
+    """
+
+    def __init__(self) -> None:
+        self._desk = ScoringDesk()
 
     @property
     def problem(self) -> str | None:
         """Why a result is missing, or that it is retried; None = all well. From any thread."""
-        ...
+        return None
 
     @property
     def hopeless(self) -> bool:
         """Whether several tries failed: what comes next need not wait for the result."""
-        ...
+        return False
 
     def warm(self) -> None:
         """Get ready in the background, so that the first result is not delayed."""
-        ...
+        threading.Thread(target=load_filters, name="filters", daemon=True).start()
 
     def read(self, folder: Path) -> Future[EarlierRun]:
         """From any thread."""
-        ...
+        return DiskJobs().submit_job(partial(self._desk.read, folder))
 
     def score(self, wanted: ToScore, done: Callable[[RenderedResult], None]) -> None:
         """Score the current run; replaces an earlier request.
 
         `done` gets its result in the thread that calls `deliver`.
         """
-        ...
-
-    def forget(self) -> None:
-        """The requested result is not wanted any more."""
-        ...
-
-    def deliver(self) -> None: ...
-
-    def wait_until_idle(self, limit: float) -> bool:
-        """Wait `limit` s at most; returns whether the result is there."""
-        ...
-
-
-class InlineScorer:
-    """Scores at once, where it is asked; a `Scorer`."""
-
-    problem = None
-    hopeless = False
-
-    def __init__(self) -> None:
-        self._desk = ScoringDesk()
-
-    def warm(self) -> None:
-        threading.Thread(target=load_filters, name="filters", daemon=True).start()
-
-    def read(self, folder: Path) -> Future[EarlierRun]:
-        return InlineDisk().submit_job(partial(self._desk.read, folder))
-
-    def score(self, wanted: ToScore, done: Callable[[RenderedResult], None]) -> None:
         done(self._desk.score(wanted))
 
     def forget(self) -> None:
-        """Nothing is left to be forgotten."""
+        """The requested result is not wanted any more."""
 
     def deliver(self) -> None:
-        """Nothing is left to be told."""
+        """Tell the result that came since."""
 
     def wait_until_idle(self, limit: float) -> bool:
+        """Wait `limit` s at most; returns whether the result is there."""
         return True

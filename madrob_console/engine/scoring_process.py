@@ -14,7 +14,7 @@ from typing import Any
 
 from madrob_console.common.names import terminal_safe
 from madrob_console.engine.engine_thread import fail
-from madrob_console.engine.scorer import EarlierRun, RenderedResult, ToScore
+from madrob_console.engine.scorer import EarlierRun, RenderedResult, Scorer, ToScore
 from madrob_console.engine.scoring_protocol import (
     Answered,
     Failed,
@@ -57,8 +57,8 @@ class _Asked:
         self.sent, self.why = False, why
 
 
-class ScoringProcess(Worker):
-    """Has runs scored in a process of its own; a `Scorer`.
+class ScoringProcess(Worker, Scorer):
+    """Has runs scored in a process of its own.
 
     The process gets the samples of a run once, with the first request for its result. If it fails,
     only that try is lost: it is started again, and the run is read from its bag.

@@ -288,7 +288,6 @@ class EngineServer:
                 *known.remarks,
                 *([] if pulse is None else [pulse]),
                 *engine.not_on_disk,
-                *engine.open_protests,
             ),
         )
 

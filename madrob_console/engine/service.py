@@ -7,9 +7,7 @@ that hangs is ended and started again; a disk that hangs is no reason.
 from __future__ import annotations
 
 import faulthandler
-import io
 import os
-import re
 import socket
 import sys
 import threading
@@ -17,9 +15,8 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import CancelledError, Future
 from contextlib import suppress
-from enum import IntEnum
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
@@ -39,16 +36,6 @@ HANGING = 2
 _PERIOD = 1.0
 _LAST_WORDS = 0.5
 """Time to tell the screens that the engine has failed, s."""
-
-_NUMBERED = re.compile(r"<[0-7]>")
-
-
-class Priority(IntEnum):
-    """Syslog priority of a line in the journal."""
-
-    ERROR = 3
-    WARNING = 4
-    INFORMATION = 6
 
 
 class ServiceManager:
@@ -85,7 +72,12 @@ def keep_told(
     words: Callable[[Snapshot], str],
     over: SimpleQueue[None],
 ) -> None:
-    """Report that the engine is ready, then its state in the log; until it is over or fails."""
+    """Report that the engine is ready, then its state in the log; until it is over or fails.
+
+    The watchdog ends a process by SIGABRT: then the log says where each thread was.
+    """
+    if manager.present:
+        faulthandler.enable()
     manager.send_assignments("READY=1")
     period = _PERIOD if manager.watchdog is None else min(_PERIOD, manager.watchdog / 4)
     told = shown = ""
@@ -102,7 +94,8 @@ def keep_told(
             news.append("WATCHDOG=1")
         if (status := words(snapshot)) != told:
             told = status
-            log(status, Priority.INFORMATION)
+            if manager.present:
+                sys.stderr.write(f"{terminal_safe(status)}\n")
         status = terminal_safe("; ".join((status, *_faults(snapshot)[:1])))
         if status != shown:
             shown = status
@@ -115,58 +108,6 @@ def keep_told(
 
 def _faults(snapshot: Snapshot) -> list[str]:
     return [*filter(None, (snapshot.pulse.words,)), *snapshot.faults, *snapshot.topic_faults]
-
-
-# ---------------------------------------------------------------------- lines in the journal
-
-
-class PriorityLines(io.TextIOBase):
-    """Puts a syslog priority before each line; `usual` if the line has none of its own."""
-
-    def __init__(self, stream: TextIO, usual: Priority) -> None:
-        self._stream = stream
-        self._usual = usual
-        self._begun = ""
-
-    def write(self, text: str) -> int:
-        *lines, self._begun = (self._begun + text).split("\n")
-        for line in lines:
-            own = _NUMBERED.match(line) is not None
-            self._stream.write(f"{line}\n" if own else f"<{self._usual}>{line}\n")
-        if lines:
-            self._stream.flush()
-        return len(text)
-
-    def flush(self) -> None:
-        if self._begun:
-            self.write("\n")
-
-    def fileno(self) -> int:
-        return self._stream.fileno()
-
-
-def log_to_journal(environment: Mapping[str, str]) -> None:
-    """Give each line a priority, where the error output goes to the journal.
-
-    The watchdog ends a process by SIGABRT: then the log says where each thread was.
-    """
-    if not _is_journal(environment):
-        return
-    faulthandler.enable(sys.stderr)
-    sys.stderr = PriorityLines(sys.stderr, Priority.ERROR)
-
-
-def log(line: str, priority: Priority) -> None:
-    if isinstance(sys.stderr, PriorityLines):
-        sys.stderr.write(f"<{priority}>{terminal_safe(line)}\n")
-
-
-def _is_journal(environment: Mapping[str, str]) -> bool:
-    try:
-        found = os.fstat(sys.stderr.fileno())
-    except (OSError, ValueError):
-        return False
-    return environment.get("JOURNAL_STREAM") == f"{found.st_dev}:{found.st_ino}"
 
 
 # The abort that other programs of a testbed may call.

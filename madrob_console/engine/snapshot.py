@@ -15,7 +15,6 @@ from madrob_console.referee.competition_plan import NO_PLAN, Plan
 from madrob_console.referee.flags import NO_INDICATORS, Flag, flags
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.lists import NO_TEAMS, TeamList
-from madrob_console.referee.records import USUAL_PROTEST_TIMES, ProtestTimes
 from madrob_console.referee.run import Run
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
@@ -335,7 +334,6 @@ class Snapshot:
     playback: PlaybackView | None = None
     export: ExportView | None = None
     teams: TeamList = NO_TEAMS
-    protest_times: ProtestTimes = USUAL_PROTEST_TIMES
     plan: Plan = NO_PLAN
     testbed: str = ""
     right: RightToAct = RightToAct()

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from madrob_console.archive.run_journal import Unfinished
-from madrob_console.common.formatting import time_words
 from madrob_console.engine.current_run import Acting, CurrentRun
 from madrob_console.engine.evidence_client import EvidenceStatus
 from madrob_console.engine.observation import Backlog, Observation
@@ -23,7 +22,7 @@ from madrob_console.engine.start_checks import PreStart
 from madrob_console.referee.acts import ACTS, Situation
 from madrob_console.referee.checks import Check, CheckState, Freshness
 from madrob_console.referee.competition_plan import Plan
-from madrob_console.referee.records import CheckName, format_deadline, open_protests
+from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase, Run
 from madrob_console.testbeds.source import INFO_TOPIC, Announcement
 from scoring.procedure import Procedure, StepRecord
@@ -80,7 +79,6 @@ class StateView:
             f"another referee: {other}" if other else None,
             f"{INFO_TOPIC}: {told}" if told else None,
             self.backlog.problem,
-            *overdue_protests(run, now),
             at_hand.event_publisher.journal.problem,
             *at_hand.result.problems,
             None if replay else disk_problem(situation.checks),
@@ -128,7 +126,6 @@ class StateView:
             playback=replay.view(result) if replay else None,
             export=export,
             teams=situation.teams,
-            protest_times=situation.protest_times,
             plan=plan,
             testbed=self.engine_context.config.testbed,
         )
@@ -138,12 +135,6 @@ class StateView:
         if status is None:
             return None
         return status.view(self.at_hand.run.start, self.pre_start.evidence_lasts(now))
-
-
-def overdue_protests(run: Run, now: float) -> Iterator[str]:
-    for one in open_protests(run.protests):
-        if one.due < now:
-            yield f"{one.title}: {format_deadline(one.due, now, time_words)}, decide it"
 
 
 def disk_problem(checks: Iterable[Check]) -> str | None:

@@ -49,22 +49,18 @@ class EngineClient(Protocol):
         Raises:
             MadrobError: the engine has failed or the connection is lost.
         """
-        ...
 
     def begin_request(self, request: Request[T]) -> Future[T]:
         """Have a request carried out; never waits.
 
         A cancelled request never takes effect; one that has begun cannot be cancelled.
         """
-        ...
 
     def send_request(self, request: Request[T]) -> T:
         """Have a request carried out; waits no longer than its timeout."""
-        ...
 
     def close(self) -> None:
         """End the connection; an engine in this process ends with it."""
-        ...
 
 
 def awaited(answer: Future[T], patience: float) -> T:
@@ -86,7 +82,7 @@ def given_up(answer: Future[T]) -> MadrobError:
     return MadrobError(NO_ANSWER) if answer.cancel() else UnsureError(UNSURE)
 
 
-VERSION = 13
+VERSION = 14
 """Version of this protocol; raised with every change that an older side would not understand."""
 
 LARGEST_REQUEST = 1_000_000

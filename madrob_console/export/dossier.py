@@ -42,7 +42,7 @@ from madrob_console.export.zip_file import (
     add_run,
     size_of,
 )
-from madrob_console.referee.records import Protest, ProtestEnd, format_deadline
+from madrob_console.referee.records import Protest, ProtestEnd
 from madrob_console.referee.run import Run
 
 PROTESTS_FILE = "PROTESTS.txt"
@@ -88,10 +88,9 @@ def check_dossier(run: Path) -> None:
         raise MadrobError(f"{run}: this run goes on: make the dossier after it")
 
 
-def export_dossier(  # noqa: PLR0913  what is packed, and how
+def export_dossier(
     run: Path,
     target: Path,
-    now: float,
     *,
     made: Mapping[str, bytes] = MappingProxyType({}),
     tables: Path | None = None,
@@ -101,12 +100,11 @@ def export_dossier(  # noqa: PLR0913  what is packed, and how
 ) -> Export:
     """Packs everything about one run.
 
-    The same run gives the same zip, byte by byte, until an open protest is overdue.
+    The same run gives the same zip, byte by byte.
 
     Args:
         run: its folder.
         target: the zip.
-        now: s since the epoch.
         made: its current report and the files that belong to it, by name.
         tables: a folder with its samples as tables; None = there are none.
         problems: why any of these is missing, in words.
@@ -124,7 +122,7 @@ def export_dossier(  # noqa: PLR0913  what is packed, and how
     before = stamp_of(str(run / RESULT_FILE))
     with folder_for(target), whole_file(target) as file, Archive(file) as archive:
         archive.problems += problems
-        archive.add_file(PROTESTS_FILE, _protests(run, archive.problems, now).encode(), at)
+        archive.add_file(PROTESTS_FILE, _protests(run, archive.problems).encode(), at)
         there = add_run(archive, run, run.name, bag, made)
         for name, data in made.items():
             if (called := f"{run.name}/{name}") not in there:
@@ -152,17 +150,17 @@ def _stamp(run: Path) -> float:
     return max((stamp.modified / 1e9 for stamp in stamps if stamp is not None), default=0.0)
 
 
-def _protests(run: Path, problems: list[str], now: float) -> str:
+def _protests(run: Path, problems: list[str]) -> str:
     try:
         told = read_run_journal(run).run
     except (UnusableJournalError, OSError) as error:
         problems.append(f"{run.name}: its protests are not known: {error}")
         return f"The journal of {terminal_safe(run.name)} cannot be read: {error}\n"
-    return "\n".join(protest_lines(told, run.name, now)) + "\n"
+    return "\n".join(protest_lines(told, run.name)) + "\n"
 
 
-def protest_lines(run: Run, name: str, now: float) -> Iterator[str]:
-    """All protests against a run, the decisions, and missing evidence; `now`: s since the epoch."""
+def protest_lines(run: Run, name: str) -> Iterator[str]:
+    """All protests against a run, the decisions, and missing evidence."""
     setup = run.setup
     yield f"MADROB: protests against {terminal_safe(name)}"
     if setup is not None:
@@ -176,7 +174,7 @@ def protest_lines(run: Run, name: str, now: float) -> Iterator[str]:
         yield "No protest was filed."
     for one in run.protests:
         yield ""
-        yield from _protest_lines(one, run, now)
+        yield from _protest_lines(one, run)
     if run.taken_back:
         yield ""
         yield "Taken back by the referee:"
@@ -189,28 +187,25 @@ def protest_lines(run: Run, name: str, now: float) -> Iterator[str]:
             yield f"  {terminal_safe(remark)}"
 
 
-def _protest_lines(one: Protest, run: Run, now: float) -> Iterator[str]:
+def _protest_lines(one: Protest, run: Run) -> Iterator[str]:
     rows: Mapping[str, str] = {
         "by": one.team,
         "about": one.about_words(run.start),
         "the team says": one.text,
         "filed": utc_text(one.time) + (f", taken by {one.referee}" if one.referee else ""),
-        "late": f"admitted: {one.late}" if one.late else "",
-        "due": "" if one.open else utc_text(one.due),
     }
     yield f"Protest {one.number}"
     for name, words in rows.items():
         if words:
             yield f"  {name + ':':<15}{terminal_safe(words)}"
     if (answer := one.answer) is None:
-        yield f"  OPEN: the decision is {format_deadline(one.due, now, utc_text)}"
+        yield "  OPEN: it waits for a decision"
         return
     decided = "withdrawn" if answer.end is ProtestEnd.WITHDRAWN else "decided"
     by = answer.referee or "the referee"
-    came = f"; {one.late_decision}" if one.late_decision else ""
     yield f"  {answer.end.upper()}"
     yield f"  {'in words:':<15}{terminal_safe(answer.reason)}"
-    yield f"  {decided + ':':<15}{utc_text(answer.time)}, {terminal_safe(by)}{came}"
+    yield f"  {decided + ':':<15}{utc_text(answer.time)}, {terminal_safe(by)}"
 
 
 def _readme(run: Path, archive: Archive, left_out: Sequence[str]) -> str:

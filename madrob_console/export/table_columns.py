@@ -277,11 +277,11 @@ RUNS = TidyTable(
             lambda run, _: sum(one.answer is None for one in run.result.protests),
         ),
         TidyColumn(
-            "protest_due",
+            "protest_filed",
             CellKind.NUMBER,
             "s",
-            "the next decision, since 1970; empty: none",
-            lambda run, _: run.result.open_protest.due if run.result.open_protest else None,
+            "the first open one, since 1970; empty: none",
+            lambda run, _: run.result.open_protest.time if run.result.open_protest else None,
         ),
         TidyColumn(
             "flags",

@@ -15,12 +15,10 @@ from rich.cells import set_cell_size
 from madrob_console.archive.collection import the_competition
 from madrob_console.archive.history import RunSummary, condition_words, of_competition
 from madrob_console.common.formatting import listed as first_of
-from madrob_console.common.formatting import time_words
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.tally import ALIKE, Aggregate, Overall, Standing, overall, standings
 from madrob_console.referee.competition_plan import Attempts, PlannedAttempt, PlanProgress, Task
 from madrob_console.referee.flags import undecided, weighty
-from madrob_console.referee.records import format_deadline
 from scoring.indicator_table import WITH_EXTREMES, IndicatorName
 from scoring.protocol import Condition, Outcome, Thresholds
 from scoring.result import DOUBTED, decimals_left
@@ -113,7 +111,7 @@ class CompetitionStandings:
         flagged: valid runs with a serious flag, oldest first.
         provisional: valid runs whose result is not final yet.
         protested: valid runs against whose final result the team protested.
-        open_protests: undecided, the next due first; also of runs that do not count.
+        open_protests: undecided, the first filed first; also of runs that do not count.
         apart: differences between the testbeds of the valid runs; empty = none.
         renamed: teams whose runs carry several names, a sentence each.
     """
@@ -147,10 +145,9 @@ class CompetitionStandings:
         if count := sum(bool(undecided(run.flags)) for run in self.flagged):
             remarks.append(f"UNDECIDED: {count} of the valid runs wait for the referee.")
         for run in self.open_protests:
-            due = format_deadline(run.protest_due or self.made, self.made, time_words)
             remarks.append(
                 f"PROTEST open against run {run.run_number} of subject {run.subject} in condition "
-                f"{run.condition}: NOT FINAL until it is decided, {due}."
+                f"{run.condition}: NOT FINAL until it is decided."
             )
         if self.protested:
             remarks.append(f"PROTESTED by the team: {self.protested} of the valid runs.")
@@ -227,8 +224,8 @@ def competition_standings(
         protested=sum(run.valid and run.closing == "protested" for run in entering),
         open_protests=tuple(
             sorted(
-                (named(run) for run in entering if run.protest_due is not None),
-                key=lambda run: run.protest_due or 0.0,
+                (named(run) for run in entering if run.protest_filed is not None),
+                key=lambda run: run.protest_filed or 0.0,
             )
         ),
         apart=how_testbeds_differ(entering),

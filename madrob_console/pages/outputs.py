@@ -116,7 +116,7 @@ def standings_json(found: CompetitionStandings, software: str) -> bytes:
                 "condition": run.condition,
                 "run_number": run.run_number,
                 "run_id": run.run_id,
-                "due": run.protest_due,
+                "filed": run.protest_filed,
             }
             for run in found.open_protests
         ],

@@ -412,11 +412,10 @@ def _tables(content: SiteContent) -> Iterator[SiteFile]:
         yield SiteFile(f"data/{table.name}.csv", tables.key, make, lambda: tables.whole)
     yield SiteFile.of("data/standings.csv", standings_csv(content.standings))
     undated = replace(content.standings, made=0.0)
-    remarks = content.standings.remarks  # a protest becomes overdue by the time alone
     yield SiteFile.of(
         "data/standings.json",
         standings_json(content.standings, content.software).decode(),
-        "\n".join((standings_json(undated, content.software).decode(), *remarks)),
+        standings_json(undated, content.software).decode(),
     )
     if content.plan is not None:
         competition = content.standings.title

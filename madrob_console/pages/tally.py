@@ -298,7 +298,7 @@ def _tally(
         testbeds.update(run.testbed for run in runs if run.testbed)
         outcomes += [run.outcome for run in runs if not run.voided]
         voided += sum(run.voided for run in runs)
-        protests += sum(run.protest_due is not None for run in runs)
+        protests += sum(run.protest_filed is not None for run in runs)
         valid = sorted((run for run in runs if run.valid), key=rank)
         flagged += [run for run in valid if weighty(run.flags)]
         counted += valid[:best] if best else valid

@@ -158,7 +158,6 @@ class RunFacts(Protocol):
     @property
     def started(self) -> float:
         """Start, s since the epoch."""
-        ...
 
     @property
     def competition(self) -> str | None: ...
@@ -178,22 +177,18 @@ class RunFacts(Protocol):
     @property
     def values(self) -> Mapping[str, float]:
         """Its indicators that have a value."""
-        ...
 
     @property
     def problem(self) -> str | None:
         """Why the run cannot be read."""
-        ...
 
     @property
-    def protest_due(self) -> float | None:
-        """When an open protest is to be decided, s since the epoch; None = no open one."""
-        ...
+    def protest_filed(self) -> float | None:
+        """When the first open protest was filed, s since the epoch; None = none is open."""
 
     @property
     def twin(self) -> str:
         """The folder of a duplicate that counts instead; empty = this one counts."""
-        ...
 
 
 def plan_progress(plan: Plan, runs: Iterable[RunFacts], competition: str) -> PlanProgress:
@@ -202,7 +197,7 @@ def plan_progress(plan: Plan, runs: Iterable[RunFacts], competition: str) -> Pla
     unread, protested = 0, Counter[Task]()
     for run in sorted(runs, key=lambda run: (run.started, run.folder)):
         unread += run.problem is not None
-        if run.protest_due is not None and run.official and run.competition == competition:
+        if run.protest_filed is not None and run.official and run.competition == competition:
             protested[Task(run.subject, run.condition)] += 1
         if is_attempt(run) and run.competition == competition:
             done.setdefault(Task(run.subject, run.condition), []).append(run)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -24,27 +22,20 @@ class EvidenceLoss(StrEnum):
     """The disk refused it or had no room left for evidence, or its process ended before."""
 
 
-MOST_GAPS = 20
-"""Gaps that are listed one by one."""
-
-
 @dataclass(frozen=True, slots=True)
 class EvidenceGap:
-    """A time without evidence, of one topic or of all.
+    """A time without any evidence.
 
     Attributes:
         begin: the last message before it, s since the start of the run; while it is recorded, s
             since the epoch.
         end: likewise, the first message after it; null = it went on to the end.
         why: in words.
-        number: how many gaps these are, with some evidence between them: the last one told has
-            all that came later.
     """
 
     begin: float
     end: float | None
     why: str
-    number: int = 1
 
     def since(self, start: float) -> EvidenceGap:
         """The gap in s since the run's start, given as s since the epoch."""
@@ -54,23 +45,7 @@ class EvidenceGap:
     @property
     def words(self) -> str:
         end = "the end" if self.end is None else f"{self.end:+.1f} s"
-        times = f", {self.number} times" if self.number > 1 else ""
-        return f"from {self.begin:+.1f} s to {end}{times}"
-
-
-def with_gap(gaps: Sequence[EvidenceGap], gap: EvidenceGap) -> tuple[EvidenceGap, ...]:
-    """Add a later gap; beyond `MOST_GAPS` the last one takes in all later ones."""
-    if len(gaps) < MOST_GAPS:
-        return *gaps, gap
-    last = gaps[-1]
-    merged = replace(last, end=gap.end, why=gap.why, number=last.number + gap.number)
-    return *gaps[:-1], merged
-
-
-def gaps_words(gaps: Sequence[EvidenceGap]) -> str:
-    number = sum(gap.number for gap in gaps)
-    more = f" and {counted(number - 1, 'time')} more" if number > 1 else ""
-    return f"{gaps[0].words}{more}" if gaps else ""
+        return f"from {self.begin:+.1f} s to {end}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,15 +98,15 @@ class EvidenceTopic(RecordedTopic):
         rate, byte_rate: messages and bytes a second of what is recorded.
         publishers: how many there are.
         kept: whether they keep messages for late joiners, so that silence is no fault.
-        silences: of a steady topic: in the recording, or the present one; the last may go on.
-        first: its first message in the recording.
+        silent_since: the last message of a steady topic on which nothing comes now; else null.
+        first: its first message in the file.
     """
 
     rate: float = 0.0
     byte_rate: float = 0.0
     publishers: int = 1
     kept: bool = False
-    silences: tuple[EvidenceGap, ...] = ()
+    silent_since: float | None = None
     first: float | None = None
 
     @property
@@ -143,8 +118,11 @@ class EvidenceTopic(RecordedTopic):
 
         Without a `start` of the run, in s since the epoch, it has the time of day.
         """
-        first = "" if start is None else first_words(self.first, start)
-        return ", ".join(filter(None, (first, silence_words(self.silences, start), self.problem)))
+        since, silent = self.silent_since, ""
+        if since is not None:
+            at = time_of_day(since) if start is None else f"{since - start:+.1f} s"
+            silent = f"silent since {at}"
+        return ", ".join(filter(None, (silent, self.problem)))
 
     def recorded(self, start: float) -> RecordedTopic:
         """What stands in the account; `start` of the run is in s since the epoch."""
@@ -160,11 +138,7 @@ class EvidenceTopic(RecordedTopic):
 
     def after(self, before: EvidenceTopic) -> EvidenceTopic:
         """With what an earlier process of the same recording counted."""
-        silences = before.silences
-        if silences and silences[-1].end is None and self.first is not None:
-            silences = *silences[:-1], replace(silences[-1], end=self.first)
-        for one in self.silences:
-            silences = with_gap(silences, one)
+        earlier = before.silent_since if self.first is None else None
         lost = {
             why: number
             for why in EvidenceLoss
@@ -177,26 +151,8 @@ class EvidenceTopic(RecordedTopic):
             left_out=before.left_out + self.left_out,
             lost=lost,
             problem=self.problem or before.problem,
-            silences=silences,
-            first=before.first or self.first,
+            silent_since=self.silent_since or earlier,
         )
-
-
-def first_words(first: float | None, start: float) -> str:
-    """When a topic came first, in words; empty = before the start. Times: s since the epoch."""
-    return "" if first is None or first <= start else f"first message at {first - start:+.1f} s"
-
-
-def silence_words(silences: Sequence[EvidenceGap], start: float | None) -> str:
-    """When nothing came, in words; without a `start` of the run the present silence alone."""
-    if not silences:
-        return ""
-    since, goes_on = silences[-1].begin, silences[-1].end is None
-    if start is None:
-        return f"silent since {time_of_day(since)}" if goes_on else ""
-    over = gaps_words([one.since(start) for one in silences if one.end is not None])
-    now = f"since {since - start:+.1f} s" if goes_on else ""
-    return f"silent {' and '.join(filter(None, (now, over)))}"
 
 
 def _as_found(told: RecordedTopic, found: int) -> RecordedTopic:
@@ -242,7 +198,8 @@ class EvidenceAccount:
 
     @property
     def gap_words(self) -> str:
-        return gaps_words(self.gaps)
+        more = f" and {counted(len(self.gaps) - 1, 'time')} more" if len(self.gaps) > 1 else ""
+        return f"{self.gaps[0].words}{more}" if self.gaps else ""
 
     @property
     def _at_least(self) -> str:
@@ -259,13 +216,11 @@ class EvidenceAccount:
         self,
         counts: Mapping[str, tuple[str, int]],
         problems: Iterable[str] = (),
-        spans: Sequence[tuple[float, float]] = (),
         file_bytes: int | None = None,
     ) -> EvidenceAccount:
         """The account of the messages in the files; others did not reach the disk.
 
-        `counts` has type and number of messages by topic, in all files together. `spans` has first
-        and last message of each file, in order, s since the start of the run.
+        `counts` has type and number of messages by topic, in all files together.
         """
         told = {one.topic: one for one in self.topics}
         for topic, (type_name, _) in counts.items():
@@ -273,8 +228,7 @@ class EvidenceAccount:
         topics = tuple(_as_found(told[name], counts.get(name, ("", 0))[1]) for name in sorted(told))
         if all(one.bytes is not None for one in topics):
             file_bytes = None
-        gaps = tuple(_as_it_is(gap, spans) for gap in self.gaps) or tuple(_between(spans))
-        return EvidenceAccount(topics, (*self.problems, *problems), 0, gaps, file_bytes)
+        return EvidenceAccount(topics, (*self.problems, *problems), 0, self.gaps, file_bytes)
 
     def remarks(self) -> list[str]:
         remarks = list(self.problems)
@@ -290,25 +244,6 @@ class EvidenceAccount:
 
 def unseen_words(patterns: Sequence[str]) -> str:
     return f"nobody publishes {listed(patterns)}"
-
-
-def _as_it_is(gap: EvidenceGap, spans: Sequence[tuple[float, float]]) -> EvidenceGap:
-    """A gap from the last message of the file before it, at least to the first one after it."""
-    if gap.number > 1:
-        return gap
-    last = math.inf if gap.end is None else gap.end
-    ends = [end for _, end in spans if gap.begin <= end <= last]
-    begin = max(ends, default=gap.begin)
-    if gap.end is None:
-        return replace(gap, begin=begin)
-    first = min((first for first, _ in spans if first > begin), default=gap.end)
-    return replace(gap, begin=begin, end=max(gap.end, first))
-
-
-def _between(spans: Sequence[tuple[float, float]]) -> Iterator[EvidenceGap]:
-    for (_, end), (begin, _) in itertools.pairwise(spans):
-        if begin > end:
-            yield EvidenceGap(end, begin, "the evidence process was started again")
 
 
 CUT_OFF = EvidenceAccount(

@@ -12,7 +12,7 @@ from uuid import NAMESPACE_URL, UUID, uuid5
 
 from msgspec import Meta
 
-from madrob_console.common.formatting import counted, format_span, listed, relative_text
+from madrob_console.common.formatting import counted, listed, relative_text
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, EventName, LockDetection, Signal, StartPose
 from scoring.rulesets import RulesetName
@@ -462,21 +462,6 @@ class ProtestEnd(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class ProtestTimes:
-    """A competition's deadlines, s, from the signing of a result and from the filing of a protest.
-
-    The first runs on while another protest is open, and begins anew once the result was changed.
-    """
-
-    filing: float = 1800.0
-    decision: float = 3600.0
-
-
-USUAL_PROTEST_TIMES = ProtestTimes()
-"""Half an hour and an hour."""
-
-
-@dataclass(frozen=True, slots=True)
 class ProtestAnswer:
     """What closed a protest.
 
@@ -504,8 +489,6 @@ class Protest:
         text: what the team says.
         about: what it is about: a step, an indicator, a time, or the whole run.
         at: the instant in question, s since the epoch; null = none was named.
-        due: when it is to be decided, s since the epoch.
-        late: why it was admitted although it came late; empty = it was in time.
         referee: who took it.
         answer: what closed it; null = it is open.
     """
@@ -516,21 +499,12 @@ class Protest:
     text: str
     about: str
     at: float | None
-    due: float
-    late: str
     referee: str
     answer: ProtestAnswer | None = None
 
     @property
     def open(self) -> bool:
         return self.answer is None
-
-    @property
-    def late_decision(self) -> str:
-        answer = self.answer
-        if answer is None or answer.end is ProtestEnd.WITHDRAWN:
-            return ""
-        return format_late(self.due, answer.time)
 
     def about_words(self, start: float | None) -> str:
         """Subject and instant: `step 4, 12.500 s from the start`; `start` in s since the epoch."""
@@ -546,21 +520,5 @@ class Protest:
 
 
 def open_protests(protests: Iterable[Protest]) -> tuple[Protest, ...]:
-    return tuple(sorted((one for one in protests if one.open), key=lambda one: one.due))
-
-
-def format_due(due: float, now: float) -> str:
-    """The time left, from s since the epoch: `12 min left`, `due now`, `OVERDUE by 1 h 05 min`."""
-    left = due - now
-    if abs(left) < 1.0:
-        return "due now"
-    return f"{format_span(left)} left" if left >= 0 else f"OVERDUE by {format_span(-left)}"
-
-
-def format_deadline(due: float, now: float, date: Callable[[float], str]) -> str:
-    """The deadline by the clock: `due by 23 Nov 08:29`, `OVERDUE since 23 Nov 08:29`."""
-    return f"{'OVERDUE since' if due < now else 'due by'} {date(due)}"
-
-
-def format_late(due: float, decided: float) -> str:
-    return f"LATE, {format_span(decided - due)} after it was due" if decided > due else ""
+    """Those that wait for a decision, the first filed at the beginning."""
+    return tuple(one for one in protests if one.open)

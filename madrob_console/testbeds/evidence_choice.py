@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from madrob_console.common.clock import NS
-from madrob_console.referee.evidence_account import EvidenceGap, with_gap
 
 if TYPE_CHECKING:
     from recorder.bag import RawMessage
@@ -109,20 +108,12 @@ class SilenceWatch:
         self._first: int | None = None  # of what came without a silence
         self._last = 0
         self._steady = False
-        self._over: tuple[EvidenceGap, ...] = ()
 
     def listen(self, at_ns: int) -> None:
         self._listens = at_ns if self._listens is None else self._listens
 
-    def begin_recording(self) -> None:
-        self._over = ()
-
     def came(self, at_ns: int) -> None:
-        if self._first is None:
-            self._first = at_ns
-        elif at_ns - self._last > SILENT_AFTER * NS:
-            if self._steady:
-                self._over = with_gap(self._over, self._silence(at_ns / NS))
+        if self._first is None or at_ns - self._last > SILENT_AFTER * NS:
             self._first = at_ns
         self._last = at_ns
         self._steady |= at_ns - self._first >= SILENT_AFTER * NS
@@ -132,14 +123,10 @@ class SilenceWatch:
             return ""
         return "nothing has come" if now_ns - self._listens > SILENT_AFTER * NS else ""
 
-    def silences(self, now_ns: int) -> tuple[EvidenceGap, ...]:
-        """Since the recording began; the last may go on."""
-        if self._steady and now_ns - self._last > SILENT_AFTER * NS:
-            return with_gap(self._over, self._silence(None))
-        return self._over
-
-    def _silence(self, end: float | None) -> EvidenceGap:
-        return EvidenceGap(self._last / NS, end, "nothing came")
+    def silent_since(self, now_ns: int) -> float | None:
+        """The last message of a steady topic on which nothing comes now, s since the epoch."""
+        silent = self._steady and now_ns - self._last > SILENT_AFTER * NS
+        return self._last / NS if silent else None
 
 
 class RateLimit:

@@ -16,7 +16,7 @@ from madrob_console.messages.codec import (
     referee_topics,
 )
 from madrob_console.messages.message_types import MessageError, MessageTypes
-from madrob_console.testbeds.source import OfflineSource, TopicStatus
+from madrob_console.testbeds.source import Source, TopicStatus
 from recorder.bag import RawMessage, Topic
 from recorder.errors import RecorderError
 from recorder.reader import Bag, read_bag
@@ -25,7 +25,7 @@ MOST_KEPT = 150_000
 """Messages kept in memory, about seven minutes; a longer bag is read again at each restart."""
 
 
-class RecordedBag(OfflineSource):
+class RecordedBag(Source):
     """A recorded testbed; each `open` replays its messages in stored order.
 
     The console's own messages are kept aside: the JSON lines of `/madrob/referee/event` in

@@ -5,9 +5,10 @@ All three hand over the same `RawMessage`s, so that everything behind a source i
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import msgspec
 
@@ -34,53 +35,65 @@ class TopicStatus:
     problem: str | None = None
 
 
-class Source(Protocol):
-    """A testbed, as the engine sees it. Only the engine's thread calls it."""
+class Source(ABC):
+    """A testbed, as the engine sees it. Only the engine's thread calls it.
+
+    What only a testbed in a ROS domain has, others leave as it is here: nobody else is there.
+    """
 
     @property
-    def kind(self) -> SourceKind: ...
+    @abstractmethod
+    def kind(self) -> SourceKind:
+        """Where the messages come from."""
 
     @property
+    @abstractmethod
     def label(self) -> str:
         """For people: `LIVE ros domain 0`, `SIMULATED over ROS domain 0`, `REPLAY <name>`."""
-        ...
 
+    @abstractmethod
     def open(self) -> None:
         """Connects; raises MadrobError with the remedy where the testbed cannot be reached."""
-        ...
 
+    @abstractmethod
     def take_messages(self, timeout: float) -> list[RawMessage]:
         """Messages by receive time; waits up to `timeout` s of clock time; never raises."""
-        ...
 
-    def topics(self) -> Sequence[Topic]: ...
+    @abstractmethod
+    def topics(self) -> Sequence[Topic]:
+        """Those that it has messages of."""
 
-    def status(self) -> Sequence[TopicStatus]: ...
+    @abstractmethod
+    def status(self) -> Sequence[TopicStatus]:
+        """Of each configured topic."""
 
-    def configure(self, condition: Condition) -> None:
+    def configure(self, condition: Condition) -> None:  # noqa: B027  not abstract
         """Sets the testbed's parameters for a condition; returns at once, see `sides_problem`."""
-        ...
 
     @property
-    def sides_problem(self) -> str | None: ...
+    def sides_problem(self) -> str | None:
+        """Why the sides must be set by hand, in words."""
+        return None
 
     @property
-    def announcement(self) -> Announcement: ...
+    def announcement(self) -> Announcement:
+        """What the testbed says of itself."""
+        return SILENT
 
     @property
     def other_referee(self) -> str | None:
         """Another node that publishes the run state to the testbed, in words; None = nobody."""
-        ...
+        return None
 
-    def publish(self, message: RawMessage) -> None:
+    def publish(self, message: RawMessage) -> None:  # noqa: B027  not abstract
         """Publishes on one of the console's own topics (protocol section 3); never waits."""
-        ...
 
-    def offer_abort(self, begin_abort: BeginAbort) -> None:
+    def offer_abort(self, begin_abort: BeginAbort) -> None:  # noqa: B027  not abstract
         """Lets other programs of the testbed abort the run, where there are any."""
-        ...
 
-    def close(self) -> None: ...
+    @abstractmethod
+    def close(self) -> None:
+        """Disconnects."""
 
 
 # A testbed's announcement, `/madrob/testbed/info` (protocol section 2).
@@ -112,26 +125,6 @@ class Announcement:
 
 
 SILENT = Announcement()
-
-
-class OfflineSource:
-    """The rest of a source whose testbed is in no ROS domain: nobody else is there."""
-
-    sides_problem: str | None = None
-    other_referee: str | None = None
-
-    @property
-    def announcement(self) -> Announcement:
-        return SILENT
-
-    def configure(self, condition: Condition) -> None:
-        """Does nothing: the testbed has its sides."""
-
-    def publish(self, message: RawMessage) -> None:
-        """Does nothing: nobody listens."""
-
-    def offer_abort(self, begin_abort: BeginAbort) -> None:
-        """Does nothing: no other program calls."""
 
 
 class _Info(msgspec.Struct):

@@ -61,7 +61,7 @@ def document(run: RunSummary) -> dict[str, Any]:
         **({} if run.thresholds is None else {"thresholds": run.thresholds}),
         **({"voided": {"reason": "the floor was wet"}} if run.voided else {}),
         **({"flags": msgspec.to_builtins(run.flags)} if run.flags else {}),
-        **({} if run.protest_due is None else {"protests": [_open_protest(run)]}),
+        **({} if run.protest_filed is None else {"protests": [_open_protest(run)]}),
         "closure": {"time": 0.0, "referee": "R", "team_word": run.team_word, "note": ""}
         if run.final
         else None,
@@ -70,7 +70,7 @@ def document(run: RunSummary) -> dict[str, Any]:
 
 def _open_protest(run: RunSummary) -> dict[str, Any]:
     at = None if run.protest_at is None else run.started + run.protest_at
-    return {"due": run.protest_due, "at": at, "answer": None}
+    return {"time": run.protest_filed, "at": at, "answer": None}
 
 
 UNDECIDED_START = Flag(

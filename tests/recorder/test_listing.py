@@ -213,22 +213,6 @@ def test_a_copy_that_lies_beside_the_recording_does_not_become_one(folder: Path)
     assert told(folder)["relative_file_paths"] == files
 
 
-def test_topics_without_end_in_evidence_leave_the_bag_readable(folder: Path) -> None:
-    add_evidence(folder, CAMERA, 0)
-    with opened(folder) as fd:
-        file = McapFile(fd, evidence_file_name("run", 1))
-        types = [type(talk())(f"/{'x' * 900}{n}", talk().type, "") for n in range(999)]
-        file.start(types, {})
-        file.finish()
-        file.close()
-    assert list_again(folder)
-    assert told(folder)["relative_file_paths"] == [
-        bag_file_name("run"),
-        evidence_file_name("run", 0),
-    ]
-    assert read_bag(folder).complete
-
-
 def test_evidence_that_ends_first_is_listed_by_the_recording_when_it_ends(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     with BagWriter(folder, door_topics(), {}) as writer:

@@ -23,7 +23,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType, Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from recorder import seeking
+from recorder import reader
 from recorder.bag import (
     BagInformation,
     Durability,
@@ -35,8 +35,7 @@ from recorder.bag import (
 )
 from recorder.errors import RecorderError
 from recorder.mcap_reader import ChunkContent, DamageError, read_chunk
-from recorder.reader import Bag, read_bag
-from recorder.seeking import Seeker
+from recorder.reader import Bag, Seeker, read_bag
 from recorder.writer import BagWriter
 from tests.recorder.samples import (
     BEST_EFFORT,
@@ -495,7 +494,7 @@ def test_however_many_chunks_claim_an_instant_few_are_unpacked_for_it(
         looked_at.append(offset)
         return read_chunk(file, offset)
 
-    monkeypatch.setattr(seeking, "read_chunk", read)
+    monkeypatch.setattr(reader, "read_chunk", read)
     found = seeker.nearest("/talk", 10, 100)
     assert found is not None
     assert found.receive_ns == 5

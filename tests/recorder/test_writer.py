@@ -106,7 +106,7 @@ def test_the_summary_tells_what_the_bag_holds(tmp_path: Path) -> None:
     assert summary.end_ns == messages[2].receive_ns
     assert summary.file_bytes == (tmp_path / "bag" / "bag_0.mcap").stat().st_size
     assert summary.error is None
-    assert writer.close() == summary
+    assert writer.close().counts == summary.counts
 
 
 def test_a_full_queue_drops_at_once_and_counts(tmp_path: Path, stuck: StuckDisk) -> None:
@@ -332,7 +332,7 @@ def test_stats_are_a_picture_of_one_instant(tmp_path: Path) -> None:
         writer.put_message(strings(["a"])[0])
         assert before.received == {}
         with pytest.raises(FrozenInstanceError):
-            before.written = 1  # type: ignore[misc]
+            before.file_bytes = 1  # type: ignore[misc]
 
 
 def evidence(folder: Path, limit: int = 2**62, number: int = 0) -> BagWriter:

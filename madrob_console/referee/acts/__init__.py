@@ -12,31 +12,56 @@ import msgspec
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from madrob_console.referee.acts.act import Act as Act
-from madrob_console.referee.acts.act import Consequence as Consequence
-from madrob_console.referee.acts.act import Situation as Situation
-from madrob_console.referee.acts.after import AcceptDoubts as AcceptDoubts
-from madrob_console.referee.acts.after import Finalise as Finalise
-from madrob_console.referee.acts.after import Reissue as Reissue
-from madrob_console.referee.acts.before import ConfirmPose as ConfirmPose
-from madrob_console.referee.acts.before import SetUp as SetUp
-from madrob_console.referee.acts.before import Start as Start
-from madrob_console.referee.acts.before import Waive as Waive
-from madrob_console.referee.acts.before import ZeroHandle as ZeroHandle
-from madrob_console.referee.acts.correct import Correct as Correct
-from madrob_console.referee.acts.correct import TakeBack as TakeBack
-from madrob_console.referee.acts.during import Abort as Abort
-from madrob_console.referee.acts.during import AcceptFalseStart as AcceptFalseStart
-from madrob_console.referee.acts.during import AddNote as AddNote
-from madrob_console.referee.acts.during import DeclareTimeout as DeclareTimeout
-from madrob_console.referee.acts.during import MarkIncident as MarkIncident
-from madrob_console.referee.acts.during import RestartCountdown as RestartCountdown
-from madrob_console.referee.acts.during import Rule as Rule
-from madrob_console.referee.acts.during import Void as Void
-from madrob_console.referee.acts.during import WithdrawIncident as WithdrawIncident
-from madrob_console.referee.acts.protest import DecideProtest as DecideProtest
-from madrob_console.referee.acts.protest import FileProtest as FileProtest
-from madrob_console.referee.acts.protest import WithdrawProtest as WithdrawProtest
+from madrob_console.referee.acts.act import Act, Consequence, Situation
+from madrob_console.referee.acts.after import AcceptDoubts, Finalise, Reissue
+from madrob_console.referee.acts.before import ConfirmPose, SetUp, Start, Waive, ZeroHandle
+from madrob_console.referee.acts.correct import Correct, TakeBack
+from madrob_console.referee.acts.during import (
+    Abort,
+    AcceptFalseStart,
+    AddNote,
+    DeclareTimeout,
+    MarkIncident,
+    RestartCountdown,
+    Rule,
+    Void,
+    WithdrawIncident,
+)
+from madrob_console.referee.acts.protest import DecideProtest, FileProtest, WithdrawProtest
+
+__all__ = [
+    "ACTS",
+    "Abort",
+    "AcceptDoubts",
+    "AcceptFalseStart",
+    "Act",
+    "AddNote",
+    "ConfirmPose",
+    "Consequence",
+    "Correct",
+    "DecideProtest",
+    "DeclareTimeout",
+    "FileProtest",
+    "Finalise",
+    "MarkIncident",
+    "Reissue",
+    "RestartCountdown",
+    "Rule",
+    "SetUp",
+    "Situation",
+    "Start",
+    "TakeBack",
+    "Void",
+    "Waive",
+    "WithdrawIncident",
+    "WithdrawProtest",
+    "ZeroHandle",
+    "act_details",
+    "act_named",
+    "is_act",
+    "is_urgent",
+    "refusals",
+]
 
 ACTS: tuple[type[Act], ...] = (
     SetUp,

@@ -16,7 +16,6 @@ import msgspec
 from madrob_console.referee.checks import Check
 from madrob_console.referee.flags import Flag, flags
 from madrob_console.referee.lists import NO_TEAMS, TeamList
-from madrob_console.referee.records import USUAL_PROTEST_TIMES, ProtestTimes
 from madrob_console.referee.run import Phase, Run, reissued
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
@@ -132,8 +131,8 @@ class Situation:
 
     A run is `scored` when it has its result, on disk or refused by it. It is `hopeless` when the
     computation of the result has failed several times. `rest_force` (N) is the most by which a
-    force at rest differs from its zero. `simulated` says what a simulated testbed plays. The `time`
-    is in s since the epoch. `refused` says why the disk refuses the run's files.
+    force at rest differs from its zero. `simulated` says what a simulated testbed plays. `refused`
+    says why the disk refuses the run's files.
     """
 
     run: Run
@@ -149,8 +148,6 @@ class Situation:
     testbed: str = ""
     competition: str = ""
     new_id: Callable[[], str] = str
-    time: float = 0.0
-    protest_times: ProtestTimes = USUAL_PROTEST_TIMES
     refused: str = ""
 
     @cached_property
@@ -185,7 +182,6 @@ class RunView(Protocol):
     @property
     def indicators(self) -> Mapping[IndicatorName, Indicator]:
         """Of the result; empty without one."""
-        ...
 
     @property
     def flags(self) -> tuple[Flag, ...]: ...
@@ -193,13 +189,6 @@ class RunView(Protocol):
     @property
     def elapsed(self) -> float | None:
         """Time since the start of the run, s; None outside a run."""
-        ...
-
-    @property
-    def time(self) -> float: ...
-
-    @property
-    def protest_times(self) -> ProtestTimes: ...
 
 
 class Consequence(FlagEnum):
@@ -219,6 +208,8 @@ class Consequence(FlagEnum):
 LONGEST_TEXT = 2000
 """Characters of a text in an act: names, reasons, notes, the words of a team."""
 
+RESULT_IS_WRITTEN = "the result is being written"
+
 Asked: TypeAlias = "Act | Ask[Asked] | str"
 """What a key or an answer brings: an act, a question, or a refusal in words."""
 
@@ -231,6 +222,8 @@ class Act(ABC):
         elsewhere: refuses it outside its `phases`; empty = the phase says why.
         missing: refuses it without its reason or text; empty = none is needed.
         title, questions: the dialog before it, whose answers are its fields; none = no dialog.
+        done, log: its effect, for the referee and the event log, as formats of the `act`; empty =
+            its name.
         urgent: it ends a danger: no other request and no disk delays it.
         at_once: it takes effect before its line is on disk; others need the journal first.
         stands_out: whether its line of the event log is highlighted.
@@ -244,6 +237,8 @@ class Act(ABC):
     missing: ClassVar[str] = ""
     title: ClassVar[str] = ""
     questions: ClassVar[tuple[Question, ...]] = ()
+    done: ClassVar[str] = ""
+    log: ClassVar[str] = ""
     urgent: ClassVar[bool] = False
     at_once: ClassVar[bool] = True
     consequences: ClassVar[Consequence] = Consequence.NONE
@@ -276,7 +271,14 @@ class Act(ABC):
     def refusal(self, situation: Situation) -> str | None:
         """Why the act is not possible now; None when it is."""
         refused = self.impossible(situation) or self._too_long or self.problem(situation)
-        return refused or (None if self.reason_given.strip() else self.missing or None)
+        if not refused and not self.reason_given.strip():
+            refused = self.missing
+        return refused or self._too_early(situation)
+
+    def _too_early(self, situation: Situation) -> str | None:
+        """Only a final result that is on disk is opened again: it is kept beside the next issue."""
+        final = situation.run.phase is Phase.FINAL and not self.at_once
+        return RESULT_IS_WRITTEN if final and not situation.scored else None
 
     @property
     def _too_long(self) -> str | None:
@@ -315,12 +317,12 @@ class Act(ABC):
     @property
     def done_text(self) -> str:
         """Its effect, for the referee; the reason is appended."""
-        return self.name
+        return (self.done or self.name).format(act=self)
 
     @property
     def logged(self) -> str:
         """Its effect, for the event log; the reason is appended."""
-        return self.name
+        return (self.log or self.name).format(act=self)
 
 
 _WHY_NOT = {

@@ -8,6 +8,7 @@ from itertools import chain
 
 from madrob_console.common.formatting import counted
 from madrob_console.referee.acts.act import (
+    RESULT_IS_WRITTEN,
     Act,
     Ask,
     Asked,
@@ -57,6 +58,7 @@ class Finalise(Act):
     name = "finalise"
     phases = (Phase.STOPPED,)
     at_once = False
+    done = "the result is final, {act.team_word.told}"
     team_word: TeamWord
     referee: str
     note: str = ""
@@ -66,7 +68,7 @@ class Finalise(Act):
     def hindrance(cls, situation: Situation) -> str | None:
         if situation.scored:
             return situation.refused or None
-        return "the result is being written"
+        return RESULT_IS_WRITTEN
 
     def problem(self, situation: Situation) -> str | None:
         """Needs a signature, and every open question named."""
@@ -114,10 +116,6 @@ class Finalise(Act):
     @property
     def signature(self) -> str:
         return self.referee
-
-    @property
-    def done_text(self) -> str:
-        return f"the result is final, {self.team_word.told}"
 
 
 def _checklist(view: RunView) -> tuple[str, ...]:
@@ -169,7 +167,7 @@ class AcceptDoubts(Act):
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
         if not situation.scored:
-            return "the result is being written"
+            return RESULT_IS_WRITTEN
         waiting = waiting_doubts(situation.indicators, situation.run.accepted_doubts)
         return None if waiting else _NO_DOUBT
 
@@ -247,10 +245,6 @@ class Reissue(Act):
         Sure("Re-issue the result?"),
     )
     reason: str
-
-    def problem(self, situation: Situation) -> str | None:
-        """Not before the final result is written, which happens while the question is answered."""
-        return None if situation.scored else "the result is being written"
 
     def apply(self, situation: Situation, at: float) -> Run:
         return self.opened_again(situation.run, at)

@@ -122,6 +122,8 @@ class Waive(Act):
     name = "waive a check"
     phases = (Phase.READY,)
     missing = "a waiver needs a reason"
+    done = "'{act.check}' waived"
+    log = "check waived: {act.check}"
     check: CheckName
     reason: str
 
@@ -158,14 +160,6 @@ class Waive(Act):
         return replace(
             run, decided=run.decided_and(DecisionKind.WAIVER), waivers=(*run.waivers, waiver)
         )
-
-    @property
-    def done_text(self) -> str:
-        return f"'{self.check}' waived"
-
-    @property
-    def logged(self) -> str:
-        return f"check waived: {self.check}"
 
 
 def _passes(check: CheckName, where: Situation | RunView) -> str | None:

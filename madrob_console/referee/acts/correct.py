@@ -9,6 +9,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import relative_text
 from madrob_console.common.names import clean_name
 from madrob_console.referee.acts.act import (
+    RESULT_IS_WRITTEN,
     Act,
     Ask,
     Asked,
@@ -69,9 +70,8 @@ class Correct(Act):
             return _NO_RUN
         if (self.subject, self.condition) == (setup.subject, setup.condition):
             return "that is what is set up"
-        return self._corrected(setup, 1).problem() or (
-            None if situation.scored else "the result is being written"
-        )
+        scored = None if situation.scored else RESULT_IS_WRITTEN
+        return self._corrected(setup, 1).problem() or scored
 
     @classmethod
     def ask_questions(cls, view: RunView, pressed: str) -> Ask[Asked] | str:
@@ -231,6 +231,8 @@ class TakeBack(Act):
     phases = tuple(phase for phase in Phase if phase is not Phase.IDLE)
     at_once = False
     missing = "taking back needs a reason"
+    done = "{act.kind} taken back"
+    log = "referee takes back the last {act.kind}"
     kind: DecisionKind
     made: float
     reason: str
@@ -249,10 +251,7 @@ class TakeBack(Act):
         run = situation.run
         if self._found(run) is None:
             return f"this {self.kind} is not the last one that stands"
-        if not _within_reach(self.kind, run):
-            return _FINAL
-        final = run.phase is Phase.FINAL
-        return "the result is being written" if final and not situation.scored else None
+        return None if _within_reach(self.kind, run) else _FINAL
 
     @classmethod
     def ask_questions(cls, view: RunView, pressed: str) -> Ask[Act] | str:
@@ -281,14 +280,6 @@ class TakeBack(Act):
             return None
         last = _last_of(self.kind, run)
         return last if last.time == self.made else None
-
-    @property
-    def done_text(self) -> str:
-        return f"{self.kind} taken back"
-
-    @property
-    def logged(self) -> str:
-        return f"referee takes back the last {self.kind}"
 
 
 def _last_of(kind: DecisionKind, run: Run) -> Decision:

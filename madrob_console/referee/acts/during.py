@@ -135,6 +135,8 @@ class MarkIncident(Act):
     name = "mark an incident"
     phases = (Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED)
     title = "Mark an incident"
+    done = "{act.kind} marked{act.when}"
+    log = "incident: {act.kind}{act.when}"
     stands_out = True
     kind: IncidentKind
     note: str = ""
@@ -185,15 +187,7 @@ class MarkIncident(Act):
         )
 
     @property
-    def done_text(self) -> str:
-        return f"{self.kind} marked{self._when}"
-
-    @property
-    def logged(self) -> str:
-        return f"incident: {self.kind}{self._when}"
-
-    @property
-    def _when(self) -> str:
+    def when(self) -> str:
         return "" if self.after_start is None else f" at {self.after_start:+.2f} s"
 
 
@@ -314,6 +308,8 @@ class Void(Act):
     missing = "voiding a run needs a reason"
     title = "VOID this run: it stays on record and counts nowhere"
     questions = (ask_why("robot unsafe", "testbed fault", "referee's mistake", "protest upheld"),)
+    done = "the run is void and counts nowhere"
+    log = "run voided"
     stands_out = True
     undoable = True
     reason: str
@@ -327,11 +323,6 @@ class Void(Act):
             return "an aborted run is invalid already"
         return None if run.valid else "an interrupted run counts nowhere already"
 
-    def problem(self, situation: Situation) -> str | None:
-        """A final result must be on disk: it is kept beside the next issue."""
-        final = situation.run.phase is Phase.FINAL
-        return "the result is being written" if final and not situation.scored else None
-
     @classmethod
     def instead_of_abort(cls, reason: str) -> Ask[Act]:
         title = f"The run was over before the abort ({reason}). {cls.title}"
@@ -341,14 +332,6 @@ class Void(Act):
         run = changed(self.opened_again(situation.run, at), at)
         voided = Voiding(at, self.reason, run.referee)
         return replace(run, decided=run.decided_and(DecisionKind.VOID), voided=voided)
-
-    @property
-    def done_text(self) -> str:
-        return "the run is void and counts nowhere"
-
-    @property
-    def logged(self) -> str:
-        return "run voided"
 
 
 @dataclass(frozen=True, slots=True)

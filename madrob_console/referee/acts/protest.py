@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from madrob_console.common.formatting import format_span, relative_text, seconds_of
+from madrob_console.common.formatting import relative_text, seconds_of
 from madrob_console.referee.acts.act import (
     Act,
     Ask,
@@ -18,15 +17,12 @@ from madrob_console.referee.acts.act import (
     Situation,
     Write,
     ask_why,
-    reasons,
 )
 from madrob_console.referee.records import (
     DecisionKind,
     Protest,
     ProtestAnswer,
     ProtestEnd,
-    ProtestTimes,
-    format_late,
     open_protests,
 )
 from madrob_console.referee.run import Phase, Run
@@ -46,6 +42,8 @@ class WithdrawProtest(Act):
     phases = (Phase.STOPPED, Phase.FINAL)
     at_once = False
     missing = "a withdrawal needs a reason"
+    done = "protest {act.number} is withdrawn"
+    log = "protest {act.number} withdrawn by the team"
     number: int
     reason: str
 
@@ -54,7 +52,7 @@ class WithdrawProtest(Act):
         return None if open_protests(situation.run.protests) else _NONE_OPEN
 
     def problem(self, situation: Situation) -> str | None:
-        return closing_problem(self.number, situation)
+        return closing_problem(self.number, situation.run)
 
     @classmethod
     def ask_questions(cls, view: RunView, pressed: str) -> Asked:
@@ -72,14 +70,6 @@ class WithdrawProtest(Act):
         answer = ProtestAnswer(at, ProtestEnd.WITHDRAWN, self.reason, run.referee)
         return closed(run, self.number, answer)
 
-    @property
-    def done_text(self) -> str:
-        return f"protest {self.number} is withdrawn"
-
-    @property
-    def logged(self) -> str:
-        return f"protest {self.number} withdrawn by the team"
-
 
 def on_which(view: RunView, title: str, then: Callable[[Protest], Ask[Act]]) -> Asked:
     """Asks which protest is meant, where several are open; `then` makes the next dialog."""
@@ -96,12 +86,10 @@ def on_which(view: RunView, title: str, then: Callable[[Protest], Ask[Act]]) -> 
     return Ask(title, (question,), lambda number: then(waiting[number]))
 
 
-def closing_problem(number: int, situation: Situation) -> str | None:
-    run = situation.run
-    if all(one.number != number for one in open_protests(run.protests)):
-        return f"protest {number} is not open: look again"
-    final = run.phase is Phase.FINAL
-    return "the result is being written" if final and not situation.scored else None
+def closing_problem(number: int, run: Run) -> str | None:
+    if any(one.number == number for one in open_protests(run.protests)):
+        return None
+    return f"protest {number} is not open: look again"
 
 
 def closed(run: Run, number: int, answer: ProtestAnswer | None) -> Run:
@@ -131,32 +119,31 @@ class DecideProtest(Act):
     """Close a protest with words and a name (section 2).
 
     It changes nothing of the result itself: rulings, corrections and voids do. A result that was
-    signed with the protest open is opened again. The engine sets `late`: that the deadline has
-    passed; empty = in time.
+    signed with the protest open is opened again.
     """
 
     name = "decide protest"
     phases = (Phase.STOPPED, Phase.FINAL)
     at_once = False
     missing = _WHY.missing
+    done = log = "protest {act.number} {act.end}"
     stands_out = True
     undoable = True
     number: int
     end: ProtestEnd
     reason: str
     referee: str
-    late: str = ""
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        return None if open_protests(situation.run.protests) else "no protest is open"
+        return None if open_protests(situation.run.protests) else _NONE_OPEN
 
     def problem(self, situation: Situation) -> str | None:
         if self.end is ProtestEnd.WITHDRAWN:
             return "a protest is withdrawn by the team, not by a decision"
         if not self.referee.strip():
             return _NAMELESS
-        return closing_problem(self.number, situation)
+        return closing_problem(self.number, situation.run)
 
     @classmethod
     def ask_questions(cls, view: RunView, pressed: str) -> Asked:
@@ -174,11 +161,6 @@ class DecideProtest(Act):
 
         return on_which(view, "Decide a protest", decision)
 
-    def settled(self, situation: Situation) -> Act:
-        known = (one for one in situation.run.protests if one.number == self.number)
-        due = next((one.due for one in known), math.inf)
-        return replace(self, late=format_late(due, situation.time))
-
     def apply(self, situation: Situation, at: float) -> Run:
         answer = ProtestAnswer(at, self.end, self.reason, self.referee)
         run = closed(self.opened_again(situation.run, at), self.number, answer)
@@ -187,14 +169,6 @@ class DecideProtest(Act):
     @property
     def signature(self) -> str:
         return self.referee
-
-    @property
-    def done_text(self) -> str:
-        return self.logged
-
-    @property
-    def logged(self) -> str:
-        return f"protest {self.number} {self.end}{f' ({self.late})' if self.late else ''}"
 
 
 MOST_PROTESTS = 20
@@ -213,8 +187,7 @@ class FileProtest(Act):
     """A team protests: the result is open until that is decided or withdrawn (section 2).
 
     A final result is opened again: the next issue gets a number, the old one stays. `after_start`
-    is the instant in question, s. A late protest is admitted with the reason `late`. The engine
-    sets `due`, s since the epoch.
+    is the instant in question, s.
     """
 
     name = "protest"
@@ -222,12 +195,12 @@ class FileProtest(Act):
     at_once = False
     stands_out = True
     title = "PROTEST: the result stays open until it is decided"
+    done = "protest of {act.team} about {act.about} waits for a decision"
+    log = "{act.team} protests about {act.about}"
     text: str
     team: str
     about: str = _WHOLE
     after_start: float | None = None
-    late: str = ""
-    due: float | None = None
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
@@ -236,18 +209,13 @@ class FileProtest(Act):
         return None
 
     def problem(self, situation: Situation) -> str | None:
-        """Needs words and a team, in time; a final result must be on disk."""
-        run = situation.run
+        """Needs words and a team."""
         if not self.text.strip():
             return _TEXT.missing
         if not self.team.strip():
             return "a protest needs the name of the team"
-        if self.after_start is not None and (outside := _outside(self.after_start, run)):
-            return outside
-        if run.phase is Phase.FINAL and not situation.scored:
-            return "the result is being written"
-        late = _lateness(run, situation.time, situation.protest_times)
-        return f"{late}: admit it with a reason" if late and not self.late.strip() else None
+        after = self.after_start
+        return None if after is None else _outside(after, situation.run) or None
 
     @classmethod
     def ask_questions(cls, view: RunView, pressed: str) -> Asked:
@@ -322,30 +290,16 @@ class FileProtest(Act):
     def _ask_words(cls, view: RunView, about: str, at: float | None) -> Ask[Asked]:
         run = view.run
         own = "" if run.setup is None else run.setup.team or f"subject {run.setup.subject}"
-        late = _lateness(run, view.time, view.protest_times)
-        who = (Option("1", own, own),) if own.strip() else ()
-        questions: list[Question] = [
-            Pick("Who protests?", (*who, Option("o", "another team: type it", None, free=True))),
-            _TEXT,
-        ]
-        if late:
-            why = reasons("told before the deadline", "the results were shown late")
-            questions.append(Pick(f"It is late ({late}). Why is it admitted?", why))
-
-        def make(team: str, text: str, admitted: str = "") -> FileProtest:
-            return cls(text, team, about, at, admitted)
-
-        return Ask(f"PROTEST about {about}", tuple(questions), make)
-
-    def settled(self, situation: Situation) -> Act:
-        return replace(self, due=situation.time + situation.protest_times.decision)
+        team = (Option("1", own, own),) if own.strip() else ()
+        who = Pick("Who protests?", (*team, Option("o", "another team: type it", None, free=True)))
+        title = f"PROTEST about {about}"
+        return Ask(title, (who, _TEXT), lambda team, text: cls(text, team, about, at))
 
     def apply(self, situation: Situation, at: float) -> Run:
         run = self.opened_again(situation.run, at)
         instant = None
         if self.after_start is not None and run.start is not None:
             instant = run.start + self.after_start
-        due = at + situation.protest_times.decision if self.due is None else self.due
         protest = Protest(
             number=len(run.protests) + 1,
             time=at,
@@ -353,8 +307,6 @@ class FileProtest(Act):
             text=self.text,
             about=self.about,
             at=instant,
-            due=due,
-            late=self.late,
             referee=run.referee,
         )
         return replace(run, protests=(*run.protests, protest))
@@ -362,22 +314,6 @@ class FileProtest(Act):
     @property
     def reason_given(self) -> str:
         return self.text
-
-    @property
-    def done_text(self) -> str:
-        return f"protest of {self.team} about {self.about} waits for a decision"
-
-    @property
-    def logged(self) -> str:
-        return f"{self.team} protests about {self.about}"
-
-
-def _lateness(run: Run, now: float, times: ProtestTimes) -> str:
-    """Why a protest is too late; the deadline runs on while the result is open again."""
-    if run.signed is None or (passed := now - run.signed) <= times.filing:
-        return ""
-    ended, lasts = format_span(passed - times.filing), format_span(times.filing)
-    return f"the time for protests ended {ended} ago, {lasts} after the signature"
 
 
 def _outside(after_start: float, run: Run) -> str:

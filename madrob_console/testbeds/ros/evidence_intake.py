@@ -142,7 +142,6 @@ class EvidenceIntake:
         """Begins a recording: a topic that was left alone gets another chance."""
         self._too_large = self._largest_seen = 0
         self._lost_before = self._lost
-        self._silence.begin_recording()
 
     @property
     def _most(self) -> int:
@@ -199,7 +198,7 @@ class EvidenceIntake:
             byte_rate=byte_rate,
             publishers=self._intake.publishers,
             kept=self._kept_for_late,
-            silences=self._silence.silences(self._now),
+            silent_since=self._silence.silent_since(self._now),
         )
 
     def refuse(self, why: str) -> None:

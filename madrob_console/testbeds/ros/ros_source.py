@@ -33,7 +33,13 @@ from madrob_console.testbeds.ros.watches import (
     console_name,
 )
 from madrob_console.testbeds.ros_domain import domain_id
-from madrob_console.testbeds.source import SILENT, Announcement, BeginAbort, TopicStatus
+from madrob_console.testbeds.source import (
+    SILENT,
+    Announcement,
+    BeginAbort,
+    Source,
+    TopicStatus,
+)
 from recorder.bag import RawMessage, Topic
 from scoring.protocol import Condition
 
@@ -102,7 +108,7 @@ _DEPTHS = {REFEREE_EVENT_TOPIC: 100}
 """A late joiner gets the last state and pose, but the events of a whole run."""
 
 
-class RosSource:
+class RosSource(Source):
     """The testbed over ROS 2.
 
     A thread of its own empties the subscriptions at 50 Hz; the engine's calls never wait for ROS.

@@ -37,7 +37,7 @@ from madrob_console.messages.message_types import (
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.sensor_model import RANGE_MAX, RANGE_MIN, Reading
 from madrob_console.testbeds.simulated.testbed import RefereeState, SimulatedTestbed, parse_state
-from madrob_console.testbeds.source import Announcement, OfflineSource, TopicStatus
+from madrob_console.testbeds.source import Announcement, Source, TopicStatus
 from recorder.bag import Durability, Qos, RawMessage, Topic
 from scoring.protocol import SENSORS_PER_STRIP, Condition, Signal, Strip
 
@@ -229,7 +229,7 @@ _LONGEST_BACKLOG = 60.0
 """s of messages to catch up with; after a longer sleep of the machine they are lost."""
 
 
-class SimulatedSource(OfflineSource):
+class SimulatedSource(Source):
     """A simulated testbed on the engine's clock.
 
     The robot sets out when a run starts: a published state with the phase `countdown` or `running`

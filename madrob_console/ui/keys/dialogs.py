@@ -66,7 +66,7 @@ class RunMeant:
 
     @classmethod
     def of_list(cls, run: RunSummary) -> RunMeant:
-        at = 0.0 if run.protest_due is not None else None  # where none was named
+        at = 0.0 if run.protest_filed is not None else None  # where none was named
         return cls(run.folder, at if run.protest_at is None else run.protest_at)
 
     @classmethod

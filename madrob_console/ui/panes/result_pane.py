@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from asyncio import to_thread
 from collections.abc import Callable, Iterator, Sequence
 from operator import itemgetter
@@ -27,7 +26,7 @@ from madrob_console.referee.flags import (
     untold_remarks,
     weighty,
 )
-from madrob_console.referee.records import Incident, Protest, RunSetup, format_due, open_protests
+from madrob_console.referee.records import Incident, Protest, RunSetup
 from madrob_console.referee.run import Phase, Run
 from madrob_console.ui.cells.lines import (
     Line,
@@ -103,15 +102,9 @@ def _no_result(snapshot: Snapshot) -> str:
 
 
 def _flags(snapshot: Snapshot) -> Iterator[Span]:
-    """The flags that weigh; an open protest says when it is due, but in a replay."""
-    waiting = () if snapshot.playback else open_protests(snapshot.run.protests)
-    for one in waiting:
-        by = time.strftime("%H:%M", time.localtime(one.due))
-        words = f"{one.title} OPEN, due {by}, {format_due(one.due, snapshot.time)}"
-        yield Span(words, Tone.BAD)
+    """The flags that weigh."""
     for flag in weighty(snapshot.flags):
-        if not (waiting and flag.undecided and flag.kind is FlagKind.PROTEST):
-            yield Span(flag.words, FLAG_TONES[flag.weight])
+        yield Span(flag.words, FLAG_TONES[flag.weight])
 
 
 def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
@@ -306,12 +299,10 @@ def _incident(one: Incident) -> str:
 
 
 def _protest(one: Protest, run: Run) -> str:
-    late = f"; late, admitted: {one.late}" if one.late else ""
-    words = f"{one.team}, about {one.about_words(run.start)}: {one.text}{late}"
+    words = f"{one.team}, about {one.about_words(run.start)}: {one.text}"
     if (answer := one.answer) is None:
         return words
-    came = f"; {one.late_decision}" if one.late_decision else ""
-    return f"{words}; {answer.end}: {answer.reason} ({answer.referee}){came}"
+    return f"{words}; {answer.end}: {answer.reason} ({answer.referee})"
 
 
 _NAMES = ("samples", "Hz", "gap", "gaps", "jitter", "skew", "drop", "shift", "none")

@@ -22,7 +22,7 @@ from textual.message import Message
 from madrob_console.archive.collection import filter_problem, matches
 from madrob_console.archive.history import PROTEST_OPEN, RunSummary, condition_words
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.formatting import counted, time_words
+from madrob_console.common.formatting import counted
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.pages.tally import Standing
@@ -301,7 +301,7 @@ def _outcome(run: RunSummary) -> Span:
     counts = run.outcome is not Outcome.ABORTED and not run.voided
     sign = "*" if run.issue and not run.final and counts else ""
     tone = Tone.BAD if run.problem else _OUTCOME_TONES[run.outcome]
-    if run.protest_due is not None:
+    if run.protest_filed is not None:
         sign, tone = "P", Tone.BAD
     elif undecided(run.flags):
         sign, tone = f"{sign}!!", Tone.BAD
@@ -423,7 +423,7 @@ def summary(runs: Sequence[RunSummary]) -> str:
         return "no runs in the results folder"
     words = Counter("valid" if run.valid else run.outcome_word for run in runs)
     practice = sum(run.practice for run in runs)
-    protests = sum(run.protest_due is not None for run in runs)
+    protests = sum(run.protest_filed is not None for run in runs)
     among = f" ({practice} PRACTICE)" if practice else ""
     parts = [f"{count} {word}" for word, count in words.most_common()]
     parts += [protests_open(protests)] if protests else []
@@ -440,7 +440,7 @@ def about(run: RunSummary, name: str | None = None) -> str:
         return f"{run.problem} (folder {run.folder})"
     if run.twin:
         return run.why_twin
-    due, waiting = run.protest_due, undecided(run.flags)
+    waiting = undecided(run.flags)
     name = run.team if name is None else name
     recorded = f" (recorded as {run.team})" if run.team and run.team != name else ""
     task = ", ".join(filter(None, condition_words(run.condition)))
@@ -448,7 +448,6 @@ def about(run: RunSummary, name: str | None = None) -> str:
     ended = (f"issue {run.issue}", run.closing, run.ruleset)
     told = (
         *(flag.words for flag in waiting),
-        "" if due is None else f"decision due {time_words(due)}",
         *(flag.words for flag in weighty(run.flags) if flag not in waiting),
         f"{name}{recorded}: {task}" if name else task,
         run.outcome_word,

@@ -121,7 +121,7 @@ def test_the_instant_that_a_protest_is_about_has_pictures(run: Path) -> None:
     scored = score_opened(run)
     filed = Protest(
         1, scored.result.start + 60, "Delft", "not open", "step 3", scored.result.start + 4.2,
-        scored.result.start + 90, "", "R. Eferee",
+        "R. Eferee",
     )  # fmt: skip
     unnamed = replace(filed, number=2, at=None)
     seen = run_pictures(

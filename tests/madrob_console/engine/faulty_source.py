@@ -18,7 +18,7 @@ from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from madrob_console.testbeds.source import Announcement, BeginAbort, TopicStatus
+from madrob_console.testbeds.source import Announcement, BeginAbort, Source, TopicStatus
 from recorder.bag import RawMessage, Topic
 from recorder.reader import read_bag
 from scoring.protocol import Condition
@@ -30,7 +30,7 @@ TIMEOUT = 16.0
 """Of a run, s; the robot needs 13.85 s."""
 
 
-class FaultySource:
+class FaultySource(Source):
     """A simulated testbed, honest until told otherwise.
 
     Attributes:

@@ -7,13 +7,13 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
 
-from madrob_console.engine.disk import DiskThreads, InlineDisk
+from madrob_console.engine.disk import DiskJobs, DiskThreads
 
 T = TypeVar("T")
 
 
-class HeldDisk:
-    """A `DiskJobs` whose jobs wait while it is held; what came of them is told at a step.
+class HeldDisk(DiskJobs):
+    """A disk whose jobs wait while it is held; what came of them is told at a step.
 
     Attributes:
         held: whether it is silent.
@@ -29,7 +29,7 @@ class HeldDisk:
 
     def keepers(self) -> DiskThreads:
         """Its own keeper is this one."""
-        return DiskThreads(self, InlineDisk(), monotonic=lambda: self.now)
+        return DiskThreads(self, DiskJobs(), monotonic=lambda: self.now)
 
     def submit_job(
         self,

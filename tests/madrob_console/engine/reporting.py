@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from madrob_console.cli import aside
-from madrob_console.engine.disk import InlineDisk
+from madrob_console.engine.disk import DiskJobs
 from madrob_console.engine.reports import EVERY_REPORT, QUEUE_FOLDER, Reporting, WantedPages
 from madrob_console.engine.supervisor import Supervisor
 
@@ -22,7 +22,7 @@ def reporting_on(
     command: Sequence[str] = aside.COMMAND,
 ) -> Iterator[Reporting]:
     """Chores that are asked for are done, until the end of the block."""
-    write = InlineDisk().submit_job
+    write = DiskJobs().submit_job
     queue = results / QUEUE_FOLDER
     reporting = Reporting(command, queue, results, busy, write, wanted, SHORT_PAUSE)
     supervisor = Supervisor(reporting)

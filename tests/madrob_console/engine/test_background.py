@@ -11,7 +11,7 @@ import pytest
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import whole_file
-from madrob_console.engine.disk import DiskJobs, DiskThread, InlineDisk, why_not
+from madrob_console.engine.disk import DiskJobs, DiskThread, why_not
 from tests.watching import PATIENCE, until
 
 
@@ -165,7 +165,7 @@ def test_closing_does_what_was_asked_for_before(clock: HandClock) -> None:
 
 
 def test_inline_it_is_done_and_told_before_asking_returns() -> None:
-    keeper: DiskJobs = InlineDisk()
+    keeper: DiskJobs = DiskJobs()
     done: list[str | None] = []
     assert (
         keeper.submit_job(lambda: 7, lambda answer: done.append(str(answer.result()))).result() == 7

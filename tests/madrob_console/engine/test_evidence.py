@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ from madrob_console.engine.core import DISK_WAITS, Engine
 from madrob_console.engine.engine_config import STEADY_FOR
 from madrob_console.engine.evidence_client import (
     EvidenceClient,
-    EvidenceNotes,
     EvidencePlace,
     EvidencePlan,
     EvidenceStatus,
@@ -267,7 +265,7 @@ def test_when_nothing_was_recorded_is_a_fault_until_it_is_and_stands_in_journal_
     assert texts.count("evidence: recorded again, missing from +5.6 s to +8.3 s") == 1
     assert not any(killed in text and "recording" in text for text in texts)
     stored = told_in(drive.folder)
-    assert stored["gaps"] == [{"begin": 5.62, "end": 8.31, "why": killed, "number": 1}]
+    assert stored["gaps"] == [{"begin": 5.62, "end": 8.31, "why": killed}]
     account = drive.engine.run.evidence
     assert account is not None
     assert account.words.endswith(", at least 4 lost, missing from +5.6 s to +8.3 s")
@@ -450,8 +448,8 @@ def test_what_does_not_come_is_a_fault_and_stands_in_no_start_s_way(drive: Watch
     drive.evidence_client.tell(topics=(COMES, dead, quiet), unseen=("/camera/front",))
     drive.start(make_setup())
     assert drive.engine.run.start is not None
-    since = EvidenceGap(drive.engine.run.start + 3.9, None, "nothing came")
-    drive.evidence_client.tell(topics=(COMES, replace(dead, silences=(since,)), quiet))
+    since = drive.engine.run.start + 3.9
+    drive.evidence_client.tell(topics=(COMES, replace(dead, silent_since=since), quiet))
     assert drive.engine.run.active
     assert [fault for fault in drive.engine.snapshot().faults if "evidence" in fault] == [
         "evidence: nobody publishes /camera/front",
@@ -494,88 +492,24 @@ def test_a_simulated_testbed_says_that_it_has_none_and_without_a_wish_there_is_n
 START = 1000.0
 
 
-def silent(begin: float, end: float | None = None) -> EvidenceGap:
-    """From when to when, s since the start."""
-    return EvidenceGap(START + begin, None if end is None else START + end, "nothing came")
-
-
-class Journal:
-    """What it says of silences, one status after the other."""
-
-    def __init__(self) -> None:
-        self._notes = EvidenceNotes()
-
-    def says(self, **silences: list[EvidenceGap]) -> list[str]:
-        return self._due(
-            EvidenceTopic(f"/{topic}", "", silences=tuple(each)) for topic, each in silences.items()
-        )
-
-    def hears_first(self, **first: float) -> list[str]:
-        return self._due(
-            EvidenceTopic(f"/{topic}", "", first=START + at) for topic, at in first.items()
-        )
-
-    def _due(self, topics: Iterable[EvidenceTopic]) -> list[str]:
-        status = EvidenceStatus(recording=True, recorded=tuple(topics))
-        return self._notes.due(status, START, START + 99.0)
-
-
-def test_a_camera_s_silence_is_noted_when_it_begins_and_when_it_comes_again() -> None:
-    journal = Journal()
-    first, second = silent(3.9), silent(20.0)
-    over = silent(3.9, 8.5)
-    assert journal.says() == []
-    assert journal.says(left=[first]) == ["/left: silent since +3.9 s"]
-    assert journal.says(left=[first]) == []
-    assert journal.says(left=[over]) == ["/left: comes again, silent from +3.9 s to +8.5 s"]
-    assert journal.says(left=[over]) == []
-    assert journal.says(left=[over, second]) == ["/left: silent since +20.0 s"]
-    again = silent(20.0, 25.0)
-    assert journal.says(left=[over, again]) == [
-        "/left: comes again, silent from +20.0 s to +25.0 s"
-    ]
-
-
-def test_cameras_of_one_cable_share_a_line() -> None:
-    journal = Journal()
-    hub = {f"c{number}": [silent(3.9 + number / 100)] for number in range(6)}
-    assert journal.says(**hub) == ["/c0, /c1 and 4 more: silent since +3.9 s"]
-    back = {name: [silent(3.9, 8.5)] for name in hub}
-    assert journal.says(**back) == [
-        "/c0, /c1 and 4 more: comes again, silent from +3.9 s to +8.5 s"
-    ]
-
-
-def test_the_first_message_of_a_topic_that_appears_after_the_start_is_noted_once() -> None:
-    journal = Journal()
-    assert journal.hears_first(early=-1.5) == []
-    assert journal.hears_first(early=-1.5, late=14.2) == ["/late: first message at +14.2 s"]
-    assert journal.hears_first(early=-1.5, late=14.2) == []
-
-
 def test_a_camera_s_times_stand_in_journal_and_result_from_the_start_on(tmp_path: Path) -> None:
     drive = Watched(tmp_path / "runs")
     drive.start(make_setup())
     start = drive.engine.run.start
     assert start is not None
     drive.wait(2.0)
-    gone = EvidenceGap(start + 1.9, None, "nothing came")
-    drive.evidence_client.tell(recorded=(replace(RECORDED, silences=(gone,)),))
+    gone = replace(RECORDED, silent_since=start + 1.9)
+    drive.evidence_client.tell(recorded=(gone, replace(gone, topic="/camera/late")))
     drive.wait(1.0)
-    back = replace(RECORDED, silences=(replace(gone, end=start + 6.5),))
-    late = EvidenceTopic("/camera/late", COMES.type, first=start + 4.2)
-    drive.evidence_client.tell(recorded=(back, late))
+    dead = replace(gone, topic="/camera/late", silent_since=start + 4.2)
+    drive.evidence_client.tell(recorded=(RECORDED, dead))
     drive.wait(1.0)
     drive.finish()
     texts = [line.text for line in drive.engine.log.lines]
     for told in (
-        f"{LEFT}: silent since +1.9 s",
-        f"{LEFT}: comes again, silent from +1.9 s to +6.5 s",
-        "/camera/late: first message at +4.2 s",
+        f"{LEFT}, /camera/late: silent since +1.9 s",
+        f"{LEFT}: comes again, silent since +1.9 s",
     ):
         assert texts.count(f"evidence: {told}") == 1
     topics = json.loads((drive.folder / "result.json").read_text())["evidence"]["topics"]
-    assert [one["problem"] for one in topics] == [
-        "silent from +1.9 s to +6.5 s",
-        "first message at +4.2 s",
-    ]
+    assert [one["problem"] for one in topics] == ["", "silent since +4.2 s"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,7 +14,6 @@ import pytest
 from madrob_console.archive.evidence import settled_account
 from madrob_console.common.errors import MadrobError
 from madrob_console.config import Settings, load_settings
-from madrob_console.engine import evidence_worker
 from madrob_console.engine.evidence_client import EvidencePlace
 from madrob_console.engine.evidence_status import EvidenceNews, RecordInto
 from madrob_console.engine.evidence_worker import QUEUE_BYTES, EvidenceFile
@@ -23,7 +21,6 @@ from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceLos
 from madrob_console.testbeds.ros.evidence_intake import TakenEvidence
 from recorder.bag import RawMessage, Topic, evidence_file_name
 from recorder.reader import read_bag
-from recorder.survey import summarised
 from recorder.writer import BagWriter
 from tests.watching import until
 
@@ -214,7 +211,7 @@ def test_what_the_disk_refuses_after_the_end_was_never_told_as_written(folder: P
         run.file.end()
         told = EvidenceAccount((run.topic().recorded(0.0),), unwritten=run.news.unwritten)
     assert told.unwritten == 25
-    account = settled_account(folder, told, start=0.0)
+    account = settled_account(folder, told)
     assert account is not None
     (one,) = account.topics
     in_file = len(published(folder))
@@ -224,87 +221,3 @@ def test_what_the_disk_refuses_after_the_end_was_never_told_as_written(folder: P
 
 
 # What a process that was killed left is repaired after the run.
-
-
-def left_by_another(folder: Path, of_it: int = MB) -> Path:
-    """What a process that was killed left in a run's folder."""
-    with BagWriter(folder.parent / "of another process", [LEFT], {}) as writer:
-        for number in range(20):
-            assert writer.put_message(message(LEFT, number))
-    (whole,) = writer.folder.glob("*.mcap")
-    torn = folder / evidence_file_name("run", 0)
-    torn.write_bytes(whole.read_bytes()[:of_it])
-    return torn
-
-
-def is_whole(file: Path) -> bool:
-    folder_fd = os.open(file.parent, os.O_DIRECTORY)
-    try:
-        return summarised(folder_fd, file.name) is not None
-    finally:
-        os.close(folder_fd)
-
-
-def test_what_a_process_that_was_killed_left_is_whole_and_listed_after_the_run(
-    folder: Path,
-) -> None:
-    with recording(folder, number=1) as run:
-        left_by_another(folder)
-        run.take(20, topic=RIGHT)
-    assert run.news.failed == ""
-    kept = published(folder)
-    assert 5 <= len(kept) < 20
-    assert kept == list(range(1, len(kept) + 1))
-    assert set(map(str.strip, (folder / "metadata.yaml").read_text().splitlines())) >= {
-        f"- {evidence_file_name('run', number)}" for number in (0, 1)
-    }
-
-
-def test_a_repair_that_would_cost_the_score_room_is_told_and_made_once_there_is_room(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(evidence_worker, "REPAIR_PERIOD", 0.02)
-    keeps, room = 500 * MB, [502_500_000]
-    free_disk(monkeypatch, room)
-    with recording(folder, least_free=keeps, number=1) as run:
-        torn = left_by_another(folder, of_it=1_900_000)
-        before = torn.read_bytes()
-        run.file.end()
-        until(lambda: run.news.unrepaired)
-        assert run.news.finished  # the recording itself waits for nothing
-        assert run.news.unrepaired == (
-            "run_evidence_0.mcap is not complete and waits for its repair, which takes 2.9 MB: "
-            "502 MB free, the score keeps 500 MB for itself; make room by `madrob tidy`"
-        )
-        assert torn.read_bytes() == before
-        room[0] += MB
-        until(lambda: not run.news.unrepaired)
-    assert len(published(folder)) == 18
-
-
-def test_a_repair_needs_room_for_the_largest_torn_file_and_none_for_whole_ones(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    keeps = 500 * MB
-    free_disk(monkeypatch, [keeps + 2_500_000])
-    with recording(folder, least_free=keeps, number=2):
-        torn = left_by_another(folder)
-        (whole,) = (folder.parent / "of another process").glob("*.mcap")
-        shutil.copy(whole, folder / evidence_file_name("run", 1))
-    assert is_whole(torn)
-
-
-def test_a_repair_that_waits_for_room_holds_up_neither_the_next_run_nor_the_end(
-    folder: Path,
-) -> None:
-    torn = folder / evidence_file_name("run", 0)
-    free = shutil.disk_usage(folder.parent).free
-    with (
-        recording(folder, least_free=free // 2, number=1) as run,
-        torn.open("wb") as file,
-    ):
-        file.truncate(free)  # a hole
-        run.file.leave()
-    assert not run.news.unrepaired
-    assert torn.stat().st_size == free
-    assert not list(folder.glob("*.recovering"))

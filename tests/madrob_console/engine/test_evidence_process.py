@@ -176,12 +176,12 @@ def test_a_process_that_is_killed_is_told_started_again_and_goes_on_in_a_file_of
             here.until(lambda _: here.topic().messages >= before + 10)
         told = here.account
         (problem,), (gap,) = told.problems, here.status.gaps
-        (true_gap,) = settled(here.folder, told).gaps
     assert "ended by SIGKILL" in problem
     times = sorted(message.receive_ns / NS - START for message in here.recorded())
     pause = max(itertools.pairwise(times), key=lambda two: two[1] - two[0])
     assert gap.begin - START <= pause[0]
-    assert (true_gap.begin, true_gap.end) == pytest.approx(pause, abs=0.2)
+    assert gap.end is not None
+    assert gap.end - START >= pause[1] - 0.2  # until all cameras are back
     names = {path.name for path in here.folder.glob("*.mcap")}
     assert {evidence_file_name("run", number) for number in range(2)} < names
 
@@ -233,7 +233,6 @@ def test_in_every_phase_a_spoilt_process_is_told_within_3_s_and_another_one_goes
             here.until(lambda _: here.topic().messages >= before + 10)
             here.until(lambda status: status.trouble(START) is None)
         told = here.account
-    repair_evidence(here.folder)
     account = settled(here.folder, told)
     assert Counter(m.topic for m in here.recorded()) == {
         one.topic: one.messages for one in account.topics
@@ -278,9 +277,10 @@ def ailing(slowness: float = 0.0) -> tuple[str, ...]:
     return (*AILING[:-1], AILING[-1].replace("SLOWNESS", str(slowness)))
 
 
-def settled(folder: Path, told: EvidenceAccount, start: float = START) -> EvidenceAccount:
+def settled(folder: Path, told: EvidenceAccount) -> EvidenceAccount:
     """What is in the files, once they are whole."""
-    account = until(lambda: settled_account(folder, told, start))
+    repair_evidence(folder)
+    account = until(lambda: settled_account(folder, told))
     assert account is not None
     return account
 

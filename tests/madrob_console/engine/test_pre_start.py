@@ -17,7 +17,7 @@ from madrob_console.archive.folders import NUMBERS_FILE, PRACTICE_FOLDER, RunPat
 from madrob_console.archive.history import History
 from madrob_console.archive.result_reader import read_whole_result
 from madrob_console.archive.scored import read_recorded_run
-from madrob_console.engine.disk import DiskThreads, InlineDisk, T
+from madrob_console.engine.disk import DiskJobs, DiskThreads, T
 from madrob_console.messages.codec import encode_text
 from madrob_console.messages.message_types import Message, MessageTypes
 from madrob_console.pages.tally import overall
@@ -42,7 +42,7 @@ LOOKED = 2.1
 """By then the disk was asked again, s."""
 
 
-class MuteKeeper(InlineDisk):
+class MuteKeeper(DiskJobs):
     """A disk that answers when it is told to."""
 
     def __init__(self) -> None:
@@ -55,7 +55,7 @@ class MuteKeeper(InlineDisk):
         *,
         first: bool = True,
     ) -> Future[T]:
-        self._jobs.append(lambda: InlineDisk.submit_job(self, job, done))
+        self._jobs.append(lambda: DiskJobs.submit_job(self, job, done))
         return Future()
 
     def answer(self) -> None:
@@ -130,7 +130,7 @@ def test_a_recorder_that_can_make_no_folder_is_found_before_the_start(
 
 def test_a_disk_that_says_nothing_is_no_recorder_that_is_ready(tmp_path: Path) -> None:
     mute = MuteKeeper()
-    drive = Drive(tmp_path, keepers=DiskThreads(mute, InlineDisk()))
+    drive = Drive(tmp_path, keepers=DiskThreads(mute, DiskJobs()))
     drive.prepare(make_setup())
     for name in (CheckName.DISK, CheckName.RECORDER):
         assert drive.check(name).startswith("no data: ")

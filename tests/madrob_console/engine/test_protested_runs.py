@@ -8,20 +8,18 @@ import io
 import json
 import re
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from madrob_console.archive.folders import RunPath
-from madrob_console.archive.history import PROTEST_OPEN, History, RunSummary
+from madrob_console.archive.history import PROTEST_OPEN, History
 from madrob_console.archive.result_files import stored_run
 from madrob_console.archive.run_journal import ever_protested
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.formatting import time_words
-from madrob_console.engine.engine_thread import open_words, overdue_words, protested_runs
 from madrob_console.engine.replay import Replay
 from madrob_console.engine.requests import JumpTo, Skip
 from madrob_console.export.dossier import PROTESTS_FILE, dossier_target
@@ -48,13 +46,12 @@ from madrob_console.referee.acts import (
     WithdrawProtest,
 )
 from madrob_console.referee.acts.correct import last_decision
-from madrob_console.referee.records import ProtestEnd, ProtestTimes, TeamWord
+from madrob_console.referee.records import ProtestEnd, TeamWord
 from madrob_console.referee.run import Phase
 from scoring.protocol import Step
 from tests.madrob_console.archive.frames import film
 from tests.madrob_console.engine.deck import Deck
 from tests.madrob_console.engine.test_amended_runs import Desk
-from tests.madrob_console.run_folders import EPOCH, summary
 from tests.recorder.samples import add_evidence, strings
 
 CROSSED = FileProtest("we were through earlier", "Delft", "step 4: cross the threshold", 6.5)
@@ -99,7 +96,7 @@ def test_from_the_protest_over_the_replay_and_a_ruling_to_the_decision(desk: Des
     assert desk.engine.run.phase is Phase.STOPPED
     desk.act(SIGNED)
     run = desk.listed
-    assert (run.closing, run.protested, run.protest_due) == ("final", True, None)
+    assert (run.closing, run.protested, run.protest_filed) == ("final", True, None)
     assert "protest 1 (step 4: cross the threshold) upheld (seen on video)" in [
         flag.words for flag in run.flags
     ]
@@ -115,13 +112,13 @@ def test_while_a_protest_is_open_every_table_says_that_the_row_is_not_final(desk
     assert {row["open_protests"] for row in rows} == {"1"}
     told = json.loads(standings_json(standings, "1"))
     assert told["rulesets"][0]["overall"][0]["open_protests"] == 1
-    assert told["open_protests"][0]["due"] == desk.engine.run.protests[0].due
+    assert told["open_protests"][0]["filed"] == desk.engine.run.protests[0].time
     page = standings_html(standings, "1")
     assert "NOT FINAL: 1 PROTEST open" in page
     assert "PROTEST open against run 1 of subject 3 in condition 1: NOT FINAL" in page
     (row,) = rows_of(RUNS, stored_run(RunPath(desk.run_folder)))
     assert (row["protests"], row["open_protests"]) == (1, 1)
-    assert row["protest_due"] == desk.engine.run.protests[0].due
+    assert row["protest_filed"] == desk.engine.run.protests[0].time
 
 
 def test_a_protest_against_a_run_that_does_not_count_makes_its_row_not_final(
@@ -131,22 +128,6 @@ def test_a_protest_against_a_run_that_does_not_count_makes_its_row_not_final(
     assert "NOT FINAL: 1 PROTEST open" in "\n".join(standings_details(found(desk)))
 
 
-def test_past_its_deadline_a_protest_is_told_as_a_fault_and_nothing_happens(desk: Desk) -> None:
-    soon = ProtestTimes(decision=1.0)
-    desk.engine.config = replace(desk.engine.config, protest_times=soon)
-    desk.act(CROSSED)
-    assert not any("protest" in fault for fault in desk.engine.snapshot().faults)
-    before = desk.engine.run
-    desk.wait(62.0)
-    (protest,) = before.protests
-    late = f"OVERDUE since {time_words(protest.due)}"
-    fault = next(fault for fault in desk.engine.snapshot().faults if "protest" in fault)
-    assert fault == f"protest 1 (step 4: cross the threshold): {late}, decide it"
-    desk.wait(2.0)
-    assert fault in desk.engine.snapshot().faults  # a new one rings the bell
-    assert desk.engine.run == before
-
-
 def test_a_decision_taken_back_and_a_withdrawal_are_on_disk(desk: Desk) -> None:
     desk.act(CROSSED, UPHELD, SIGNED)
     last = last_decision(desk.engine.run)
@@ -154,7 +135,7 @@ def test_a_decision_taken_back_and_a_withdrawal_are_on_disk(desk: Desk) -> None:
     desk.act(TakeBack(last.kind, last.time, "another video"))
     assert desk.listed.closing == PROTEST_OPEN
     desk.act(WithdrawProtest(1, "satisfied"))
-    assert (desk.listed.protest_due, desk.listed.protested) == (None, True)
+    assert (desk.listed.protest_filed, desk.listed.protested) == (None, True)
     assert desk.agrees()
 
 
@@ -370,35 +351,3 @@ def test_the_help_says_as_the_refusal_does_that_one_run_is_packed_as_a_dossier(
     told = " ".join(capsys.readouterr().out.split())
     assert "--run RUN with --dossier one run instead" in told
     assert "--dossier with --run, all of that run" in told
-
-
-DUE = EPOCH + 600.0
-PROTESTED = summary(4, 7, 2, protest_due=DUE)
-OTHER = summary(5, protest_due=DUE + 60.0)
-QUIET = summary(6)
-
-
-def known(tmp_path: Path, *runs: RunSummary) -> Sequence[RunSummary]:
-    history = History(tmp_path)
-    history.refresh = lambda: runs  # type: ignore[method-assign]
-    return protested_runs(history)
-
-
-def test_protests_that_should_have_been_decided_are_told_with_the_keys_that_lead_there(
-    tmp_path: Path,
-) -> None:
-    protested = known(tmp_path, QUIET, OTHER, PROTESTED)
-    assert list(overdue_words(protested, DUE - 1.0, "")) == []
-    (words,) = overdue_words(protested, DUE + 30.0, "")
-    which = "protest against run 2 of subject 4 in condition 7"
-    assert words == f"{which}: OVERDUE since {time_words(DUE)}; h opens it, P decides it"
-    assert list(overdue_words(protested, DUE + 31.0, "")) == [words]  # a new fault rings the bell
-    assert list(open_words(protested, DUE - 600.0)) == [
-        "protest against run 2 of subject 4 in condition 7: 10 min left",
-        "protest against run 1 of subject 5 in condition 7: 11 min left",
-    ]
-
-
-def test_the_run_at_hand_tells_its_own(tmp_path: Path) -> None:
-    protested = known(tmp_path, PROTESTED)
-    assert list(overdue_words(protested, DUE + 30.0, PROTESTED.folder)) == []

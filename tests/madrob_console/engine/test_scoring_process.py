@@ -22,7 +22,7 @@ from madrob_console.archive import score
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine import scoring_process, supervisor
 from madrob_console.engine.disk import DiskThreads
-from madrob_console.engine.scorer import InlineScorer, RenderedResult, ToScore
+from madrob_console.engine.scorer import RenderedResult, Scorer, ToScore
 from madrob_console.engine.scoring_process import ScoringProcess
 from madrob_console.engine.supervisor import Supervisor
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
@@ -62,7 +62,7 @@ class Twins(ScoringProcess):
     def score(self, wanted: ToScore, done: Callable[[RenderedResult], None]) -> None:
         mine: list[RenderedResult] = []
         own = replace(wanted, assessment=copy.deepcopy(wanted.assessment))
-        InlineScorer().score(own, mine.append)
+        Scorer().score(own, mine.append)
 
         def both(theirs: RenderedResult) -> None:
             self.pairs.append((mine[0], theirs))

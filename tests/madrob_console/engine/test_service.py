@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import os
 import socket
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -17,12 +15,8 @@ import pytest
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.service import (
     HANGING,
-    Priority,
-    PriorityLines,
     ServiceManager,
     keep_told,
-    log,
-    log_to_journal,
 )
 from madrob_console.engine.snapshot import Pulse, Snapshot
 from tests.madrob_console.engine.drive import Drive
@@ -121,33 +115,3 @@ def test_the_watchdog_hears_of_a_core_that_moves_whatever_the_disk_does(
     assert ["WATCHDOG=1" in told for told in others] == [True, True, True, False, False]
     assert "STATUS=phase idle; disk silent for 3600 s" in others[1]
     assert "the engine has not moved for 3 s" in others[3]
-
-
-def test_each_line_in_the_journal_has_a_priority() -> None:
-    stream = io.StringIO()
-    lines = PriorityLines(stream, Priority.ERROR)
-    print("madrob: a disk\nis full", file=lines)
-    lines.write("<6>begun")
-    lines.write(" and ended\n")
-    lines.write("cut off")
-    lines.flush()
-    assert stream.getvalue() == "<3>madrob: a disk\n<3>is full\n<6>begun and ended\n<3>cut off\n"
-
-
-def test_only_the_journal_gets_priorities(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with (tmp_path / "log").open("w+") as file:
-        monkeypatch.setattr(sys, "stderr", file)
-        found = os.fstat(file.fileno())
-        for stream in ("", "8:1", f"{found.st_dev}:{found.st_ino + 1}"):
-            log_to_journal({"JOURNAL_STREAM": stream})
-            log("nobody reads this", Priority.WARNING)
-            assert sys.stderr is file
-        monkeypatch.setattr("faulthandler.enable", lambda _file: None)
-        log_to_journal({"JOURNAL_STREAM": f"{found.st_dev}:{found.st_ino}"})
-        log("ready\x1b[2J", Priority.INFORMATION)
-        print("madrob: no", file=sys.stderr)
-        file.seek(0)
-        ready, no = file.read().splitlines()
-    assert ready.startswith("<6>ready")
-    assert "\x1b" not in ready
-    assert no == "<3>madrob: no"

@@ -172,7 +172,7 @@ def test_values_of_which_no_uncertainty_is_known_say_so(results: Path) -> None:
 
 
 def test_a_run_with_an_open_protest_is_not_final_on_every_page(results: Path) -> None:
-    write(results, of(2, 2, protest_due=EPOCH))
+    write(results, of(2, 2, protest_filed=EPOCH))
     site = publish(results)
     for name in ("index.html", "teams/002.html", "conditions/07.html"):
         assert "NOT FINAL: a PROTEST is open" in (site / name).read_text(), name

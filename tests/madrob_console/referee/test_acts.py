@@ -49,7 +49,6 @@ from madrob_console.referee.acts import (
 )
 from madrob_console.referee.acts.act import Option, Pick
 from madrob_console.referee.checks import Check, CheckState, Freshness, Health
-from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceGap
 from madrob_console.referee.flags import Doubts
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.lists import TeamList
@@ -117,7 +116,7 @@ DOUBTED = {
 ONE_SAMPLE: Doubts = {IndicatorName.TIME_TO_HANDLE: ("the touch rests on 1 sample",)}
 FAILED = Check(CheckName.DOOR, CheckState.FAILED, "close the door: angle +0.500 rad")
 
-PROTEST = Protest(1, 130.0, "Graz", "it was slower", "step 4", None, 3730.0, "", "R. Eferee")
+PROTEST = Protest(1, 130.0, "Graz", "it was slower", "step 4", None, "R. Eferee")
 
 POSSIBLE: list[tuple[Act, set[Phase]]] = [
     (SetUp(SETUP), {Phase.IDLE, Phase.READY, Phase.STOPPED, Phase.FINAL}),
@@ -508,28 +507,6 @@ def test_clock_and_chance_are_given_so_that_the_identity_is_known_beforehand() -
 def test_the_identity_of_an_older_run_hangs_on_its_recording_alone() -> None:
     assert derived_run_id(DIGEST) == str(uuid5(NAMESPACE_URL, f"urn:sha256:{DIGEST}"))
     assert UUID(derived_run_id(DIGEST)).version == 5
-
-
-@pytest.mark.parametrize(
-    ("told", "spans", "found"),
-    [
-        # from the last message of the file before it
-        ((3.0, 5.0), [(0.0, 3.4), (4.8, 9.0)], (3.4, 5.0)),
-        # to the first message after it, which came later than expected
-        ((3.0, 5.0), [(0.0, 3.4), (5.9, 9.0)], (3.4, 5.9)),
-        # nothing came after it
-        ((3.0, 5.0), [(0.0, 3.4)], (3.4, 5.0)),
-        ((3.0, None), [(0.0, 3.4)], (3.4, None)),
-    ],
-)
-def test_a_gap_is_at_least_what_lies_between_two_files(
-    told: tuple[float, float | None],
-    spans: list[tuple[float, float]],
-    found: tuple[float, float | None],
-) -> None:
-    account = EvidenceAccount(gaps=(EvidenceGap(*told, "ended by SIGKILL"),))
-    (gap,) = account.settled({}, spans=spans).gaps
-    assert (gap.begin, gap.end) == found
 
 
 def health(rate: float = 50.0, duration: float = 3.0, begin: float = 100.0) -> Health:

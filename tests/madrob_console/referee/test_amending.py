@@ -36,12 +36,10 @@ from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.rebuild import Change, after, mark_of, rebuild
 from madrob_console.referee.records import (
-    USUAL_PROTEST_TIMES,
     CheckName,
     DecisionKind,
     IncidentKind,
     ProtestEnd,
-    ProtestTimes,
     TeamWord,
 )
 from madrob_console.referee.run import Phase, Run, stop
@@ -324,8 +322,6 @@ class View:
     flags: tuple[Flag, ...] = ()
     teams: TeamList = NO_TEAMS
     elapsed: float | None = None
-    time: float = 0.0
-    protest_times: ProtestTimes = USUAL_PROTEST_TIMES
     indicators: Mapping[IndicatorName, Indicator] = field(default_factory=dict)
 
 

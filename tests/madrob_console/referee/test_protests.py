@@ -16,7 +16,6 @@ from madrob_console.referee.acts import (
     Rule,
     Situation,
     TakeBack,
-    Void,
     WithdrawProtest,
     act_details,
     act_named,
@@ -29,10 +28,8 @@ from madrob_console.referee.records import (
     AcceptedDoubts,
     DecisionKind,
     ProtestEnd,
-    ProtestTimes,
     TeamWord,
     Voiding,
-    format_due,
     open_protests,
 )
 from madrob_console.referee.run import Phase, Run
@@ -43,42 +40,30 @@ from scoring.result import Indicator
 from tests.madrob_console.referee.test_acts import STOPPED
 from tests.madrob_console.referee.test_amending import FINAL, View
 
-TIMES = ProtestTimes(filing=600.0, decision=1200.0)
 SLOW = FileProtest("the robot was through earlier", "Graz", "step 4", 12.5)
 UPHELD = DecideProtest(1, ProtestEnd.UPHELD, "seen on video", "R. Eferee")
 
 
-def here(run: Run, time: float = 200.0) -> Situation:
-    return Situation(run, scored=True, time=time, protest_times=TIMES)
-
-
 def done(run: Run, act: Act, time: float = 200.0) -> Run:
     """The run after an act that the engine carries out."""
-    situation = here(run, time)
+    situation = Situation(run, scored=True)
     assert act.refusal(situation) is None
     return act.settled(situation).apply(situation, time)
 
 
-def refused(run: Run, act: Act, time: float = 200.0) -> str:
-    said = act.refusal(here(run, time))
+def refused(run: Run, act: Act) -> str:
+    said = act.refusal(Situation(run, scored=True))
     assert said is not None
     return said
 
 
-def test_a_protest_says_who_what_about_and_until_when_it_is_to_be_decided() -> None:
+def test_a_protest_says_who_what_about_and_when() -> None:
     (protest,) = done(STOPPED, SLOW).protests
     assert STOPPED.start is not None
     assert (protest.number, protest.team, protest.about) == (1, "Graz", "step 4")
     assert protest.text == "the robot was through earlier"
     assert protest.at == STOPPED.start + 12.5
-    assert (protest.time, protest.due, protest.open) == (200.0, 1400.0, True)
-
-
-def test_its_deadline_is_the_one_that_was_set_when_it_was_filed() -> None:
-    situation = here(STOPPED)
-    filed = SLOW.settled(situation)
-    later = Situation(STOPPED, protest_times=ProtestTimes(decision=5.0))
-    assert filed.apply(later, 200.0).protests[0].due == 1400.0
+    assert (protest.time, protest.open) == (200.0, True)
 
 
 def test_a_final_result_is_open_again_and_its_next_issue_has_a_number() -> None:
@@ -152,30 +137,6 @@ def test_a_decision_of_a_final_result_can_be_taken_back() -> None:
     assert open_protests(back.protests)
 
 
-def test_a_late_protest_needs_a_reason_and_one_before_the_signature_is_never_late() -> None:
-    assert FINAL.closure is not None
-    late = FINAL.closure.time + 601.0
-    assert refused(FINAL, SLOW, late) == (
-        "the time for protests ended 1 s ago, 10 min after the signature: admit it with a reason"
-    )
-    admitted = done(FINAL, replace(SLOW, late="told in time"), late)
-    assert admitted.protests[0].late == "told in time"
-    assert SLOW.refusal(here(FINAL, late - 2.0)) is None
-    assert SLOW.refusal(here(STOPPED, 1e6)) is None
-
-
-def test_a_decision_after_its_deadline_is_called_late_and_a_withdrawal_is_not() -> None:
-    filed = done(STOPPED, SLOW)
-    due = filed.protests[0].due
-    late = UPHELD.settled(here(filed, due + 720.0))
-    assert late.logged == "protest 1 upheld (LATE, 12 min after it was due)"
-    assert done(filed, UPHELD, due + 174.0).protests[0].late_decision == (
-        "LATE, 2 min 54 s after it was due"
-    )
-    assert not done(filed, UPHELD, due - 1.0).protests[0].late_decision
-    assert not done(filed, WithdrawProtest(1, "satisfied"), due + 720.0).protests[0].late_decision
-
-
 def listed_before_it_is_final(run: Run) -> str:
     asked = Finalise.ask_questions(View(run), "f")
     assert isinstance(asked, Ask)
@@ -207,29 +168,6 @@ def test_a_time_outside_the_recording_is_refused_where_it_is_typed() -> None:
         assert isinstance(when.make(typed), Ask)
 
 
-def test_the_deadline_runs_on_while_another_protest_is_open() -> None:
-    assert FINAL.signed is not None
-    late = FINAL.signed + 601.0
-    opened = done(FINAL, SLOW, FINAL.signed + 30.0)
-    assert "ended 1 s ago, 10 min after the signature" in refused(opened, SLOW, late)
-    rejected = done(opened, replace(UPHELD, end=ProtestEnd.REJECTED), late)
-    again = done(rejected, Finalise(TeamWord.ABSENT, "R. Eferee"), late + 1.0)
-    assert "ended 3 s ago, 10 min after the signature" in refused(again, SLOW, late + 2.0)
-
-
-def test_a_result_that_was_changed_can_be_protested_as_long_as_the_first() -> None:
-    assert FINAL.signed is not None
-    late = FINAL.signed + 601.0
-    opened = done(FINAL, SLOW, FINAL.signed + 30.0)
-    for change in (Rule(Step.CROSS, confirmed=True, reason="video"), Void("wrong robot")):
-        changed = done(opened, change, late)
-        assert SLOW.refusal(here(changed, late + 1.0)) is None
-        decided = done(changed, UPHELD, late + 2.0)
-        again = done(decided, Finalise(TeamWord.ABSENT, "R. Eferee"), late + 3.0)
-        assert SLOW.refusal(here(again, late + 600.0)) is None
-        assert SLOW.refusal(here(again, late + 604.0)) is not None
-
-
 @pytest.mark.parametrize(
     ("act", "words"),
     [
@@ -259,7 +197,7 @@ def answered(asked: object, *answers: str) -> Any:  # noqa: ANN401  whatever was
 def test_the_dialog_asks_what_about_then_who_and_what_they_say() -> None:
     assert STOPPED.start is not None
     steps = (StepRecord(Step.CROSS, Step.CROSS.text, final=STOPPED.start + 7.0),)
-    ask = FileProtest.ask_questions(View(STOPPED, steps=steps, time=200.0), "P")
+    ask = FileProtest.ask_questions(View(STOPPED, steps=steps), "P")
     about = "step 4: cross the threshold"
     act = answered(answered(ask, about), "Graz", "through earlier")
     assert act == FileProtest("through earlier", "Graz", about, 7.0)
@@ -271,7 +209,7 @@ def test_the_dialog_asks_what_about_then_who_and_what_they_say() -> None:
 
 
 def test_the_same_key_decides_and_withdraws_while_a_protest_is_open() -> None:
-    view = View(done(STOPPED, SLOW), time=250.0)
+    view = View(done(STOPPED, SLOW))
     ask = FileProtest.ask_questions(view, "P")
     assert isinstance(ask, Ask)
     assert isinstance(ask.questions[0], Pick)
@@ -290,21 +228,6 @@ def test_who_decides_is_asked_where_no_referee_is_known() -> None:
     assert isinstance(ask, Ask)
     assert isinstance(ask.questions[-1], Write)
     assert answered(ask, "upheld", "seen", "Ada").referee == "Ada"
-
-
-@pytest.mark.parametrize(
-    ("left", "words"),
-    [
-        (0.0, "due now"),
-        (725.0, "12 min left"),
-        (-30.0, "OVERDUE by 30 s"),
-        (-107.0, "OVERDUE by 1 min 47 s"),
-        (-3900.0, "OVERDUE by 1 h 05 min"),
-        (86400.0 * 3, "3 days left"),
-    ],
-)
-def test_a_deadline_is_told_in_minutes_hours_or_days(left: float, words: str) -> None:
-    assert format_due(1000.0 + left, 1000.0) == words
 
 
 TOUCH = "the touch rests on 1 sample"

@@ -19,7 +19,6 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, TopicMapping
 from madrob_console.messages.message_types import Message, MessageTypes
-from madrob_console.referee.evidence_account import MOST_GAPS
 from madrob_console.testbeds.evidence_choice import FlowMeter, RateLimit, SilenceWatch
 from madrob_console.testbeds.simulated import (
     DoorGeometry,
@@ -594,45 +593,29 @@ def test_rates_are_those_of_the_last_seconds() -> None:
     assert meter.rates(20.0) == (0.0, 0.0)
 
 
-def silences(
-    came: Sequence[float], now: float, begin: float | None = None
-) -> list[tuple[float, float | None]]:
-    """Of a topic on which messages came at these times, s, in a recording from `begin` on."""
-    watch = SilenceWatch()
-    for at in came:
-        if begin is not None and at >= begin:
-            watch.begin_recording()
-            begin = None
-        watch.came(round(at * NS))
-    return [(one.begin, one.end) for one in watch.silences(round(now * NS))]
-
-
 STEADY = [number / 10 for number in range(50)]  # until 4.9 s
 
 
-def test_a_camera_that_stops_is_silent_since_then_and_was_so_when_it_comes_again() -> None:
-    assert silences(STEADY, 6.8) == []
-    assert silences(STEADY, 7.0) == [(4.9, None)]
-    again = [*STEADY, *(9 + at for at in STEADY)]
-    assert silences(again, 14.0) == [(4.9, 9.0)]
-    assert silences([*again, 20.0], 20.1) == [(4.9, 9.0), (13.9, 20.0)]
-    assert silences([*again, 20.0], 22.1) == [(4.9, 9.0), (13.9, 20.0), (20.0, None)]
-    assert silences(again, 14.0, begin=9.05) == []
-
-
-def test_of_many_silences_the_last_one_told_has_all_that_came_later() -> None:
+@pytest.mark.parametrize(
+    ("came", "now", "since"),
+    [
+        (STEADY, 6.8, None),
+        (STEADY, 7.0, 4.9),
+        ([*STEADY, *(9 + at for at in STEADY)], 14.0, None),
+        ([*STEADY, 9.0], 12.0, 9.0),
+        ([], 1000.0, None),
+        ([0.0], 1000.0, None),
+        ([0.1 * n for n in range(15)], 1000.0, None),
+        ([0.0, 30.0, 60.0, 90.0], 1000.0, None),
+    ],
+)
+def test_a_camera_that_stops_is_silent_and_what_comes_now_and_then_is_not(
+    came: Sequence[float], now: float, since: float | None
+) -> None:
     watch = SilenceWatch()
-    for number in range(MOST_GAPS + 5):
-        for at in STEADY:
-            watch.came(round((10 * number + at) * NS))
-    told = watch.silences(round((10 * number + 5.0) * NS))
-    assert len(told) == MOST_GAPS
-    assert (told[-1].number, told[-1].end) == (5, 10 * number)
-
-
-@pytest.mark.parametrize("came", [[], [0.0], [0.1 * n for n in range(15)], [0.0, 30.0, 60.0, 90.0]])
-def test_what_comes_now_and_then_may_be_silent(came: Sequence[float]) -> None:
-    assert silences(came, 1000.0) == []
+    for at in came:
+        watch.came(round(at * NS))
+    assert watch.silent_since(round(now * NS)) == since
 
 
 def test_what_the_settings_name_may_not_be_silent_from_the_first() -> None:

@@ -338,7 +338,6 @@ class FakeEngine:
             teams=self.teams,
             steps=self.steps if self.result is None else self.result.steps,
             simulated=self.simulated,
-            time=self.now,
             indicators={} if self.result is None else self.result.indicators,
         )
 

@@ -18,7 +18,7 @@ from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from madrob_console.referee.records import ProtestEnd
 from madrob_console.ui.look.words import export_text
 from scoring.protocol import Step
-from tests.madrob_console.run_folders import EPOCH, HOUR, summary, write
+from tests.madrob_console.run_folders import EPOCH, summary, write
 from tests.madrob_console.ui.driver import DEFAULTS, LARGE, SMALL, Driver, driving
 from tests.madrob_console.ui.fake_engine import FOLDER, FakeEngine
 from tests.madrob_console.ui.test_screens import compare
@@ -69,10 +69,7 @@ async def test_the_dialogs_and_the_result_are_as_they_were_looked_at(
     compare("protest_decision", size, driver.text, request)
     await driver.press("escape", "enter", "f")
     compare("protest_unsigned", size, driver.text, request)
-    await driver.press("escape")
-    await driver.let_pass(4000.0)
-    compare("protest_overdue", size, driver.text, request)
-    await driver.press("enter", "P", "d", "p")
+    await driver.press("escape", "enter", "P", "d", "p")
     await driver.type("seen on video")
     await driver.press("enter")
     compare("protest_decided", size, driver.text, request)
@@ -119,10 +116,9 @@ async def test_lists_with_a_protest_are_as_they_were_looked_at(
 
 def some_runs() -> Sequence[RunSummary]:
     """Three runs; a protest against one of them is open."""
-    due = EPOCH + 5 * HOUR
     return (
         summary(1, hour=0, final=True, team_word="acknowledged"),
-        summary(2, hour=2, protest_due=due, protest_at=6.5, flags=(OPEN,)),
+        summary(2, hour=2, protest_filed=EPOCH, protest_at=6.5, flags=(OPEN,)),
         summary(2, run_number=2, hour=3, final=True, team_word="acknowledged"),
     )
 
@@ -174,7 +170,7 @@ async def test_e_packs_the_dossier_of_the_marked_run_or_the_shown_one(
 async def test_r_says_what_to_type_where_the_terminal_cannot_be_lent(
     engine: FakeEngine, tmp_path: Path
 ) -> None:
-    run = summary(7, protest_due=EPOCH, protest_at=6.5)
+    run = summary(7, protest_filed=EPOCH, protest_at=6.5)
     write(tmp_path, run)
 
     look = ConsoleSettings()

@@ -646,7 +646,7 @@ async def test_a_team_has_its_name_in_the_list_and_what_was_recorded_is_a_remark
         ({"final": True, "flags": (REMARK,)}, "completed"),
         ({"final": True, "flags": (CAUTION,)}, "completed !"),
         ({"flags": (UNDECIDED_START,)}, "completed *!!"),
-        ({"flags": (UNDECIDED_START,), "protest_due": EPOCH}, "completed P"),
+        ({"flags": (UNDECIDED_START,), "protest_filed": EPOCH}, "completed P"),
         ({"flags": (CAUTION,), "voided": True}, "VOID"),
         ({"flags": (CAUTION,), "outcome": Outcome.ABORTED}, "INVALID"),
         ({"flags": (UNDECIDED_START,), "outcome": Outcome.INTERRUPTED}, "INTERRUP… *!!"),

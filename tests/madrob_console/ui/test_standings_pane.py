@@ -122,8 +122,8 @@ async def test_a_team_with_flagged_runs_is_marked_and_the_line_below_counts_them
     waiting = timed(1, 10.0, team="Delft", flags=(UNDECIDED_START,))
     caution = replace(UNDECIDED_START, weight=FlagWeight.CAUTION, undecided=False)
     marked = timed(2, 15.0, team="Ghent", flags=(caution,))
-    protested = timed(4, 8.0, team="Turin", protest_due=0.0)
-    both = timed(5, 8.0, team="Vienna", protest_due=0.0, flags=(caution,))
+    protested = timed(4, 8.0, team="Turin", protest_filed=0.0)
+    both = timed(5, 8.0, team="Vienna", protest_filed=0.0, flags=(caution,))
     runs = (waiting, marked, timed(3, 9.0, team="Pisa"), protested, both)
 
     async with showing(pane_of(runs)) as shown:

@@ -11,7 +11,7 @@ import pytest
 from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.core import Engine
-from madrob_console.engine.disk import DiskThreads, InlineDisk
+from madrob_console.engine.disk import DiskJobs, DiskThreads
 from madrob_console.engine.engine_config import EngineConfig
 from madrob_console.engine.engine_thread import LocalEngine
 from madrob_console.engine.requests import Perform
@@ -46,7 +46,7 @@ class Hall:
         clock, types = SystemClock(), MessageTypes()
         self.source = RosSource(DEFAULT_MAPPINGS, types, clock)
         config = EngineConfig(results, DEFAULT_MAPPINGS, disk_needed=0)
-        keepers = DiskThreads(self.disk, InlineDisk(), monotonic=time.monotonic)
+        keepers = DiskThreads(self.disk, DiskJobs(), monotonic=time.monotonic)
         self.engine = LocalEngine(Engine(self.source, clock, config, types, keepers=keepers))
         self.source.offer_abort(self.begin_abort)
         self._client: RosObject = None
