@@ -29,7 +29,7 @@ from madrob_console.engine.replay import Replay
 from madrob_console.engine.reports import Reporting
 from madrob_console.engine.run_recorder import EventLog
 from madrob_console.engine.scorer import Scorer
-from madrob_console.messages.codec import referee_topics
+from madrob_console.messages.codec import ROBOT_STARTED_TOPIC, referee_topics
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.checks import CheckState, blocking
@@ -124,7 +124,8 @@ def _evidence_client(
 
 def own_topics(settings: Settings, types: MessageTypes) -> tuple[str, ...]:
     own = {mapping.topic for mapping in settings.mappings()}
-    return (*sorted(own | {topic.name for topic in referee_topics(types)}), INFO_TOPIC)
+    own |= {topic.name for topic in referee_topics(types)}
+    return (*sorted(own), INFO_TOPIC, ROBOT_STARTED_TOPIC)
 
 
 def simulated_testbed(arguments: argparse.Namespace, settings: Settings) -> SimulatedTestbed:
