@@ -15,6 +15,7 @@ from importlib import resources
 from pathlib import Path
 from random import Random
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import pytest
 
@@ -22,6 +23,7 @@ from madrob_console.archive import score
 from madrob_console.cli.guide_command import PAGES
 from madrob_console.cli.main import COMMANDS, build_parser, main
 from madrob_console.common.names import Scenario
+from madrob_console.common.version import RELEASE
 from madrob_console.config import Settings
 from madrob_console.config.settings import parse_settings
 from madrob_console.engine.public_state import event_schema, state_schema
@@ -34,6 +36,7 @@ from madrob_console.messages.codec import (
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.pages.outputs import COLUMNS
 from madrob_console.referee.run import Phase
+from madrob_console.testbeds.ros.abort_service import SERVICE_PACKAGE
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, MENU
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import BenchmarkType, Condition, EventName, Outcome, Side, Step, Thresholds
@@ -71,7 +74,9 @@ _PLACEHOLDERS = {
     "SHELL": "fish",
     "RUN": "somewhere",
 }
-FOREIGN_OPTIONS = {"--qos-durability", "--qos-reliability", "--system-site-packages"}
+FOREIGN_OPTIONS = {
+    *("--params-file", "--qos-durability", "--qos-reliability", "--system-site-packages"),
+}
 """Of other programs."""
 
 _LINK = re.compile(r"\[[^\]]*\]\((?P<target>[^)#\s]+)[^)]*\)")
@@ -353,6 +358,28 @@ def test_the_guide_has_the_keys_and_words_that_the_referee_publishes() -> None:
     assert list(table) == list(rules)
     for what, required in rules.items():
         assert set(required) <= set(re.findall(r"\w+", table[what])), what
+
+
+def test_the_launch_file_of_the_guide_starts_a_command() -> None:
+    calls = [
+        n
+        for n in ast.walk(ast.parse(example("import LaunchDescription")))
+        if isinstance(n, ast.Call)
+    ]
+    given = {word.arg: word.value for call in calls for word in call.keywords}
+    assert build_parser().parse_args(ast.literal_eval(given["arguments"])).testbed == ["ros"]
+    assert Path(ast.literal_eval(given["executable"])).name == "madrob"
+
+
+def test_the_package_names_what_of_ros_is_imported() -> None:
+    package = ET.parse(ROOT / "madrob_console/package.xml").getroot()
+    assert package.findtext("name") == "madrob_console"
+    assert package.findtext("version") == RELEASE
+    needed = {one.text for one in package.iter("exec_depend")}
+    sources = "".join(path.read_text() for path in SOURCES)
+    used = set(re.findall(r'"(rclpy|ros[a-z_]+_py|[a-z_]+(?=[./](?:msg|srv)\b))', sources))
+    example_of_a_setting = {"madrob_msgs"}
+    assert used - example_of_a_setting | {SERVICE_PACKAGE} == needed
 
 
 def test_the_guide_numbers_the_conditions() -> None:

@@ -82,8 +82,7 @@ def open_engine(
                 simulated, clock, config, types, keepers=DiskThreads.threads(), scorer=scorer
             )
         case SourceKind.ROS:
-            follows = arguments.use_sim_time or settings.testbed.use_sim_time
-            clock = SimulationClock() if follows else SystemClock()
+            clock = SimulationClock() if _follows(arguments, settings) else SystemClock()
             source = _ros_source(arguments, settings, types, clock)
             return Engine(
                 source,
@@ -96,6 +95,16 @@ def open_engine(
             )
         case _:
             assert_never(kind)
+
+
+def _follows(arguments: argparse.Namespace, settings: Settings) -> bool:
+    """Whether the engine follows the time of a simulation, `/clock`."""
+    from madrob_console.testbeds.ros import asks_for_sim_time
+
+    if arguments.use_sim_time or settings.testbed.use_sim_time:
+        return True
+    domain = domain_id(options.ros_domain(arguments, settings), os.environ)
+    return asks_for_sim_time(domain, arguments.ros_args)
 
 
 def _evidence_plan(settings: Settings) -> EvidencePlan | None:
