@@ -15,6 +15,7 @@ from importlib import resources
 from pathlib import Path
 from random import Random
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import pytest
 
@@ -22,28 +23,27 @@ from madrob_console.archive import score
 from madrob_console.cli.guide_command import PAGES
 from madrob_console.cli.main import COMMANDS, build_parser, main
 from madrob_console.common.names import Scenario
+from madrob_console.common.version import RELEASE
 from madrob_console.config import Settings
 from madrob_console.config.settings import parse_settings
+from madrob_console.engine.public_state import event_schema, state_schema
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
-    REFEREE_EVENT_TOPIC,
-    REFEREE_STATE_TOPIC,
-    decode_text,
+    ROBOT_STARTED_TOPIC,
+    ROBOT_STARTED_TYPE,
+    referee_topics,
 )
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.pages.outputs import COLUMNS
-from madrob_console.referee.acts import ACTS
-from madrob_console.referee.journal import Entry
-from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase
+from madrob_console.testbeds.ros.abort_service import SERVICE_PACKAGE
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, MENU
-from recorder.reader import read_bag
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import BenchmarkType, Condition, EventName, Outcome, Side, Step, Thresholds
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, Rehearsal, make_setup
-from tests.madrob_console.recorded_runs import completed, recorded
+from tests.madrob_console.recorded_runs import recorded
 from tests.madrob_console.run_folders import summary, write
 
 ROOT = Path(__file__).parents[1]
@@ -74,7 +74,9 @@ _PLACEHOLDERS = {
     "SHELL": "fish",
     "RUN": "somewhere",
 }
-FOREIGN_OPTIONS = {"--qos-durability", "--qos-reliability", "--system-site-packages"}
+FOREIGN_OPTIONS = {
+    *("--params-file", "--qos-durability", "--qos-reliability", "--system-site-packages"),
+}
 """Of other programs."""
 
 _LINK = re.compile(r"\[[^\]]*\]\((?P<target>[^)#\s]+)[^)]*\)")
@@ -336,30 +338,48 @@ def test_the_guide_has_every_key() -> None:
 
 
 def test_the_guide_has_the_keys_and_words_that_the_referee_publishes() -> None:
-    said = [
-        (message.topic, json.loads(decode_text(MessageTypes(), message.data)))
-        for message in read_bag(completed()).messages()
-        if message.topic in (REFEREE_STATE_TOPIC, REFEREE_EVENT_TOPIC)
-    ]
-    states = [content for topic, content in said if topic == REFEREE_STATE_TOPIC]
-    events = [content for topic, content in said if topic == REFEREE_EVENT_TOPIC]
+    types = MessageTypes()
+    topics = {topic.name: topic.type for topic in referee_topics(types)}
+    topics[ROBOT_STARTED_TOPIC] = ROBOT_STARTED_TYPE
+    assert {row[0]: row[1] for row in rows(section("robots", "Topics"))} == topics
     told = [row[0] for row in rows(section("robots", "The state"))]
-    assert told == [*states[0], *Phase]
-    assert {tuple(state) for state in states} == {tuple(states[0])}
-    lines = [line.split(" | ") for line in section("robots", "Events").splitlines()]
-    table = {
-        what: set(re.findall(r"`(\w+)`", details.partition(";")[0]))
-        for names, details in (line for line in lines if len(line) == 2)
-        for what in re.findall("`([^`]+)`", names)
+    assert told == [*state_schema()["$defs"]["PublishedState"]["properties"], *Phase]
+    text = section("robots", "Events")
+    keys, lines = text.split("These lines say how a run goes.")
+    line = event_schema()["$defs"]["Entry"]
+    assert [row[0] for row in rows(keys)] == list(line["properties"])
+    named = set(re.findall("`([^`]+)`", lines))
+    assert {*line["properties"]["what"]["enum"], *EventName} <= named
+    rules = {
+        rule["if"]["properties"]["what"]["const"]: rule["then"]["properties"]["details"]["required"]
+        for rule in line["allOf"]
     }
-    keys = list(table)[: len(Entry.__slots__)]
-    assert keys == list(Entry.__slots__)
-    assert set(table) - set(keys) <= {*(act.name for act in ACTS), *Change}
-    assert len(events) > 10
-    for event in events:
-        assert set(event) <= set(keys)
-        assert table.get(event["what"], set()) <= set(event["details"]), event["what"]
-    assert {event["what"] for event in events} >= {"set up", "run starts", "event", "run stops"}
+    table = {row[0]: row[1] for row in rows(lines)}
+    assert list(table) == list(rules)
+    for what, required in rules.items():
+        assert set(required) <= set(re.findall(r"\w+", table[what])), what
+
+
+def test_the_launch_file_of_the_guide_starts_a_command() -> None:
+    calls = [
+        n
+        for n in ast.walk(ast.parse(example("import LaunchDescription")))
+        if isinstance(n, ast.Call)
+    ]
+    given = {word.arg: word.value for call in calls for word in call.keywords}
+    assert build_parser().parse_args(ast.literal_eval(given["arguments"])).testbed == ["ros"]
+    assert Path(ast.literal_eval(given["executable"])).name == "madrob"
+
+
+def test_the_package_names_what_of_ros_is_imported() -> None:
+    package = ET.parse(ROOT / "madrob_console/package.xml").getroot()
+    assert package.findtext("name") == "madrob_console"
+    assert package.findtext("version") == RELEASE
+    needed = {one.text for one in package.iter("exec_depend")}
+    sources = "".join(path.read_text() for path in SOURCES)
+    used = set(re.findall(r'"(rclpy|ros[a-z_]+_py|[a-z_]+(?=[./](?:msg|srv)\b))', sources))
+    example_of_a_setting = {"madrob_msgs"}
+    assert used - example_of_a_setting | {SERVICE_PACKAGE} == needed
 
 
 def test_the_guide_numbers_the_conditions() -> None:

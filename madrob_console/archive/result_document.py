@@ -36,6 +36,7 @@ from madrob_console.referee.records import (
     Voiding,
     Waiver,
 )
+from madrob_console.referee.run import Run
 from scoring.indicator_table import WITH_THE_START, IndicatorName
 from scoring.libraries import Libraries
 from scoring.procedure import Ruling
@@ -52,6 +53,13 @@ _ADDED = {
 """Keys of its parts that results of earlier versions lack."""
 
 MANUAL_START = f"{WITH_THE_START} include the delay of the manual start"
+
+
+def start_remark(run: Run) -> str:
+    """How the robot was started, and what that means for its times."""
+    if run.robot_start is None or run.start is None:
+        return MANUAL_START
+    return f"the robot answered to the start {run.robot_start - run.start:.3f} s after it"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,6 +118,8 @@ class ResultDocument(Result, Heading):
         removed_evidence: what was removed of the run's evidence before this issue was made; the
             journal has what was removed after it.
         remark: on the times.
+        robot_start: when the robot said that it set out, s since the epoch, by reception; null = it
+            did not say so.
         files: name -> digest and size, of the recording and the data files.
         files_left_out: which of them have no digest and why, in words.
         journal: of what journal it was made; a result that another journal lies beside is out of
@@ -143,6 +153,7 @@ class ResultDocument(Result, Heading):
     flags: tuple[Flag, ...] | UnsetType = UNSET
     evidence: EvidenceAccount | None = None
     zero_samples: HandleRest | None = None
+    robot_start: float | None = None
     libraries: Libraries | UnsetType = UNSET
 
 

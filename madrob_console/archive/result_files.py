@@ -21,7 +21,7 @@ from madrob_console.archive.folders import (
     parse_folder_name,
 )
 from madrob_console.archive.history import misplaced
-from madrob_console.archive.result_document import MANUAL_START, ResultDocument
+from madrob_console.archive.result_document import ResultDocument, start_remark
 from madrob_console.archive.result_reader import (
     LARGEST_RESULT,
     UnusableResultError,
@@ -90,13 +90,14 @@ def document_of(scored: Scored, folder: Path, data: Mapping[str, bytes]) -> Resu
         taken_back=run.taken_back,
         reissues=run.reissues,
         removed_evidence=run.removed_evidence,
-        remark=MANUAL_START,
+        remark=start_remark(run),
         files=files,
         files_left_out=left_out,
         journal=run.journal or UNSET,
         flags=scored.flags,
         evidence=run.evidence if run.closure is None else run.signed_evidence,
         zero_samples=record.zero_samples,
+        robot_start=run.robot_start,
         libraries=libraries_here(),
     )
 

@@ -130,7 +130,8 @@ def add_ros_args(parser: argparse.ArgumentParser) -> None:
         nargs=argparse.REMAINDER,
         default=[],
         metavar="...",
-        help="at the end: names as a launch file gives them, `-r __ns:=/hall2`, `-r FROM:=TO`",
+        help="at the end, as of any ROS node: `-r __ns:=/hall2`, `-r FROM:=TO`, "
+        "`-p use_sim_time:=true`",
     )
 
 

@@ -1,4 +1,4 @@
-"""`madrob schema`: what `result.json` and the lines of `madrob watch --json` hold, for programs."""
+"""`madrob schema`: the JSON schemas of what programs read."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ class Described(StrEnum):
     """What a schema describes."""
 
     RESULT = "result"
+    EVENT = "event"
     STATE = "state"
+    WATCH = "watch"
 
 
 def add_command(commands: options.Commands) -> None:
@@ -21,8 +23,9 @@ def add_command(commands: options.Commands) -> None:
         commands,
         "schema",
         main,
-        "the JSON schema of result.json, or of a line of `madrob watch --json`",
-        examples=("madrob schema > result_schema.json", "madrob schema state > state_schema.json"),
+        "the JSON schema of result.json, or of what the referee publishes",
+        "The events and states are those of /madrob/referee/event and /madrob/referee/state.",
+        examples=("madrob schema > result_schema.json", "madrob schema event > event_schema.json"),
     )
     parser.add_argument(
         "what",
@@ -30,14 +33,19 @@ def add_command(commands: options.Commands) -> None:
         type=one_of(Described),
         choices=list(Described),
         default=Described.RESULT,
-        help="result.json, if not given",
+        help="result.json, if not given; `watch` is a line of `madrob watch --json`",
     )
 
 
 def main(arguments: argparse.Namespace) -> int:
     from madrob_console.archive.result_document import result_schema, schema_text
-    from madrob_console.engine.public_state import state_schema
+    from madrob_console.engine.public_state import event_schema, state_schema, watch_schema
 
-    schema = state_schema() if arguments.what is Described.STATE else result_schema()
-    print(schema_text(schema).decode(), end="")
+    schemas = {
+        Described.RESULT: result_schema,
+        Described.EVENT: event_schema,
+        Described.STATE: state_schema,
+        Described.WATCH: watch_schema,
+    }
+    print(schema_text(schemas[arguments.what]()).decode(), end="")
     return 0

@@ -29,7 +29,7 @@ from madrob_console.engine.replay import Replay
 from madrob_console.engine.reports import Reporting
 from madrob_console.engine.run_recorder import EventLog
 from madrob_console.engine.scorer import Scorer
-from madrob_console.messages.codec import referee_topics
+from madrob_console.messages.codec import ROBOT_STARTED_TOPIC, referee_topics
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.checks import CheckState, blocking
@@ -81,8 +81,7 @@ def open_engine(
                 simulated, clock, config, types, keepers=DiskThreads.threads(), scorer=scorer
             )
         case SourceKind.ROS:
-            follows = arguments.use_sim_time or settings.testbed.use_sim_time
-            clock = SimulationClock() if follows else SystemClock()
+            clock = SimulationClock() if _follows(arguments, settings) else SystemClock()
             source = _ros_source(arguments, settings, types, clock)
             return Engine(
                 source,
@@ -95,6 +94,16 @@ def open_engine(
             )
         case _:
             assert_never(kind)
+
+
+def _follows(arguments: argparse.Namespace, settings: Settings) -> bool:
+    """Whether the engine follows the time of a simulation, `/clock`."""
+    from madrob_console.testbeds.ros import asks_for_sim_time
+
+    if arguments.use_sim_time or settings.testbed.use_sim_time:
+        return True
+    domain = domain_id(options.ros_domain(arguments, settings), os.environ)
+    return asks_for_sim_time(domain, arguments.ros_args)
 
 
 def _evidence_plan(settings: Settings) -> EvidencePlan | None:
@@ -123,7 +132,8 @@ def _evidence_client(
 
 def own_topics(settings: Settings, types: MessageTypes) -> tuple[str, ...]:
     own = {mapping.topic for mapping in settings.mappings()}
-    return (*sorted(own | {topic.name for topic in referee_topics(types)}), INFO_TOPIC)
+    own |= {topic.name for topic in referee_topics(types)}
+    return (*sorted(own), INFO_TOPIC, ROBOT_STARTED_TOPIC)
 
 
 def simulated_testbed(arguments: argparse.Namespace, settings: Settings) -> SimulatedTestbed:

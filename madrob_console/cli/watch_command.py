@@ -21,7 +21,7 @@ def add_command(commands: options.Commands) -> None:
             "madrob watch --testbed ros --domain 41",
             "madrob watch --big    # a wall display",
             "madrob watch --plain  # for a screen reader, a log, a chat",
-            "madrob watch --json   # for a program; `madrob schema state` says what it reads",
+            "madrob watch --json   # for a program; `madrob schema watch` says what it reads",
         ),
     )
     options.add_testbed(parser)

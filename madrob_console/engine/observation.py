@@ -12,7 +12,7 @@ from madrob_console.archive.run_record import RunRecord
 from madrob_console.common.clock import seconds
 from madrob_console.engine.scorer import PastRun
 from madrob_console.engine.sensors import Sensors
-from madrob_console.messages.codec import Decoder, TopicMapping
+from madrob_console.messages.codec import ROBOT_STARTED_TOPIC, Decoder, TopicMapping
 from madrob_console.messages.message_types import MessageError, MessageTypes
 from madrob_console.referee.checks import SensorLimits
 from madrob_console.referee.journal import Origin
@@ -184,10 +184,12 @@ class RunTracker:
     def restart(self, run: Run) -> None:
         assert run.start is not None
         assert run.countdown_began is not None
+        self._start = run.start
         self.assessment = self._record.assessment(run.start)
         for sample in self._preroll:
             self.assessment.feed(sample)
         self.procedure: Procedure = self.assessment.procedure()
+        self.robot_start: float | None = None
         self._known: set[Event] = set()
         self._judged: tuple[int, tuple[Ruling, ...]] = (-1, ())
         self._counting_down = True
@@ -209,6 +211,12 @@ class RunTracker:
             self._preroll.append(sample)
         if self._watch is not None:
             self._watch.feed(sample)
+
+    def hear_robot(self, message: RawMessage) -> None:
+        """Take the robot's word that it sets out; before the start it is no answer to it."""
+        at = seconds(message.receive_ns)
+        if self.robot_start is None and at >= self._start:
+            self.robot_start = at
 
     def advance(self, run: Run, now: float, seen: float) -> tuple[Run, list[Happening]]:
         """The run's new state, and what happened.
@@ -242,11 +250,16 @@ class RunTracker:
         if now < start:
             return run
         self._watch, self._preroll, self._known, self._counting_down = None, [], set(), False
-        details = {"time": start}
-        happened.append(Happening(Origin.CLOCK, Change.RUN_STARTS, details=details))
+        happened.append(
+            _seen(Change.RUN_STARTS, Event(start, EventName.BENCHMARK_START), Origin.CLOCK)
+        )
         return begin_run(run)
 
     def _follow(self, run: Run, now: float, seen: float, happened: list[Happening]) -> Run:
+        if run.robot_start is None and self.robot_start is not None:
+            run = replace(run, robot_start=self.robot_start)
+            answered = {"time": self.robot_start}
+            happened.append(Happening(Origin.REMOTE, Change.ROBOT_STARTS, details=answered))
         assert run.setup is not None
         assert run.start is not None
         judged = (self.assessment.changes, run.rulings)
@@ -291,8 +304,8 @@ class RunTracker:
         return _stop(run, Outcome.TIMEOUT, limit, run.outcome_reason, happened)
 
 
-def _seen(change: Change, event: Event) -> Happening:
-    return Happening(Origin.SENSOR, change, details={"event": event.name, "time": event.time})
+def _seen(change: Change, event: Event, origin: Origin = Origin.SENSOR) -> Happening:
+    return Happening(origin, change, details={"event": event.name, "time": event.time})
 
 
 def _stop(run: Run, outcome: Outcome, at: float, reason: str, happened: list[Happening]) -> Run:
@@ -348,6 +361,8 @@ class Observation:
     def receive(self, message: RawMessage, *, recorded: bool, shown: bool) -> None:
         """Take a message; only `recorded` ones count for a run, only `shown` ones reach screens."""
         course = self.course if recorded else None
+        if course is not None and message.topic == ROBOT_STARTED_TOPIC:
+            course.hear_robot(message)
         if not shown:
             self.sensors.note_arrival(message)
             if course is None:

@@ -71,6 +71,8 @@ __all__ = [
     "REFEREE_EVENT_TOPIC",
     "REFEREE_START_POSE_TOPIC",
     "REFEREE_STATE_TOPIC",
+    "ROBOT_STARTED_TOPIC",
+    "ROBOT_STARTED_TYPE",
     "START_POSE_FRAME",
     "Decoder",
     "Message",
@@ -88,6 +90,8 @@ REFEREE_STATE_TOPIC = "/madrob/referee/state"
 REFEREE_EVENT_TOPIC = "/madrob/referee/event"
 REFEREE_START_POSE_TOPIC = "/madrob/referee/start_pose"
 START_POSE_FRAME = "madrob_door"
+ROBOT_STARTED_TOPIC = "/madrob/robot/started"
+ROBOT_STARTED_TYPE = "std_msgs/msg/Empty"
 
 _STRING = "std_msgs/msg/String"
 _POSE = "geometry_msgs/msg/PoseStamped"

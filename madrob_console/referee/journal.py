@@ -47,11 +47,16 @@ class Origin(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One line of a journal.
+    """One line of a journal, as `/madrob/referee/event` has it.
 
-    The `time` is in s since the epoch, steady (section 8). `details` are everything needed to do it
-    again. The `id` is of an act that takes effect only when it is on disk; else empty, as in older
-    journals.
+    Attributes:
+        time: when the line was written, s since the epoch, steady (section 8).
+        origin: who or what made it happen.
+        what: what happened.
+        referee: the referee's name; may be empty.
+        reason: in words; may be empty.
+        details: everything needed to do it again; the content depends on `what`.
+        id: of an act that takes effect only when it is on disk; else missing, as in older journals.
     """
 
     time: float

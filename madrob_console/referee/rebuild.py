@@ -64,6 +64,7 @@ class Change(StrEnum):
     COUNTDOWN_BEGINS = "countdown begins"
     WITHDRAWN = journal.WITHDRAWN
     RUN_STARTS = "run starts"
+    ROBOT_STARTS = "robot starts"
     RUN_STOPS = "run stops"
     TIMEOUT_ELAPSED = "timeout elapsed"
     FALSE_START = "false start"
@@ -134,12 +135,8 @@ def _changed(run: Run, entry: Entry) -> Run:
             return time_out(run, _time(details["time"]), entry.reason)
         case Change.RUN_STOPS:
             return stop(run, Outcome(details["outcome"]), _time(details["time"]), entry.reason)
-        case Change.FALSE_START:
-            mark = FalseStart(_time(details["time"]), EventName(details["event"]))
-            return replace(run, false_starts=(*run.false_starts, mark))
-        case Change.FAULT:
-            kind = FaultKind(details.get("kind", ""))
-            return note_fault(run, TestbedFault(_time(details["time"]), entry.reason, kind))
+        case Change.FALSE_START | Change.ROBOT_STARTS | Change.FAULT:
+            return _with_seen(run, entry, _time(details["time"]))
         case Change.UNRECORDED | Change.EVIDENCE_RECORDED | Change.EVIDENCE_REMOVED:
             return _with_recorded(run, entry)
         case Change.REISSUED if run.phase in (Phase.STOPPED, Phase.FINAL):
@@ -151,6 +148,16 @@ def _changed(run: Run, entry: Entry) -> Run:
             return replace(run, issue=max(run.issue, int(details["issue"])))
         case _:
             return run
+
+
+def _with_seen(run: Run, entry: Entry, at: float) -> Run:
+    if entry.what == Change.ROBOT_STARTS:
+        return replace(run, robot_start=at)
+    if entry.what == Change.FALSE_START:
+        mark = FalseStart(at, EventName(entry.details["event"]))
+        return replace(run, false_starts=(*run.false_starts, mark))
+    kind = FaultKind(entry.details.get("kind", ""))
+    return note_fault(run, TestbedFault(at, entry.reason, kind))
 
 
 def _with_recorded(run: Run, entry: Entry) -> Run:

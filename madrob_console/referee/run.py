@@ -60,6 +60,7 @@ class Run:
         zero_samples: the samples behind it; None = never set, or by an earlier version.
         countdown_began: the beginning of the recording.
         start: planned during the countdown, actual afterwards.
+        robot_start: when the robot said that it set out; None = it has not said so.
         timeout_at: when the timeout came, while a running settle time delays the stop.
         corrections: of the set-up; `setup` includes them.
         decided: decisions that were not taken back, in order.
@@ -81,6 +82,7 @@ class Run:
     waivers: tuple[Waiver, ...] = ()
     countdown_began: float | None = None
     start: float | None = None
+    robot_start: float | None = None
     stop: float | None = None
     timeout_at: float | None = None
     outcome: Outcome | None = None

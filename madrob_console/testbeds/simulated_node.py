@@ -72,7 +72,7 @@ def serve_testbed(  # noqa: PLR0913  what is played where, and how
     """Runs the testbed until its runs are over, a signal arrives or `stop` is set.
 
     With `condition` None each run draws one, until the referee sets one. `repeat` is the number of
-    runs; 0 = no end. `ros_args` are a launch file's remappings. Another thread may set `stop`.
+    runs; 0 = no end. `ros_args` are a launch file's arguments. Another thread may set `stop`.
     """
     number = domain_id(domain, os.environ)
     ended = stop or threading.Event()
@@ -117,7 +117,7 @@ class DoorNode:
             source.configure(condition)
         self._node = connection.node("door", parameter_services=True)
         for name, value in door_parameters(self._condition).items():
-            self._node.declare_parameter(name, value)
+            self._declare(name, value)
         self._node.add_on_set_parameters_callback(self._on_parameters)
         self._publishers = {
             topic.topic: self._node.create_publisher(
@@ -129,6 +129,17 @@ class DoorNode:
         self._listen(REFEREE_START_POSE_TOPIC, "geometry_msgs/msg/PoseStamped", self._on_pose)
         source.open()
         self._announce(source)
+
+    def _declare(self, name: str, value: ParameterValue) -> None:
+        """Declares a parameter, which ROS arguments may set; MadrobError where they are wrong."""
+        try:
+            given = self._node.declare_parameter(name, value).value
+        except load_module("rclpy.exceptions").ParameterException as error:
+            raise MadrobError(f"parameter {name}: {error}") from None
+        if (wrong := refusal(name, given)) is not None:
+            raise MadrobError(f"parameter {name}: {wrong}")
+        if given != value and not name.startswith("brake"):
+            self._set(name, given)
 
     def _announce(self, source: SimulatedSource) -> None:
         text = encode_text(MessageTypes(), info_text(source.testbed.scenario))

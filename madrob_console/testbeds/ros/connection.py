@@ -165,6 +165,18 @@ class Connection:
         )
 
 
+def asks_for_sim_time(domain: int, ros_args: Sequence[str]) -> bool:
+    """Whether ROS arguments set the parameter `use_sim_time`, by themselves or in a file."""
+    if not any(word.startswith(("-p", "--param")) for word in ros_args):
+        return False
+    connection = Connection(domain, ros_args)
+    try:
+        node = connection.node("arguments", spun=False)
+        return bool(node.get_parameter("use_sim_time").value)
+    finally:
+        connection.close()
+
+
 @contextmanager
 def _one_line() -> Iterator[None]:
     """Keeps ROS from printing argument errors that the console reports itself."""

@@ -15,7 +15,13 @@ from typing import TypeVar
 
 from madrob_console.common.clock import Clock
 from madrob_console.common.names import SourceKind
-from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, TopicMapping, referee_topics
+from madrob_console.messages.codec import (
+    REFEREE_EVENT_TOPIC,
+    ROBOT_STARTED_TOPIC,
+    ROBOT_STARTED_TYPE,
+    TopicMapping,
+    referee_topics,
+)
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.ros.abort_service import AbortService
 from madrob_console.testbeds.ros.connection import (
@@ -146,7 +152,8 @@ class RosSource(Source):
         self._info: InfoWatch | None = None
         self._intakes: tuple[Intake, ...] = ()
         self._late: list[RawMessage] = []
-        self._newest = dict.fromkeys(self._configured, clock.now_ns())
+        self._heard = {**self._configured, ROBOT_STARTED_TOPIC: ROBOT_STARTED_TYPE}
+        self._newest = dict.fromkeys(self._heard, clock.now_ns())
         self._failing: str | None = None
         self._failure: str | None = None
         self._stop = threading.Event()
@@ -196,8 +203,7 @@ class RosSource(Source):
         self._info = InfoWatch(listener, self._types, self._clock)
         describe = partial(describe_registered, self._types, prefixes(self._environment))
         self._intakes = tuple(
-            Intake(listener, name, describe, type_name)
-            for name, type_name in self._configured.items()
+            Intake(listener, name, describe, type_name) for name, type_name in self._heard.items()
         )
         return self._door, self._referees, self._info
 
@@ -215,7 +221,8 @@ class RosSource(Source):
             return tuple(
                 TopicStatus(name, type_name, 0) for name, type_name in self._configured.items()
             )
-        return tuple(map(self._intake_status, self._intakes))
+        scored = (intake for intake in self._intakes if intake.name in self._configured)
+        return tuple(map(self._intake_status, scored))
 
     def _intake_status(self, intake: Intake) -> TopicStatus:
         lost = intake.lost

@@ -19,7 +19,7 @@ import pytest
 
 from madrob_console.cli.main import main
 from madrob_console.cli.spectator_lines import json_lines, plain_lines
-from madrob_console.engine.public_state import PublishedState, SpectatorState, state_schema
+from madrob_console.engine.public_state import PublishedState, SpectatorState, watch_schema
 from madrob_console.engine.snapshot import Pulse, Snapshot
 from madrob_console.referee.acts import (
     Abort,
@@ -130,7 +130,7 @@ def test_a_run_is_told_from_its_set_up_to_its_signature(tmp_path: Path) -> None:
     ]
     assert [line for line in told if "fault: " not in line and "over: " not in line] == expected
 
-    schema = state_schema()
+    schema = watch_schema()
     for state in states.states:
         jsonschema.validate(state, schema)
     phases = [state["phase"] for state in states.states]
@@ -311,9 +311,9 @@ def test_the_guide_has_the_keys_of_the_state(told: Told) -> None:
 
 
 def test_the_schema_describes_every_key(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["schema", "state"]) == 0
+    assert main(["schema", "watch"]) == 0
     schema = json.loads(capsys.readouterr().out)
-    assert schema == state_schema()
+    assert schema == watch_schema()
     for name in ("SpectatorState", "PublicStep", "PublicResult"):
         for key, about in schema["$defs"][name]["properties"].items():
             assert about["description"], key

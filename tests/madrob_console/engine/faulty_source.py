@@ -148,9 +148,11 @@ class FaultySource(Source):
 class FaultyDrive(OfficialDrive):
     """A drive on a testbed that can be spoiled; its runs count."""
 
+    SPOILT = FaultySource
+
     def __init__(self, results: Path) -> None:
         super().__init__(results)
-        self.faulty = FaultySource(self.source, self.clock)
+        self.faulty = self.SPOILT(self.source, self.clock)
         self.engine = Engine(self.faulty, self.clock, self.engine.config, MessageTypes())
         self.engine.open()
 

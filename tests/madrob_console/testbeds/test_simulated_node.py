@@ -18,6 +18,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, REFEREE_STATE_TOPIC, Decoder
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.ros import RosSource
+from madrob_console.testbeds.ros.connection import load_module
 from madrob_console.testbeds.simulated import Network, Scenario, SensorSettings, SimulatedTestbed
 from madrob_console.testbeds.simulated.testbed import parse_state
 from madrob_console.testbeds.simulated_node import refusal, serve_testbed
@@ -259,3 +260,41 @@ def test_parameters_that_mean_nothing_are_refused(
     name: str, value: str | bool | list[int], reason: str | None
 ) -> None:
     assert refusal(name, value) == reason
+
+
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize(
+    ("parameter", "words"),
+    [
+        ("opening_side:=cw", "parameter opening_side: 'cw' is neither CW nor CCW"),
+        ("opening_side:=7", "parameter opening_side: "),
+        ("benchmark_type:=Storm", "parameter benchmark_type: 'Storm' is no benchmark type"),
+    ],
+)
+def test_a_parameter_that_makes_no_sense_is_refused(parameter: str, words: str) -> None:
+    with pytest.raises(MadrobError, match=f"^{words}"):
+        serve_testbed(SimulatedTestbed(), None, 1, say=print, ros_args=["-p", parameter])
+
+
+def test_parameters_of_the_command_line_are_those_of_the_door(peer: Peer) -> None:
+    testbed, lines, stop = SimulatedTestbed(), list[str](), threading.Event()
+    ros_args = ["-p", "opening_side:=CW", "-p", "benchmark_type:=Constant Force"]
+    ros_args += ["-r", "__ns:=/hall2"]
+    node = threading.Thread(
+        target=serve_testbed,
+        args=(testbed, None, 1),
+        kwargs={"say": lines.append, "stop": stop, "ros_args": ros_args},
+    )
+    node.start()
+    try:
+        service = load_module("rcl_interfaces.srv").GetParameters
+        client = peer.own.create_client(service, "/hall2/door/get_parameters")
+        peer.until(client.service_is_ready)
+        answer = client.call_async(service.Request(names=["opening_side", "benchmark_type"]))
+        peer.until(answer.done)
+    finally:
+        stop.set()
+        node.join(PATIENCE)
+    assert [one.string_value for one in answer.result().values] == ["CW", "Constant Force"]
+    assert testbed.condition == Condition(BenchmarkType.CONSTANT_FORCE, Side.CW, Side.CCW)
+    assert lines[:2] == ["opening side set to CW", "benchmark type set to Constant Force"]

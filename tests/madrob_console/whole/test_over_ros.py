@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -125,6 +126,42 @@ def test_a_run_over_dds_is_completed_recorded_whole_and_scored_the_same_again(
     again = json.loads(capsys.readouterr().out)["runs"][0]
     for part in ("indicators", "events", "steps", "quality"):
         assert again[part] == result[part]
+
+
+GUIDE = ROOT / "madrob_console/guide/robots.md"
+
+
+@pytest.mark.timeout(300)
+def test_the_robot_of_the_guide_starts_on_the_signal_and_the_result_says_when(
+    ros_domain: int, tmp_path: Path
+) -> None:
+    (node,) = re.findall(
+        r"^```python\n(import json\n(?:.*\n)+?)```$", GUIDE.read_text(), re.MULTILINE
+    )
+    robot, said = tmp_path / "robot.py", tmp_path / "said"
+    robot.write_text(node)
+    with (
+        program(tmp_path / "testbed", *TESTBED),
+        program(said, str(robot), ending=signal.SIGINT),
+    ):
+        run = subprocess.run(
+            [sys.executable, "-m", "madrob_console.cli.main", "run", "--testbed", "ros",
+             "--countdown", "2", "--timeout", "60", "--wait", "60", "--no-report",
+             "--results", str(tmp_path / "results")],
+            env=os.environ, capture_output=True, text=True, check=False, timeout=200,
+        )  # fmt: skip
+        assert run.returncode == 0, run.stdout + run.stderr
+        until(lambda: "stop" in said.read_text())
+    folder = Path(run.stdout.splitlines()[-1].removeprefix("run folder: "))
+    result = json.loads((folder / "result.json").read_text())
+    after = result["robot_start"] - result["start"]
+    print(f"the robot answered {after:.3f} s after the start")
+    assert 0 < after < LARGEST_DELAY + BUSY
+    assert result["remark"] == f"the robot answered to the start {after:.3f} s after it"
+    assert [line.rpartition(": ")[2] for line in said.read_text().splitlines()] == [
+        "set out",
+        "stop",
+    ]
 
 
 def read_recorded(folder: Path) -> dict[str, list[str]]:
@@ -312,15 +349,19 @@ TESTBED = ["-m", "madrob_console.cli.main", "testbed", "--scenario", "nominal", 
 
 
 @contextmanager
-def program(output: Path, *arguments: str) -> Iterator[None]:
+def program(
+    output: Path, *arguments: str, ending: signal.Signals = signal.SIGKILL
+) -> Iterator[None]:
     """A Python program beside the engine, until the end."""
     with output.open("wb") as out:
-        process = subprocess.Popen([sys.executable, *arguments], cwd=ROOT, stdout=out)
+        process = subprocess.Popen(
+            [sys.executable, *arguments], cwd=ROOT, stdout=out, stderr=STDOUT
+        )
     try:
         yield
     finally:
-        process.kill()
-        process.wait()
+        process.send_signal(ending)
+        assert process.wait(30) == (0 if ending is signal.SIGINT else -ending)
 
 
 def said(states: Sequence[RosObject]) -> str:

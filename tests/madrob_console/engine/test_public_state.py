@@ -1,0 +1,201 @@
+"""What the referee publishes for robots, as its schemas say; the robot's answer to the start."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from madrob_console.archive.result_document import MANUAL_START
+from madrob_console.cli.main import main
+from madrob_console.engine.public_state import event_schema, state_schema
+from madrob_console.messages.codec import (
+    REFEREE_EVENT_TOPIC,
+    REFEREE_STATE_TOPIC,
+    ROBOT_STARTED_TOPIC,
+    ROBOT_STARTED_TYPE,
+    decode_text,
+    describe_topic,
+)
+from madrob_console.messages.message_types import MessageTypes
+from madrob_console.referee.acts import (
+    Abort,
+    AcceptFalseStart,
+    RestartCountdown,
+    SetUp,
+    Start,
+    Void,
+)
+from madrob_console.referee.rebuild import Change
+from madrob_console.referee.run import Phase
+from recorder.bag import RawMessage, Topic
+from scoring.protocol import EventName
+from tests.madrob_console.engine.deck import Deck
+from tests.madrob_console.engine.drive import make_setup, signed
+from tests.madrob_console.engine.faulty_source import FaultyDrive, FaultySource
+from tests.madrob_console.engine.spoilt import HANDLE, Fault, set_value
+
+TYPES = MessageTypes()
+STARTED = describe_topic(TYPES, ROBOT_STARTED_TOPIC, ROBOT_STARTED_TYPE)
+WORD = TYPES.encode(ROBOT_STARTED_TYPE, TYPES.make(ROBOT_STARTED_TYPE))
+
+
+class TalkingSource(FaultySource):
+    """A testbed with a robot that says when it sets out."""
+
+    def topics(self) -> tuple[Topic, ...]:
+        return (*super().topics(), STARTED)
+
+    def say_started(self, at_ns: int) -> None:
+        self._coming.append(RawMessage(STARTED.name, STARTED.type, WORD, at_ns, at_ns))
+
+
+class Hall(FaultyDrive):
+    """A referee, a testbed whose robot speaks, and what was published."""
+
+    faulty: TalkingSource
+    SPOILT = TalkingSource
+
+    def published(self, topic: str) -> list[dict[str, Any]]:
+        said = (m.data for m in self.faulty.published if m.topic == topic)
+        return [json.loads(decode_text(TYPES, data)) for data in said]
+
+    @property
+    def start_time(self) -> float:
+        assert self.engine.run.start is not None
+        return self.engine.run.start
+
+    def answer(self, after: float) -> None:
+        """The robot's word arrives so long after the (planned) start, s."""
+        self.faulty.say_started(round((self.start_time + after) * 1e9))
+
+
+@pytest.fixture
+def hall(tmp_path: Path) -> Iterator[Hall]:
+    hall = Hall(tmp_path)
+    yield hall
+    hall.engine.close()
+
+
+def pull_the_handle(hall: Hall) -> None:
+    hall.faulty.fake(HANDLE, partial(set_value, value=40.0))
+    hall.wait(0.3)
+    hall.faulty.heal(HANDLE)
+    hall.wait(0.3)
+
+
+def make_every_kind_of_run(hall: Hall) -> None:
+    hall.prepare(make_setup())
+    hall.act(Start())
+    hall.wait(0.5)
+    pull_the_handle(hall)
+    hall.act(RestartCountdown("it touched the handle"))
+    hall.answer(after=0.25)
+    hall.finish()
+    hall.act(signed(hall.engine.snapshot()), Void("a person in the way"))
+    hall.prepare(make_setup(run_number=2))
+    hall.act(Start())
+    hall.wait(0.5)
+    pull_the_handle(hall)
+    hall.act(AcceptFalseStart("it stood still again"))
+    hall.wait_until(lambda: hall.engine.run.phase is Phase.RUNNING)
+    hall.act(Abort("robot unsafe"))
+    hall.finish()
+    hall.prepare(make_setup(run_number=3, timeout=5.0))
+    hall.act(Start())
+    hall.wait_until(lambda: hall.engine.run.phase is Phase.RUNNING)
+    hall.faulty.spoil(HANDLE, Fault.DIES)
+    hall.finish()
+
+
+def test_all_that_is_published_in_any_phase_is_as_the_schemas_say(
+    hall: Hall, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_every_kind_of_run(hall)
+    published = {
+        "state": hall.published(REFEREE_STATE_TOPIC),
+        "event": hall.published(REFEREE_EVENT_TOPIC),
+    }
+    for name, messages in published.items():
+        assert main(["schema", name]) == 0
+        schema = json.loads(capsys.readouterr().out)
+        for message in messages:
+            jsonschema.validate(message, schema)
+    assert {state["phase"] for state in published["state"]} == set(Phase)
+    assert {None, "completed", "aborted", "timeout"} == {s["outcome"] for s in published["state"]}
+    told = {rule["if"]["properties"]["what"]["const"] for rule in rules()}
+    assert told <= {event["what"] for event in published["event"]}
+    (start, *_) = (e for e in published["event"] if e["what"] == Change.RUN_STARTS)
+    running = next(s for s in published["state"] if s["phase"] == Phase.RUNNING)
+    assert start["details"] == {"event": "benchmark_start", "time": running["start_time"]}
+
+
+def rules() -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = event_schema()["$defs"]["Entry"]["allOf"]
+    return found
+
+
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        {"what": "robot sits"},
+        {"details": {"event": EventName.DOOR_OPENS}},
+        {"details": {"event": "door_sings", "time": 1.0}},
+        {"origin": "robot"},
+        {"time": "now"},
+    ],
+    ids=str,
+)
+def test_a_line_that_is_not_published_breaks_the_schema(spoilt: dict[str, Any]) -> None:
+    details = {"event": EventName.DOOR_OPENS, "time": 1.0}
+    line = {"time": 1.0, "origin": "sensor", "what": "event", "referee": "", "reason": ""}
+    jsonschema.validate({**line, "details": details}, event_schema())
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate({**line, "details": details, **spoilt}, event_schema())
+
+
+def test_the_schema_of_the_state_has_the_keys_of_the_state_alone(hall: Hall) -> None:
+    (state, *_) = hall.published(REFEREE_STATE_TOPIC)
+    jsonschema.validate(state, state_schema())
+    (part,) = (p for p in state_schema()["$defs"].values() if "properties" in p)
+    assert part["required"] == list(part["properties"]) == list(state)
+
+
+def test_a_result_says_that_the_robot_answered_to_the_start_and_when(hall: Hall) -> None:
+    hall.prepare(make_setup())
+    hall.act(Start())
+    hall.answer(after=-0.5)  # no answer: it has not started yet
+    for after in (0.031, 1.5):
+        hall.answer(after)
+    hall.finish()
+    start, folder = hall.start_time, hall.folder
+    result = json.loads((folder / "result.json").read_text())
+    assert result["robot_start"] - start == pytest.approx(0.031, abs=1e-6)
+    assert result["remark"] == "the robot answered to the start 0.031 s after it"
+    told = [e for e in hall.published(REFEREE_EVENT_TOPIC) if e["what"] == Change.ROBOT_STARTS]
+    assert [line["origin"] for line in told] == ["remote"]
+    assert len(hall.recorded(ROBOT_STARTED_TOPIC)) == 3
+    hall.engine.close()
+    assert hall.scored().run.robot_start == result["robot_start"]
+    replayed = Deck(folder, speed=0.0).engine
+    while replayed.scored is None:
+        replayed.step(0.02)
+    assert replayed.run.robot_start == result["robot_start"]
+    assert replayed.replay is not None
+    assert replayed.replay.view(replayed.scored.result).agrees
+
+
+def test_a_robot_that_does_not_answer_is_started_by_hand(hall: Hall) -> None:
+    hall.prepare(make_setup())
+    hall.act(Start())
+    hall.answer(after=-0.001)
+    hall.finish()
+    result = json.loads((hall.folder / "result.json").read_text())
+    assert (result["robot_start"], result["remark"]) == (None, MANUAL_START)
+    hall.act(SetUp(make_setup(run_number=2)))
+    assert hall.engine.run.robot_start is None
