@@ -1,4 +1,4 @@
-"""Read a bag, finished or not: topics, records, messages in order, and single ones by their time."""
+"""Read a bag, finished or not: its topics and records, messages in order, or single ones by time."""
 
 from __future__ import annotations
 
