@@ -78,16 +78,6 @@ def test_abort_wins_at_once_keeps_the_run_and_opens_a_clean_next_one(drive: Driv
     assert not clean.run.pose_confirmed
 
 
-def test_an_abort_in_the_countdown_is_kept_as_invalid(drive: Drive) -> None:
-    drive.prepare(make_setup(countdown=5.0))
-    drive.act(Start())
-    drive.wait(1.0)
-    drive.act(Abort())
-    drive.finish()
-    document = json.loads((drive.folder / "result.json").read_text())
-    assert (document["outcome"], document["events"]) == ("aborted", [])
-
-
 def test_a_timeout_ends_the_run_at_its_own_time(tmp_path: Path) -> None:
     drive = Drive(tmp_path, Scenario.TOUCH_ONLY)
     drive.whole_run(make_setup(timeout=10.0))
@@ -185,16 +175,6 @@ def test_a_false_start_is_shown_and_decided(drive: Drive) -> None:
     assert scored is not None
     assert scored.result.outcome is Outcome.COMPLETED
     assert next(score(drive.folder)).result == scored.result
-
-
-def test_what_was_up_before_the_countdown_is_no_false_start(drive: Drive) -> None:
-    drive.act(SetUp(make_setup(countdown=3.0)))
-    drive.wait(1.5)  # the handle is not zeroed: it counts as pressed all the time
-    drive.act(Waive(CheckName.HANDLE, "stuck"), ConfirmPose(), Start())
-    drive.wait(1.0)
-    drive.act(RestartCountdown("again"))
-    drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
-    assert drive.engine.run.false_starts == ()
 
 
 def test_an_accepted_false_start_stands_in_the_result(drive: Drive) -> None:
@@ -301,10 +281,6 @@ def test_the_condition_decides_which_side_is_the_destination(tmp_path: Path) -> 
         assert drive.engine.run.outcome is Outcome.COMPLETED, number
         names = [e.event for e in drive.engine.scored.result.events]  # type: ignore[union-attr]
         assert f"humanoid_moves_to_{condition.destination_side}_side" in names
-
-
-def test_zeroing_without_data_is_refused(tmp_path: Path) -> None:
-    assert Drive(tmp_path).engine.perform(ZeroHandle()) == "no fresh handle force"
 
 
 def test_the_log_speaks_of_events_as_people_do(drive: Drive) -> None:
