@@ -32,9 +32,8 @@ from scoring.protocol import Condition, LockDetection, Outcome, StartPose, Thres
 from scoring.rulesets import RulesetName
 from scoring.signals import DoorSample, HandleSample
 
-# Questions are pickled: they have the samples of a run as the engine holds them, and nobody else can
-# write to the process. Answers are frames as those of screens (`engine/wire.py`), checked against
-# their types.
+# Questions are pickled: they have the samples of a run as the engine holds them, and nobody else
+# can write to the process. Answers are frames as those of screens, checked against their types.
 
 
 class Ready(msgspec.Struct, frozen=True, tag=True):
