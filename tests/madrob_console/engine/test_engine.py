@@ -30,10 +30,9 @@ from madrob_console.referee.records import CheckName, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Condition, LockDetection, Outcome, Step
+from scoring.protocol import LockDetection, Outcome, Step
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import completed
-from tests.madrob_console.testbeds.truth import truth_of_testbed
 
 
 def values(path: Path) -> dict[str, object]:
@@ -235,16 +234,6 @@ def test_the_referee_can_stop_a_run_that_only_he_can_judge(drive: Drive) -> None
     assert (drive.engine.run.outcome, drive.engine.run.stop) == (Outcome.COMPLETED, judged)
 
 
-def test_the_latch_sensor_decides_where_there_is_one(tmp_path: Path) -> None:
-    drive = Drive(tmp_path, latch=True)
-    drive.whole_run(make_setup())
-    scored, truth = drive.engine.scored, truth_of_testbed(drive.source.testbed, 60.0)
-    assert scored is not None
-    assert truth is not None
-    assert scored.result.lock_detection is LockDetection.SENSOR
-    assert scored.result.stop == pytest.approx(truth.stop, abs=0.025)
-
-
 def test_a_ruling_after_the_stop_changes_the_result_on_disk_and_keeps_what_was_found(
     drive: Drive,
 ) -> None:
@@ -270,17 +259,6 @@ def test_without_a_testbed_nothing_starts_and_nothing_is_shown_as_good(drive: Dr
     assert shown.door.angle is None
     assert {s.occupied for s in shown.passage} == {None}
     assert drive.engine.perform(Start()) is not None
-
-
-@pytest.mark.slow
-def test_the_condition_decides_which_side_is_the_destination(tmp_path: Path) -> None:
-    for number in (1, 6, 11, 16):
-        condition = Condition.from_number(number)
-        drive = Drive(tmp_path, seed=number)
-        drive.whole_run(make_setup(condition))
-        assert drive.engine.run.outcome is Outcome.COMPLETED, number
-        names = [e.event for e in drive.engine.scored.result.events]  # type: ignore[union-attr]
-        assert f"humanoid_moves_to_{condition.destination_side}_side" in names
 
 
 def test_the_log_speaks_of_events_as_people_do(drive: Drive) -> None:

@@ -181,24 +181,6 @@ def test_jitter_delays_at_random_and_no_message_overtakes_one_of_its_topic(
     assert by_topic(Network({Signal.HANDLE: 0.05}, dict.fromkeys(Signal, deviation))) == slow
 
 
-def test_what_is_under_way_says_what_was_read_and_not_what_is_there_when_it_arrives() -> None:
-    clock = VirtualClock(START_NS)
-    source = simulated(clock=clock, network=Network({Signal.DOOR: 2.0}))
-    decoder = Decoder(DEFAULT_MAPPINGS, TYPES)
-
-    def angles(duration: float) -> list[float]:
-        samples = [decoder.decode(message) for message in source.take_messages(duration)]
-        return [s.angle for s in samples if isinstance(s, DoorSample)]
-
-    source.publish(state("countdown", seconds(START_NS)))
-    while source.testbed.scene(clock.now_ns()).angle < 1.0:
-        angles(0.1)
-    source.publish(state("idle"))  # the door is shut at once
-    under_way = angles(2.0)
-    assert max(under_way) > 0.9
-    assert set(angles(1.0)) == {0.0}
-
-
 def run(
     source: SimulatedSource, clock: Clock, timeout: float
 ) -> tuple[tuple[Event, ...], Outcome, int]:
