@@ -55,8 +55,8 @@ class Observe(Protocol):
 class Backlog:
     """Messages that are not processed yet, oldest first.
 
-    Recorded messages are always processed: the result is made from all that the bag holds. Late
-    ones are left out of what is shown, which is reported.
+    Recorded messages are always processed, `recorded` counts those that wait: the result is made
+    from all that the bag holds. Late ones are left out of what is shown, which is reported.
     """
 
     def __init__(self, observe: Observe, monotonic: Callable[[], float] = time.monotonic) -> None:
@@ -64,7 +64,7 @@ class Backlog:
         self._monotonic = monotonic
         self._waiting: deque[tuple[float, bool, RawMessage]] = deque()
         self._bytes = 0
-        self._recorded = 0
+        self.recorded = 0
         self._left_out = 0
         self._left_out_at: float | None = None
 
@@ -74,10 +74,6 @@ class Backlog:
     @property
     def full(self) -> bool:
         return self._bytes >= CAPACITY
-
-    @property
-    def recorded(self) -> int:
-        return self._recorded
 
     @property
     def behind(self) -> float:
@@ -102,7 +98,7 @@ class Backlog:
         for message in messages:
             self._waiting.append((now, recorded, message))
             self._bytes += len(message.data)
-        self._recorded += len(messages) if recorded else 0
+        self.recorded += len(messages) if recorded else 0
 
     def work_off(self, interrupt: Interrupt | None = None) -> None:
         """Process what waits; `interrupt` is asked after each message, without it none is late."""
@@ -110,7 +106,7 @@ class Backlog:
         while self._waiting:
             taken, recorded, message = self._waiting.popleft()
             self._bytes -= len(message.data)
-            self._recorded -= recorded
+            self.recorded -= recorded
             late = interrupt is not None and now - taken > LATEST
             if late:
                 self._left_out += 1

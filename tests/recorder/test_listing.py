@@ -27,7 +27,6 @@ from recorder.survey import put_listing
 from recorder.writer import BagWriter
 from tests.recorder.samples import (
     START_NS,
-    STEP_NS,
     add_evidence,
     door_messages,
     door_topics,
@@ -91,24 +90,6 @@ def test_what_is_scored_comes_first_then_the_evidence_by_its_numbers(folder: Pat
         bag_file_name("run"),
         *(evidence_file_name("run", number) for number in (0, 9, 10)),
     ]
-
-
-def test_counts_are_summed_over_files_and_a_topic_has_one_entry(folder: Path) -> None:
-    add_evidence(folder, [EARLY, *CAMERA], 0)
-    last = RawMessage("/camera", talk().type, CAMERA[0].data, 0, START_NS + 100 * STEP_NS)
-    add_evidence(folder, [last], 1)
-    assert list_again(folder)
-    information = told(folder)
-    entries = [
-        (entry["topic_metadata"]["name"], entry["message_count"])
-        for entry in information["topics_with_message_count"]
-    ]
-    assert entries == [*((topic.name, 10) for topic in door_topics()), ("/tf", 1), ("/camera", 3)]
-    assert information["message_count"] == 64
-    assert information["starting_time"]["nanoseconds_since_epoch"] == EARLY.receive_ns
-    assert information["duration"]["nanoseconds"] == last.receive_ns - EARLY.receive_ns
-    assert [file["message_count"] for file in information["files"]] == [60, 3, 1]
-    assert information["files"][2]["starting_time"]["nanoseconds_since_epoch"] == last.receive_ns
 
 
 def test_readers_of_others_find_all_messages_of_all_files(folder: Path) -> None:

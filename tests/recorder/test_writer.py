@@ -13,7 +13,6 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import FrozenInstanceError
 from itertools import pairwise
 from pathlib import Path
@@ -132,19 +131,6 @@ def test_with_back_pressure_nothing_is_dropped(tmp_path: Path) -> None:
     assert all(writer.put_message(message) for message in messages)
     assert writer.close().dropped == {}
     assert list(read_bag(tmp_path / "bag").messages()) == messages
-
-
-def test_messages_of_several_threads_keep_the_order_of_each(tmp_path: Path) -> None:
-    topics = [Topic(f"/talk{number}", talk().type, talk().definition) for number in range(4)]
-    sent = {
-        topic.name: strings([str(number) for number in range(500)], topic.name) for topic in topics
-    }
-    with BagWriter(tmp_path / "bag", topics, {}) as writer, ThreadPoolExecutor(4) as pool:
-        list(pool.map(lambda messages: [writer.put_message(m) for m in messages], sent.values()))
-    read = list(read_bag(tmp_path / "bag").messages())
-    assert len(read) == 2000
-    for name, messages in sent.items():
-        assert [message for message in read if message.topic == name] == messages
 
 
 def test_a_message_larger_than_the_queue_is_dropped_and_never_waited_for(tmp_path: Path) -> None:
@@ -647,17 +633,6 @@ def test_a_bag_reads_back_as_it_was_recorded(bag: Path, recorded: list[RawMessag
     assert read.records["madrob_run"] == SETUP
     assert read.complete
     assert read.problem is None
-
-
-def test_the_file_alone_reads_like_the_folder(bag: Path, recorded: list[RawMessage]) -> None:
-    read = read_bag(bag / "subject_001_0.mcap")
-    assert list(read.messages()) == recorded
-    assert read.complete
-
-
-def test_messages_can_be_read_twice(bag: Path) -> None:
-    read = read_bag(bag)
-    assert list(read.messages()) == list(read.messages())
 
 
 def test_rosbags_reads_the_same(bag: Path, recorded: list[RawMessage]) -> None:

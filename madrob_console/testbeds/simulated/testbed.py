@@ -77,16 +77,8 @@ class SimulatedTestbed:
         self.condition: Condition | None = None
         self._model = SensorModel(self.geometry, self.sensors, seed)
         self._repetition = 0
-        self._start_ns = 0
-        self._plan: MotionPlan | None = None
-
-    @property
-    def plan(self) -> MotionPlan | None:
-        return self._plan
-
-    @property
-    def start_ns(self) -> int:
-        return self._start_ns
+        self.start_ns = 0
+        self.plan: MotionPlan | None = None
 
     @property
     def signals(self) -> tuple[Signal, ...]:
@@ -103,8 +95,8 @@ class SimulatedTestbed:
 
     def start(self, start_ns: int) -> None:
         """Starts a run at an instant, ns since the epoch; another instant moves it."""
-        if self._plan is None:
-            self._plan = plan_run(
+        if self.plan is None:
+            self.plan = plan_run(
                 self.scenario,
                 self.condition,
                 self.geometry,
@@ -112,19 +104,19 @@ class SimulatedTestbed:
                 self.robot,
                 latch=self.sensors.latch,
             )
-        self._start_ns = start_ns
+        self.start_ns = start_ns
 
     def reset(self) -> None:
         """Shuts the door and sends the robot back to its start pose, for the next repetition."""
-        if self._plan is not None:
+        if self.plan is not None:
             self._repetition += 1
-        self._plan = None
+        self.plan = None
 
     def scene(self, time_ns: int) -> Scene:
-        plan = self._plan
+        plan = self.plan
         if plan is None:
             return _NOBODY
-        time = (time_ns - self._start_ns) / NS
+        time = (time_ns - self.start_ns) / NS
         return Scene(
             plan.body, plan.robot.at(time), plan.angle(time), plan.contact(time), plan.latched(time)
         )

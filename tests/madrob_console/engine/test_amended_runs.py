@@ -39,7 +39,6 @@ from madrob_console.referee.acts import (
     Act,
     AddNote,
     Correct,
-    DeclareTimeout,
     Finalise,
     MarkIncident,
     Reissue,
@@ -52,7 +51,6 @@ from madrob_console.referee.acts import (
     ZeroHandle,
 )
 from madrob_console.referee.acts.correct import last_decision
-from madrob_console.referee.checks import blocking
 from madrob_console.referee.flags import undecided
 from madrob_console.referee.journal import read_journal
 from madrob_console.referee.lists import TeamList
@@ -197,14 +195,6 @@ def test_a_corrected_subject_is_of_that_team_with_a_number_of_its_own(desk: Desk
     assert desk.agrees()
 
 
-def test_a_run_that_is_corrected_back_has_the_number_that_it_had(desk: Desk) -> None:
-    desk.act(Correct(4, PULL, "typed wrongly"), Correct(4, CW, "the side, too"))
-    desk.act(Correct(3, PULL, "all wrong"))
-    assert (desk.listed.subject, desk.listed.condition, desk.listed.run_number) == (3, 1, 1)
-    assert len(desk.document["corrections"]) == 3
-    assert desk.agrees()
-
-
 def test_a_corrected_run_never_gets_the_number_of_another(desk: Desk) -> None:
     desk.whole_run(replace(make_setup(), subject=4, team="Graz"))
     assert desk.open(desk.run_folder) is None
@@ -247,36 +237,6 @@ def test_a_run_is_voided_in_the_moment_of_its_stop(tmp_path: Path) -> None:
     drive.engine.close()
     (run,) = History(tmp_path).refresh()
     assert (run.voided, run.issue) == (True, 1)
-    assert check_run(RunPath(drive.folder)).found == ()
-
-
-def test_a_waiver_is_taken_back_before_the_start_and_the_check_fails_again(drive: Drive) -> None:
-    drive.act(SetUp(make_setup()))
-    drive.wait(1.5)
-    drive.act(ZeroHandle(), Waive(CheckName.POSE, "seen on video"))
-    assert blocking(drive.engine.snapshot().checks) == ()
-    last = last_decision(drive.engine.run)
-    assert last is not None
-    drive.act(TakeBack(last.kind, last.time, "my mistake"))
-    assert [check.name for check in blocking(drive.engine.snapshot().checks)] == [CheckName.POSE]
-
-
-def test_a_ruling_is_taken_back_while_the_run_goes_on(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
-    drive.start(make_setup())
-    drive.act(Rule(Step.TOUCH, confirmed=True, reason="seen"), MarkIncident(IncidentKind.FALL))
-    drive.wait(0.1)
-    assert drive.engine.snapshot().steps[0].done
-    for _ in range(2):
-        last = last_decision(drive.engine.run)
-        assert last is not None
-        drive.act(TakeBack(last.kind, last.time, "my mistake"))
-    drive.wait(0.1)
-    assert not drive.engine.snapshot().steps[0].done
-    assert (drive.engine.run.rulings, drive.engine.run.incidents) == ((), ())
-    drive.act(DeclareTimeout("enough"))
-    drive.finish()
-    drive.engine.close()
     assert check_run(RunPath(drive.folder)).found == ()
 
 
@@ -520,16 +480,6 @@ def test_an_accepted_doubt_stands_in_the_result_beside_the_doubt(doubted_desk: D
     assert doubted_desk.agrees()
 
 
-def test_taken_back_the_doubt_waits_again(doubted_desk: Desk) -> None:
-    doubted_desk.act(ACCEPTED)
-    doubted_desk.take_back()
-    assert waiting(doubted_desk) == WAITS
-    assert doubted_desk.document["accepted_doubts"] == []
-    (back,) = doubted_desk.document["taken_back"]
-    assert back["words"] == "doubt accepted: time to handle (seen on video: right)"
-    assert doubted_desk.agrees()
-
-
 def test_what_a_correction_makes_doubtful_waits_though_the_rest_was_accepted(
     doubted_desk: Desk,
 ) -> None:
@@ -539,9 +489,3 @@ def test_what_a_correction_makes_doubtful_waits_though_the_rest_was_accepted(
     doubted_desk.act(AcceptDoubts({TIME: (JITTER,)}, "no effect on the ranking"))
     assert waiting(doubted_desk) == []
     assert doubted_desk.agrees()
-
-
-def test_what_is_not_doubted_any_more_cannot_be_accepted(doubted_desk: Desk) -> None:
-    other = AcceptDoubts({TIME: (JITTER,)}, "seen")
-    words = "what is doubted is something else by now: look again"
-    assert doubted_desk.engine.perform(other) == words

@@ -2,8 +2,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
-from concurrent.futures import Future
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,18 +13,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from madrob_console.archive.scored import Scored
-from madrob_console.common.errors import MadrobError
-from madrob_console.engine.disk import PriorityQueue
-from madrob_console.engine.engine_thread import Turn
 from madrob_console.engine.requests import (
     MOST_CURVE_POINTS,
-    NO_ANSWER,
-    UNSURE,
     Curve,
     Curves,
     curves_of,
 )
-from madrob_console.engine.wire import UnsureError, awaited
 from madrob_console.referee.acts import Abort
 from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName, Quantity
@@ -213,47 +205,3 @@ def test_slow_samples_that_are_no_gap_on_this_testbed_make_one_curve() -> None:
     curves = curves_of(*of.result(Ending(Outcome.TIMEOUT, "as told", runs.START + 20)))
     (position,), (force,) = curves.curves_of(Quantity.POSITION), curves.curves_of(Quantity.FORCE)
     assert len(position.time) == len(force.time) == 8 * 20
-
-
-def test_what_goes_first_goes_past_all_that_wait() -> None:
-    lanes: PriorityQueue[str] = PriorityQueue()
-    for word in ("note", "mark"):
-        lanes.put_item(word, first=False)
-    taken = []
-    for item in lanes.waiting():
-        taken.append(item)
-        if item == "note":
-            lanes.put_item("abort", first=True)
-            lanes.put_item("late note", first=False)
-    assert taken == ["note", "abort", "mark"]
-    assert lanes.next() == "late note"
-
-
-def test_a_closed_lane_takes_nothing_and_holds_nobody_up() -> None:
-    lanes: PriorityQueue[str] = PriorityQueue()
-    lanes.put_item("note", first=False)
-    assert lanes.close() == ["note"]
-    assert not lanes.put_item("abort", first=True)
-    assert lanes.next() is None
-    assert list(lanes.waiting()) == []
-
-
-def test_what_was_given_up_before_its_turn_never_begins() -> None:
-    turn = Turn(lambda done: done(None), time.monotonic() + 60.0, Future())
-    with pytest.raises(MadrobError, match=NO_ANSWER):
-        awaited(turn.answer, 0.0)
-    assert not turn.start_turn()
-
-
-def test_what_comes_too_late_never_begins() -> None:
-    turn = Turn(lambda done: done(None), time.monotonic() - 0.001, Future())
-    assert not turn.start_turn()
-    with pytest.raises(MadrobError, match=NO_ANSWER):
-        turn.answer.result()
-
-
-def test_nobody_is_told_that_nothing_was_done_of_what_has_begun() -> None:
-    turn = Turn(lambda done: done(None), time.monotonic() + 60.0, Future())
-    assert turn.start_turn()
-    with pytest.raises(UnsureError, match=UNSURE):
-        awaited(turn.answer, 0.0)

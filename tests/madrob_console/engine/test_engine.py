@@ -30,10 +30,9 @@ from madrob_console.referee.records import CheckName, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Condition, LockDetection, Outcome, Step
+from scoring.protocol import LockDetection, Outcome, Step
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import completed
-from tests.madrob_console.testbeds.truth import truth_of_testbed
 
 
 def values(path: Path) -> dict[str, object]:
@@ -76,16 +75,6 @@ def test_abort_wins_at_once_keeps_the_run_and_opens_a_clean_next_one(drive: Driv
     clean = drive.engine.snapshot()
     assert (clean.result, clean.folder, clean.elapsed, clean.provisional) == (None, None, None, {})
     assert not clean.run.pose_confirmed
-
-
-def test_an_abort_in_the_countdown_is_kept_as_invalid(drive: Drive) -> None:
-    drive.prepare(make_setup(countdown=5.0))
-    drive.act(Start())
-    drive.wait(1.0)
-    drive.act(Abort())
-    drive.finish()
-    document = json.loads((drive.folder / "result.json").read_text())
-    assert (document["outcome"], document["events"]) == ("aborted", [])
 
 
 def test_a_timeout_ends_the_run_at_its_own_time(tmp_path: Path) -> None:
@@ -187,16 +176,6 @@ def test_a_false_start_is_shown_and_decided(drive: Drive) -> None:
     assert next(score(drive.folder)).result == scored.result
 
 
-def test_what_was_up_before_the_countdown_is_no_false_start(drive: Drive) -> None:
-    drive.act(SetUp(make_setup(countdown=3.0)))
-    drive.wait(1.5)  # the handle is not zeroed: it counts as pressed all the time
-    drive.act(Waive(CheckName.HANDLE, "stuck"), ConfirmPose(), Start())
-    drive.wait(1.0)
-    drive.act(RestartCountdown("again"))
-    drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
-    assert drive.engine.run.false_starts == ()
-
-
 def test_an_accepted_false_start_stands_in_the_result(drive: Drive) -> None:
     drive.prepare(make_setup(countdown=6.0))
     drive.act(Start())
@@ -255,16 +234,6 @@ def test_the_referee_can_stop_a_run_that_only_he_can_judge(drive: Drive) -> None
     assert (drive.engine.run.outcome, drive.engine.run.stop) == (Outcome.COMPLETED, judged)
 
 
-def test_the_latch_sensor_decides_where_there_is_one(tmp_path: Path) -> None:
-    drive = Drive(tmp_path, latch=True)
-    drive.whole_run(make_setup())
-    scored, truth = drive.engine.scored, truth_of_testbed(drive.source.testbed, 60.0)
-    assert scored is not None
-    assert truth is not None
-    assert scored.result.lock_detection is LockDetection.SENSOR
-    assert scored.result.stop == pytest.approx(truth.stop, abs=0.025)
-
-
 def test_a_ruling_after_the_stop_changes_the_result_on_disk_and_keeps_what_was_found(
     drive: Drive,
 ) -> None:
@@ -290,21 +259,6 @@ def test_without_a_testbed_nothing_starts_and_nothing_is_shown_as_good(drive: Dr
     assert shown.door.angle is None
     assert {s.occupied for s in shown.passage} == {None}
     assert drive.engine.perform(Start()) is not None
-
-
-@pytest.mark.slow
-def test_the_condition_decides_which_side_is_the_destination(tmp_path: Path) -> None:
-    for number in (1, 6, 11, 16):
-        condition = Condition.from_number(number)
-        drive = Drive(tmp_path, seed=number)
-        drive.whole_run(make_setup(condition))
-        assert drive.engine.run.outcome is Outcome.COMPLETED, number
-        names = [e.event for e in drive.engine.scored.result.events]  # type: ignore[union-attr]
-        assert f"humanoid_moves_to_{condition.destination_side}_side" in names
-
-
-def test_zeroing_without_data_is_refused(tmp_path: Path) -> None:
-    assert Drive(tmp_path).engine.perform(ZeroHandle()) == "no fresh handle force"
 
 
 def test_the_log_speaks_of_events_as_people_do(drive: Drive) -> None:

@@ -94,10 +94,6 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "run"
 
 
-def free_disk(monkeypatch: pytest.MonkeyPatch, free: list[int]) -> None:
-    monkeypatch.setattr(os, "fstatvfs", lambda _fd: SimpleNamespace(f_bavail=free[0], f_frsize=1))
-
-
 def test_what_comes_before_the_file_is_there_is_in_it(folder: Path) -> None:
     with recording(folder) as run:
         run.take(0)

@@ -13,7 +13,6 @@ from pathlib import Path
 from types import FrameType
 
 import pytest
-from msgspec.structs import replace
 
 from madrob_console.archive import score
 from madrob_console.engine.core import Engine
@@ -22,8 +21,7 @@ from madrob_console.engine.engine_thread import LocalEngine
 from madrob_console.engine.replay import Replay
 from madrob_console.engine.requests import NextRunNumber, OpenRun
 from madrob_console.engine.scoring_process import ScoringProcess
-from madrob_console.engine.snapshot import Snapshot
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, referee_topics
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (
     Abort,
@@ -47,22 +45,16 @@ from madrob_console.referee.journal import HOLD_FILE, read_journal
 from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
-from recorder.bag import RawMessage
 from recorder.reader import read_bag
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, Step
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.engine.faulty_source import FaultyDrive
 from tests.madrob_console.engine.scored_elsewhere import kept_running
 from tests.madrob_console.engine.served import act, simulated, start
 from tests.slowly import slow_but_for
 from tests.watching import until
-
-
-def snapshot_faults(snapshot: Snapshot) -> str:
-    return "\n".join(snapshot.all_faults)
 
 
 def test_the_recording_has_a_second_before_the_start_and_after_the_stop(drive: Drive) -> None:
@@ -97,17 +89,6 @@ def test_bag_replay_and_live_run_give_the_same_digits(
     assert next(score(bag_alone)).result == live.result
     assert replayed(folder) == live.result
     assert replayed(bag_alone) == live.result
-
-
-def test_a_reissue_gets_a_number_and_the_old_result_stays(drive: Drive) -> None:
-    drive.whole_run(make_setup())
-    drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee", "they saw it differently"))
-    first = (drive.folder / "result.json").read_bytes()
-    drive.act(Reissue("appeal granted"), Rule(Step.LOCK, confirmed=False, reason="video"))
-    drive.act(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee"))
-    assert (drive.folder / "result_issue_1.json").read_bytes() == first
-    second = json.loads((drive.folder / "result.json").read_text())
-    assert (second["issue"], second["closure"]["team_word"]) == (2, "acknowledged")
 
 
 def test_every_act_and_change_is_in_the_journal_and_in_the_bag(drive: Drive) -> None:
@@ -148,19 +129,6 @@ def test_robot_and_bag_hear_of_every_set_up_and_of_every_countdown(drive: Drive)
     assert starts[2] == pytest.approx(starts[1] + 1.0, abs=0.05)
 
 
-def test_what_is_recorded_of_the_console_is_what_it_published(tmp_path: Path) -> None:
-    drive = FaultyDrive(tmp_path)
-    drive.whole_run(make_setup())
-    recorded = [m for m in read_bag(drive.folder).messages() if "/referee/" in m.topic]
-    published = drive.faulty.published
-    in_bag = [(m.topic, m.type, m.data) for m in recorded]
-    said = [(m.topic, m.type, m.data) for m in published]
-    begin = said.index(in_bag[0])
-    assert said[begin : begin + len(in_bag)] == in_bag
-    assert {m.topic for m in recorded} == {topic.name for topic in referee_topics(MessageTypes())}
-    assert all(m.publish_ns <= m.receive_ns for m in recorded)
-
-
 def test_a_used_run_number_is_refused_and_nothing_is_overwritten(drive: Drive) -> None:
     drive.whole_run(make_setup(timeout=5.0))
     before = {p.name: p.stat().st_size for p in drive.folder.iterdir()}
@@ -172,17 +140,6 @@ def test_a_used_run_number_is_refused_and_nothing_is_overwritten(drive: Drive) -
     assert "use run 2" in refusal
     assert drive.engine.run.phase is Phase.READY
     assert {p.name: p.stat().st_size for p in first.iterdir()} == before
-
-
-def test_an_unwritable_results_folder_refuses_the_start_in_one_line(tmp_path: Path) -> None:
-    (tmp_path / "results").write_text("a file, not a folder")
-    drive = Drive(tmp_path / "results")
-    drive.prepare(make_setup())
-    refusal = drive.engine.perform(Start())
-    assert refusal is not None
-    assert "\n" not in refusal
-    assert str(tmp_path / "results") in refusal
-    assert drive.engine.run.phase is Phase.READY
 
 
 def test_closing_during_a_run_keeps_it_as_interrupted(tmp_path: Path) -> None:
@@ -221,51 +178,6 @@ def test_a_recording_that_was_cut_off_is_interrupted_in_score_and_replay(tmp_pat
     assert replayed(cut) == scored
     assert scored.indicators[IndicatorName.EXECUTION_TIME].value is None
     assert scored.indicators[IndicatorName.TIME_TO_HANDLE].value is not None
-
-
-class Silenced(Drive):
-    """A testbed of which some topics can be made to say something else, or nothing."""
-
-    def change(self, topic: str, data: bytes | None) -> None:
-        take = self.source.take_messages
-
-        def changed(timeout: float) -> list[RawMessage]:
-            messages = take(timeout)
-            if data is None:
-                return [m for m in messages if m.topic != topic]
-            return [replace(m, data=data) if m.topic == topic else m for m in messages]
-
-        self.source.take_messages = changed  # type: ignore[method-assign]
-
-
-def test_a_dead_topic_is_named_and_its_values_vanish(tmp_path: Path) -> None:
-    drive = Silenced(tmp_path)
-    drive.start(make_setup(timeout=8.0))
-    assert snapshot_faults(drive.engine.snapshot()) == ""
-    drive.change("/madrob/door/angle", None)
-    drive.wait(1.0)
-    stale = drive.engine.snapshot()
-    assert stale.door.angle is None
-    assert "door angle: silent for 1.0 s" in snapshot_faults(stale)
-    drive.wait(1.5)
-    assert "door angle: silent for 2.5 s" in snapshot_faults(drive.engine.snapshot())
-    drive.finish()
-    assert drive.engine.run.outcome is Outcome.TIMEOUT
-
-
-def test_undecodable_bytes_are_recorded_named_and_counted(tmp_path: Path) -> None:
-    drive = Silenced(tmp_path)
-    drive.start(make_setup(timeout=4.0))
-    drive.change("/madrob/handle/force", b"\x00\x01\x00\x00junk")
-    drive.wait(0.5)
-    assert "handle force: " in snapshot_faults(drive.engine.snapshot())
-    drive.finish()
-    assert drive.engine.scored is not None
-    remarks = drive.engine.scored.result.quality.remarks
-    assert any("/madrob/handle/force" in r and "times" in r for r in remarks)
-    junk = [m for m in read_bag(drive.folder).messages() if m.data.endswith(b"junk")]
-    assert len(junk) > 100
-    assert next(score(drive.folder)).result.indicators == (drive.engine.scored.result.indicators)
 
 
 SIGNED = Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import pkgutil
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from random import Random
 from uuid import NAMESPACE_URL, RFC_4122, UUID, uuid5
 
@@ -152,13 +152,6 @@ POSSIBLE: list[tuple[Act, set[Phase]]] = [
 
 def situation(run: Run, *checks: Check) -> Situation:
     return Situation(run, scored=True, look=lambda: checks, measure=lambda: resting(5.9))
-
-
-@dataclass(frozen=True)
-class Seen(Situation):
-    """The same as a screen shows it."""
-
-    elapsed: float | None = None
 
 
 def test_all_acts_are_here() -> None:

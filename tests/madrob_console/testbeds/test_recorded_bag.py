@@ -8,7 +8,6 @@ import pytest
 
 from madrob_console.common.clock import NS, TICK, RecordedClock, VirtualClock, nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.names import SourceKind
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, describe_topic, referee_topics
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds import recorded_bag
@@ -90,12 +89,6 @@ def of_the_testbed(messages: list[RawMessage]) -> list[RawMessage]:
     return [m for m in messages if not m.topic.startswith("/madrob/referee/")]
 
 
-def test_it_says_that_it_is_a_replay(bag: Path) -> None:
-    source = replay(bag)
-    assert source.kind is SourceKind.REPLAY
-    assert source.label == "REPLAY run"
-
-
 @pytest.mark.parametrize("speed", [0, 1, 0.3, 50])
 def test_what_the_testbed_sent_comes_again_unchanged(
     bag: Path, recorded: list[RawMessage], speed: float
@@ -131,12 +124,6 @@ def test_a_bag_too_long_for_the_memory_is_read_again(
         assert all_of(source) == of_the_testbed(recorded)
         source.clock.go_to(0)
         source.open()
-
-
-def test_it_knows_when_the_recording_begins_and_ends(bag: Path, recorded: list[RawMessage]) -> None:
-    source = replay(bag)
-    times = [message.receive_ns for message in recorded]
-    assert (source.begin_ns, source.end_ns) == (min(times), max(times))
 
 
 def test_what_the_console_said_is_kept_aside(bag: Path, recorded: list[RawMessage]) -> None:
@@ -303,15 +290,6 @@ def test_a_jump_passes_every_instant_and_waits_for_none() -> None:
     passed = player.until(lambda: player.clock.target is None)
     assert passed == [instant for instant in EVERY if instant <= 60 * nanoseconds(TICK)]
     assert player.real == before
-
-
-def test_a_jump_back_begins_anew() -> None:
-    player = Player(0)
-    player.until(lambda: player.clock.ended)
-    player.clock.go_to(10)
-    assert player.clock.now_ns() == BEGIN_NS
-    passed = player.until(lambda: player.clock.target is None)
-    assert passed == [instant for instant in EVERY if instant <= 10 * nanoseconds(TICK)]
 
 
 def test_what_was_not_done_at_a_high_speed_is_not_caught_up_with_at_another() -> None:

@@ -10,13 +10,10 @@ from random import Random
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from madrob_console.common.clock import NS, Clock, SystemClock, VirtualClock, nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.names import SourceKind
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, TopicMapping
 from madrob_console.messages.message_types import Message, MessageTypes
 from madrob_console.testbeds.evidence_choice import FlowMeter, RateLimit, SilenceWatch
@@ -30,7 +27,6 @@ from madrob_console.testbeds.simulated import (
     SimulatedTestbed,
 )
 from madrob_console.testbeds.simulated.simulated_source import FRAMES_TOPIC, SimulatedSource
-from madrob_console.testbeds.source import Source
 from recorder.bag import Durability, RawMessage
 from recorder.reader import read_bag
 from scoring.events import EventDetector
@@ -70,13 +66,6 @@ def simulated(
 
 def state(phase: str, start: float | None = None, condition: Condition = CONDITION) -> RawMessage:
     return said.state(phase, start, condition)
-
-
-def test_it_says_that_it_is_simulated() -> None:
-    source: Source = simulated(Scenario.CLOSES_UNDER_SENSORS)
-    assert source.kind is SourceKind.SIMULATED
-    assert source.label == "SIMULATED closes-under-sensors"
-    assert source.sides_problem is None
 
 
 def test_every_topic_comes_at_its_rate_in_the_order_of_reception() -> None:
@@ -190,35 +179,6 @@ def test_jitter_delays_at_random_and_no_message_overtakes_one_of_its_topic(
             mean = seconds(sum(late)) / len(late)
             assert mean == pytest.approx(deviation * sqrt(2 / pi), rel=0.15)
     assert by_topic(Network({Signal.HANDLE: 0.05}, dict.fromkeys(Signal, deviation))) == slow
-
-
-def test_what_is_under_way_says_what_was_read_and_not_what_is_there_when_it_arrives() -> None:
-    clock = VirtualClock(START_NS)
-    source = simulated(clock=clock, network=Network({Signal.DOOR: 2.0}))
-    decoder = Decoder(DEFAULT_MAPPINGS, TYPES)
-
-    def angles(duration: float) -> list[float]:
-        samples = [decoder.decode(message) for message in source.take_messages(duration)]
-        return [s.angle for s in samples if isinstance(s, DoorSample)]
-
-    source.publish(state("countdown", seconds(START_NS)))
-    while source.testbed.scene(clock.now_ns()).angle < 1.0:
-        angles(0.1)
-    source.publish(state("idle"))  # the door is shut at once
-    under_way = angles(2.0)
-    assert max(under_way) > 0.9
-    assert set(angles(1.0)) == {0.0}
-
-
-def test_without_a_network_a_seed_gives_what_it_gave_before_there_was_one() -> None:
-    message = [
-        m for m in simulated(seed=7).take_messages(20.0) if m.topic == "/madrob/handle/force"
-    ][-1]
-    sample = Decoder(DEFAULT_MAPPINGS, TYPES).decode(message)
-    assert isinstance(sample, HandleSample)
-    assert message.publish_ns - START_NS == 19_991_378_104
-    assert message.receive_ns - START_NS == 19_992_037_055
-    assert sample.force == pytest.approx(5.930763448749623, rel=1e-12)
 
 
 def run(
@@ -352,14 +312,6 @@ def test_the_robot_starts_where_the_referee_sends_it() -> None:
     assert source.testbed.plan.robot.initial > 0.45, "never under the sensors"
 
 
-def test_its_topics_are_those_of_all_messages() -> None:
-    source = simulated()
-    known = {topic.name: topic.type for topic in source.topics()}
-    own = (state("ready"), said.event("{}"), said.start_pose(StartPose(1.5, 0.0, 180.0)))
-    for message in (*own, *source.take_messages(0.1)):
-        assert known[message.topic] == message.type
-
-
 def test_status_tells_which_topics_speak() -> None:
     source = SimulatedSource(None, VirtualClock(START_NS), TYPES)
     assert {status.publishers for status in source.status()} == {0}
@@ -434,15 +386,6 @@ def test_in_real_time_messages_come_as_time_passes() -> None:
     assert all(m.receive_ns <= clock.now_ns() for m in messages)
 
 
-@pytest.mark.machine
-def test_at_ten_times_the_speed_ten_times_as_much_comes() -> None:
-    source = simulated(clock=SystemClock(speed=10.0))
-    began = time.monotonic()
-    messages = source.take_messages(1.0)
-    assert time.monotonic() - began < 1.0
-    assert len(messages) >= 290
-
-
 class Stepped(VirtualClock):
     offset = 0
 
@@ -472,14 +415,6 @@ def test_what_was_under_way_when_the_clock_was_put_back_never_arrives() -> None:
     stamps = [m.publish_ns for m in source.take_messages(8.0) if m.topic == DOOR_TOPIC]
     assert len(stamps) > 300
     assert all(b - a > nanoseconds(0.01) for a, b in pairwise(stamps)), "once each"
-
-
-def test_simulating_is_a_hundred_times_faster_than_living() -> None:
-    source = simulated()
-    source.publish(state("countdown", seconds(START_NS)))
-    began = time.process_time()
-    source.take_messages(20.0)
-    assert time.process_time() - began < 1.0
 
 
 STRIPS = {m.topic: strip for strip in Strip for m in DEFAULT_MAPPINGS
@@ -551,19 +486,6 @@ def test_a_faster_topic_is_thinned_to_the_rate_of_the_settings(sent: float, most
     assert sum(passed) / 60 == pytest.approx(most, rel=0.04)
     later = passed[round(sent * 30) :]
     assert sum(later) / 30 == pytest.approx(most, rel=0.025)
-
-
-@given(
-    most=st.floats(0.1, 200),
-    part=st.floats(0.1, 1.0),
-    unevenness=st.lists(st.floats(-0.49, 0.49), min_size=1, max_size=400),
-)
-def test_a_topic_that_is_no_faster_than_its_limit_loses_nothing(
-    most: float, part: float, unevenness: list[float]
-) -> None:
-    rate_limit = RateLimit(most)
-    came = sorted(number / (most * part) + off for number, off in enumerate(unevenness))
-    assert all(rate_limit.passes(round((100 + at) * NS)) for at in came)
 
 
 def test_a_camera_of_15_hz_with_jitter_loses_nothing_by_a_limit_of_15() -> None:

@@ -6,8 +6,6 @@ from itertools import pairwise
 from random import Random
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.testbeds.simulated import (
@@ -20,9 +18,9 @@ from madrob_console.testbeds.simulated import (
     SimulatedTestbed,
     plan_run,
 )
-from madrob_console.testbeds.simulated.geometry import LOAD_CELL_LIMIT, Levels, Profile, Track
+from madrob_console.testbeds.simulated.geometry import LOAD_CELL_LIMIT, Profile
 from madrob_console.testbeds.simulated.scenarios import Manner, Performance
-from madrob_console.testbeds.simulated.sensor_model import Scene, SensorModel, is_clear_cut, observe
+from madrob_console.testbeds.simulated.sensor_model import Scene, SensorModel, is_clear_cut
 from scoring.protocol import (
     PASSAGE_SENSORS,
     BenchmarkType,
@@ -76,69 +74,8 @@ def test_a_doorway_that_does_not_fit_the_masks_is_refused() -> None:
         SimulatedTestbed(geometry=DoorGeometry(sensor_distance=0.4))
 
 
-@given(st.floats(-1.6, 1.6))
-def test_the_encoder_counts_3600_a_turn(angle: float) -> None:
-    count = GEOMETRY.encode(angle) / (math.tau / 3600)
-    assert count == pytest.approx(round(count), abs=1e-9)
-    assert abs(GEOMETRY.encode(angle) - angle) <= math.tau / 7200 + 1e-12
-
-
-@given(st.floats(0.01, 1.5), st.sampled_from([360, 3600, 8192]))
-def test_a_reading_reaches_a_threshold_exactly_where_it_is_said_to(
-    threshold: float, counts: int
-) -> None:
-    geometry = DoorGeometry(encoder_counts=counts)
-    reached, exceeded = geometry.reading_reaches(threshold), geometry.reading_exceeds(threshold)
-    assert geometry.encode(reached + 1e-9) >= threshold
-    assert geometry.encode(reached - 1e-9) < threshold
-    assert geometry.encode(exceeded + 1e-9) > threshold
-    assert geometry.encode(exceeded - 1e-9) <= threshold
-
-
 STEEPEST = {Profile.MINIMUM_JERK: 1.875, Profile.FALL: 2.0}
 """The highest speed of a move, times its mean."""
-
-
-@pytest.mark.parametrize("profile", Profile)
-def test_a_move_is_monotone_and_arrives(profile: Profile) -> None:
-    track = Track(1.0)
-    assert track.move(2.0, -1.0, 3.0, profile) == 5.0
-    motion = track.motion()
-    values = [motion.at(i * 0.01) for i in range(700)]
-    assert all(b <= a for a, b in pairwise(values))
-    assert (values[0], motion.at(2.0), motion.at(5.0), values[-1]) == (1.0, 1.0, -1.0, -1.0)
-    steepest = max((a - b) / 0.01 for a, b in pairwise(values))
-    assert steepest == pytest.approx(STEEPEST[profile] * 2.0 / 3.0, rel=0.01)
-
-
-def test_a_minimum_jerk_move_is_at_rest_at_both_ends() -> None:
-    track = Track(0.0)
-    track.move(0.0, 1.0, 1.0)
-    motion = track.motion()
-    assert motion.at(0.01) < 1e-5
-    assert motion.at(0.99) > 1 - 1e-5
-    assert motion.at(0.5) == pytest.approx(0.5)
-
-
-def test_a_move_waits_for_the_one_before_it() -> None:
-    track = Track(0.0)
-    track.move(0.0, 1.0, 2.0)
-    assert track.move(1.0, 0.0, 2.0) == 4.0
-    assert track.motion().at(2.0) == 1.0
-
-
-@given(st.lists(st.integers(-5, 5), min_size=2, max_size=6), st.integers(-6, 5))
-def test_crossings_lie_between_two_sides_of_the_level(values: list[int], below: int) -> None:
-    level = below + 0.5
-    track = Track(values[0])
-    for i, value in enumerate(values[1:]):
-        track.move(float(i), value, 1.0)
-    motion = track.motion()
-    crossings = Levels(motion.at, motion.knots).crossings(level)
-    ups = [(a < level) != (b < level) for a, b in pairwise(values)]
-    assert len(crossings) == sum(ups)
-    for time in crossings:
-        assert (motion.at(time) < level) != (motion.at(time - 2e-6) < level)
 
 
 def any_plan(seed: int) -> MotionPlan:
@@ -167,11 +104,6 @@ def test_random_runs_are_of_every_kind() -> None:
     assert max(plan.body.height for plan in plans) > 1.7
 
 
-def test_the_same_random_state_gives_the_same_plan() -> None:
-    assert any_plan(5) == any_plan(5)
-    assert any_plan(5) != any_plan(6)
-
-
 def test_no_slam_is_faster_than_the_masks_can_follow() -> None:
     hasty = Manner(slam_time=0.05, opening_time=0.1)
     robot = Performance(hasty, PUSH, RobotBody(), GEOMETRY)
@@ -187,53 +119,8 @@ def test_no_slam_is_faster_than_the_masks_can_follow() -> None:
 Moves = list[tuple[float, float, float]]
 
 
-def passage(robot: Moves, panel: Moves) -> MotionPlan:
-    """A way from CCW to CW through a door that opens to CW: moves as (start, target, s)."""
-    way, door = Track(1.5), Track(0.0)
-    for move in robot:
-        way.move(*move)
-    for move in panel:
-        door.move(*move)
-    return MotionPlan(
-        Scenario.NOMINAL, PUSH, RobotBody(), way.motion(), door.motion(), (), Track(0.0).motion()
-    )
-
-
-def cw_sensor(index: int) -> PassageSensor:
-    return next(s for s in PASSAGE_SENSORS if s.side is Side.CW and s.index == index)
-
-
 AJAR = (0.0, 0.5, 1.0)
 """At 0.5 rad the panel has passed the sensors 0 to 2 and masks 3 and 4."""
-
-
-def test_a_robot_that_comes_under_a_masked_sensor_shows_when_the_mask_ends() -> None:
-    seen = observe(passage([(2.0, -0.3, 2.0)], [AJAR, (6.0, 1.0, 2.0)]), GEOMETRY)
-    free, masked = cw_sensor(2), cw_sensor(3)
-    assert [change for _, change in seen.occupied[free].changes] == [True]
-    assert 2.0 < seen.occupied[free].instants[0] < 4.0
-    assert [change for _, change in seen.occupied[masked].changes] == [True]
-    assert seen.occupied[masked].instants[0] == seen.masked[masked].instants[-1]
-    assert 6.0 < seen.occupied[masked].instants[0] < 8.0
-
-
-def test_a_robot_that_comes_and_goes_under_a_masked_sensor_never_shows() -> None:
-    seen = observe(passage([(2.0, -1.5, 4.0)], [AJAR, (7.0, 1.0, 2.0)]), GEOMETRY)
-    assert len(seen.present[cw_sensor(3)].changes) == 2
-    assert seen.occupied[cw_sensor(3)].changes == ()
-    assert len(seen.occupied[cw_sensor(2)].changes) == 2
-
-
-def test_a_robot_that_leaves_a_masked_sensor_is_gone_when_the_mask_ends() -> None:
-    plan = passage(
-        [(2.0, -0.3, 2.0), (5.5, -1.5, 2.0)], [(0.0, 1.0, 2.0), (4.0, 0.2, 1.0), (9.0, 0.0, 1.0)]
-    )
-    seen = observe(plan, GEOMETRY)
-    sensor = cw_sensor(0)
-    assert 5.5 < seen.present[sensor].instants[-1] < 7.5
-    assert [change for _, change in seen.occupied[sensor].changes] == [True, False]
-    assert seen.occupied[sensor].instants[-1] == seen.masked[sensor].instants[-1]
-    assert 9.0 < seen.occupied[sensor].instants[-1] < 10.0
 
 
 def test_a_robot_that_no_sample_could_judge_is_refused() -> None:
@@ -291,16 +178,6 @@ def test_readings_have_the_stated_noise() -> None:
     forces = [force for force in readings if isinstance(force, float)]
     assert statistics.mean(forces) == pytest.approx(5.9, abs=0.01)
     assert statistics.stdev(forces) == pytest.approx(0.05, rel=0.1)
-
-
-def test_a_testbed_at_rest_is_closed_empty_and_locked() -> None:
-    testbed = SimulatedTestbed(sensors=SensorSettings(handle_noise=0.0, latch=True))
-    assert testbed.read(Signal.DOOR, START_NS) == 0.0
-    assert testbed.read(Signal.HANDLE, START_NS) == 5.9
-    assert testbed.read(Signal.LATCH, START_NS) is True
-    assert truth_of_testbed(testbed) is None
-    assert testbed.signals == tuple(Signal)
-    assert Signal.LATCH not in SimulatedTestbed().signals
 
 
 def test_a_run_moved_to_another_start_is_the_same_run() -> None:
@@ -469,12 +346,3 @@ def test_a_latch_sensor_decides_steps_2_and_6_unless_it_is_ignored() -> None:
     steps = dict(ignored.steps)
     assert steps[Step.UNLOCK] == steps[Step.OPEN]
     assert steps[Step.LOCK] == steps[Step.CLOSE] == ignored.stop < locked
-
-
-def test_the_truth_can_be_told_in_absolute_time() -> None:
-    truth = truth_of(plan_run(Scenario.NOMINAL, PULL, GEOMETRY, Random(1)), GEOMETRY)
-    late = truth.since(1000.0)
-    assert late.stop == truth.stop + 1000.0
-    assert late.events[0].time == 1000.0
-    assert late.steps[0][1] == truth.steps[0][1] + 1000.0
-    assert late.outcome is truth.outcome
