@@ -36,7 +36,6 @@ from madrob_console.referee.records import (
     Voiding,
     Waiver,
 )
-from madrob_console.referee.run import Run
 from scoring.indicator_table import WITH_THE_START, IndicatorName
 from scoring.libraries import Libraries
 from scoring.procedure import Ruling
@@ -53,13 +52,6 @@ _ADDED = {
 """Keys of its parts that results of earlier versions lack."""
 
 MANUAL_START = f"{WITH_THE_START} include the delay of the manual start"
-
-
-def start_remark(run: Run) -> str:
-    """How the robot was started, and what that means for its times."""
-    if run.robot_start is None or run.start is None:
-        return MANUAL_START
-    return f"the robot answered to the start {run.robot_start - run.start:.3f} s after it"
 
 
 @dataclass(frozen=True, kw_only=True)

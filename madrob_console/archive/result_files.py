@@ -21,7 +21,7 @@ from madrob_console.archive.folders import (
     parse_folder_name,
 )
 from madrob_console.archive.history import misplaced
-from madrob_console.archive.result_document import ResultDocument, start_remark
+from madrob_console.archive.result_document import MANUAL_START, ResultDocument
 from madrob_console.archive.result_reader import (
     LARGEST_RESULT,
     UnusableResultError,
@@ -90,7 +90,7 @@ def document_of(scored: Scored, folder: Path, data: Mapping[str, bytes]) -> Resu
         taken_back=run.taken_back,
         reissues=run.reissues,
         removed_evidence=run.removed_evidence,
-        remark=start_remark(run),
+        remark=MANUAL_START,
         files=files,
         files_left_out=left_out,
         journal=run.journal or UNSET,

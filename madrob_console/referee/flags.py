@@ -197,7 +197,7 @@ _IN_THE_SAMPLES = {
 
 def untold_remarks(run: Run, quality: Quality) -> list[str]:
     """Remarks on the data that no flag and no mark of the run tells, a line for each cause."""
-    told = {*run.remarks()}
+    told = {*run.remarks()} - {run.answer}
     causes = [_IN_THE_SAMPLES[f.kind] for f in run.faults if f.kind in _IN_THE_SAMPLES]
     left = [
         remark

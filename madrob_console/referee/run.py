@@ -196,9 +196,17 @@ class Run:
             return ""
         return f"removed by tidy on {date(self.removed_evidence[-1].time)}"
 
+    @property
+    def answer(self) -> str:
+        """What the robot said to the start, in words; empty when it said nothing."""
+        if self.start is None or self.robot_start is None:
+            return ""
+        return f"the robot answered to the start {self.robot_start - self.start:.3f} s after it"
+
     def remarks(self) -> list[str]:
         waived, false_start = DECISION_REMARKS
-        remarks = [f"{waived}{w.check}: {w.reason}" for w in self.waivers]
+        remarks = [self.answer] if self.answer else []
+        remarks += [f"{waived}{w.check}: {w.reason}" for w in self.waivers]
         for mark in self.false_starts:
             decision = f"accepted: {mark.accepted}" if mark.accepted else "not decided"
             remarks.append(f"{false_start}{mark.event} ({decision})")

@@ -169,10 +169,16 @@ def asks_for_sim_time(domain: int, ros_args: Sequence[str]) -> bool:
     """Whether ROS arguments set the parameter `use_sim_time`, by themselves or in a file."""
     if not any(word.startswith(("-p", "--param")) for word in ros_args):
         return False
+    with node_of_arguments(domain, ros_args) as node:
+        return bool(node.get_parameter("use_sim_time").value)
+
+
+@contextmanager
+def node_of_arguments(domain: int, ros_args: Sequence[str]) -> Iterator[RosObject]:
+    """A node that is there only to say what ROS arguments mean."""
     connection = Connection(domain, ros_args)
     try:
-        node = connection.node("arguments", spun=False)
-        return bool(node.get_parameter("use_sim_time").value)
+        yield connection.node("arguments", spun=False)
     finally:
         connection.close()
 

@@ -24,6 +24,7 @@ from madrob_console.testbeds.ros.connection import (
     Connection,
     RosObject,
     in_namespace,
+    node_of_arguments,
 )
 from madrob_console.testbeds.ros.intake import DescribeTopic, Intake, Received, arrival
 from madrob_console.testbeds.ros.types import describe_installed, prefixes
@@ -321,9 +322,5 @@ def _named(intake: EvidenceIntake, action: Callable[[], _T]) -> _T | None:
 def _resolved(domain: int, names: Collection[str], ros_args: Sequence[str]) -> frozenset[str]:
     if not ros_args:
         return frozenset(names)
-    connection = Connection(domain, ros_args)
-    try:
-        node = connection.node("names", spun=False)
+    with node_of_arguments(domain, ros_args) as node:
         return frozenset(node.resolve_topic_name(in_namespace(name)) for name in names)
-    finally:
-        connection.close()

@@ -188,6 +188,9 @@ class QosSwitch:
     When publishers come or go and another quality is needed, a new subscription runs beside the old
     one until it is matched, so that nothing is lost in between. A change of `depth` brings a new
     one, too.
+
+    Attributes:
+        inbox: the newest subscription.
     """
 
     def __init__(
@@ -195,39 +198,25 @@ class QosSwitch:
         node: RosObject,
         name: str,
         message_class: RosObject,
-        *,
-        depth: int = QUEUE_DEPTH,
+        qos: Qos,
+        depth: int,
     ) -> None:
         self._node = node
         self._name = name
         self._class = message_class
         self.depth = depth
-        self._inbox: Inbox | None = None
+        self.inbox = self._open(qos)
         self._former: Inbox | None = None
         self._ends = 0.0
         self._recent: deque[tuple[int, int | None]] = deque(maxlen=max(depth, QUEUE_DEPTH))
         self._seen: set[tuple[int, int | None]] | None = None
 
-    @property
-    def qos(self) -> Qos | None:
-        return None if self._inbox is None else self._inbox.qos
-
-    @property
-    def publishers(self) -> int:
-        return 0 if self._inbox is None else self._inbox.publishers
-
-    @property
-    def reported_lost(self) -> int:
-        return 0 if self._inbox is None else self._inbox.reported_lost
-
     def listen(self, qos: Qos, publishers: int) -> None:
-        if self._inbox is None:
-            self._inbox = self._open(qos)
-        elif self._former is not None:
-            if self._inbox.publishers >= publishers:
+        if self._former is not None:
+            if self.inbox.publishers >= publishers:
                 self._ends = min(self._ends, time.monotonic() + _OVERLAP)
-        elif (self._inbox.qos, self._inbox.depth) != (qos, self.depth):
-            self._former, self._inbox = self._inbox, self._open(qos)
+        elif (self.inbox.qos, self.inbox.depth) != (qos, self.depth):
+            self._former, self.inbox = self.inbox, self._open(qos)
             self._ends = time.monotonic() + _LONGEST_HANDOVER
             self._seen = set(self._recent)
 
@@ -236,19 +225,16 @@ class QosSwitch:
             self._seen = None
 
     def take_messages(self, most: int | None = None) -> list[Received]:
-        if self._inbox is None:
-            return []
-        received = self._take_former() + self._inbox.take_messages(most)
+        received = self._take_former() + self.inbox.take_messages(most)
         if self._seen is not None:
             received = [r for r in received if self._is_new(r)]
         self._recent.extend(map(_key, received))
         return received
 
     def close(self) -> None:
-        for inbox in (self._former, self._inbox):
-            if inbox is not None:
-                inbox.close()
-        self._former = self._inbox = None
+        if self._former is not None:
+            self._former.close()
+        self.inbox.close()
 
     def _open(self, qos: Qos) -> Inbox:
         return Inbox(self._node, self._class, self._name, qos, depth=self.depth)
@@ -323,7 +309,12 @@ class Intake:
     It subscribes when the first publisher appears, with the quality of service that all publishers
     offer: what they keep for late joiners comes, too. Without a `type_name` the topic has the type
     of the publisher that is found first. A change of `depth` takes effect at the next discovery.
-    After `close` a discovery subscribes again. One thread, except for the properties.
+    After `close` a discovery subscribes again. One thread; any may read.
+
+    Attributes:
+        topic: what a bag says of the topic; None as long as it is not known, or unusable.
+        found_type: the type of what is published; `type` where nothing is.
+        publishers: those that were matched at the last take.
     """
 
     def __init__(
@@ -340,36 +331,22 @@ class Intake:
         self.depth = depth
         self._node = node
         self._describe = describe
+        self._class: RosObject = None
         self._configured = bool(type_name)
         self._losses = LossCounter()
-        self._topic: Topic | None = None
+        self.topic: Topic | None = None
         self._switch: QosSwitch | None = None
-        self._found_type = type_name
+        self.found_type = type_name
         self._unusable: str | None = None
         self._problem: str | None = None
-        self._publishers = 0
+        self.publishers = 0
         self._publisher_ids: frozenset[bytes] = frozenset()
         if type_name:
             self._prepare()
 
     @property
-    def topic(self) -> Topic | None:
-        """What a bag says of the topic; None as long as it is not known, or unusable."""
-        return self._topic
-
-    @property
-    def found_type(self) -> str:
-        """The type of what is published; `type` where nothing is."""
-        return self._found_type
-
-    @property
     def subscribed(self) -> bool:
-        return self._switch is not None and self._switch.qos is not None
-
-    @property
-    def publishers(self) -> int:
-        """The publishers that were matched at the last take."""
-        return self._publishers
+        return self._switch is not None
 
     @property
     def lost(self) -> int | None:
@@ -379,7 +356,7 @@ class Intake:
     @property
     def reported_lost(self) -> int:
         """Messages lost according to DDS since the subscription; 0 where it does not tell."""
-        return 0 if self._switch is None else self._switch.reported_lost
+        return 0 if self._switch is None else self._switch.inbox.reported_lost
 
     @property
     def problem(self) -> str | None:
@@ -395,48 +372,48 @@ class Intake:
         usable = [i for i in infos if i.topic_type == self.type and self._same_version(i)]
         misfits = [i for i in infos if i not in usable]
         self._problem = self._misfit(misfits[0], alone=not usable) if misfits else None
-        self._found_type = self.type if usable or not infos else str(infos[0].topic_type)
+        self.found_type = self.type if usable or not infos else str(infos[0].topic_type)
         ids = frozenset(bytes(i.endpoint_gid) for i in usable)
         if ids.isdisjoint(self._publisher_ids):
             self._losses.restart()
         if ids:
             self._publisher_ids = ids
-        if self._switch is None or self._topic is None:
+        if not usable or self.topic is None:
             return
+        qos = offered_by_all([i.qos_profile for i in usable])
+        if self._switch is None:
+            self._switch = QosSwitch(self._node, self.name, self._class, qos, self.depth)
         self._switch.depth = self.depth
         self._switch.forget_delivered()
-        if usable:
-            qos = offered_by_all([i.qos_profile for i in usable])
-            self._switch.listen(qos, len(usable))
-            if self._switch.qos == qos != self._topic.qos:
-                self._topic = replace(self._topic, qos=qos)
+        self._switch.listen(qos, len(usable))
+        if self._switch.inbox.qos == qos != self.topic.qos:
+            self.topic = replace(self.topic, qos=qos)
 
     def take_messages(self, most: int | None = None) -> list[Received]:
         """What has arrived, at most so many messages; DDS keeps `depth` of the others."""
         if self._switch is None:
             return []
-        before = self._publishers
+        before = self.publishers
         received = self._switch.take_messages(most)
-        self._publishers = self._switch.publishers
-        self._losses.see((r.sequence for r in received), max(before, self._publishers))
+        self.publishers = self._switch.inbox.publishers
+        self._losses.see((r.sequence for r in received), max(before, self.publishers))
         return received
 
     def close(self) -> None:
         if self._switch is not None:
             self._switch.close()
+            self._switch = None
         self._losses.restart()
 
     def _prepare(self) -> None:
         try:
-            message_class, self._topic = self._describe(self.name, self.type)
+            self._class, self.topic = self._describe(self.name, self.type)
         except MadrobError as error:
             self._unusable = str(error)
-            return
-        self._switch = QosSwitch(self._node, self.name, message_class, depth=self.depth)
 
     def _same_version(self, info: RosObject) -> bool:
         """Whether publisher and console have the same fields in the type, as far as both tell."""
-        ours = "" if self._topic is None else self._topic.type_hash
+        ours = "" if self.topic is None else self.topic.type_hash
         theirs = str(info.topic_type_hash)
         return not ours or not theirs.startswith("RIHS") or theirs == ours
 

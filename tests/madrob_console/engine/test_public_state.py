@@ -11,7 +11,6 @@ from typing import Any
 import jsonschema
 import pytest
 
-from madrob_console.archive.result_document import MANUAL_START
 from madrob_console.cli.main import main
 from madrob_console.engine.public_state import event_schema, state_schema
 from madrob_console.messages.codec import (
@@ -31,6 +30,7 @@ from madrob_console.referee.acts import (
     Start,
     Void,
 )
+from madrob_console.referee.flags import untold_remarks
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase
 from recorder.bag import RawMessage, Topic
@@ -176,7 +176,10 @@ def test_a_result_says_that_the_robot_answered_to_the_start_and_when(hall: Hall)
     start, folder = hall.start_time, hall.folder
     result = json.loads((folder / "result.json").read_text())
     assert result["robot_start"] - start == pytest.approx(0.031, abs=1e-6)
-    assert result["remark"] == "the robot answered to the start 0.031 s after it"
+    assert result["quality"]["remarks"] == ["the robot answered to the start 0.031 s after it"]
+    assert not result["flags"]
+    scored = hall.scored()
+    assert untold_remarks(scored.run, scored.result.quality) == result["quality"]["remarks"]
     told = [e for e in hall.published(REFEREE_EVENT_TOPIC) if e["what"] == Change.ROBOT_STARTS]
     assert [line["origin"] for line in told] == ["remote"]
     assert len(hall.recorded(ROBOT_STARTED_TOPIC)) == 3
@@ -196,6 +199,6 @@ def test_a_robot_that_does_not_answer_is_started_by_hand(hall: Hall) -> None:
     hall.answer(after=-0.001)
     hall.finish()
     result = json.loads((hall.folder / "result.json").read_text())
-    assert (result["robot_start"], result["remark"]) == (None, MANUAL_START)
+    assert (result["robot_start"], result["quality"]["remarks"]) == (None, [])
     hall.act(SetUp(make_setup(run_number=2)))
     assert hall.engine.run.robot_start is None

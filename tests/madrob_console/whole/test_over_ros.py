@@ -10,12 +10,13 @@ import subprocess
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from subprocess import PIPE, STDOUT
+from typing import Any
 
 import pytest
 from mcap.reader import make_reader
@@ -30,7 +31,7 @@ from madrob_console.engine.engine_config import EngineConfig
 from madrob_console.engine.engine_thread import LocalEngine
 from madrob_console.engine.requests import Perform
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, REFEREE_STATE_TOPIC
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, REFEREE_STATE_TOPIC, decode_text
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.checks import CheckState, blocking
@@ -157,7 +158,9 @@ def test_the_robot_of_the_guide_starts_on_the_signal_and_the_result_says_when(
     after = result["robot_start"] - result["start"]
     print(f"the robot answered {after:.3f} s after the start")
     assert 0 < after < LARGEST_DELAY + BUSY
-    assert result["remark"] == f"the robot answered to the start {after:.3f} s after it"
+    words = f"the robot answered to the start {after:.3f} s after it"
+    assert words in result["quality"]["remarks"]
+    assert f"note: {words}" in run.stdout
     assert [line.rpartition(": ")[2] for line in said.read_text().splitlines()] == [
         "set out",
         "stop",
@@ -241,24 +244,44 @@ def test_each_of_two_engines_in_a_domain_names_the_other_and_one_that_was_killed
 
 
 BEGIN = 100.0
-PACE = 2.0
-"""So many times as fast as the machine's clock."""
 _BUSY = "the disk did not take it within"
 STRING, CLOCK = "std_msgs/msg/String", "rosgraph_msgs/msg/Clock"
 
 
-class WorldClock(SystemClock):
-    """The time in the simulated world."""
+class WorldClock:
+    """The time in the simulated world; `pace` is so many times as fast as the machine's clock."""
+
+    def __init__(self, pace: float) -> None:
+        self._pace = pace
+        self._from, self._since = BEGIN, time.monotonic()
 
     def now_ns(self) -> int:
-        return super().now_ns() - self._wall + round(BEGIN * NS)
+        return round((self._from + (time.monotonic() - self._since) * self._pace) * NS)
+
+    def go_on(self, pace: float, at: float | None = None) -> None:
+        """From now on at this pace; from another time of the world, s, if one is given."""
+        self._from = self.now_ns() / NS if at is None else at
+        self._pace, self._since = pace, time.monotonic()
+
+    def sleep(self, duration: float) -> None:
+        """Nobody waits for it."""
+
+    def hold_steady(self) -> None:
+        """It is nobody's clock of a recording."""
+
+    def release(self) -> None:
+        """It is nobody's clock of a recording."""
+
+
+Accident = tuple[float, Callable[[WorldClock], object]]
+"""So long after the start, s of the machine's time, this happens to the simulation."""
 
 
 class World:
     """What Gazebo would publish; it does not say that it is simulated."""
 
-    def __init__(self, peer: Peer) -> None:
-        self._peer, self._clock = peer, WorldClock(PACE)
+    def __init__(self, peer: Peer, pace: float) -> None:
+        self._peer, self._clock = peer, WorldClock(pace)
         self._testbed = SimulatedSource(None, self._clock, TYPES)
         self._testbed.open()
         self._publishers = {
@@ -266,6 +289,7 @@ class World:
         }
         self._clock_publisher = peer.publisher("/clock", CLOCK)
         self._states = peer.listen_raw(REFEREE_STATE_TOPIC, STRING, KEPT)
+        self._started: float | None = None
 
     def go_on(self) -> None:
         """Publish what is due, and heed the referee."""
@@ -278,10 +302,13 @@ class World:
         while self._states:
             data = self._states.pop(0)
             self._testbed.publish(RawMessage(REFEREE_STATE_TOPIC, STRING, data, 0, 0))
+            if json.loads(decode_text(TYPES, data))["phase"] == Phase.RUNNING:
+                self._started = time.monotonic()
 
-    def run(self, *options: str) -> tuple[int, str, str]:
+    def run(self, *options: str, accidents: Sequence[Accident] = ()) -> tuple[int, str, str]:
         """`madrob run` in this world: its exit code, what it said, what it complained of."""
         program = [sys.executable, "-m", "madrob_console.cli.main", "run", "--testbed", "ros"]
+        self._started, left = None, list(accidents)
         with subprocess.Popen(
             [*program, *options],
             env=os.environ,
@@ -291,28 +318,49 @@ class World:
         ) as process:
             while process.poll() is None:
                 self.go_on()
+                if left and self._started and time.monotonic() - self._started > left[0][0]:
+                    left.pop(0)[1](self._clock)
             said, complained = process.communicate()
         return process.returncode, said, complained
 
+    def result(self, *options: str, code: int = 0, accidents: Sequence[Accident] = ()) -> Path:
+        """The folder of a run that ended with this code."""
+        complained = _BUSY
+        while _BUSY in complained:  # nothing was done: a referee starts again
+            ended, said, complained = self.run(*options, accidents=accidents)
+        assert ended == code, said + complained
+        return Path(said.splitlines()[-1].removeprefix("run folder: "))
+
+
+def lenient(tmp_path: Path, more: str = "") -> str:
+    """Settings for a busy machine, which publishes late."""
+    settings = tmp_path / "madrob.toml"
+    settings.write_text(f"[checks]\nlargest_skew = 2.0\n{more}")
+    return f"--settings={settings}"
+
+
+def result_of(folder: Path) -> dict[str, Any]:
+    result: dict[str, Any] = json.loads((folder / "result.json").read_text())
+    return result
+
 
 @pytest.mark.timeout(300)
+@pytest.mark.parametrize("pace", [3.0, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_a_run_on_the_time_of_a_simulation_is_practice_completed_and_scored(
-    peer: Peer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    pace: float,
+    peer: Peer,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    settings = tmp_path / "madrob.toml"  # a busy machine publishes late
-    settings.write_text("[testbed]\nuse_sim_time = true\n[checks]\nlargest_skew = 2.0\n")
-    world, complained = World(peer), _BUSY
-    while _BUSY in complained:  # nothing was done: a referee starts again
-        code, said, complained = world.run(
-            "--countdown=2", "--timeout=60", "--wait=100", f"--settings={settings}",
-            f"--results={tmp_path}",
-        )  # fmt: skip
-    assert code == 0, said + complained
-    folder = Path(said.splitlines()[-1].removeprefix("run folder: "))
+    settings = lenient(tmp_path, "[testbed]\nuse_sim_time = true\n")
+    folder = World(peer, pace).result(
+        "--countdown=2", "--timeout=60", "--wait=100", settings, f"--results={tmp_path}"
+    )
     assert folder.parent == tmp_path / "practice"
-    result = json.loads((folder / "result.json").read_text())
+    result = result_of(folder)
     assert (result["outcome"], result["source"]) == ("completed", "simulated")
-    assert BEGIN < result["start"] < BEGIN + 200
+    assert BEGIN < result["start"] < BEGIN + 100 * pace
+    assert result["indicators"]["execution_time"]["value"] == pytest.approx(13.85, abs=0.1)
     assert result["indicators"]["capability_level"]["value"] == 6
     assert all(i["value"] is not None for i in result["indicators"].values())
     assert main(["score", "--check", str(folder)]) == 0
@@ -320,6 +368,40 @@ def test_a_run_on_the_time_of_a_simulation_is_practice_completed_and_scored(
     assert main(["run", "--testbed", "replay", str(folder), "--speed=0"]) == 0
     replayed = capsys.readouterr().out
     assert "replay: equals the stored result to the last digit" in replayed, replayed
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+def test_a_simulation_that_stops_or_begins_anew_costs_its_run_and_no_other(
+    peer: Peer, tmp_path: Path
+) -> None:
+    world = World(peer, 1.0)
+    results, settings = f"--results={tmp_path}", lenient(tmp_path)
+    options = ("--countdown=2", "--wait=60", "--no-report", results, settings)
+    code, said, complained = world.run(*options, "--wait=10", "--waive=a proof")
+    assert code == 2, said
+    words = "start the engine again with --use-sim-time: stamps are of simulated time"
+    assert f"the check 'clock skew' cannot be waived: {words}" in complained
+
+    follow = (*options, "--ros-args", "-p", "use_sim_time:=true")
+    stops = [(3.0, lambda clock: clock.go_on(0.0)), (8.0, lambda clock: clock.go_on(1.0))]
+    paused = result_of(world.result("--timeout=60", *follow, accidents=stops))
+    assert (paused["outcome"], paused["indicators"]["capability_level"]["value"]) == (
+        "completed",
+        6,
+    )
+    assert paused["indicators"]["execution_time"]["value"] == pytest.approx(13.85, abs=0.1)
+    assert any("/clock is silent" in remark for remark in paused["quality"]["remarks"])
+
+    anew = [(3.0, lambda clock: clock.go_on(1.0, at=10.0))]
+    reset = result_of(world.result("--timeout=10", *follow, code=3, accidents=anew))
+    assert (reset["outcome"], reset["indicators"]["capability_level"]["value"]) == ("timeout", 1)
+    assert reset["start"] > paused["start"]
+    assert any("clock stepped by -" in remark for remark in reset["quality"]["remarks"])
+
+    after = result_of(world.result("--timeout=60", *follow))
+    assert (after["outcome"], after["indicators"]["capability_level"]["value"]) == ("completed", 6)
+    assert 10.0 < after["start"] < BEGIN
 
 
 NAMES = 500_000
