@@ -30,7 +30,7 @@ FOLDER = Path(__file__).parent / "references"
 
 EXPECTED_FILE = "expected.json"
 
-_LIBRARIES = ("NumPy", "SciPy", "pandas")
+_LIBRARIES = ("NumPy", "SciPy")
 _LARGEST = 4_000_000
 
 
