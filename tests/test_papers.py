@@ -17,11 +17,13 @@ from random import Random
 from typing import Any
 
 import pytest
+import yaml
 
 from madrob_console.archive import score
 from madrob_console.cli.guide_command import PAGES
 from madrob_console.cli.main import COMMANDS, build_parser, main
 from madrob_console.common.names import Scenario
+from madrob_console.common.version import RELEASE
 from madrob_console.config import Settings
 from madrob_console.config.settings import parse_settings
 from madrob_console.messages.codec import (
@@ -58,6 +60,7 @@ PAPERS = (
     "madrob_console/ARCHITECTURE.md",
     "madrob_console/CHANGELOG.md",
     ".github/CONTRIBUTING.md",
+    ".github/SECURITY.md",
 )
 SOURCES = sorted(p for package in PACKAGES for p in (ROOT / package).rglob("*.py"))
 
@@ -484,6 +487,21 @@ def test_what_a_package_index_shows_has_the_screen_and_needs_no_file_of_ours() -
         text = re.sub(change["pattern"], change["replacement"], text)
     assert "F8 ABORT" in fenced(text, "text")[0]
     assert [match["target"] for match in _LINK.finditer(text) if "://" not in match["target"]] == []
+
+
+def test_the_release_is_the_same_everywhere() -> None:
+    assert yaml.safe_load(read(".github/CITATION.cff"))["version"] == RELEASE
+    assert re.findall(r"^## (.*)$", read("madrob_console/CHANGELOG.md"), re.MULTILINE)[0] == RELEASE
+
+
+def test_the_workflow_calls_what_runs_here_and_the_forms_ask_for_the_version() -> None:
+    (job,) = yaml.safe_load(read(".github/workflows/ci.yml"))["jobs"].values()
+    assert ".ci/run" in job["steps"][-1]["run"]
+    forms = [
+        yaml.safe_load(path.read_text()) for path in (ROOT / ".github/ISSUE_TEMPLATE").iterdir()
+    ]
+    assert all({"name", "description", "body"} <= form.keys() for form in forms)
+    assert "madrob --version" in read(".github/ISSUE_TEMPLATE/defect.yml")
 
 
 def test_the_package_names_the_pythons_that_are_tried() -> None:
