@@ -18,6 +18,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
+import yaml
 
 from madrob_console.archive import score
 from madrob_console.cli.guide_command import PAGES
@@ -58,6 +59,7 @@ PAPERS = (
     "madrob_console/ARCHITECTURE.md",
     "madrob_console/CHANGELOG.md",
     ".github/CONTRIBUTING.md",
+    ".github/SECURITY.md",
 )
 SOURCES = sorted(p for package in PACKAGES for p in (ROOT / package).rglob("*.py"))
 
@@ -504,6 +506,21 @@ def test_what_a_package_index_shows_has_the_screen_and_needs_no_file_of_ours() -
         text = re.sub(change["pattern"], change["replacement"], text)
     assert "F8 ABORT" in fenced(text, "text")[0]
     assert [match["target"] for match in _LINK.finditer(text) if "://" not in match["target"]] == []
+
+
+def test_the_release_is_the_same_everywhere() -> None:
+    assert yaml.safe_load(read(".github/CITATION.cff"))["version"] == RELEASE
+    assert re.findall(r"^## (.*)$", read("madrob_console/CHANGELOG.md"), re.MULTILINE)[0] == RELEASE
+
+
+def test_the_workflow_calls_what_runs_here_and_the_forms_ask_for_the_version() -> None:
+    (job,) = yaml.safe_load(read(".github/workflows/ci.yml"))["jobs"].values()
+    assert ".ci/run" in job["steps"][-1]["run"]
+    forms = [
+        yaml.safe_load(path.read_text()) for path in (ROOT / ".github/ISSUE_TEMPLATE").iterdir()
+    ]
+    assert all({"name", "description", "body"} <= form.keys() for form in forms)
+    assert "madrob --version" in read(".github/ISSUE_TEMPLATE/defect.yml")
 
 
 def test_the_package_names_the_pythons_that_are_tried() -> None:

@@ -6,6 +6,7 @@ import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -98,6 +99,10 @@ class RunPictures:
 
 NO_PICTURES = RunPictures(PictureIndex())
 
+NO_PILLOW = "pictures need Pillow: install madrob-console with its extra `report`"
+
+_NONE_MADE = (NO_PICTURES, RunPictures(PictureIndex(problems=(NO_PILLOW,))))
+
 
 def events_of(scored: Scored) -> list[tuple[str, float]]:
     """By EUROBENCH's names, with times in s since the epoch."""
@@ -126,12 +131,17 @@ def pictures_of(
     """
     if not has_evidence(folder):
         return NO_PICTURES
-
+    if not has_pillow():
+        return _NONE_MADE[1]
     try:
         found = Cameras(folder, mappings, cameras)
         return _Maker(found, side, monotonic, name_distance=name_distance).pictures(moments)
     except MadrobError as error:
         return RunPictures(PictureIndex(problems=(terminal_safe(str(error)),)))
+
+
+def has_pillow() -> bool:
+    return find_spec("PIL") is not None
 
 
 def stored_pictures(folder: Path) -> RunPictures:
@@ -154,16 +164,16 @@ def stored_pictures(folder: Path) -> RunPictures:
 
 
 def run_pictures(folder: Path, scored: Scored) -> RunPictures:
-    """The pictures of a run from its evidence; without evidence, those made before."""
+    """The pictures of a run from its evidence; without evidence or Pillow, those made before."""
     made = pictures_of(folder, moments_in(scored), scored.record.mappings)
-    return made or stored_pictures(folder)
+    return stored_pictures(folder) or made if made in _NONE_MADE else made
 
 
 def renewed_pictures(folder: Path, scored: Scored) -> RunPictures:
     """As `run_pictures`, written to the pictures folder of the run in place of those before."""
     made = pictures_of(folder, moments_in(scored), scored.record.mappings)
-    if not made:
-        return stored_pictures(folder)
+    if made in _NONE_MADE:
+        return stored_pictures(folder) or made
     _write(folder / PICTURES_FOLDER, made)
     return made
 

@@ -12,12 +12,17 @@ import os
 import signal
 import socket
 import sys
+import time
+from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
+from select import select
+from subprocess import DEVNULL, PIPE, STDOUT, Popen, TimeoutExpired
 from typing import NoReturn
 
 import msgspec
 
+from madrob_console.common.names import terminal_safe
 from madrob_console.engine.reports import (
     Chore,
     ChoreKind,
@@ -35,7 +40,11 @@ NICENESS = 10
 """Added to the niceness of the caller: the engine, a run, a screen come first."""
 
 
+COMMAND_TIME = 60.0
+"""The command of [results] and all that it starts may take this long, s."""
+
 _AGAIN = 0.5  # s
+_MOST_OUTPUT = 20_000  # bytes of a command in the log
 
 
 class _Terminated(BaseException):
@@ -118,6 +127,8 @@ def _code_of(chore: Chore) -> int:
                 problems = list(renew_all(folder))
             case ChoreKind.REPAIR:
                 problems = list(repair_all(folder))
+            case ChoreKind.COMMAND:
+                return run_command((*chore.arguments[1:], chore.arguments[0]))
             case _:
                 return madrob([chore.kind.value, *chore.arguments])
     except (MadrobError, OSError, MemoryError) as error:
@@ -132,6 +143,39 @@ def _code_of(chore: Chore) -> int:
     for problem in problems:
         complain(problem)
     return BAD_INPUT if problems else 0
+
+
+def run_command(command: Sequence[str], limit: float = COMMAND_TIME) -> int:
+    """Run a command for `limit` s at most; its exit code. Its output goes to this process's log."""
+    from madrob_console.cli.output import BAD_INPUT, complain
+
+    end, output, why = time.monotonic() + limit, b"", ""
+    try:
+        process = Popen(command, stdin=DEVNULL, stdout=PIPE, stderr=STDOUT, start_new_session=True)
+    except OSError as error:
+        complain(f"{command[0]}: {error.strerror}")
+        return BAD_INPUT
+    with process:
+        assert process.stdout is not None
+        pipe = process.stdout.fileno()
+        try:
+            while (left := end - time.monotonic()) > 0 and select([pipe], (), (), left)[0]:
+                if not (data := os.read(pipe, 65536)):
+                    break
+                output = (output + data)[:_MOST_OUTPUT]
+            code = process.wait(max(0.0, end - time.monotonic()))
+        except TimeoutExpired:
+            code, why = BAD_INPUT, f"was killed after {limit:g} s"
+        finally:
+            with suppress(OSError):
+                os.killpg(process.pid, signal.SIGKILL)
+    lines = [terminal_safe(line) for line in output.decode(errors="replace").splitlines()]
+    log = "".join(f"command of [results]: {line}\n" for line in lines)
+    print(log, end="", file=sys.__stderr__, flush=True)
+    if code:
+        why = why or f"ended with code {code}: {lines[-1] if lines else 'it said nothing'}"
+        complain(f"{Path(command[0]).name} {why}")
+    return code
 
 
 def _end(_number: int, _frame: object) -> NoReturn:

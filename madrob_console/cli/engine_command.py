@@ -125,7 +125,7 @@ def serve(arguments: argparse.Namespace) -> int:
         threading.excepthook = fallen.note
         engine = open_engine(arguments, settings, ScoringProcess())
         reporting = _reporting(arguments, settings, engine, owned)
-        supervisor = Supervisor(*engine.workers, reporting)
+        supervisor = Supervisor(*engine.workers, *reporting.workers)
         _follow_lists(
             options.team_source(arguments, settings),
             options.plan_source(arguments, settings),
@@ -171,6 +171,7 @@ def _reporting(
         settings.results.reports,
         site_arguments(arguments, settings),
         named_places(arguments, settings),
+        settings.results.command_words,
     )
     return Reporting(aside.COMMAND, queue, results, lambda: engine.busy, engine.write, wanted)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import time
 from dataclasses import replace
 
 from madrob_console.cli import options
@@ -62,7 +63,7 @@ def main(arguments: argparse.Namespace) -> int:
     if arguments.json:
         put_bytes(plan_json(found, competition, teams, software_version()))
     else:
-        for line in plan_lines(found, competition, teams):
+        for line in plan_lines(found, competition, teams, time.time()):
             print(terminal_safe(line))
     for remark in collection.twins:
         complain(f"note: {remark}")

@@ -110,8 +110,13 @@ def _page(path: Path, output: Path | None, around: Surroundings) -> Iterator[Nam
 
 
 def _pictures(path: Path, pictures: PictureFormat, output: Path | None) -> Iterator[NamedFile]:
-    with imports_kept():
-        from scoring.figures.plots import figures_of, missing_figures, png, svg
+    try:
+        with imports_kept():
+            from scoring.figures.plots import figures_of, missing_figures, png, svg
+    except ModuleNotFoundError:
+        from madrob_console.pages.report_pictures import NO_MATPLOTLIB
+
+        raise MadrobError(f"{path}: no figures: {NO_MATPLOTLIB}") from None
 
     for run, result, rows, condition in _results(path):
         for name, figure in figures_of(result, rows, condition).items():

@@ -146,18 +146,19 @@ def main(arguments: argparse.Namespace) -> int:
     reports = settings.results.reports and not arguments.no_report
     site = site_arguments(arguments, settings)
     reporting = None
-    if reports or site:
+    command = settings.results.command_words
+    if reports or site or command:
         reporting = Reporting(
             aside.COMMAND,
             engine.config.results / QUEUE_FOLDER,
             engine.config.results,
             lambda: engine.busy,
             engine.write,
-            WantedPages(reports, site),
+            WantedPages(reports, site, command=command),
         )
     run = UnattendedRun(engine, reporting)
     with ExitStack() as stack:
-        more = () if reporting is None else (reporting,)
+        more = () if reporting is None else reporting.workers
         stack.callback(Supervisor(*engine.workers, *more).close)
         server, known, _ = stack.enter_context(owning(arguments, owned))
         known = replace(known, version=software_version())

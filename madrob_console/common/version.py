@@ -1,9 +1,9 @@
 """Which software it is: a version that is computed from what is there, so that it cannot lie.
 
-`0.1.0+c1557f39128.tabad1842fe` is the release, a digest of the code that scores, and a digest of
-the rest of the source tree (papers, tests, build). Two commits never share a version, the same
-code has the same one wherever it lies, and a line that somebody changes changes it. No file keeps
-it up to date and git is not asked: a plain copy and a zip know it as well as a checkout.
+`0.2.0+c1557f39128` is the release and a digest of the code. The same code has the same version
+wherever it lies, and a line that somebody changes changes it. No file keeps it up to date and git
+is not asked: a plain copy and a zip know it as well as a checkout. An installation's metadata has
+the release alone, as package indexes want it.
 """
 
 from __future__ import annotations
@@ -13,37 +13,28 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias, cast
+from typing import TYPE_CHECKING, TypeAlias
 
 from madrob_console.common.errors import MadrobError
 
 if TYPE_CHECKING:
     import zipfile
 
-RELEASE = "0.1.0"
-"""Set by hand; its changes stand in CHANGELOG.md."""
+RELEASE = "0.2.0"
+"""Set by hand, read by the build too; its changes stand in CHANGELOG.md."""
 
 DISTRIBUTION = "madrob-console"
 
 CODE = ("madrob_console", "recorder", "scoring")
-
-REST = (".ci", ".github", ".gitignore", ".readme", "README.md", "pyproject.toml", "tests")
-"""The other contents of a source tree."""
 
 _Place: TypeAlias = "Path | zipfile.Path"
 
 
 @cache
 def software_version() -> str:
-    """The version of the running code, in the format of PEP 440.
-
-    The second digest is missing where only the packages lie, without a known source tree.
-    """
+    """The version of the running code, in the format of PEP 440."""
     try:
-        packages = {name: _package(name) for name in CODE}
-        tree = cast("_Place", packages[CODE[0]].parent)
-        code = _code_version(packages)
-        return f"{code}.{_rest(tree)}" if _is_source(tree) else _installed(tree, code) or code
+        return source_version({name: _package(name) for name in CODE})
     except OSError as error:
         raise MadrobError(
             f"the program cannot read its own code ({error}), so that no result could say which "
@@ -51,17 +42,14 @@ def software_version() -> str:
         ) from None
 
 
-def source_version(tree: Path) -> str:
-    """The version of a source tree, for the build of an installation from it."""
-    return f"{_code_version({name: tree / name for name in CODE})}.{_rest(tree)}"
-
-
-def _code_version(packages: Mapping[str, _Place]) -> str:
-    return f"{RELEASE}+c{_digest(packages)}"
-
-
-def _rest(tree: _Place) -> str:
-    return f"t{_digest({name: tree / name for name in REST})}"
+def source_version(packages: Mapping[str, _Place]) -> str:
+    """The version of code by the places of its packages."""
+    digest = hashlib.sha256()
+    for name, place in packages.items():
+        for path, data in _files(name, place):
+            digest.update(f"{path}\0{len(data)}\0".encode())
+            digest.update(data)
+    return f"{RELEASE}+c{digest.hexdigest()[:10]}"
 
 
 def _package(name: str) -> _Place:
@@ -75,28 +63,6 @@ def _package(name: str) -> _Place:
     import zipfile
 
     return zipfile.Path(archive, f"{folder.relative_to(archive).as_posix()}/")
-
-
-def _is_source(tree: _Place) -> bool:
-    project = tree / "pyproject.toml"
-    return project.is_file() and f'name = "{DISTRIBUTION}"'.encode() in project.read_bytes()
-
-
-def _installed(folder: _Place, version: str) -> str | None:
-    """Version recorded in the installation, from its source tree; None = other code."""
-    from importlib.metadata import distributions
-
-    found = distributions(name=DISTRIBUTION, path=[str(folder).rstrip("/")])
-    return next((one.version for one in found if one.version.startswith(f"{version}.")), None)
-
-
-def _digest(places: Mapping[str, _Place]) -> str:
-    digest = hashlib.sha256()
-    for name, place in places.items():
-        for path, data in _files(name, place):
-            digest.update(f"{path}\0{len(data)}\0".encode())
-            digest.update(data)
-    return digest.hexdigest()[:10]
 
 
 def _files(path: str, place: _Place) -> Iterator[tuple[str, bytes]]:

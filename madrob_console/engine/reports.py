@@ -48,6 +48,8 @@ class ChoreKind(StrEnum):
     """`madrob export`: the options follow."""
     PICTURES = "pictures"
     """`madrob pictures`: a run, an instant and a folder follow."""
+    COMMAND = "command"
+    """The command of [results]: the folder of a run and the command's words follow."""
 
 
 class Chore(msgspec.Struct, frozen=True):
@@ -181,11 +183,13 @@ class WantedPages:
         reports: whether a run's report is made after each of its results.
         publish: of `madrob publish`, after each result; empty = no pages are wanted.
         options: of `madrob export`: results folder, settings.
+        command: words of a command that is run with the run's folder after each result.
     """
 
     reports: bool = True
     publish: Sequence[str] = ()
     options: Sequence[str] = ()
+    command: Sequence[str] = ()
 
 
 EVERY_REPORT = WantedPages()
@@ -195,6 +199,7 @@ _UNMADE = {
     ChoreKind.RENEW: "reports of {place} are older than its results: {why}",
     ChoreKind.PUBLISH: "the pages in {place} are not up to date: {why}",
     ChoreKind.REPAIR: "{why}",
+    ChoreKind.COMMAND: "the command of [results] failed: {why}",
 }
 """What screens show of a chore that was not done."""
 
@@ -234,17 +239,31 @@ class Reporting(Worker):
         self._busy = busy
         self._write = write
         self._wanted = wanted
+        self._what = "reports, pages and zips"
+        self._hook: Reporting | None = None  # a process of its own: a command may hang
+        if wanted.command:
+            self._hook = Reporting(command, queue / "hook", results, busy, write, pause=pause)
+            self._hook._what = "command of [results]"
         self._unmade: dict[str, _Unmade] = {}
         self._frames: dict[str, Callable[[str], None]] = {}
         self._closing = False
         self._asked = self._put = self._looked = 0
         self._due = math.inf
 
+    @property
+    def workers(self) -> tuple[Worker, ...]:
+        """For the supervisor."""
+        return (self,) if self._hook is None else (self, self._hook)
+
     def report(self, folder: Path) -> None:
         """Make the report of a run anew, if it is wanted; the latest result counts.
 
-        Then the reports of runs that are compared with it, and the competition's pages.
+        Then the reports of runs that are compared with it, and the competition's pages. Beside
+        them the command of the settings is run.
         """
+        if self._hook is not None:
+            arguments = (str(folder.absolute()), *self._wanted.command)
+            self._hook._submit(f"command {folder.name}", ChoreKind.COMMAND, *arguments)
         if self._wanted.reports:
             self._submit(f"report {folder.name}", ChoreKind.REPORT, str(folder))
         self._submit("renew", ChoreKind.RENEW, str(self._results))
@@ -289,7 +308,8 @@ class Reporting(Worker):
     @property
     def problem(self) -> str | None:
         """Why reports could not be made, in words; None when the last one could, and all before."""
-        unmade = tuple(self._unmade.values())
+        hook = {} if self._hook is None else self._hook._unmade
+        unmade = (*hook.values(), *self._unmade.values())
         if not unmade:
             return None
         others = f" ({len(unmade) - 1} more wait)" if len(unmade) > 1 else ""
@@ -304,11 +324,15 @@ class Reporting(Worker):
 
     @property
     def _waits(self) -> bool:
+        if self._hook is not None and self._hook._waits:
+            return True
         return self._put < self._asked or self._due <= time.monotonic()
 
     def finish(self, patience: float = CLOSING_TIME) -> None:
         """Ignore runs from now on, and wait at most `patience` s; the rest goes on by itself."""
-        self._closing = True
+        for one in (self, self._hook):
+            if one is not None:
+                one._closing = True
         self.ring()
         self.wait(patience)
 
@@ -358,7 +382,7 @@ class Reporting(Worker):
         if not self._waits:
             return
         why = f"{why}; it is tried again"
-        words = f"no reports, pages and zips: {why}"
+        words = f"no {self._what}: {why}"
         self._unmade = {**self._unmade, "": _Unmade(ChoreKind.REPAIR, words, again=True)}
         if self.exported is not None and not self.exported.path:
             self.exported = replace(self.exported, problem=why)

@@ -12,9 +12,11 @@ from markupsafe import Markup
 
 from madrob_console.archive.folders import PICTURES_FOLDER
 from madrob_console.archive.run_pictures import (
+    NO_PILLOW,
     PictureEntry,
     RunPictures,
     difference_words,
+    has_pillow,
     is_far,
     nothing_near,
 )
@@ -84,6 +86,8 @@ def _figure(
 ) -> tuple[PictureEntry, _Embedded | None, str]:
     """The picture, or why there is none."""
     data = shown.files.get(entry.file)
+    if not has_pillow():
+        return entry, None, nothing_near(entry) or NO_PILLOW
     small = None if data is None else _embedded(entry, data, share)
     return entry, small, nothing_near(entry) or f"the file {entry.file} cannot be read"
 

@@ -6,6 +6,7 @@ import statistics
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, NamedTuple
 
 import msgspec
@@ -14,10 +15,17 @@ from rich.cells import set_cell_size
 
 from madrob_console.archive.collection import the_competition
 from madrob_console.archive.history import RunSummary, condition_words, of_competition
+from madrob_console.common.formatting import format_span, time_words
 from madrob_console.common.formatting import listed as first_of
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.tally import ALIKE, Aggregate, Overall, Standing, overall, standings
-from madrob_console.referee.competition_plan import Attempts, PlannedAttempt, PlanProgress, Task
+from madrob_console.referee.competition_plan import (
+    Attempts,
+    PlannedAttempt,
+    PlanProgress,
+    Task,
+    delay,
+)
 from madrob_console.referee.flags import undecided, weighty
 from scoring.indicator_table import WITH_EXTREMES, IndicatorName
 from scoring.protocol import Condition, Outcome, Thresholds
@@ -372,13 +380,16 @@ def condition_lines() -> Iterator[str]:
     yield 'A condition in words is quoted: 3,"pull, from CCW, No Force",2'
 
 
-def plan_lines(found: PlanProgress, competition: str, teams: Mapping[int, str]) -> Iterator[str]:
-    """The plan as a table of at most 80 characters in a line; `teams` maps subjects to names."""
+def plan_lines(
+    found: PlanProgress, competition: str, teams: Mapping[int, str], now: float
+) -> Iterator[str]:
+    """The plan as a table of at most 80 characters in a line; `teams` maps subjects to names.
+
+    `now`, s since the epoch, tells how late the next attempt is.
+    """
     yield f"MADROB plan {competition}".rstrip()
     yield summary_words(found)
-    following = found.next
-    if following is not None:
-        yield f"Next: {attempt_words(following, teams)}."
+    yield from schedule_words(found, teams, now)
     yield ""
     yield _line("", "subj", "team", "cond", "task", "door", "done", "valid", "best")
     begun, day = False, ""
@@ -418,10 +429,29 @@ def attempts_cell(of: Attempts) -> str:
     return f"{done}P" if of.open_protests else done
 
 
+def schedule_words(
+    found: PlanProgress, teams: Mapping[int, str], now: float, running: Task | None = None
+) -> Iterator[str]:
+    """What goes on and what comes next, with its planned time and how late it is `now`."""
+    for one in found.upcoming():
+        if one.task == running:
+            yield f"Now: {attempt_words(one, teams)}."
+            break
+    for one in islice(found.upcoming(running), 1):
+        yield f"Next: {attempt_words(one, teams)}{late_words(one.time, now)}."
+
+
+def late_words(planned: str, now: float) -> str:
+    """`, 12 min LATE`; empty within the first minute, and where no time is planned."""
+    minutes = delay(planned, now) // 60
+    return f", {format_span(60 * minutes)} LATE" if minutes else ""
+
+
 def attempt_words(attempt: PlannedAttempt, teams: Mapping[int, str]) -> str:
+    at = f", planned for {attempt.time}" if attempt.time else ""
     return (
         f"{task_words(attempt.task, teams)} ({', '.join(condition_words(attempt.task.condition))}),"
-        f" attempt {attempt.number} of {attempt.planned}"
+        f" attempt {attempt.number} of {attempt.planned}{at}"
     )
 
 
@@ -444,7 +474,11 @@ def plan_json(
         "left": found.left,
         "next": None
         if following is None
-        else {**_task(following.task, teams), "attempt": following.number},
+        else {
+            **_task(following.task, teams),
+            "attempt": following.number,
+            "time": following.time,
+        },
         "lines": [_attempts(line, teams) for line in found.lines],
         "out_of_plan": [_attempts(one, teams) for one in found.tasks if not one.planned],
         "damaged_runs": found.unread,

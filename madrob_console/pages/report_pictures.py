@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import lru_cache
 
 from markupsafe import Markup, escape
@@ -11,9 +12,10 @@ from madrob_console.archive.scored import Scored
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.drawings import themed
 from madrob_console.pages.templates import NOTHING, render
-from scoring.figures.plots import alternatives_of, figures_of, missing_figures, svg
 from scoring.figures.run_drawings import LANE, passage_figure, passage_svg
 from scoring.indicator_table import FigureName, IndicatorName, Quantity
+
+NO_MATPLOTLIB = "they need matplotlib: install madrob-console with its extra `report`"
 
 _REFERENCE = re.compile(r'(\bid="|url\(#|xlink:href="#)')
 
@@ -21,14 +23,23 @@ _REFERENCE = re.compile(r'(\bid="|url\(#|xlink:href="#)')
 @lru_cache(maxsize=64)  # drawing takes most of a report's time, and a site draws the same ones
 def figures(scored: Scored) -> Markup:
     result, rows, condition = scored.result, scored.rows, scored.record.setup.condition
-    spoken = alternatives_of(result, rows, condition)
-    drawn = figures_of(result, rows, condition)
-    missing = missing_figures(result, rows)
+    drawn: Mapping[FigureName, Markup] = {}
+    try:
+        from scoring.figures.plots import alternatives_of, figures_of, missing_figures, svg
+    except ModuleNotFoundError:
+        missing: Mapping[FigureName, str] = dict.fromkeys(FigureName, NO_MATPLOTLIB)
+    else:
+        spoken = alternatives_of(result, rows, condition)
+        drawn = {
+            name: inline(svg(one), name.number, spoken[name])
+            for name, one in figures_of(result, rows, condition).items()
+        }
+        missing = missing_figures(result, rows)
     passage = passage_figure(result, rows, condition) if drawn else None
     return render(
         "figures.html",
         result=result,
-        drawn=[(name, inline(svg(one), name.number, spoken[name])) for name, one in drawn.items()],
+        drawn=drawn.items(),
         missing=missing,
         reasons="; ".join(dict.fromkeys(missing.values())),
         passage=passage,

@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from madrob_console.archive.folders import INDEX_PAGE
 from madrob_console.archive.history import PROTEST_OPEN, RunSummary, condition_words, rank
+from madrob_console.common.formatting import format_span
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.competition import (
     PLAN_NOTES,
@@ -180,7 +181,12 @@ def _page(
 def _progress(plan: PlanProgress | None) -> dict[str, Any]:
     if plan is None:
         return {}
-    return {"plan_summary": summary_words(plan), "upcoming": list(islice(plan.upcoming(), _NEXT))}
+    late = plan.last_delay // 60
+    return {
+        "plan_summary": summary_words(plan),
+        "upcoming": list(islice(plan.upcoming(), _NEXT)),
+        "late": format_span(60 * late) if late else "",
+    }
 
 
 def overview_page(content: SiteContent, written: str) -> str:

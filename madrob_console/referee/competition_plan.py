@@ -73,7 +73,8 @@ class Attempts:
     """The attempts of a team in a condition: all of them, or those of one line of the plan.
 
     `planned` is 0 out of plan. `best_level` is of the valid ones. With `open_protests`, which also
-    count runs that are no attempt, nothing here is final. `time` is that of the line.
+    count runs that are no attempt, nothing here is final. `time` is that of the line, `began`
+    the start of its first attempt, s since the epoch.
     """
 
     task: Task
@@ -83,6 +84,7 @@ class Attempts:
     best_level: int | None = None
     open_protests: int = 0
     time: str = ""
+    began: float | None = None
 
     @property
     def left(self) -> int:
@@ -95,11 +97,15 @@ class Attempts:
 
 
 class PlannedAttempt(NamedTuple):
-    """One attempt that is left, `number` of `planned` of the team in the condition, from 1."""
+    """One attempt that is left, `number` of `planned` of the team in the condition, from 1.
+
+    `time` is planned for the first attempt of a line; empty = none is.
+    """
 
     task: Task
     number: int
     planned: int
+    time: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,19 +129,31 @@ class PlanProgress:
     def left(self) -> int:
         return sum(line.left for line in self.lines)
 
-    def upcoming(self) -> Iterator[PlannedAttempt]:
-        """The next attempt of each unfinished line, in the order of the plan."""
+    def upcoming(self, running: Task | None = None) -> Iterator[PlannedAttempt]:
+        """The next attempt of each unfinished line, in the order of the plan.
+
+        Without the attempt that goes on, where one of `running` does.
+        """
         of_task = {attempts.task: attempts for attempts in self.tasks}
         before: dict[Task, int] = defaultdict(int)
         for line in self.lines:
-            if line.left:
-                number = before[line.task] + line.done + 1
-                yield PlannedAttempt(line.task, number, of_task[line.task].planned)
+            now = line.left > 0 and line.task == running
+            running = None if now else running
+            if line.left > now:
+                number = before[line.task] + line.done + now + 1
+                time = "" if line.done or now else line.time
+                yield PlannedAttempt(line.task, number, of_task[line.task].planned, time)
             before[line.task] += line.planned
 
     @property
     def next(self) -> PlannedAttempt | None:
         return next(self.upcoming(), None)
+
+    @property
+    def last_delay(self) -> float:
+        """How late the latest attempt with a planned time began, s."""
+        begun = [(line.began, line.time) for line in self.lines if line.began is not None]
+        return max((at, delay(planned, at)) for at, planned in begun)[1] if begun else 0.0
 
     def out_of_plan(self, task: Task) -> bool:
         """Whether another run exceeds the plan; repeating an invalid attempt does not."""
@@ -208,8 +226,10 @@ def plan_progress(plan: Plan, runs: Iterable[RunFacts], competition: str) -> Pla
         begin = planned[task]
         planned[task] += attempts
         end = None if number == last[task] else planned[task]
-        of_line = _attempts(task, attempts, done[task][begin:end])
-        lines.append(replace(of_line, open_protests=protested[task], time=time))
+        of_line = done[task][begin:end]
+        began = of_line[0].started if time and of_line else None
+        counted = _attempts(task, attempts, of_line)
+        lines.append(replace(counted, open_protests=protested[task], time=time, began=began))
     tasks = tuple(
         replace(_attempts(task, planned[task], of_task), open_protests=protested[task])
         for task, of_task in done.items()
@@ -294,6 +314,18 @@ class _Reader(ListReader):
         time = _planned_time(entry.get("time", ""))
         self.lines.append(PlanLine(Task(subject, condition), int(attempts[1]), time))
         yield from ()
+
+
+def delay(planned: str, at: float) -> float:
+    """How much later than a planned time `at` is, s; both s since the epoch and of the place.
+
+    0 for no planned time and before it. A time without a date is of the day of `at`.
+    """
+    if not planned:
+        return 0.0
+    of_day, _, time = planned.rpartition(" ")
+    day = of_day or f"{datetime.fromtimestamp(at):%Y-%m-%d}"  # noqa: DTZ006  of the place
+    return max(0.0, at - datetime.fromisoformat(f"{day} {time}").timestamp())
 
 
 def condition_number(text: str) -> int:

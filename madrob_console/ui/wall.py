@@ -20,8 +20,13 @@ from madrob_console.common.formatting import time_of_day
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.engine.wire import EngineClient
-from madrob_console.pages.competition import SIGNS
+from madrob_console.pages.competition import SIGNS, late_words
 from madrob_console.pages.tally import Standing, leaders_first, standings
+from madrob_console.referee.competition_plan import (
+    PlannedAttempt,
+    PlanProgress,
+    plan_progress,
+)
 from madrob_console.referee.flags import FlagWeight
 from madrob_console.referee.run import Phase
 from madrob_console.ui.app import MadrobApp
@@ -163,6 +168,7 @@ class Wall(View):
     """The run while one goes on; else in turn the run, the last result and the standings."""
 
     runs: tuple[RunSummary | None, Sequence[Standing]] = (None, ())
+    plan = PlanProgress()
     page = 0
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
@@ -173,6 +179,8 @@ class Wall(View):
         if not snapshot.run.active:
             if latest is not None:
                 pages.append(result_page(latest, snapshot, width))
+            if self.plan.next is not None and not snapshot.practice:
+                pages.append(next_page(self.plan.next, snapshot, width))
             pages += standings_pages(standing, width, room)
             if snapshot.run.setup is None:
                 pages = pages[1:] or pages
@@ -249,6 +257,20 @@ def result_page(run: RunSummary, snapshot: Snapshot, width: int) -> list[Block]:
 def _number(name: IndicatorName, value: float | None, known: Uncertainty | None, sign: str) -> str:
     text = "-" if value is None else number_text(value, name.spec.decimals, 12, known)
     return f"{text}{sign}"
+
+
+def next_page(attempt: PlannedAttempt, snapshot: Snapshot, width: int) -> list[Block]:
+    """What the plan has next, when, and how late it is."""
+    subject, condition = attempt.task
+    team = snapshot.teams.names.get(subject, "")
+    late = late_words(attempt.time, snapshot.time).removeprefix(", ")
+    return [
+        _band("NEXT", Tone.STRONG),
+        *_text(f"{subject} {team}".rstrip(), width, Tone.STRONG, 0.5),
+        *_text(f"condition {condition}: {', '.join(condition_words(condition))}", width),
+        *([Block((Span(attempt.time, Tone.STRONG),), ahead=1.5)] if attempt.time else []),
+        *_text(late, width, Tone.WARN, 0.5),
+    ]
 
 
 def standings_pages(rows: Sequence[Standing], width: int, height: int) -> Iterator[list[Block]]:
@@ -329,7 +351,8 @@ class WallApp(MadrobApp, inherit_bindings=False):
         if run.active:
             self._active = self._monotonic()
         wall.page = int((self._monotonic() - self._active) / PAGE_TIME)
-        seen = (snapshot.result, run.issue, run.closure, snapshot.teams, snapshot.practice)
+        lists = snapshot.teams, snapshot.plan
+        seen = (snapshot.result, run.issue, run.closure, *lists, snapshot.practice)
         if seen != self._read_of:
             self._read_of = seen
             self.run_worker(partial(self._read, snapshot), thread=True, exclusive=True)
@@ -337,7 +360,9 @@ class WallApp(MadrobApp, inherit_bindings=False):
 
     def _read(self, snapshot: Snapshot) -> None:
         try:
-            runs = of_competition(self._history.refresh(), self._competition)
+            every = self._history.refresh()
+            runs = of_competition(every, self._competition)
+            self._wall.plan = plan_progress(snapshot.plan, every, self._competition)
         except (MadrobError, OSError, MemoryError):
             return  # what was read before stays; the referee's screens say what is wrong
         practice = snapshot.practice

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import sys
 import time
 import tracemalloc
 from pathlib import Path
@@ -176,6 +177,16 @@ def test_sizes_are_checked_before_memory_is_taken(tmp_path: Path, finished: byte
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 10_000_000
+
+
+def test_without_lz4_what_it_packed_is_named_with_the_remedy(
+    place: Path, finished: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "lz4", None)
+    chunk = Chunk("lz4", lz4.frame.compress(b"records"), 0, 0, 0, 7)
+    bag = opened(place, finished[:8] + encoded(chunk))
+    assert bag.problem is not None
+    assert "a chunk needs lz4: install madrob-console with its extra `lz4`" in bag.problem
 
 
 def test_a_message_without_a_channel_ends_the_reading(place: Path, finished: bytes) -> None:

@@ -14,8 +14,8 @@ from madrob_console.common.formatting import listed
 from madrob_console.engine.requests import GivePlan
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.pages.competition import (
-    attempt_words,
     attempts_cell,
+    schedule_words,
     summary_words,
     task_words,
 )
@@ -48,7 +48,7 @@ class PlanPane(ListPane[int]):
 
     def __init__(self, reader: PlanReader) -> None:
         self._reader = reader
-        self._version = -1
+        self._seen: object = None
         self._teams: Mapping[int, str] = {}
         self._tasks: Mapping[Task, Attempts] = {}
         self._next: Task | None = None
@@ -77,9 +77,13 @@ class PlanPane(ListPane[int]):
         self.run_worker(self._reader.read(), exclusive=True)
 
     def show(self, snapshot: Snapshot) -> None:
-        if (self._version, self._teams) != (self._reader.version, snapshot.teams.names):
-            self._version, self._teams = self._reader.version, snapshot.teams.names
-            self._show_progress(self._reader.progress)
+        self._teams = snapshot.teams.names
+        setup = snapshot.run.setup if snapshot.run.active else None
+        running = None if setup is None else Task(setup.subject, setup.condition.number)
+        seen = self._reader.version, self._teams, running, snapshot.time // 60
+        if seen != self._seen:
+            self._seen = seen
+            self._show_progress(self._reader.progress, snapshot.time, running)
 
     def words_about(self, _row: int) -> tuple[str, Tone]:
         return self.copied, Tone.DIM
@@ -89,19 +93,21 @@ class PlanPane(ListPane[int]):
         if (task := self.selected) is not None:
             self.post_message(self.Chosen(task))
 
-    def _show_progress(self, found: PlanProgress) -> None:
+    def _show_progress(self, found: PlanProgress, now: float, running: Task | None) -> None:
         marked, self._tasks = self.selected, {one.task: one for one in found.tasks}
-        upcoming = [*islice(found.upcoming(), 1 + _THEN)]
-        self._next = upcoming[0].task if upcoming else None
+        self._next = None if found.next is None else found.next.task
         if self._goes_to_next and self._next is not None:
             marked, self._goes_to_next = self._next, False
         unknown = unknown_teams((line.task for line in found.lines), self._teams)
         problems = [*filter(None, (self._reader.problem, *unknown, *found.problems))]
         said = [f"{listed(problems, _PROBLEMS)}."] if problems else []
         said += [summary_words(found)] if found.lines else []
-        if upcoming:
-            said.append(f"Next: {attempt_words(upcoming[0], self._teams)}.")
-        if then := [f"{each.task.subject} in {each.task.condition}" for each in upcoming[1:]]:
+        said += schedule_words(found, self._teams, now, running)
+        then = [
+            f"{one.task.subject} in {one.task.condition}"
+            for one in islice(found.upcoming(running), 1, 1 + _THEN)
+        ]
+        if then:
             said.append(f"Then {', '.join(then)}.")
         self.head.say(" ".join(said), Tone.WARN if problems else Tone.PLAIN)
         self.table.empty = "" if found.lines else NO_PLAN_WORDS

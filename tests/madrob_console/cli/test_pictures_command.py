@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import sys
 from pathlib import Path
 
 import msgspec
@@ -55,6 +56,22 @@ def test_each_camera_s_frame_at_an_instant_becomes_a_file_that_is_printed(
             picture.load()
     assert len(list(output.iterdir())) == 2
     assert not (run / "pictures").exists()
+
+
+def test_without_pillow_pictures_are_refused_in_one_line_and_those_made_before_stay(
+    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert main(["pictures", str(run)]) == 0
+    made = {path.name: path.read_bytes() for path in (run / "pictures").iterdir()}
+    capsys.readouterr()
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    assert main(["pictures", str(run), "--at", "5.25", "--output", str(run / "frames")]) == 2
+    said = capsys.readouterr()
+    assert (said.out, said.err.count("\n")) == ("", 1)
+    assert "Pillow: install madrob-console with its extra `report`" in said.err
+    assert main(["report", str(run)]) == 0
+    assert "need Pillow: install madrob" in (run / "report.html").read_text()
+    assert {path.name: path.read_bytes() for path in (run / "pictures").iterdir()} == made
 
 
 def test_a_file_of_an_instant_before_the_start_says_so_in_its_name(

@@ -25,7 +25,7 @@ def reporting_on(
     write = DiskJobs().submit_job
     queue = results / QUEUE_FOLDER
     reporting = Reporting(command, queue, results, busy, write, wanted, SHORT_PAUSE)
-    supervisor = Supervisor(reporting)
+    supervisor = Supervisor(*reporting.workers)
     try:
         yield reporting
         reporting.finish()

@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 from contextlib import suppress
+from datetime import datetime
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
@@ -260,6 +261,18 @@ def test_the_plan_is_there_with_its_progress_and_what_comes_next(site: Path) -> 
     assert '<progress value="3" max="5"' in overview
     assert "attempt 2 of 2" in overview
     assert "0 of 1" in (site / "plan.html").read_text()
+
+
+def test_planned_times_are_there_and_how_late_the_last_attempt_began(tmp_path: Path) -> None:
+    run = of(3)
+    write(tmp_path / "results", run)
+    at = datetime.fromtimestamp(run.started - 720)  # noqa: DTZ006  of the place
+    (tmp_path / "plan.csv").write_text(
+        f"subject,condition,attempts,time\n3,{run.condition},1,{at:%Y-%m-%dT%H:%M}\n4,1,1,15:00\n"
+    )
+    overview = (publish(tmp_path / "results") / "index.html").read_text()
+    assert "The last attempt with a planned time began 12 min late." in overview
+    assert "attempt 1 of 1, planned for 15:00" in overview
 
 
 def test_reports_are_led_to_pages_of_the_site_alone(results: Path) -> None:

@@ -6,6 +6,7 @@ import argparse
 import json
 import re
 import shutil
+import sys
 from collections import Counter
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -20,7 +21,7 @@ from madrob_console.archive.scored import Scored
 from madrob_console.cli.report_command import main
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import software_version
-from madrob_console.pages import PictureFormat
+from madrob_console.pages import PictureFormat, report_pictures
 from madrob_console.pages.report import report_html
 from madrob_console.pages.surroundings import ComparedRun, LinkedRun, PagePlace, Surroundings
 from madrob_console.referee.acts import (
@@ -690,6 +691,24 @@ def test_the_report_made_later_is_that_of_the_run(
     assert (folder / "report.html").read_text() == report_html(scored, software_version(), place)
     assert {path.name for path in folder.iterdir()} - before == {"report.html"}
     assert capsys.readouterr().out == f"{folder / 'report.html'}\n"
+
+
+def test_without_matplotlib_a_report_says_what_is_missing_and_has_all_else(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in ("plots", "drawing"):
+        monkeypatch.delitem(sys.modules, f"scoring.figures.{module}", raising=False)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    report_pictures.figures.cache_clear()
+    assert report(folder) == 0
+    page = Page((folder / "report.html").read_text())
+    remedy = "need matplotlib: install madrob-console with its extra `report`"
+    assert remedy in page.section("Figures")
+    assert "execution time" in page.section("Indicators")
+    capsys.readouterr()
+    assert report(folder, figures=PictureFormat.SVG) == 2
+    assert remedy in capsys.readouterr().err
+    report_pictures.figures.cache_clear()
 
 
 def test_what_only_the_stored_result_says_of_the_data_is_in_the_report(folder: Path) -> None:

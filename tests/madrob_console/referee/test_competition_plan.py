@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from madrob_console.referee.competition_plan import (
     PlanProgress,
     PlanSource,
     Task,
+    delay,
     plan_progress,
     read_plan,
 )
@@ -189,7 +191,7 @@ def test_who_always_runs_what_is_next_has_done_the_plan(
         before = plan_progress(of, runs, CUP)
         if before.next is None:
             break
-        task, number, planned = before.next
+        task, number, planned, _ = before.next
         assert not before.out_of_plan(task)
         assert 1 <= number <= planned
         runs = [*runs, run(task, hour, run_number=hour, outcome=outcome)]
@@ -271,6 +273,45 @@ def test_a_line_may_have_a_time(file: Path, text: str, time: str) -> None:
     named = read(file, f"subject,time,condition\n3,{text},1\n")
     assert named == read(file, f"3,1,1,{text}\n") == Plan((PlanLine(A, 1, time),), (), str(file))
     assert progress(named).lines == (Attempts(A, 1, time=time),)
+
+
+@pytest.mark.parametrize(
+    ("planned", "late"),
+    [
+        ("", 0.0),
+        ("14:30", 750.0),
+        ("14:42", 30.0),
+        ("15:00", 0.0),
+        ("2026-11-25 14:30", 750.0),
+        ("2026-11-24 14:42", 86_430.0),
+        ("2026-11-26 14:30", 0.0),
+    ],
+)
+def test_a_planned_time_tells_how_late_it_is(planned: str, late: float) -> None:
+    assert delay(planned, datetime(2026, 11, 25, 14, 42, 30).timestamp()) == late  # noqa: DTZ001
+
+
+def test_the_first_attempt_of_a_line_has_its_time_and_tells_the_last_delay() -> None:
+    begun = run(A, hour=1)
+    in_time = f"{datetime.fromtimestamp(begun.started - 720):%Y-%m-%d %H:%M}"  # noqa: DTZ006
+    of = Plan((PlanLine(A, 2, in_time), PlanLine(B, 1, "15:00")))
+    before = progress(of)
+    assert [one.time for one in before.upcoming()] == [in_time, "15:00"]
+    assert before.last_delay == 0.0
+    found = progress(of, begun)
+    assert [one.time for one in found.upcoming()] == ["", "15:00"]
+    assert 720 <= found.last_delay < 780
+
+
+def test_what_goes_on_is_not_what_comes_next() -> None:
+    found = progress(plan((A, 2), (B, 1), (A, 1)))
+    for running, following in (
+        (None, [(A, 1), (B, 1), (A, 3)]),
+        (A, [(A, 2), (B, 1), (A, 3)]),
+        (B, [(A, 1), (A, 3)]),
+        (C, [(A, 1), (B, 1), (A, 3)]),
+    ):
+        assert [(one.task, one.number) for one in found.upcoming(running)] == following
 
 
 @pytest.mark.parametrize("text", ["soon", "25:00", "14", "2026-11-25"])

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 from mcap.reader import make_reader
 from mcap.well_known import Profile
-from mcap.writer import IndexType, Writer
+from mcap.writer import CompressionType, IndexType, Writer
 
 from madrob_console.archive.run_record import RECORD_NAME, RunRecord
 from madrob_console.common.clock import NS
@@ -144,9 +144,12 @@ def write_bag(run: ReferenceRun, target: Path) -> None:
 
 
 def _without_index(recorded: Path, target: Path) -> None:
-    """The same recording without the index of each message, which takes two thirds of its room."""
+    """The same recording without the index of each message; the archive of all compresses it."""
     with recorded.open("rb") as source, target.open("wb") as file:
-        reader, writer = make_reader(source), Writer(file, index_types=IndexType.CHUNK)
+        reader, writer = (
+            make_reader(source),
+            Writer(file, index_types=IndexType.CHUNK, compression=CompressionType.NONE),
+        )
         writer.start(Profile.ROS2, "madrob reference recordings")
         for metadata in reader.iter_metadata():
             if metadata.name == RECORD_NAME:

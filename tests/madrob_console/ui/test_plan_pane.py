@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -278,6 +279,28 @@ async def test_the_pane_shows_teams_and_conditions_and_marks_what_is_next(
         await driver.press("right", "down")
         assert "2 門の騎士, condition 2: " in driver.text
         assert "not in the plan" in driver.text
+
+
+async def test_the_pane_says_what_goes_on_what_is_next_and_how_late_it_is(
+    planned: FakeEngine,
+) -> None:
+    at = time.strftime("%H:%M", time.localtime(planned.now - 12 * 60))
+    planned.plan = Plan((PlanLine(Task(1, 1), 2, at), PlanLine(Task(2, 7), 1, at)))
+
+    async with driving(planned) as driver:
+        await driver.answered()
+        await driver.answered("f3", "p")
+        said = " ".join(driver.text.split())
+        assert f"attempt 1 of 2, planned for {at}, 12 min LATE. Then 2 in 7." in said
+        await driver.let_pass(120.0)
+        assert f"planned for {at}, 14 min LATE" in " ".join(driver.text.split())
+        await driver.press("f2", "enter", "f6", "f5")
+        await driver.let_pass(6.0)
+        await driver.answered("f3", "p")
+        said = " ".join(driver.text.split())
+        walkers = "1 Walkers, condition 1 (pull, from CCW to CW, No Force)"
+        now = f"Now: {walkers}, attempt 1 of 2, planned for {at}."
+        assert f"{now} Next: {walkers}, attempt 2 of 2. Then" in said
 
 
 @pytest.mark.parametrize("size", [SMALL, LARGE, (160, 50)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, replace
@@ -15,6 +16,8 @@ from madrob_console.common.names import SourceKind
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.requests import Role
 from madrob_console.engine.snapshot import Pulse, RightToAct
+from madrob_console.referee.competition_plan import Plan, PlanLine, Task
+from madrob_console.referee.lists import TeamList
 from madrob_console.referee.run import Phase, Run
 from madrob_console.ui.cells.large_text import large_text
 from madrob_console.ui.look.themes import to_ascii
@@ -139,6 +142,24 @@ async def test_clock_team_steps_and_state_are_as_large_as_there_is_room(
         assert "WATCHING" in wall.rows()[0]
         assert wall.size_of("run 1, condition 1: pull") >= 0
         assert sum(not row.strip() for row in wall.rows()) <= size[1] // 4
+
+
+async def test_what_the_plan_has_next_is_shown_with_its_time_and_delay(
+    engine: FakeEngine, tmp_path: Path
+) -> None:
+    at = time.strftime("%H:%M", time.localtime(engine.now - 12 * 60))
+    engine.kind, engine.simulated = SourceKind.ROS, None
+    engine.plan = Plan((PlanLine(Task(2, 7), 1, at),))
+    engine.teams = TeamList({2: "Ghent"})
+    async with hall(engine, tmp_path, (120, 36)) as wall:
+        assert wall.size_of("NEXT") > 0
+        assert wall.size_of("2 Ghent") > 0
+        assert wall.size_of(at) > 0
+        assert wall.size_of("12 min LATE") >= 0
+        assert "condition 7: " in wall.text
+        running(engine)
+        await wall.let_pass(1.0)
+        assert wall.size_of("NEXT") == -1
 
 
 async def test_a_time_that_may_still_change_is_marked(engine: FakeEngine, tmp_path: Path) -> None:
