@@ -14,7 +14,6 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from scoring.imports import imports_kept
@@ -62,9 +61,10 @@ class JointState:
 
 
 def load_filters() -> None:
-    """Import SciPy now, so that the first result does not wait for it."""
+    """Import SciPy and pandas now, so that the first result does not wait for them."""
     with imports_kept():
         import_module("scipy.signal")
+        import_module("pandas")
 
 
 def joint_state(
@@ -86,7 +86,7 @@ def joint_state(
     for stretch in _stretches(time, np.ones(time.size, dtype=np.bool_), gap):
         inner = slice(stretch.start + filters.edge, stretch.stop - filters.edge)
         if inner.start < inner.stop:
-            smooth = moving_average(position[stretch], filters.average)
+            smooth = filters.moving_average(position[stretch])
             velocity[inner] = filters.derive(smooth, 1)
             acceleration[inner] = filters.derive(smooth, 2)
     reason = None if np.isfinite(acceleration).any() else _NO_STRETCH
@@ -171,7 +171,7 @@ def smoothed(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> Joi
     for stretch in _stretches(joint.time, every, _gap(ruleset, thresholds)):
         if stretch.stop - stretch.start > 2 * half:
             inner = slice(stretch.start + half, stretch.stop - half)
-            average = moving_average(joint.position[stretch], filters.average)
+            average = filters.moving_average(joint.position[stretch])
             position[inner] = np.where(np.isfinite(average), average, position[inner])
     return joint_state(joint.time, position, replace(ruleset, onto_grid=False), thresholds)
 
@@ -211,30 +211,6 @@ def low_pass_response(
     return response
 
 
-def moving_average(values: Array, window: int) -> Array:
-    """The mean of each whole window, with the digits of pandas' `rolling` (section 11).
-
-    The sum runs on; what its additions and its subtractions round off is carried along.
-    """
-    total = added = removed = 0.0
-    totals: list[float] = []
-    series = values.tolist()
-    gone = itertools.chain(itertools.repeat(0.0, window), series)
-    for old, new in zip(gone, series, strict=False):
-        change = -old - removed
-        kept = total + change
-        removed = kept - total - change
-        change = new - added
-        total = kept + change
-        added = total - kept - change
-        totals.append(total)
-    means = np.array(totals[window - 1 :]) / window
-    windows = sliding_window_view(values, window)
-    low, high = windows.min(axis=1), windows.max(axis=1)
-    beyond = ((low >= 0) & (means < 0)) | ((high < 0) & (means > 0))
-    return np.select([low == high, beyond], [low, 0.0], means)
-
-
 @dataclass(frozen=True, slots=True)
 class _Filters:
     """A centred moving average of `average` samples, then Savitzky-Golay of `savgol` samples."""
@@ -248,6 +224,13 @@ class _Filters:
     def edge(self) -> int:
         """Rows at each end of a stretch at which either window is incomplete."""
         return self.average // 2 + self.savgol // 2
+
+    def moving_average(self, position: Array) -> Array:
+        import pandas as pd
+
+        means = pd.Series(position).rolling(self.average, center=True).mean()
+        half = self.average // 2
+        return means.to_numpy(dtype=np.float64)[half : position.size - half]
 
     def derive(self, smooth: Array, derivative: int) -> Array:
         from scipy import signal

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from importlib import import_module
 from typing import Annotated
@@ -23,18 +23,22 @@ class Libraries:
         python: of the interpreter.
         numpy: of NumPy.
         scipy: of SciPy.
-        pandas: of pandas in results of 0.1.0; empty since, as no digit hangs on it.
+        pandas: of pandas.
     """
 
     python: VersionText
     numpy: VersionText
     scipy: VersionText
-    pandas: VersionText = ""
+    pandas: VersionText
 
 
 @cache
 def libraries_here() -> Libraries:
     """The versions loaded in this process; installed ones may have been upgraded since."""
     with imports_kept():
-        numpy, scipy = (str(import_module(name).__version__) for name in ("numpy", "scipy"))
-    return Libraries(platform.python_version(), numpy, scipy)
+        found = {
+            each.name: str(import_module(each.name).__version__)
+            for each in fields(Libraries)
+            if each.name != "python"
+        }
+    return Libraries(python=platform.python_version(), **found)

@@ -6,7 +6,7 @@ import dataclasses
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from scoring.result import Indicator, Result
 CLOSEST = 1e-9
 """Relative; the rounding differences of libraries stay far below it."""
 
-_NAMES = {"python": "Python", "numpy": "NumPy", "scipy": "SciPy"}
+_NAMES = {"python": "Python", "numpy": "NumPy", "scipy": "SciPy", "pandas": "pandas"}
 
 
 class Grade(StrEnum):
@@ -57,16 +57,17 @@ class Grade(StrEnum):
 
 
 def libraries_told(stored: Libraries | None, now: Libraries) -> str:
-    here = ", ".join(f"{name} {getattr(now, key)}" for key, name in _NAMES.items())
+    names = [(each.name, _NAMES[each.name]) for each in fields(Libraries)]
+    here = ", ".join(f"{name} {getattr(now, key)}" for key, name in names)
     if stored is None:
         return f"the stored result does not name its libraries, now {here}"
-    changed = [
-        f"{name} {getattr(stored, key)} stored, {getattr(now, key)} now"
-        for key, name in _NAMES.items()
-        if getattr(stored, key) != getattr(now, key)
-    ]
-    if not changed:
+    if stored == now:
         return f"the same libraries ({here}): another processor, or a changed file"
+    changed = (
+        f"{name} {getattr(stored, key)} stored, {getattr(now, key)} now"
+        for key, name in names
+        if getattr(stored, key) != getattr(now, key)
+    )
     return f"libraries differ: {'; '.join(changed)}"
 
 

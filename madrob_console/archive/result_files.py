@@ -224,7 +224,7 @@ class StoredRun:
     @property
     def libraries(self) -> str:
         told = {} if self.result.libraries is None else asdict(self.result.libraries)
-        return "; ".join(f"{name} {version}" for name, version in told.items() if version)
+        return "; ".join(f"{name} {version}" for name, version in told.items())
 
     @property
     def thresholds_changed(self) -> Iterator[str]:

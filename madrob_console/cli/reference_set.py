@@ -37,7 +37,7 @@ EXPECTED_FILE = "expected.json"
 ARCHIVE = "recordings.tar.xz"
 """All recordings together: they are alike, so that this takes a tenth of the room."""
 
-_LIBRARIES = ("NumPy", "SciPy")
+_LIBRARIES = ("NumPy", "SciPy", "pandas")
 _LARGEST = 4_000_000
 
 

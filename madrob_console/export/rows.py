@@ -42,13 +42,13 @@ def check_writable(kind: TableFormat) -> None:
     """Raises MadrobError, before any work, if a package that the format needs is missing."""
     if kind is not TableFormat.PARQUET:
         return
-    try:
-        import pandas as pd
+    import pandas as pd
 
+    try:
         pd.DataFrame().to_parquet(BytesIO(), engine="pyarrow")
     except ImportError:
         raise MadrobError(
-            "Parquet needs pandas and a new pyarrow: install madrob-console with its "
+            "Parquet needs pyarrow, which is not there or too old: install madrob-console with its "
             "extra `tables`, or write csv"
         ) from None
 

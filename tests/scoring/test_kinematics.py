@@ -1,24 +1,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from scoring.kinematics import (
-    JointState,
-    jerk,
-    joint_state,
-    low_pass,
-    low_pass_problem,
-    moving_average,
-)
+from scoring.kinematics import JointState, jerk, joint_state, low_pass, low_pass_problem
 from scoring.protocol import ScoringError, Thresholds
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
 
@@ -37,28 +28,6 @@ NUMBERS = Thresholds()
 
 def defined(joint: JointState) -> NDArray[np.bool_]:
     return np.isfinite(joint.acceleration)
-
-
-@pytest.mark.parametrize(
-    "scale",
-    [
-        lambda random, size: random.normal(size=size),
-        lambda random, size: random.normal(size=size).cumsum().round(2),  # steps of an encoder
-        lambda random, size: np.repeat(random.normal(size=size), 30)[:size],  # at rest
-        lambda random, size: 10.0 ** random.integers(-300, 300, size),  # outliers of any size
-        lambda random, size: np.where(random.random(size) < 0.1, 1e8, -1e-8),
-        lambda random, size: np.full(size, 1e308),  # a sum beyond all numbers
-    ],
-    ids=["noise", "encoder", "rest", "outliers", "one sign", "overflow"],
-)
-@given(st.integers(0, 2**32 - 1), st.integers(1, 20), st.integers(0, 300))
-def test_the_moving_average_has_pandas_digits(
-    scale: Callable[[np.random.Generator, int], Array], seed: int, half: int, more: int
-) -> None:
-    window = 2 * half + 1
-    values = scale(np.random.default_rng(seed), window + more)
-    means = pd.Series(values).rolling(window, center=True).mean().to_numpy()
-    assert moving_average(values, window).tobytes() == means[half : half + more + 1].tobytes()
 
 
 def gains(rate: float, average: int, savgol: int, omega: float) -> tuple[float, float]:

@@ -126,8 +126,7 @@ def test_a_result_names_what_computed_it(folders: dict[str, Path]) -> None:
     for folder in folders.values():
         assert document(folder)["libraries"] == {
             "python": platform.python_version(),
-            **{name: version(name) for name in ("numpy", "scipy")},
-            "pandas": "",
+            **{name: version(name) for name in ("numpy", "scipy", "pandas")},
         }
 
 

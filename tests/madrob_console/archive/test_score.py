@@ -588,7 +588,7 @@ def test_other_last_digits_of_the_same_libraries_or_of_unknown_ones_are_said_to_
     run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     here = libraries_here()
-    now = f"Python {here.python}, NumPy {here.numpy}, SciPy {here.scipy}"
+    now = f"Python {here.python}, NumPy {here.numpy}, SciPy {here.scipy}, pandas {here.pandas}"
     change(run, rounded_otherwise)
     assert check(run) == 0
     assert f"equal to 1e-9 (the same libraries ({now}): another" in capsys.readouterr().out

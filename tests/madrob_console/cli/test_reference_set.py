@@ -68,7 +68,7 @@ def test_this_installation_scores_right_and_needs_no_ros(
     code, lines, err = doctor(capsys)
     assert (code, err) == (0, "")
     number = r"\d+(\.\d+)+\S*"
-    libraries = rf"NumPy {number}, SciPy {number}"
+    libraries = rf"NumPy {number}, SciPy {number}, pandas {number}"
     assert re.fullmatch(rf"ok       versions +Python {number}, {libraries}", lines[0])
     assert [line.split()[:2] for line in lines[1:-1]] == [["ok", name] for name in NAMES]
     values = 12 * (1 + 6 + 2 * 8)

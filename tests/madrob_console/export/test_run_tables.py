@@ -60,8 +60,7 @@ def test_runs_has_a_row_for_each_run_with_whose_and_which_it_is(
         assert row["final"] == (stored["closure"] is not None)
         assert row["flags"] == "; ".join(flag["words"] for flag in stored["flags"])
         assert row["duration"] == stored["stop"] - stored["start"]
-        named = [" ".join(one) for one in stored["libraries"].items() if one[1]]
-        assert row["libraries"] == "; ".join(named)
+        assert row["libraries"] == "; ".join(map(" ".join, stored["libraries"].items()))
         recording = stored["files"][f"{row['folder']}_0.mcap"]
         assert row["recording_sha256"] == recording["sha256"]
         assert json.loads((Path(row["place"]) / "result.json").read_text()) == stored
