@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from madrob_console.archive.folders import INDEX_PAGE
 from madrob_console.archive.history import PROTEST_OPEN, RunSummary, condition_words, rank
+from madrob_console.common.formatting import date_of
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.competition import (
     PLAN_NOTES,
@@ -22,17 +23,21 @@ from madrob_console.pages.competition import (
 from madrob_console.pages.notes import MANUAL_START_NOTE, NO_UNCERTAINTY_NOTE, UNCERTAINTY_NOTE
 from madrob_console.pages.outputs import MEANS, NOTES_OF_PAGES
 from madrob_console.pages.site_content import (
+    MOST_LINES,
+    MOST_RUNS,
     NONE_ALIKE,
     ORDER,
     PLAN,
     TEAMS_ORDER,
     Alike,
     BestRuns,
+    Sheet,
     SiteContent,
     alike_among,
     beside,
     best_of,
     condition_place,
+    sheets,
     team_place,
     zip_place,
 )
@@ -45,7 +50,7 @@ from madrob_console.pages.site_drawings import (
 )
 from madrob_console.pages.tally import ALIKE
 from madrob_console.pages.templates import NONE, path_link, render
-from madrob_console.referee.competition_plan import PlanProgress
+from madrob_console.referee.competition_plan import Attempts, PlanProgress
 from madrob_console.referee.flags import FlagKind, weighty
 from scoring.figures.team_drawings import ROW
 from scoring.indicator_table import IndicatorName, unit_text
@@ -62,6 +67,9 @@ DOWNLOADS = {
 }
 
 _LATEST, _NEXT = 8, 3
+
+_MOST_CELLS = 240
+"""Teams times conditions in one table: a larger one is too wide for any screen."""
 
 _LEVEL_FIRST = sorted(IndicatorName, key=lambda name: name is not IndicatorName.CAPABILITY_LEVEL)
 
@@ -105,6 +113,9 @@ class Links:
         words = Markup("condition {}").format(number)
         known = number in self.content.conditions
         return path_link(beside(self.place, condition_place(number)), words) if known else words
+
+    def page(self, place: str, words: str) -> Markup:
+        return path_link(beside(self.place, place), words)
 
     def run(self, run: RunSummary, words: str) -> Markup:
         whole = Markup('<span class="whole">{}</span>').format(words)
@@ -193,13 +204,23 @@ def overview_page(content: SiteContent, written: str) -> str:
         groups=[(group, BestRuns.of(content, group)) for group in groups],
         latest=list(islice(reversed(content.runs), _LATEST)),
         downloads=DOWNLOADS,
+        most_cells=_MOST_CELLS,
         **_progress(content.plan),
     )
 
 
-def plan_page(content: SiteContent, plan: PlanProgress) -> str:
-    extra = [one for one in plan.tasks if not one.planned]
-    return _page("plan.html", content, PLAN, "Plan", extra=extra, **_progress(plan))
+def plan_pages(content: SiteContent, plan: PlanProgress) -> Iterator[tuple[str, str]]:
+    """Places and pages; a long plan has further ones, by day."""
+    told = {"extra": [one for one in plan.tasks if not one.planned], **_progress(plan)}
+    lines: Sequence[Attempts] = plan.lines
+    found: list[Sheet[Attempts]] = []
+    if len(lines) > MOST_LINES:
+        found = list(sheets(PLAN, lines, MOST_LINES, lambda line: line.time.rpartition(" ")[0]))
+        lines = [line for line in lines if line.open_protests]
+    for one in found:
+        part = {"lines": one.items, "extra": (), "sheets": (), "plan_summary": ""}
+        yield one.place, _page("plan.html", content, one.place, f"Plan, {one.words}", **part)
+    yield PLAN, _page("plan.html", content, PLAN, "Plan", lines=lines, sheets=found, **told)
 
 
 def condition_page(content: SiteContent, number: int) -> str:
@@ -242,28 +263,56 @@ def _order(best: RunSummary | None) -> tuple[float, ...]:
     return (1.0,) if best is None else rank(best)
 
 
-def team_page(content: SiteContent, subject: int) -> str:
-    """A team's runs by condition, and its indicators over the day."""
+def team_pages(content: SiteContent, subject: int) -> Iterator[tuple[str, str]]:
+    """Places and pages; of many runs the team's page has the best ones, and the days all."""
     place, runs = team_place(subject), content.of_team[subject]
+    if len(runs) <= MOST_RUNS:
+        yield place, _team_page(content, subject, Sheet(place, "", runs))
+        return
+    found = list(sheets(place, runs, MOST_RUNS, lambda run: date_of(run.started)[:10]))
+    for one in found:
+        yield one.place, _team_page(content, subject, one)
+    yield place, _team_page(content, subject, Sheet(place, "", _best_of_each(runs)), found)
+
+
+def _best_of_each(runs: Sequence[RunSummary]) -> list[RunSummary]:
+    """The best run in each condition by each ruleset."""
+    of: dict[tuple[int, str], list[RunSummary]] = defaultdict(list)
+    for run in runs:
+        of[run.condition, run.ruleset].append(run)
+    return [best for one in sorted(of) if (best := best_of(of[one])) is not None]
+
+
+def _team_page(
+    content: SiteContent,
+    subject: int,
+    sheet: Sheet[RunSummary],
+    found: Sequence[Sheet[RunSummary]] = (),
+) -> str:
+    """Runs of a team by condition, and their indicators over the day."""
+    place, runs = sheet.place, sheet.items
     of: dict[int, list[RunSummary]] = defaultdict(list)
     for run in runs:
         of[run.condition].append(run)
+    testbeds = {run.testbed for run in content.of_team[subject] if run.testbed}
     return _page(
         "team.html",
         content,
         place,
-        f"Team {content.who(subject)}",
+        f"Team {content.who(subject)} {sheet.words}".rstrip(),
         subject=subject,
+        sheet=sheet,
+        sheets=found,
         standings=[
             (group, team)
             for group in content.standings.groups
             for team in group.overall
             if team.subject == subject
         ],
-        testbeds=sorted({run.testbed for run in runs if run.testbed}),
+        testbeds=sorted(testbeds),
         zip=beside(place, zip_place(subject)),
         by_condition=sorted(of.items()),
-        curves=list(curves(runs)) if any(run.valid for run in runs) else [],
+        curves=list(curves(runs)) if not found and any(run.valid for run in runs) else [],
         notes={**_NOTES, "TEAM_NOTES": list(_notes(runs))},
     )
 

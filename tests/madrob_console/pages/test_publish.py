@@ -504,9 +504,7 @@ def test_no_page_is_written_or_removed_through_a_link(tmp_path: Path, linked: st
     (site / linked).symlink_to(victim)
     listed = site / ".madrob_site.json"
     listed.write_text(
-        listed.read_text().replace(
-            '"teams/b.html"', f'"teams/b.html":{{}},"{linked}/journal.jsonl"'
-        )
+        listed.read_text().replace('"teams/b.html"', f'"teams/b.html":"","{linked}/journal.jsonl"')
     )
     for files in ([page("index.html", "new")], [page(f"{linked}/new.html", "new")]):
         with pytest.raises(SiteRefusedError, match=f"{linked}: is a link.*; remove it"):
