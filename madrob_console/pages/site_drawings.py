@@ -6,25 +6,25 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from markupsafe import Markup
-
 from madrob_console.archive.history import RunSummary
-from madrob_console.pages.drawings import themed
-from madrob_console.pages.site_content import drawable
-from scoring.figures.team_drawings import (
+from madrob_console.pages.drawings import (
     FAILED,
     FEWEST_FOR_A_BOX,
+    MOST_POINTS,
     BoxRow,
+    DayCurve,
     DayPoint,
-    box_plot,
-    day_curve,
+    Scale,
+    box_scale,
 )
+from madrob_console.pages.site_content import drawable
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Outcome
 from scoring.result import value_text
 
 BOXES_NOTE = (
-    f"Circles: completed runs. From {FEWEST_FOR_A_BOX} of them on a box has their middle half, its "
+    f"Circles: completed runs, of a team with up to {MOST_POINTS}. "
+    f"From {FEWEST_FOR_A_BOX} of them on a box has their middle half, its "
     "thick line is the median, the thin one goes from the smallest to the largest. "
     f"{FAILED}: runs that failed, in no box and, where they lie beyond the scale, at its edge. "
     "Before them: how many completed + failed."
@@ -45,27 +45,25 @@ class Box(NamedTuple):
     """A box plot of an indicator, a row a team."""
 
     name: IndicatorName
-    names: Sequence[str]
-    counts: Sequence[str]
-    drawing: Markup
+    rows: Sequence[BoxRow]
+    scale: Scale
+    spoken: str
 
 
 def boxes(runs: Mapping[int, Sequence[RunSummary]], who: Callable[[int], str]) -> Iterator[Box]:
     """A box plot for each indicator that has a value; all runs of one condition."""
     for name in IndicatorName:
-        rows = {subject: _box_row(found, name) for subject, found in runs.items()}
-        if not any(row.completed or row.failed for row in rows.values()):
-            continue
-        words = [f"{who(subject)}: {_spoken(row)}" for subject, row in rows.items()]
-        spoken = f"{_caption(name)}. {'; '.join(words)}"
-        drawing = box_plot(tuple(rows.values()), spoken, all_shown=name.spec.counts)
-        counts = [f"{len(row.completed)}+{len(row.failed)}" for row in rows.values()]
-        yield Box(name, [who(subject) for subject in rows], counts, themed(drawing))
+        rows = [_box_row(who(subject), found, name) for subject, found in runs.items()]
+        if any(row.completed or row.failed for row in rows):
+            words = [f"{row.who}: {_spoken(row)}" for row in rows]
+            spoken = f"{_caption(name)}. {'; '.join(words)}"
+            yield Box(name, rows, box_scale(rows, all_shown=name.spec.counts), spoken)
 
 
-def _box_row(runs: Sequence[RunSummary], name: IndicatorName) -> BoxRow:
+def _box_row(who: str, runs: Sequence[RunSummary], name: IndicatorName) -> BoxRow:
     values = [(run.outcome, value) for run in runs if (value := drawable(run, name)) is not None]
     return BoxRow(
+        who,
         tuple(value for outcome, value in values if outcome is Outcome.COMPLETED),
         tuple(value for outcome, value in values if outcome is not Outcome.COMPLETED),
     )
@@ -82,7 +80,7 @@ def _values(values: Sequence[float], word: str) -> str:
     return f"{len(values)} {word} from {value_text(min(values))} to {value_text(max(values))}"
 
 
-def curves(runs: Sequence[RunSummary]) -> Iterator[tuple[IndicatorName, Markup]]:
+def curves(runs: Sequence[RunSummary]) -> Iterator[tuple[IndicatorName, DayCurve]]:
     """A curve over the day for each indicator that has a value; at least one run, oldest first."""
     day = runs[0].started, runs[-1].started
     marks = clock_marks(*day)
@@ -100,7 +98,9 @@ def curves(runs: Sequence[RunSummary]) -> Iterator[tuple[IndicatorName, Markup]]
         ]
         if points:
             spoken = f"{_caption(name)}. {_points(points)}"
-            yield name, themed(day_curve(points, marks, day, spoken, all_shown=name.spec.counts))
+            leading = [one.value for one in points if one.completed or name.spec.counts]
+            scale = Scale.of(leading, [one.value for one in points])
+            yield name, DayCurve(points, marks, Scale(*day), scale, spoken)
 
 
 def _points(points: Sequence[DayPoint]) -> str:

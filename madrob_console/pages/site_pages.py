@@ -52,7 +52,6 @@ from madrob_console.pages.tally import ALIKE
 from madrob_console.pages.templates import NONE, path_link, render
 from madrob_console.referee.competition_plan import Attempts, PlanProgress
 from madrob_console.referee.flags import FlagKind, weighty
-from scoring.figures.team_drawings import ROW
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Condition, Outcome
 from scoring.result import uncertainty_text, value_text
@@ -155,7 +154,6 @@ _TOLD: Mapping[str, Any] = {
     "execution_time": IndicatorName.EXECUTION_TIME,
     "level_first": _LEVEL_FIRST,
     "outcome_notes": _outcome_notes,
-    "row": ROW,
     "task_of": _task_of,
     "unit_and_direction": unit_and_direction,
     "value_heads": [

@@ -27,7 +27,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import read_bounded, stamp_of
 from madrob_console.pages.templates import NOTHING
 from madrob_console.referee.records import JournalMark
-from scoring.figures.team_drawings import PhaseTimes, phases_of
+from scoring.figures.run_drawings import PhaseTimes, phases_of
 
 # Whether a report is of the result that lies beside it.
 
