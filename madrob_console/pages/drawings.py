@@ -16,11 +16,12 @@ from typing import NamedTuple, Self
 
 from markupsafe import Markup
 
-from scoring.figures.run_drawings import BLUE, GREY, ORANGE, RED, Interval
+from scoring.figures.run_drawings import BAND, BLUE, GREY, ORANGE, RED, Interval
 
 _NAMES: Mapping[str, str] = {
     "#ffffff": "paper",
     "#000000": "ink",
+    BAND: "band",
     ORANGE: "orange",
     BLUE: "blue",
     RED: "red",

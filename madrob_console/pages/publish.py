@@ -44,18 +44,22 @@ from madrob_console.export.table_columns import RUN_TABLES, TableFormat, TidyTab
 from madrob_console.pages.competition import plan_json
 from madrob_console.pages.outputs import standings_csv, standings_json
 from madrob_console.pages.site_content import (
+    Sheet,
     SiteContent,
     beside,
     condition_place,
+    team_place,
 )
 from madrob_console.pages.site_pages import (
     Links,
     condition_page,
     overview_page,
     plan_pages,
-    team_pages,
+    sources_of_day,
+    team_days,
+    team_page,
 )
-from madrob_console.pages.surroundings import Surroundings, team_digest
+from madrob_console.pages.surroundings import Surroundings, team_digest, team_runs
 from madrob_console.pages.templates import date_text
 
 # The folder of a site: files that change are written whole, others stay as they are.
@@ -341,7 +345,11 @@ def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
         files += _of_run(content, run, around)
     files += _tables(content)
     for subject in content.of_team:
-        files += [SiteFile.of(place, text) for place, text in team_pages(content, subject)]
+        days = team_days(content, subject)
+        for day in days:
+            key = _key(content.software, *sources_of_day(content, subject, day))
+            files.append(SiteFile(day.place, key, partial(_day, content, subject, day)))
+        files.append(SiteFile.of(team_place(subject), team_page(content, subject, days)))
     files += [
         SiteFile.of(condition_place(one), condition_page(content, one))
         for one in content.conditions
@@ -355,13 +363,18 @@ def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
     return files, [run for run in content.with_result if run.folder not in content.places]
 
 
+def _day(content: SiteContent, subject: int, day: Sheet[RunSummary]) -> bytes:
+    return team_page(content, subject, day=day).encode()
+
+
 def _of_run(content: SiteContent, run: RunSummary, around: Surroundings) -> Iterator[SiteFile]:
     folder = content.source(run)
     if (page := content.places.get(run.folder)) is not None:
         sources = (RESULT_FILE, JOURNAL_FILE, f"{PICTURES_FOLDER}/{PICTURES_INDEX}")
         stamps = (stamp_of(f"{folder}/{name}") for name in sources)
         team = content.of_team[run.subject]
-        others = (team_digest(run, team), *(_page_of(content, run, one) for one in team))
+        pages = (_page_of(content, run, one) for one in team_runs(run, team))
+        others = (team_digest(run, team), *pages)
         key = _key(content.software, _ways(content, run), *others, *stamps)
         yield SiteFile(page, key, partial(_report, content, run, around))
     stamp = stamp_of(f"{folder}/{RESULT_FILE}")

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
-from itertools import combinations, groupby
+from itertools import combinations
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeAlias, TypeVar
 
@@ -133,7 +133,7 @@ def condition_place(number: int) -> str:
     return f"conditions/{number:02d}.html"
 
 
-MOST_RUNS, MOST_LINES = 60, 150
+MOST_RUNS, MOST_LINES = 40, 150
 """On one page: of a team's runs, and of the lines of a plan."""
 
 
@@ -149,8 +149,10 @@ def sheets(
     place: str, items: Iterable[_T], most: int, day_of: Callable[[_T], str]
 ) -> Iterator[Sheet[_T]]:
     """A page for each day, or several where a day has more than `most`; days in their order."""
-    for day, group in groupby(items, key=day_of):
-        of_day = list(group)
+    of: dict[str, list[_T]] = defaultdict(list)
+    for item in items:
+        of[day_of(item)].append(item)
+    for day, of_day in of.items():
         for number, first in enumerate(range(0, len(of_day), most), 1):
             part = of_day[first : first + most]
             name = "_".join(filter(None, (place.removesuffix(".html"), day, f"{number}")))

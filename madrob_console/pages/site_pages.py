@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
+import msgspec
 from markupsafe import Markup
 
 from madrob_console.archive.folders import INDEX_PAGE
@@ -209,16 +210,34 @@ def overview_page(content: SiteContent, written: str) -> str:
 
 def plan_pages(content: SiteContent, plan: PlanProgress) -> Iterator[tuple[str, str]]:
     """Places and pages; a long plan has further ones, by day."""
-    told = {"extra": [one for one in plan.tasks if not one.planned], **_progress(plan)}
-    lines: Sequence[Attempts] = plan.lines
-    found: list[Sheet[Attempts]] = []
-    if len(lines) > MOST_LINES:
-        found = list(sheets(PLAN, lines, MOST_LINES, lambda line: line.time.rpartition(" ")[0]))
-        lines = [line for line in lines if line.open_protests]
-    for one in found:
-        part = {"lines": one.items, "extra": (), "sheets": (), "plan_summary": ""}
-        yield one.place, _page("plan.html", content, one.place, f"Plan, {one.words}", **part)
-    yield PLAN, _page("plan.html", content, PLAN, "Plan", lines=lines, sheets=found, **told)
+    items = [*plan.lines, *(one for one in plan.tasks if not one.planned)]
+    if len(items) <= MOST_LINES:
+        yield PLAN, _plan_page(content, Sheet(PLAN, "", items), plan)
+        return
+    found = list(sheets(PLAN, items, MOST_LINES, lambda one: one.time.rpartition(" ")[0]))
+    for part in found:
+        yield part.place, _plan_page(content, part)
+    protested = [one for one in items if one.open_protests]
+    yield PLAN, _plan_page(content, Sheet(PLAN, "", protested), plan, found)
+
+
+def _plan_page(
+    content: SiteContent,
+    sheet: Sheet[Attempts],
+    plan: PlanProgress | None = None,
+    found: Sequence[Sheet[Attempts]] = (),
+) -> str:
+    """`plan`: whose progress the page begins with; `found`: the further pages."""
+    return _page(
+        "plan.html",
+        content,
+        sheet.place,
+        f"Plan {sheet.words}".rstrip(),
+        lines=[one for one in sheet.items if one.planned],
+        extra=[one for one in sheet.items if not one.planned],
+        sheets=found,
+        **{"plan_summary": "", **_progress(plan)},
+    )
 
 
 def condition_page(content: SiteContent, number: int) -> str:
@@ -261,16 +280,24 @@ def _order(best: RunSummary | None) -> tuple[float, ...]:
     return (1.0,) if best is None else rank(best)
 
 
-def team_pages(content: SiteContent, subject: int) -> Iterator[tuple[str, str]]:
-    """Places and pages; of many runs the team's page has the best ones, and the days all."""
-    place, runs = team_place(subject), content.of_team[subject]
+def team_days(content: SiteContent, subject: int) -> list[Sheet[RunSummary]]:
+    """The pages of a team's days; none where its own page has room for all of its runs."""
+    runs = content.of_team[subject]
     if len(runs) <= MOST_RUNS:
-        yield place, _team_page(content, subject, Sheet(place, "", runs))
-        return
-    found = list(sheets(place, runs, MOST_RUNS, lambda run: date_of(run.started)[:10]))
-    for one in found:
-        yield one.place, _team_page(content, subject, one)
-    yield place, _team_page(content, subject, Sheet(place, "", _best_of_each(runs)), found)
+        return []
+    return list(sheets(team_place(subject), runs, MOST_RUNS, lambda run: date_of(run.started)[:10]))
+
+
+def sources_of_day(content: SiteContent, subject: int, day: Sheet[RunSummary]) -> Iterator[object]:
+    """All that a day's page is made of: the same sources, the same page."""
+    links = Links(content, day.place)
+    yield from (content.title, content.standings.title, day.words, links.ways())
+    yield links.team(subject)
+    yield _testbeds(content, subject)
+    for run in day.items:
+        yield msgspec.msgpack.encode(run)
+        yield content.places.get(run.folder)
+        yield links.condition(run.condition)
 
 
 def _best_of_each(runs: Sequence[RunSummary]) -> list[RunSummary]:
@@ -281,18 +308,22 @@ def _best_of_each(runs: Sequence[RunSummary]) -> list[RunSummary]:
     return [best for one in sorted(of) if (best := best_of(of[one])) is not None]
 
 
-def _team_page(
+def team_page(
     content: SiteContent,
     subject: int,
-    sheet: Sheet[RunSummary],
-    found: Sequence[Sheet[RunSummary]] = (),
+    days: Sequence[Sheet[RunSummary]] = (),
+    day: Sheet[RunSummary] | None = None,
 ) -> str:
-    """Runs of a team by condition, and their indicators over the day."""
+    """A team's runs by condition, and their indicators: all runs, or those of a `day`.
+
+    With `days` the page leads to theirs, and has the best runs.
+    """
+    every = content.of_team[subject]
+    sheet = day or Sheet(team_place(subject), "", _best_of_each(every) if days else every)
     place, runs = sheet.place, sheet.items
     of: dict[int, list[RunSummary]] = defaultdict(list)
     for run in runs:
         of[run.condition].append(run)
-    testbeds = {run.testbed for run in content.of_team[subject] if run.testbed}
     return _page(
         "team.html",
         content,
@@ -300,19 +331,23 @@ def _team_page(
         f"Team {content.who(subject)} {sheet.words}".rstrip(),
         subject=subject,
         sheet=sheet,
-        sheets=found,
+        sheets=days,
         standings=[
             (group, team)
             for group in content.standings.groups
             for team in group.overall
             if team.subject == subject
         ],
-        testbeds=sorted(testbeds),
+        testbeds=_testbeds(content, subject),
         zip=beside(place, zip_place(subject)),
         by_condition=sorted(of.items()),
-        curves=list(curves(runs)) if not found and any(run.valid for run in runs) else [],
+        curves=list(curves(runs)) if not days and any(run.valid for run in runs) else [],
         notes={**_NOTES, "TEAM_NOTES": list(_notes(runs))},
     )
+
+
+def _testbeds(content: SiteContent, subject: int) -> list[str]:
+    return sorted({run.testbed for run in content.of_team[subject] if run.testbed})
 
 
 def _notes(runs: Sequence[RunSummary]) -> Iterator[str]:
