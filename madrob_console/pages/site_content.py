@@ -10,7 +10,6 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
-from itertools import combinations
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeAlias, TypeVar
 
@@ -18,11 +17,10 @@ from madrob_console.archive.folders import REPORT_FILE
 from madrob_console.archive.history import RunSummary, rank
 from madrob_console.common.files import stamp_of
 from madrob_console.pages.competition import CompetitionStandings, RulesetStandings
-from madrob_console.pages.tally import Overall
+from madrob_console.pages.tally import Overall, alike_values
 from madrob_console.referee.competition_plan import PlanProgress
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-from scoring.result import distinguishable
 
 _T = TypeVar("_T")
 
@@ -187,16 +185,14 @@ def alike_among(runs: Sequence[RunSummary]) -> Alike:
     """Indistinguishable values among the compared ones of these runs (protocol section 11)."""
     found: dict[str, set[IndicatorName]] = defaultdict(set)
     for name in IndicatorName:
-        known = [
+        known = (
             (run.folder, value, run.uncertainties[name])
             for run in runs
             if run.comparable
             if (value := drawable(run, name)) is not None and name in run.uncertainties
-        ]
-        for (one, value, spread), (two, other, its) in combinations(known, 2):
-            if not distinguishable(value, other, spread, its):
-                found[one].add(name)
-                found[two].add(name)
+        )
+        for folder in alike_values(known):
+            found[folder].add(name)
     return {folder: frozenset(names) for folder, names in found.items()}
 
 

@@ -35,9 +35,7 @@ CURVES_NOTE = (
     "beyond the scale, at its edge."
 )
 
-_MOST_SPOKEN = 12  # values in the words of one drawing; all stand in the tables
 _MOST_MARKS = 5  # times on an axis
-_CLOCK = "%H:%M"
 _STEPS = (60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400)
 
 
@@ -97,20 +95,10 @@ def curves(runs: Sequence[RunSummary]) -> Iterator[tuple[IndicatorName, DayCurve
             if (value := drawable(run, name)) is not None
         ]
         if points:
-            spoken = f"{_caption(name)}. {_points(points)}"
+            spoken = f"{_caption(name)}. The tables above have its values."
             leading = [one.value for one in points if one.completed or name.spec.counts]
             scale = Scale.of(leading, [one.value for one in points])
             yield name, DayCurve(points, marks, Scale(*day), scale, spoken)
-
-
-def _points(points: Sequence[DayPoint]) -> str:
-    told = [
-        f"{_local(point.time)} condition {point.curve} {value_text(point.value)}"
-        f"{'' if point.completed else ' failed'}"
-        for point in points[-_MOST_SPOKEN:]
-    ]
-    more = len(points) - len(told)
-    return "; ".join((f"{more} earlier ones", *told) if more else told)
 
 
 def clock_marks(begin: float, end: float) -> list[tuple[float, str]]:
@@ -122,12 +110,8 @@ def clock_marks(begin: float, end: float) -> list[tuple[float, str]]:
     east = time.localtime(begin).tm_gmtoff
     first = -(-int(begin + east) // step) * step - east
     times = range(first, int(end) + 1, step) or [int(begin)]
-    form = "%d %b" if step >= _STEPS[-1] else "%a %H:%M" if span > _STEPS[-1] else _CLOCK
-    return [(float(at), _local(at, form)) for at in times]
-
-
-def _local(at: float, form: str = _CLOCK) -> str:
-    return time.strftime(form, time.localtime(at))
+    form = "%d %b" if step >= _STEPS[-1] else "%a %H:%M" if span > _STEPS[-1] else "%H:%M"
+    return [(float(at), time.strftime(form, time.localtime(at))) for at in times]
 
 
 def _caption(name: IndicatorName) -> str:
