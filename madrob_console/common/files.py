@@ -8,7 +8,7 @@ import os
 import secrets
 import shutil
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, Self
@@ -36,11 +36,13 @@ def atomic_writes(folder: Path, files: Mapping[str, bytes | memoryview]) -> None
         raise _refused(path, error) from None
 
 
-def atomic_write_in(folder: int, name: str, data: bytes) -> None:
-    """Write a file of an open folder as `whole_file` does, but raise OSError."""
+def atomic_write_in(folder: int, name: str, parts: Iterable[bytes]) -> None:
+    """Write a file of an open folder whole or not at all; OSError if the disk refuses.
+
+    The folder is not synced: after a power cut the file may be as before, or missing.
+    """
     with _replaced(Path(name), folder) as file:
-        file.write(data)
-    os.fsync(folder)
+        file.writelines(parts)
 
 
 def write_new_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> None:

@@ -15,7 +15,7 @@ from rich.cells import set_cell_size
 
 from madrob_console.archive.collection import the_competition
 from madrob_console.archive.history import RunSummary, condition_words, of_competition
-from madrob_console.common.formatting import format_span, time_words
+from madrob_console.common.formatting import format_span
 from madrob_console.common.formatting import listed as first_of
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.tally import ALIKE, Aggregate, Overall, Standing, overall, standings

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-
-from markupsafe import Markup
+from itertools import accumulate, pairwise
 
 from madrob_console.archive.history import rank
 from madrob_console.archive.scored import Scored
-from madrob_console.pages.drawings import themed
+from madrob_console.pages.drawings import Scale
 from madrob_console.pages.surroundings import ComparedRun, PagePlace
 from madrob_console.pages.templates import date_text
-from scoring.figures.team_drawings import (
-    BAR,
+from scoring.figures.run_drawings import (
+    Interval,
     PhaseTimes,
     TimedPhase,
     median_phases,
-    phase_bars,
     phases_of,
 )
 from scoring.indicator_table import IndicatorName
@@ -36,6 +34,11 @@ class _Column:
     @property
     def total(self) -> float:
         return sum(self.phases.values())
+
+    @property
+    def spans(self) -> Iterator[tuple[TimedPhase, Interval]]:
+        ends = list(accumulate(self.phases.values()))
+        yield from zip(self.phases, pairwise((0.0, *ends)), strict=True)
 
     @property
     def words(self) -> str:
@@ -60,20 +63,15 @@ def phases(scored: Scored, place: PagePlace) -> dict[str, object]:
     said = "Where the time went. " + "; ".join(column.words for column in columns)
     return {
         "columns": columns,
-        "bar": BAR,
-        "phase_bars": themed(phase_bars([column.phases for column in columns], said)),
+        "phase_scale": Scale(0.0, max(1e-3, *(column.total for column in columns))),
+        "phases_spoken": said,
         "phases_shown": [
             phase for phase in TimedPhase if any(phase in column.phases for column in columns)
         ],
-        "chip": _chip,
         "time_words": list(_words(scored, place, columns[0])),
         "median_note": _median_note(place),
         "comparisons": list(_comparisons(scored, place, best, columns)),
     }
-
-
-def _chip(phase: TimedPhase) -> Markup:
-    return themed(f'<span class="chip" style="background: {phase.colour}"></span>')
 
 
 def _of_team(run: ComparedRun, scored: Scored) -> bool:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from io import BytesIO
+from itertools import zip_longest
 from pathlib import Path, PurePosixPath
+from tempfile import TemporaryFile
+from typing import BinaryIO
 
 import msgspec
 from markupsafe import Markup
@@ -29,9 +32,9 @@ from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import (
     Hold,
-    Stamp,
     atomic_write,
     atomic_write_in,
+    open_plain,
     opened_folder,
     read_all,
     refusal,
@@ -41,7 +44,7 @@ from madrob_console.export.table_columns import RUN_TABLES, TableFormat, TidyTab
 from madrob_console.pages.competition import plan_json
 from madrob_console.pages.outputs import standings_csv, standings_json
 from madrob_console.pages.site_content import (
-    PLAN,
+    Sheet,
     SiteContent,
     beside,
     condition_place,
@@ -51,10 +54,12 @@ from madrob_console.pages.site_pages import (
     Links,
     condition_page,
     overview_page,
-    plan_page,
+    plan_pages,
+    sources_of_day,
+    team_days,
     team_page,
 )
-from madrob_console.pages.surroundings import Surroundings, team_digest
+from madrob_console.pages.surroundings import Surroundings, team_digest, team_runs
 from madrob_console.pages.templates import date_text
 
 # The folder of a site: files that change are written whole, others stay as they are.
@@ -67,7 +72,8 @@ MANIFEST_FILE = ".madrob_site.json"
 
 LOCK_FILE = ".madrob_site.lock"
 
-_LARGEST = 16_000_000  # bytes of the list: some 100,000 files
+_LARGEST = 100_000_000  # bytes of the list: some 1,000,000 files
+_PART = 1 << 16  # bytes of a file that are in memory at once
 _NAME = re.compile(r"(?:[A-Za-z0-9_-][A-Za-z0-9._-]*/)*[A-Za-z0-9_-][A-Za-z0-9._-]*")
 
 
@@ -90,13 +96,14 @@ class SiteFile:
     Attributes:
         name: its path in the site's folder.
         key: of its sources: the same key, the same content.
-        make: called only if the key changed; may raise `SourceUnreadError`.
+        make: its content, or an open file with it, which is closed then; called only if the key
+            changed; may raise `SourceUnreadError`.
         whole: whether no source was missing; else it is made again the next time.
     """
 
     name: str
     key: str
-    make: Callable[[], bytes]
+    make: Callable[[], bytes | BinaryIO]
     whole: Callable[[], bool] = lambda: True
 
     @classmethod
@@ -105,19 +112,13 @@ class SiteFile:
 
         `key` is the text less what alone is no reason to write it again; None = all of it.
         """
-        digest = sha256((text if key is None else key).encode()).hexdigest()
-        return cls(name, digest, text.encode)
-
-
-class _Entry(msgspec.Struct, frozen=True):
-    """Key and stamp of a file; no stamp while it is written."""
-
-    key: str = ""
-    stamp: Stamp | None = None
+        return cls(name, _digest(text if key is None else key), text.encode)
 
 
 class _Manifest(msgspec.Struct, frozen=True):
-    files: dict[str, _Entry] = {}
+    """Digest of key and stamp of each file; empty while it is written."""
+
+    files: dict[str, str] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,11 +187,13 @@ def _write(
     for name in files:
         if name not in before and (folder / name).exists():
             raise SiteRefusedError(f"{folder / name}: is not of `madrob publish`; move it away")
-    changed = [file for file in files.values() if not _is_there(folder, file, before)]
+    changed = [
+        file for file in files.values() if before.get(file.name) != _as_written(folder, file)
+    ]
     written, unread = 0, []
     gone = [name for name in before if name not in files]
     if changed or gone:  # first whose the files are: one that is cut off leaves none to nobody
-        known = before | {file.name: _Entry() for file in changed}
+        known = {**before, **{file.name: "" for file in changed}}
         _note(folder, known)
         for number, file in enumerate(changed):
             tell(number, len(changed))
@@ -200,8 +203,7 @@ def _write(
                 unread.append(str(error))
                 _remove(folder, file.name)  # it is older than what it is made of
                 continue
-            stamp = stamp_of(f"{folder}/{file.name}")
-            known[file.name] = _Entry(file.key if file.whole() else "", stamp)
+            known[file.name] = _as_written(folder, file) if file.whole() else ""
         tell(len(changed), len(changed))
         for name in gone:
             _remove(folder, name)
@@ -210,10 +212,13 @@ def _write(
     return Written(len(files), written, len(gone), unread)
 
 
-def _is_there(folder: Path, file: SiteFile, before: Mapping[str, _Entry]) -> bool:
-    found = before.get(file.name, _Entry())
-    there = found.stamp is not None and found.stamp == stamp_of(f"{folder}/{file.name}")
-    return there and found.key == file.key
+def _as_written(folder: Path, file: SiteFile) -> str:
+    """What the list says of a file that was made of this key and lies there as it was written."""
+    return _digest(f"{file.key} {stamp_of(f'{folder}/{file.name}')}")
+
+
+def _digest(text: str) -> str:
+    return sha256(text.encode(errors="surrogateescape")).hexdigest()[:16]
 
 
 def _refuse_links(folder: Path, names: Iterable[str]) -> None:
@@ -224,15 +229,21 @@ def _refuse_links(folder: Path, names: Iterable[str]) -> None:
             raise SiteRefusedError(f"{parent}: is a link, which leads out of the site; remove it")
 
 
-def _put(folder: Path, name: str, content: bytes) -> bool:
+def _put(folder: Path, name: str, content: bytes | BinaryIO) -> bool:
     """Write a file, unless it is the same already; returns whether it was written."""
-    with suppress(OSError):
-        if read_all(folder / name, len(content)) == content:
-            return False
-    *within, called = name.split("/")
-    with opened_folder(folder, *within, make=True) as number:
-        atomic_write_in(number, called, content)
+    with BytesIO(content) if isinstance(content, bytes) else content as data:
+        with suppress(OSError), os.fdopen(open_plain(folder / name), "rb") as there:
+            if all(one == other for one, other in zip_longest(_parts(there), _parts(data))):
+                return False
+        *within, called = name.split("/")
+        with opened_folder(folder, *within, make=True) as number:
+            atomic_write_in(number, called, _parts(data))
     return True
+
+
+def _parts(file: BinaryIO) -> Iterator[bytes]:
+    file.seek(0)
+    return iter(partial(file.read, _PART), b"")
 
 
 def _demand_site(folder: Path) -> None:
@@ -252,7 +263,7 @@ def _demand_site(folder: Path) -> None:
             )
 
 
-def _known(folder: Path) -> dict[str, _Entry]:
+def _known(folder: Path) -> dict[str, str]:
     path = folder / MANIFEST_FILE
     try:
         found = msgspec.json.decode(read_all(path, _LARGEST), type=_Manifest)
@@ -266,7 +277,7 @@ def _known(folder: Path) -> dict[str, _Entry]:
     return {name: one for name, one in found.files.items() if _NAME.fullmatch(name)}
 
 
-def _note(folder: Path, files: Mapping[str, _Entry]) -> None:
+def _note(folder: Path, files: Mapping[str, str]) -> None:
     atomic_write(folder / MANIFEST_FILE, msgspec.json.encode(_Manifest(dict(files))) + b"\n")
 
 
@@ -290,69 +301,70 @@ class RunTables:
     def __init__(self, content: SiteContent) -> None:
         self.whole = True
         self._content = content
-        self._rows: dict[str, list[dict[str, object]]] | None = None
+        self._files: dict[str, BinaryIO] = {}
 
     @property
     def key(self) -> str:
-        content = self._content
-        told = [
-            f"{run.folder} {stamp_of(f'{content.source(run)}/{RESULT_FILE}')} {run.voided}"
-            for run in self._runs()
-        ]
-        return sha256(
-            "\n".join((content.software, *told)).encode(errors="surrogateescape")
-        ).hexdigest()
+        content, told = self._content, sha256(self._content.software.encode())
+        for run in content.with_result:
+            stamp = stamp_of(f"{content.source(run)}/{RESULT_FILE}")
+            told.update(os.fsencode(f"{run.folder} {stamp} {run.voided}\n"))
+        return told.hexdigest()
 
-    def csv(self, table: TidyTable) -> bytes:
+    def csv(self, table: TidyTable) -> BinaryIO:
+        if table.name not in self._files:
+            self._write()
+        return self._files.pop(table.name)
+
+    def _write(self) -> None:
         from madrob_console.export.rows import TableWriter  # it loads pandas
 
-        if self._rows is None:
-            self._rows = self._read()
-        file = BytesIO()
-        with closing(TableWriter(file, table, TableFormat.CSV)) as writer:
-            writer.write_rows(self._rows[table.name])
-        return file.getvalue()
-
-    def _runs(self) -> list[RunSummary]:
-        return [run for run in self._content.runs if run.folder in self._content.folders]
-
-    def _read(self) -> dict[str, list[dict[str, object]]]:
-        found: dict[str, list[dict[str, object]]] = {table.name: [] for table in RUN_TABLES}
-        for run in self._runs():
-            try:
-                stored = stored_run(RunPath(self._content.source(run)))
-                of_run = {table.name: list(rows_of(table, stored)) for table in RUN_TABLES}
-            except MadrobError:
-                self.whole = False  # it changes just now: the next time it is there
-                continue
-            for table in RUN_TABLES:
-                place = self._content.folders[run.folder]  # no path of this machine
-                own = {"place": place} if any(c.name == "place" for c in table.columns) else {}
-                found[table.name] += [{**row, **own} for row in of_run[table.name]]
-        return found
+        self._files = {table.name: TemporaryFile() for table in RUN_TABLES}  # noqa: SIM115
+        with ExitStack() as stack:
+            writers = [
+                stack.enter_context(closing(TableWriter(file, table, TableFormat.CSV)))
+                for table, file in zip(RUN_TABLES, self._files.values(), strict=True)
+            ]
+            for run in self._content.with_result:
+                try:
+                    stored = stored_run(RunPath(self._content.source(run)))
+                    found = [list(rows_of(table, stored)) for table in RUN_TABLES]
+                except MadrobError:
+                    self.whole = False  # it changes just now: the next time it is there
+                    continue
+                place = self._content.folder_of(run)  # no path of this machine
+                for writer, rows in zip(writers, found, strict=True):
+                    writer.write_rows({**row, "place": place} for row in rows)
 
 
 def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
     """All files, those that others link to first; and the runs without a report to show."""
     files: list[SiteFile] = []
     around = Surroundings()
-    for run in content.runs:
-        if run.folder in content.folders:
-            files += _of_run(content, run, around)
+    for run in content.with_result:
+        files += _of_run(content, run, around)
     files += _tables(content)
-    files += [SiteFile.of(team_place(one), team_page(content, one)) for one in content.of_team]
+    for subject in content.of_team:
+        days = team_days(content, subject)
+        for day in days:
+            key = _key(content.software, *sources_of_day(content, subject, day))
+            files.append(SiteFile(day.place, key, partial(_day, content, subject, day)))
+        files.append(SiteFile.of(team_place(subject), team_page(content, subject, days)))
     files += [
         SiteFile.of(condition_place(one), condition_page(content, one))
         for one in content.conditions
     ]
     if content.plan is not None:
-        files.append(SiteFile.of(PLAN, plan_page(content, content.plan)))
+        files += [SiteFile.of(place, text) for place, text in plan_pages(content, content.plan)]
     written = date_text(content.standings.made)
     # that it is later now is alone no reason to write it again
     pages = overview_page(content, written), overview_page(content, "")
     files.append(SiteFile.of(INDEX_PAGE, *pages))
-    without = [run for run in content.runs if run.folder in {*content.folders} - {*content.places}]
-    return files, without
+    return files, [run for run in content.with_result if run.folder not in content.places]
+
+
+def _day(content: SiteContent, subject: int, day: Sheet[RunSummary]) -> bytes:
+    return team_page(content, subject, day=day).encode()
 
 
 def _of_run(content: SiteContent, run: RunSummary, around: Surroundings) -> Iterator[SiteFile]:
@@ -361,13 +373,14 @@ def _of_run(content: SiteContent, run: RunSummary, around: Surroundings) -> Iter
         sources = (RESULT_FILE, JOURNAL_FILE, f"{PICTURES_FOLDER}/{PICTURES_INDEX}")
         stamps = (stamp_of(f"{folder}/{name}") for name in sources)
         team = content.of_team[run.subject]
-        others = (team_digest(run, team), *(_page_of(content, run, one) for one in team))
+        pages = (_page_of(content, run, one) for one in team_runs(run, team))
+        others = (team_digest(run, team), *pages)
         key = _key(content.software, _ways(content, run), *others, *stamps)
         yield SiteFile(page, key, partial(_report, content, run, around))
     stamp = stamp_of(f"{folder}/{RESULT_FILE}")
     if stamp is not None:
-        place = f"{content.folders[run.folder]}/{RESULT_FILE}"
-        yield SiteFile(place, _key(stamp), partial(_result, folder / RESULT_FILE))
+        place = f"{content.folder_of(run)}/{RESULT_FILE}"
+        yield SiteFile(place, _key(stamp), partial(_result, content, run))
 
 
 def _page_of(content: SiteContent, run: RunSummary, other: RunSummary) -> str:
@@ -397,7 +410,8 @@ def _report(content: SiteContent, run: RunSummary, around: Surroundings) -> byte
         raise SourceUnreadError(f"{run.folder}: no report on the site ({error})") from error
 
 
-def _result(path: Path) -> bytes:
+def _result(content: SiteContent, run: RunSummary) -> bytes:
+    path = content.source(run) / RESULT_FILE
     try:
         return read_all(path, LARGEST_RESULT)
     except OSError as error:  # it may be gone since the runs were listed
@@ -424,4 +438,4 @@ def _tables(content: SiteContent) -> Iterator[SiteFile]:
 
 
 def _key(*of: object) -> str:
-    return sha256("\n".join(map(str, of)).encode(errors="surrogateescape")).hexdigest()
+    return _digest("\n".join(map(str, of)))

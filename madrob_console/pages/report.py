@@ -36,7 +36,7 @@ from madrob_console.referee.flags import (
 )
 from madrob_console.referee.records import Reissuing
 from madrob_console.referee.run import Run
-from scoring.figures.team_drawings import TimedPhase
+from scoring.figures.run_drawings import TimedPhase
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import Indicator, Result, doubts_of, uncertainty_text, value_text

@@ -10,9 +10,9 @@ from markupsafe import Markup, escape
 
 from madrob_console.archive.scored import Scored
 from madrob_console.common.names import terminal_safe
-from madrob_console.pages.drawings import themed
-from madrob_console.pages.templates import NOTHING, render
-from scoring.figures.run_drawings import LANE, passage_figure, passage_svg
+from madrob_console.pages.drawings import Scale, rows_of_words, themed
+from madrob_console.pages.templates import render
+from scoring.figures.run_drawings import PassageFigure, passage_figure
 from scoring.indicator_table import FigureName, IndicatorName, Quantity
 
 NO_MATPLOTLIB = "they need matplotlib: install madrob-console with its extra `report`"
@@ -43,12 +43,17 @@ def figures(scored: Scored) -> Markup:
         missing=missing,
         reasons="; ".join(dict.fromkeys(missing.values())),
         passage=passage,
-        passage_drawing=NOTHING if passage is None else themed(passage_svg(passage)),
-        lane=LANE,
+        **({} if passage is None else _passage(passage)),
         occupied=result.indicators[IndicatorName.DOOR_OCCUPATION_TIME].text if passage else "",
         touch_force=rows.thresholds.touch_force,
         shows_force=_shows_force,
     )
+
+
+def _passage(found: PassageFigure) -> dict[str, object]:
+    scale = Scale(*found.window)
+    rows = rows_of_words(found.marks, scale)
+    return {"scale": scale, "word_rows": rows, "head": 14 * (max(rows, default=-1) + 1) + 4}
 
 
 def _shows_force(name: FigureName) -> bool:

@@ -6,23 +6,23 @@ import os
 import posixpath
 import re
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
-from itertools import combinations
 from pathlib import Path
-from typing import TypeAlias
+from typing import Generic, NamedTuple, TypeAlias, TypeVar
 
 from madrob_console.archive.folders import REPORT_FILE
 from madrob_console.archive.history import RunSummary, rank
 from madrob_console.common.files import stamp_of
 from madrob_console.pages.competition import CompetitionStandings, RulesetStandings
-from madrob_console.pages.tally import Overall
+from madrob_console.pages.tally import Overall, alike_values
 from madrob_console.referee.competition_plan import PlanProgress
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-from scoring.result import distinguishable
+
+_T = TypeVar("_T")
 
 PLAN = "plan.html"
 
@@ -78,21 +78,20 @@ class SiteContent:
         return sorted({one.number for group in groups for one in group.conditions})
 
     @cached_property
-    def folders(self) -> Mapping[str, str]:
-        """The folder on the site of each run that has a result, by the run's own folder."""
-        return {
-            run.folder: f"runs/{_called(run)}"
-            for run in self.runs
-            if run.outcome is not None and run.problem is None
-        }
+    def with_result(self) -> Sequence[RunSummary]:
+        """The runs that have a folder on the site."""
+        return [run for run in self.runs if run.outcome is not None and run.problem is None]
+
+    def folder_of(self, run: RunSummary) -> str:
+        return f"runs/{_called(run)}"
 
     @cached_property
     def places(self) -> Mapping[str, str]:
         """The page of each run that has one, its report, by the run's folder."""
         return {
-            folder: f"{called}/{REPORT_FILE}"
-            for folder, called in self.folders.items()
-            if stamp_of(f"{self.root / folder}/{REPORT_FILE}") is not None
+            run.folder: f"{self.folder_of(run)}/{REPORT_FILE}"
+            for run in self.with_result
+            if stamp_of(f"{self.source(run)}/{REPORT_FILE}") is not None
         }
 
     def runs_of(self, subject: int, condition: int, ruleset: str) -> list[RunSummary]:
@@ -132,6 +131,33 @@ def condition_place(number: int) -> str:
     return f"conditions/{number:02d}.html"
 
 
+MOST_RUNS, MOST_LINES = 40, 150
+"""On one page: of a team's runs, and of the lines of a plan."""
+
+
+class Sheet(NamedTuple, Generic[_T]):
+    """A page with a part of a long list; `words` name it in links."""
+
+    place: str
+    words: str
+    items: Sequence[_T]
+
+
+def sheets(
+    place: str, items: Iterable[_T], most: int, day_of: Callable[[_T], str]
+) -> Iterator[Sheet[_T]]:
+    """A page for each day, or several where a day has more than `most`; days in their order."""
+    of: dict[str, list[_T]] = defaultdict(list)
+    for item in items:
+        of[day_of(item)].append(item)
+    for day, of_day in of.items():
+        for number, first in enumerate(range(0, len(of_day), most), 1):
+            part = of_day[first : first + most]
+            name = "_".join(filter(None, (place.removesuffix(".html"), day, f"{number}")))
+            words = f"{first + 1} to {first + len(part)} of {len(of_day)}"
+            yield Sheet(f"{name}.html", f"{day or 'Plan'}: {words}", part)
+
+
 def beside(page: str, name: str) -> str:
     """Path of a file of the site relative to one of its pages."""
     return posixpath.relpath(name, posixpath.dirname(page) or ".")
@@ -159,16 +185,14 @@ def alike_among(runs: Sequence[RunSummary]) -> Alike:
     """Indistinguishable values among the compared ones of these runs (protocol section 11)."""
     found: dict[str, set[IndicatorName]] = defaultdict(set)
     for name in IndicatorName:
-        known = [
+        known = (
             (run.folder, value, run.uncertainties[name])
             for run in runs
             if run.comparable
             if (value := drawable(run, name)) is not None and name in run.uncertainties
-        ]
-        for (one, value, spread), (two, other, its) in combinations(known, 2):
-            if not distinguishable(value, other, spread, its):
-                found[one].add(name)
-                found[two].add(name)
+        )
+        for folder in alike_values(known):
+            found[folder].add(name)
     return {folder: frozenset(names) for folder, names in found.items()}
 
 
@@ -184,16 +208,42 @@ def drawable(run: RunSummary, name: IndicatorName) -> float | None:
 # The teams of a competition in the order of their best runs.
 
 
+class Reached(NamedTuple):
+    """By the best runs of a team: its highest level (-1 = none), and in how many conditions.
+
+    `completed` counts conditions, too; `times` is the sum of their execution times, s.
+    """
+
+    level: float
+    at_level: int
+    completed: int
+    times: float
+
+    @classmethod
+    def of(cls, best: Collection[RunSummary]) -> Reached:
+        levels = [-rank(run)[0] for run in best]
+        highest = max(levels, default=-1.0)
+        completed = [run for run in best if run.outcome is Outcome.COMPLETED]
+        times = sum(run.values.get(IndicatorName.EXECUTION_TIME, 0.0) for run in completed)
+        return cls(highest, levels.count(highest), len(completed), times)
+
+    @property
+    def order(self) -> tuple[float, ...]:
+        return -self.level, -self.at_level, -self.completed, self.times
+
+
 @dataclass(frozen=True)
 class BestRuns:
     """The best run of each team by one ruleset.
 
     Attributes:
         teams: in the order of `TEAMS_ORDER`.
+        reached: by subject, what that order goes by.
         of_team: subject -> condition -> its best run, where it has a valid one.
     """
 
     teams: Sequence[Overall]
+    reached: Mapping[int, Reached]
     conditions: Sequence[int]
     of_team: Mapping[int, Mapping[int, RunSummary]]
     alike: Alike
@@ -216,14 +266,6 @@ class BestRuns:
                 [of_team[number] for of_team in best.values() if number in of_team]
             ).items()
         }
-        ordered = sorted(group.overall, key=lambda team: _order(best[team.subject], team.subject))
-        return cls(ordered, numbers, best, alike)
-
-
-def _order(best: Mapping[int, RunSummary], subject: int) -> tuple[float, ...]:
-    """Highest level, in how many conditions it was reached, and completed, their times; number."""
-    levels = [-rank(run)[0] for run in best.values()]
-    highest = max(levels, default=-1.0)
-    completed = [run for run in best.values() if run.outcome is Outcome.COMPLETED]
-    times = sum(run.values.get(IndicatorName.EXECUTION_TIME, 0.0) for run in completed)
-    return -highest, -levels.count(highest), -len(completed), times, subject
+        reached = {subject: Reached.of(runs.values()) for subject, runs in best.items()}
+        by_best = sorted(group.overall, key=lambda one: (reached[one.subject].order, one.subject))
+        return cls(by_best, reached, numbers, best, alike)

@@ -6,25 +6,25 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from markupsafe import Markup
-
 from madrob_console.archive.history import RunSummary
-from madrob_console.pages.drawings import themed
-from madrob_console.pages.site_content import drawable
-from scoring.figures.team_drawings import (
+from madrob_console.pages.drawings import (
     FAILED,
     FEWEST_FOR_A_BOX,
+    MOST_POINTS,
     BoxRow,
+    DayCurve,
     DayPoint,
-    box_plot,
-    day_curve,
+    Scale,
+    box_scale,
 )
+from madrob_console.pages.site_content import drawable
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Outcome
 from scoring.result import value_text
 
 BOXES_NOTE = (
-    f"Circles: completed runs. From {FEWEST_FOR_A_BOX} of them on a box has their middle half, its "
+    f"Circles: completed runs, of a team with up to {MOST_POINTS}. "
+    f"From {FEWEST_FOR_A_BOX} of them on a box has their middle half, its "
     "thick line is the median, the thin one goes from the smallest to the largest. "
     f"{FAILED}: runs that failed, in no box and, where they lie beyond the scale, at its edge. "
     "Before them: how many completed + failed."
@@ -35,9 +35,7 @@ CURVES_NOTE = (
     "beyond the scale, at its edge."
 )
 
-_MOST_SPOKEN = 12  # values in the words of one drawing; all stand in the tables
 _MOST_MARKS = 5  # times on an axis
-_CLOCK = "%H:%M"
 _STEPS = (60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400)
 
 
@@ -45,27 +43,25 @@ class Box(NamedTuple):
     """A box plot of an indicator, a row a team."""
 
     name: IndicatorName
-    names: Sequence[str]
-    counts: Sequence[str]
-    drawing: Markup
+    rows: Sequence[BoxRow]
+    scale: Scale
+    spoken: str
 
 
 def boxes(runs: Mapping[int, Sequence[RunSummary]], who: Callable[[int], str]) -> Iterator[Box]:
     """A box plot for each indicator that has a value; all runs of one condition."""
     for name in IndicatorName:
-        rows = {subject: _box_row(found, name) for subject, found in runs.items()}
-        if not any(row.completed or row.failed for row in rows.values()):
-            continue
-        words = [f"{who(subject)}: {_spoken(row)}" for subject, row in rows.items()]
-        spoken = f"{_caption(name)}. {'; '.join(words)}"
-        drawing = box_plot(tuple(rows.values()), spoken, all_shown=name.spec.counts)
-        counts = [f"{len(row.completed)}+{len(row.failed)}" for row in rows.values()]
-        yield Box(name, [who(subject) for subject in rows], counts, themed(drawing))
+        rows = [_box_row(who(subject), found, name) for subject, found in runs.items()]
+        if any(row.completed or row.failed for row in rows):
+            words = [f"{row.who}: {_spoken(row)}" for row in rows]
+            spoken = f"{_caption(name)}. {'; '.join(words)}"
+            yield Box(name, rows, box_scale(rows, all_shown=name.spec.counts), spoken)
 
 
-def _box_row(runs: Sequence[RunSummary], name: IndicatorName) -> BoxRow:
+def _box_row(who: str, runs: Sequence[RunSummary], name: IndicatorName) -> BoxRow:
     values = [(run.outcome, value) for run in runs if (value := drawable(run, name)) is not None]
     return BoxRow(
+        who,
         tuple(value for outcome, value in values if outcome is Outcome.COMPLETED),
         tuple(value for outcome, value in values if outcome is not Outcome.COMPLETED),
     )
@@ -82,7 +78,7 @@ def _values(values: Sequence[float], word: str) -> str:
     return f"{len(values)} {word} from {value_text(min(values))} to {value_text(max(values))}"
 
 
-def curves(runs: Sequence[RunSummary]) -> Iterator[tuple[IndicatorName, Markup]]:
+def curves(runs: Sequence[RunSummary]) -> Iterator[tuple[IndicatorName, DayCurve]]:
     """A curve over the day for each indicator that has a value; at least one run, oldest first."""
     day = runs[0].started, runs[-1].started
     marks = clock_marks(*day)
@@ -99,18 +95,10 @@ def curves(runs: Sequence[RunSummary]) -> Iterator[tuple[IndicatorName, Markup]]
             if (value := drawable(run, name)) is not None
         ]
         if points:
-            spoken = f"{_caption(name)}. {_points(points)}"
-            yield name, themed(day_curve(points, marks, day, spoken, all_shown=name.spec.counts))
-
-
-def _points(points: Sequence[DayPoint]) -> str:
-    told = [
-        f"{_local(point.time)} condition {point.curve} {value_text(point.value)}"
-        f"{'' if point.completed else ' failed'}"
-        for point in points[-_MOST_SPOKEN:]
-    ]
-    more = len(points) - len(told)
-    return "; ".join((f"{more} earlier ones", *told) if more else told)
+            spoken = f"{_caption(name)}. The tables above have its values."
+            leading = [one.value for one in points if one.completed or name.spec.counts]
+            scale = Scale.of(leading, [one.value for one in points])
+            yield name, DayCurve(points, marks, Scale(*day), scale, spoken)
 
 
 def clock_marks(begin: float, end: float) -> list[tuple[float, str]]:
@@ -122,12 +110,8 @@ def clock_marks(begin: float, end: float) -> list[tuple[float, str]]:
     east = time.localtime(begin).tm_gmtoff
     first = -(-int(begin + east) // step) * step - east
     times = range(first, int(end) + 1, step) or [int(begin)]
-    form = "%d %b" if step >= _STEPS[-1] else "%a %H:%M" if span > _STEPS[-1] else _CLOCK
-    return [(float(at), _local(at, form)) for at in times]
-
-
-def _local(at: float, form: str = _CLOCK) -> str:
-    return time.strftime(form, time.localtime(at))
+    form = "%d %b" if step >= _STEPS[-1] else "%a %H:%M" if span > _STEPS[-1] else "%H:%M"
+    return [(float(at), time.strftime(form, time.localtime(at))) for at in times]
 
 
 def _caption(name: IndicatorName) -> str:

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
+import msgspec
 from markupsafe import Markup
 
 from madrob_console.archive.folders import INDEX_PAGE
 from madrob_console.archive.history import PROTEST_OPEN, RunSummary, condition_words, rank
-from madrob_console.common.formatting import format_span
+from madrob_console.common.formatting import date_of, format_span
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.competition import (
     PLAN_NOTES,
@@ -23,17 +24,21 @@ from madrob_console.pages.competition import (
 from madrob_console.pages.notes import MANUAL_START_NOTE, NO_UNCERTAINTY_NOTE, UNCERTAINTY_NOTE
 from madrob_console.pages.outputs import MEANS, NOTES_OF_PAGES
 from madrob_console.pages.site_content import (
+    MOST_LINES,
+    MOST_RUNS,
     NONE_ALIKE,
     ORDER,
     PLAN,
     TEAMS_ORDER,
     Alike,
     BestRuns,
+    Sheet,
     SiteContent,
     alike_among,
     beside,
     best_of,
     condition_place,
+    sheets,
     team_place,
     zip_place,
 )
@@ -46,9 +51,8 @@ from madrob_console.pages.site_drawings import (
 )
 from madrob_console.pages.tally import ALIKE
 from madrob_console.pages.templates import NONE, path_link, render
-from madrob_console.referee.competition_plan import PlanProgress
+from madrob_console.referee.competition_plan import Attempts, PlanProgress
 from madrob_console.referee.flags import FlagKind, weighty
-from scoring.figures.team_drawings import ROW
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Condition, Outcome
 from scoring.result import uncertainty_text, value_text
@@ -63,6 +67,9 @@ DOWNLOADS = {
 }
 
 _LATEST, _NEXT = 8, 3
+
+_MOST_CELLS = 240
+"""Teams times conditions in one table: a larger one is too wide for any screen."""
 
 _LEVEL_FIRST = sorted(IndicatorName, key=lambda name: name is not IndicatorName.CAPABILITY_LEVEL)
 
@@ -107,6 +114,9 @@ class Links:
         known = number in self.content.conditions
         return path_link(beside(self.place, condition_place(number)), words) if known else words
 
+    def page(self, place: str, words: str) -> Markup:
+        return path_link(beside(self.place, place), words)
+
     def run(self, run: RunSummary, words: str) -> Markup:
         whole = Markup('<span class="whole">{}</span>').format(words)
         target = self.content.places.get(run.folder)
@@ -145,7 +155,6 @@ _TOLD: Mapping[str, Any] = {
     "execution_time": IndicatorName.EXECUTION_TIME,
     "level_first": _LEVEL_FIRST,
     "outcome_notes": _outcome_notes,
-    "row": ROW,
     "task_of": _task_of,
     "unit_and_direction": unit_and_direction,
     "value_heads": [
@@ -199,13 +208,41 @@ def overview_page(content: SiteContent, written: str) -> str:
         groups=[(group, BestRuns.of(content, group)) for group in groups],
         latest=list(islice(reversed(content.runs), _LATEST)),
         downloads=DOWNLOADS,
+        most_cells=_MOST_CELLS,
         **_progress(content.plan),
     )
 
 
-def plan_page(content: SiteContent, plan: PlanProgress) -> str:
-    extra = [one for one in plan.tasks if not one.planned]
-    return _page("plan.html", content, PLAN, "Plan", extra=extra, **_progress(plan))
+def plan_pages(content: SiteContent, plan: PlanProgress) -> Iterator[tuple[str, str]]:
+    """Places and pages; a long plan has further ones, by day."""
+    items = [*plan.lines, *(one for one in plan.tasks if not one.planned)]
+    if len(items) <= MOST_LINES:
+        yield PLAN, _plan_page(content, Sheet(PLAN, "", items), plan)
+        return
+    found = list(sheets(PLAN, items, MOST_LINES, lambda one: one.time.rpartition(" ")[0]))
+    for part in found:
+        yield part.place, _plan_page(content, part)
+    protested = [one for one in items if one.open_protests]
+    yield PLAN, _plan_page(content, Sheet(PLAN, "", protested), plan, found)
+
+
+def _plan_page(
+    content: SiteContent,
+    sheet: Sheet[Attempts],
+    plan: PlanProgress | None = None,
+    found: Sequence[Sheet[Attempts]] = (),
+) -> str:
+    """`plan`: whose progress the page begins with; `found`: the further pages."""
+    return _page(
+        "plan.html",
+        content,
+        sheet.place,
+        f"Plan {sheet.words}".rstrip(),
+        lines=[one for one in sheet.items if one.planned],
+        extra=[one for one in sheet.items if not one.planned],
+        sheets=found,
+        **{"plan_summary": "", **_progress(plan)},
+    )
 
 
 def condition_page(content: SiteContent, number: int) -> str:
@@ -248,9 +285,47 @@ def _order(best: RunSummary | None) -> tuple[float, ...]:
     return (1.0,) if best is None else rank(best)
 
 
-def team_page(content: SiteContent, subject: int) -> str:
-    """A team's runs by condition, and its indicators over the day."""
-    place, runs = team_place(subject), content.of_team[subject]
+def team_days(content: SiteContent, subject: int) -> list[Sheet[RunSummary]]:
+    """The pages of a team's days; none where its own page has room for all of its runs."""
+    runs = content.of_team[subject]
+    if len(runs) <= MOST_RUNS:
+        return []
+    return list(sheets(team_place(subject), runs, MOST_RUNS, lambda run: date_of(run.started)[:10]))
+
+
+def sources_of_day(content: SiteContent, subject: int, day: Sheet[RunSummary]) -> Iterator[object]:
+    """All that a day's page is made of: the same sources, the same page."""
+    links = Links(content, day.place)
+    yield from (content.title, content.standings.title, day.words, links.ways())
+    yield links.team(subject)
+    yield _testbeds(content, subject)
+    for run in day.items:
+        yield msgspec.msgpack.encode(run)
+        yield content.places.get(run.folder)
+        yield links.condition(run.condition)
+
+
+def _best_of_each(runs: Sequence[RunSummary]) -> list[RunSummary]:
+    """The best run in each condition by each ruleset."""
+    of: dict[tuple[int, str], list[RunSummary]] = defaultdict(list)
+    for run in runs:
+        of[run.condition, run.ruleset].append(run)
+    return [best for one in sorted(of) if (best := best_of(of[one])) is not None]
+
+
+def team_page(
+    content: SiteContent,
+    subject: int,
+    days: Sequence[Sheet[RunSummary]] = (),
+    day: Sheet[RunSummary] | None = None,
+) -> str:
+    """A team's runs by condition, and their indicators: all runs, or those of a `day`.
+
+    With `days` the page leads to theirs, and has the best runs.
+    """
+    every = content.of_team[subject]
+    sheet = day or Sheet(team_place(subject), "", _best_of_each(every) if days else every)
+    place, runs = sheet.place, sheet.items
     of: dict[int, list[RunSummary]] = defaultdict(list)
     for run in runs:
         of[run.condition].append(run)
@@ -258,20 +333,26 @@ def team_page(content: SiteContent, subject: int) -> str:
         "team.html",
         content,
         place,
-        f"Team {content.who(subject)}",
+        f"Team {content.who(subject)} {sheet.words}".rstrip(),
         subject=subject,
+        sheet=sheet,
+        sheets=days,
         standings=[
             (group, team)
             for group in content.standings.groups
             for team in group.overall
             if team.subject == subject
         ],
-        testbeds=sorted({run.testbed for run in runs if run.testbed}),
+        testbeds=_testbeds(content, subject),
         zip=beside(place, zip_place(subject)),
         by_condition=sorted(of.items()),
-        curves=list(curves(runs)) if any(run.valid for run in runs) else [],
+        curves=list(curves(runs)) if not days and any(run.valid for run in runs) else [],
         notes={**_NOTES, "TEAM_NOTES": list(_notes(runs))},
     )
+
+
+def _testbeds(content: SiteContent, subject: int) -> list[str]:
+    return sorted({run.testbed for run in content.of_team[subject] if run.testbed})
 
 
 def _notes(runs: Sequence[RunSummary]) -> Iterator[str]:

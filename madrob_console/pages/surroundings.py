@@ -27,7 +27,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import read_bounded, stamp_of
 from madrob_console.pages.templates import NOTHING
 from madrob_console.referee.records import JournalMark
-from scoring.figures.team_drawings import PhaseTimes, phases_of
+from scoring.figures.run_drawings import PhaseTimes, phases_of
 
 # Whether a report is of the result that lies beside it.
 
@@ -72,7 +72,7 @@ def _head(folder: Path) -> str:
     return head.decode(errors="replace")
 
 
-_MOST_FILES = 60
+_MOST_FILES = _MOST_RUNS = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,9 @@ class PagePlace:
 
     Attributes:
         files: the names of the files beside it.
-        team: the other runs of its team, by condition and number.
+        team: the other runs of its team, by condition and number; of very many those of its
+            condition, the latest ones.
+        team_shortened: whether there are more.
         field: the comparable runs of all teams; none where the run failed.
         itself: the run in the list of runs; None = it is not there.
         earlier: the issues of its result before this one.
@@ -106,6 +108,7 @@ class PagePlace:
 
     files: tuple[str, ...] = ()
     team: tuple[LinkedRun, ...] = ()
+    team_shortened: bool = False
     field: tuple[ComparedRun, ...] = ()
     itself: RunSummary | None = None
     earlier: tuple[ListedResult, ...] = ()
@@ -165,10 +168,11 @@ class Surroundings:
             run_id="" if scored.run.setup is None else scored.run.setup.run_id,
         )
         others = _others(mine, runs)
-        team = _team(mine, others)
+        team = team_runs(mine, others)
         field = [run for run in others if _comparable(run, scored, practice=mine.practice)]
         return PagePlace(
             team=tuple(LinkedRun(run, page(run)) for run in team),
+            team_shortened=sum(run.subject == mine.subject for run in others) > len(team),
             field=tuple(
                 ComparedRun(run, phases)
                 for run in field
@@ -209,25 +213,30 @@ class Surroundings:
 
 
 def _others(mine: RunSummary, runs: Iterable[RunSummary]) -> list[RunSummary]:
-    """Runs of the same competition and kind, without duplicates of this run."""
+    """Other runs of the same competition and kind, without those that never ran."""
     return [
         run
         for run in runs
         if run.folder != mine.folder
         and run.practice is mine.practice
         and run.competition == mine.competition
+        and not run.never_ran
         and not (mine.run_id and run.run_id == mine.run_id)
     ]
 
 
-def _team(mine: RunSummary, others: Iterable[RunSummary]) -> list[RunSummary]:
-    found = (run for run in others if run.subject == mine.subject and not run.never_ran)
-    return sorted(found, key=lambda run: (run.condition, run.run_number))
+def team_runs(mine: RunSummary, runs: Iterable[RunSummary]) -> list[RunSummary]:
+    """The team's other runs that a run's report tells of."""
+    found = [run for run in _others(mine, runs) if run.subject == mine.subject]
+    if len(found) > _MOST_RUNS:
+        found = [run for run in found if run.condition == mine.condition]
+    found.sort(key=lambda run: (run.condition, run.run_number))
+    return found[-_MOST_RUNS:]
 
 
 def team_digest(mine: RunSummary, runs: Iterable[RunSummary]) -> str:
     """Digest of all that a run's report tells of its team's other runs."""
-    return _digest(_team(mine, _others(mine, runs)))
+    return _digest(team_runs(mine, runs))
 
 
 def _digest(team: Iterable[RunSummary]) -> str:

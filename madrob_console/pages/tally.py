@@ -10,8 +10,7 @@ import statistics
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice, product
-from operator import itemgetter
+from itertools import islice
 from typing import Any, NamedTuple, TypeVar
 
 from madrob_console.archive.history import VOID, RunSummary, rank
@@ -151,6 +150,7 @@ class Overall(Tally):
 
 
 _T = TypeVar("_T", bound=Tally)
+_K = TypeVar("_K")
 
 
 def counts(tally: Tally) -> Iterator[str]:
@@ -335,33 +335,44 @@ def aggregate_of(runs: Iterable[RunSummary], name: IndicatorName) -> Aggregate |
 
 
 def _told_apart(tallies: Sequence[_T], beside: Callable[[_T], Hashable]) -> tuple[_T, ...]:
-    """The tallies with `alike`; those with the same `beside` are compared."""
+    """The tallies with `alike`; those with the same `beside` are compared, one of each subject."""
     groups: dict[Hashable, list[_T]] = defaultdict(list)
     for tally in tallies:
         groups[beside(tally)].append(tally)
-    alike: dict[int, dict[IndicatorName, tuple[int, ...]]] = defaultdict(dict)
-    for group, name in product(groups.values(), IndicatorName):
-        for one, subjects in _alike(group, name).items():
-            alike[one][name] = tuple(sorted(subjects))
-    return tuple(replace(tally, alike=alike.get(id(tally), {})) for tally in tallies)
+    told: dict[int, _T] = {}
+    for group in groups.values():
+        alike = {name: alike_values(_known_means(group, name)) for name in IndicatorName}
+        for tally in group:
+            own = {
+                name: tuple(sorted(found[tally.subject]))
+                for name, found in alike.items()
+                if tally.subject in found
+            }
+            told[id(tally)] = replace(tally, alike=own)
+    return tuple(told[id(tally)] for tally in tallies)
 
 
-def _alike(tallies: Iterable[Tally], name: IndicatorName) -> Mapping[int, list[int]]:
-    """The subjects that are alike, by the identity of a tally; unique ones are missing."""
-    known = [
-        (one.mean - one.uncertainty.expanded, one, tally)
-        for tally in tallies
-        if (one := tally.aggregates.get(name)) is not None and one.uncertainty is not None
-    ]
-    known.sort(key=itemgetter(0))
-    found: dict[int, list[int]] = defaultdict(list)
-    for number, (_, one, mine) in enumerate(known):
-        assert one.uncertainty is not None
-        highest = one.mean + one.uncertainty.expanded
-        for lowest, two, other in islice(known, number + 1, None):
-            if lowest > highest:
+def _known_means(
+    tallies: Iterable[Tally], name: IndicatorName
+) -> Iterator[tuple[int, float, Uncertainty]]:
+    for tally in tallies:
+        one = tally.aggregates.get(name)
+        if one is not None and one.uncertainty is not None:
+            yield tally.subject, one.mean, one.uncertainty
+
+
+def alike_values(known: Iterable[tuple[_K, float, Uncertainty]]) -> Mapping[_K, Sequence[_K]]:
+    """Those that each value is not distinguishable from, by its key (protocol section 11).
+
+    A value that is like no other is missing.
+    """
+    ordered = sorted(known, key=lambda one: one[1] - one[2].expanded)
+    found: dict[_K, list[_K]] = defaultdict(list)
+    for number, (key, value, spread) in enumerate(ordered, 1):
+        for other, its, theirs in islice(ordered, number, None):
+            if its - theirs.expanded > value + spread.expanded:
                 break
-            if not distinguishable(one.mean, two.mean, one.uncertainty, two.uncertainty):
-                found[id(mine)].append(other.subject)
-                found[id(other)].append(mine.subject)
+            if not distinguishable(value, its, spread, theirs):
+                found[key].append(other)
+                found[other].append(key)
     return found

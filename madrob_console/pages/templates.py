@@ -13,6 +13,7 @@ from markupsafe import Markup, escape
 
 from madrob_console.archive.history import condition_words
 from madrob_console.common.names import terminal_safe
+from madrob_console.pages.drawings import FAILED
 from madrob_console.referee.acts.during import RULED
 from scoring.indicator_table import unit_text
 from scoring.protocol import Condition
@@ -25,7 +26,7 @@ NOTHING = Markup()
 
 def render(template: str, **told: object) -> Markup:
     """A template filled in; text from anywhere is escaped and without control characters."""
-    return Markup(_TEMPLATES.get_template(template).render(told))
+    return Markup(TEMPLATES.get_template(template).render(told))
 
 
 def path_link(target: str, words: str) -> Markup:
@@ -72,6 +73,7 @@ _FILTERS: Mapping[str, Any] = {
 }
 _GLOBALS: Mapping[str, Any] = {
     "condition_words": condition_words,
+    "failed_mark": FAILED,
     "ruled": RULED,
     "uncertainty_text": uncertainty_text,
     "unit_text": unit_text,
@@ -93,4 +95,4 @@ def _environment() -> Environment:
     return made
 
 
-_TEMPLATES = _environment()
+TEMPLATES = _environment()

@@ -1,22 +1,22 @@
-"""Drawings of one run without matplotlib: passage lanes, labels, stretches of curves.
+"""What drawings of a run show: labels of events, stretches of curves, passage lanes, phases.
 
-Plain data to SVG, without matplotlib. The names of the lanes stand beside the drawing.
+Plain data without matplotlib.
 """
 
 from __future__ import annotations
 
 import itertools
-import math
+import statistics
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from xml.sax.saxutils import escape, quoteattr
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scoring.indicator_table import EventMark, IndicatorName
 from scoring.kinematics import Array, Rows
-from scoring.protocol import PASSAGE_SENSORS, Condition, EventName, PassageSensor, Side
+from scoring.protocol import PASSAGE_SENSORS, Condition, EventName, PassageSensor, Side, Step
 from scoring.result import Result
 
 # Where the names of events stand above a figure, so that none runs into another one.
@@ -88,112 +88,6 @@ def _width(text: str) -> float:
     return _LETTER * len(text)
 
 
-# Drawings over time as wide as their place, as SVG without matplotlib.
-#
-# Widths are in percent of the place; letters and heights are in pixels, on a phone and on a wide
-# screen alike.
-
-
-LETTERS = 11
-"""Height of letters, px."""
-
-TICK_ROOM = 20
-"""Room for a time axis below a drawing, px."""
-
-_LETTER_WIDTH = 0.6 * LETTERS
-_NARROWEST = 230.0  # px: on a phone, beside the names of the lanes
-_MOST_TICKS = 6
-_STEPS = (1, 2, 5, 10)
-
-
-def across(time: float, window: Interval) -> float:
-    """Percent of the width at a time; a time beyond the window stands at its end."""
-    part = (time - window[0]) / (window[1] - window[0])
-    return round(100 * min(max(part, 0.0), 1.0), 3)
-
-
-def bars(spans: Iterable[Interval], window: Interval, top: float, height: float) -> str:
-    """A bar for each span that touches the window, s; `top` and `height` in px."""
-    drawn = []
-    for begin, end in spans:
-        if begin < window[1] and end > window[0]:
-            left = across(begin, window)
-            width = max(round(across(end, window) - left, 3), 0.15)  # a short one is seen, too
-            drawn.append(
-                f'<rect x="{left:g}%" y="{top:g}" width="{width:g}%" height="{height:g}"/>'
-            )
-    return "".join(drawn)
-
-
-def line(time: float, window: Interval, top: float, bottom: float) -> str:
-    """An upright line, from `top` to `bottom` in px."""
-    left = across(time, window)
-    return f'<line x1="{left:g}%" x2="{left:g}%" y1="{top:g}" y2="{bottom:g}"/>'
-
-
-def text_at(time: float, window: Interval, baseline: float, text: str) -> str:
-    """Words at a time that stay within the drawing and hide lines, on a baseline in px."""
-    left = across(time, window)
-    anchor, aside = ("start", 2) if left <= 50 else ("end", -2)
-    return (
-        f'<text x="{left:g}%" dx="{aside}" y="{baseline:g}" text-anchor="{anchor}" '
-        'style="stroke: #ffffff; stroke-width: 3; paint-order: stroke">'
-        f"{escape(text)}</text>"
-    )
-
-
-def rows_of_words(marks: Sequence[tuple[float, str]], window: Interval) -> list[int]:
-    """The row of each text, by time in s, so that none meets another one on a phone either."""
-    ends: list[list[Interval]] = []
-    rows = []
-    for time, text in marks:
-        left, width = across(time, window) / 100 * _NARROWEST, _LETTER_WIDTH * len(text) + 4
-        begin = left if left <= _NARROWEST / 2 else left - width
-        taken = (begin, begin + width)
-        free = (
-            row
-            for row, others in enumerate(ends)
-            if all(taken[1] <= a or b <= taken[0] for a, b in others)
-        )
-        row = next(free, len(ends))
-        if row == len(ends):
-            ends.append([])
-        ends[row].append(taken)
-        rows.append(row)
-    return rows
-
-
-def ticks(window: Interval) -> list[float]:
-    span = (window[1] - window[0]) / _MOST_TICKS
-    power = 10.0 ** math.floor(math.log10(span))
-    step = next(n * power for n in _STEPS if n * power >= span * (1 - 1e-9))
-    first, last = math.ceil(window[0] / step - 1e-9), math.floor(window[1] / step + 1e-9)
-    return [round(n * step, 9) + 0.0 for n in range(first, last + 1)]
-
-
-def axis(window: Interval, top: float) -> str:
-    """A time axis with its numbers, s; `top` in px."""
-    drawn = [f'<line x1="0" x2="100%" y1="{top:g}" y2="{top:g}"/>']
-    for tick in ticks(window):
-        left = across(tick, window)
-        anchor = "start" if left < 4 else "end" if left > 96 else "middle"
-        drawn.append(
-            f'<line x1="{left:g}%" x2="{left:g}%" y1="{top:g}" y2="{top + 4:g}"/>'
-            f'<text stroke="none" x="{left:g}%" y="{top + 16:g}" text-anchor="{anchor}">'
-            f"{tick:g}</text>"
-        )
-    return "".join(drawn)
-
-
-def drawing(parts: Iterable[str], height: float, alternative: str) -> str:
-    """The parts, from behind to the front, as one SVG element; `height` in px."""
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="100%" height="{height:g}" role="img" '
-        f'aria-label={quoteattr(alternative)} style="font: {LETTERS}px sans-serif">'
-        f"{''.join(parts)}</svg>"
-    )
-
-
 # Curves as stretches without gaps, thinned for drawing.
 
 
@@ -232,7 +126,7 @@ def _extremes(value: Array, most: int) -> NDArray[np.intp]:
     return np.unique(np.concatenate(kept))
 
 
-# The colours of the figures, the protocol document's; a page may put others in their place.
+# The colours of the figures, the protocol document's; a page puts its own in their place.
 
 
 ORANGE, BLUE, RED, GREY = "#d95f02", "#1f4e9e", "#c00000", "#555555"
@@ -241,14 +135,8 @@ ORANGE, BLUE, RED, GREY = "#d95f02", "#1f4e9e", "#c00000", "#555555"
 BAND = "#e0e0e0"
 
 
-LANE = 21
-"""Height of a lane, px."""
-
-_STATES = 2
-
 _MARGIN = 1.0
 
-_WORDS = 14  # height of a row of words, px
 _MOST_TOLD = 4  # of a lane, in words
 _MOST_SPANS = 500  # of a lane: of a loose contact that is enough
 
@@ -272,11 +160,6 @@ class PassageFigure:
     window: Interval
     lanes: tuple[Lane, ...]
     marks: tuple[tuple[float, str], ...]
-
-    @property
-    def head(self) -> float:
-        """Height of the words above the lanes, px."""
-        return _WORDS * (max(rows_of_words(self.marks, self.window), default=-1) + 1) + 4.0
 
     @property
     def alternative(self) -> str:
@@ -317,49 +200,6 @@ def passage_figure(result: Result, rows: Rows, condition: Condition) -> PassageF
     return PassageFigure(
         window, (Lane("occupation", whole), Lane("door open", opened), *lanes), marks
     )
-
-
-def passage_svg(figure: PassageFigure) -> str:
-    """The lanes as an SVG element, without their names."""
-    window, top = figure.window, figure.head
-    count = len(figure.lanes)
-    bottom = top + LANE * count
-    sensors = [(top + LANE * n, lane) for n, lane in enumerate(figure.lanes)][_STATES:]
-    upper = zip((RED, ORANGE), figure.lanes, (top, top + LANE), strict=False)
-    rulers = "".join(
-        f'<line x1="0" x2="100%" y1="{top + LANE * n:g}" y2="{top + LANE * n:g}"/>'
-        for n in (0, 1, *range(_STATES, count + 1, (count - _STATES) // 2))
-    )
-    rows = rows_of_words(figure.marks, window)
-    hatches = (
-        '<defs><pattern id="masked" width="5" height="5" patternUnits="userSpaceOnUse">'
-        f'<path d="M-1 6L6 -1" style="stroke: {GREY}"/></pattern></defs>'
-    )
-    parts = (
-        hatches,
-        '<g style="fill: url(#masked)">',
-        *(bars(lane.masked, window, y, LANE) for y, lane in sensors),
-        f'</g><g style="fill: {BLUE}">',
-        *(bars(lane.spans, window, y + 3, LANE - 6) for y, lane in sensors),
-        "</g>",
-        *(
-            f'<g style="fill: {colour}">{bars(lane.spans, window, y + 3, LANE - 6)}</g>'
-            for colour, lane, y in upper
-        ),
-        f'<g style="stroke: {GREY}; stroke-width: 0.5">{rulers}</g>',
-        f'<g style="stroke: {GREY}; stroke-dasharray: 3 2">',
-        *(
-            line(time, window, _WORDS * row + 3, bottom)
-            for (time, _), row in zip(figure.marks, rows, strict=True)
-        ),
-        f'</g><g style="fill: {GREY}">',
-        *(
-            text_at(time, window, _WORDS * row + 12, text)
-            for (time, text), row in zip(figure.marks, rows, strict=True)
-        ),
-        f'</g><g style="fill: {GREY}; stroke: {GREY}">{axis(window, bottom)}</g>',
-    )
-    return drawing(parts, bottom + TICK_ROOM, figure.alternative)
 
 
 def _marks(times: dict[EventName, float]) -> Iterator[tuple[float, str]]:
@@ -404,3 +244,52 @@ def _runs(time: Array, true: NDArray[np.bool_]) -> Iterator[Interval]:
 def _sensor_name(sensor: PassageSensor) -> str:
     """`cw_right[3]`, as the protocol numbers them."""
     return f"{sensor.strip}[{sensor.element}]"
+
+
+# Where the time of a run went: its phases.
+
+
+class TimedPhase(Enum):
+    """A part of a run, up to `step`, or to the stop if None."""
+
+    TOUCH = (Step.TOUCH, "start to touch")
+    OPEN = (Step.OPEN, "touch to opening")
+    CROSS = (Step.CROSS, "opening to crossed")
+    CLOSE = (Step.CLOSE, "crossed to closed")
+    LOCK = (Step.LOCK, "closed to locked")
+    REST = (None, "no further step")
+
+    def __init__(self, step: Step | None, words: str) -> None:
+        self.step = step
+        self.words = words
+
+
+PhaseTimes = Mapping[TimedPhase, float]
+"""How long each phase was, s; a phase that was not completed is missing."""
+
+
+def phases_of(
+    done: Mapping[Step, float], start: float, stop: float | None
+) -> dict[TimedPhase, float]:
+    """The phases of a run, in order; times in s. Without a `stop` the last one is not known."""
+    found: dict[TimedPhase, float] = {}
+    at = start
+    for phase in TimedPhase:
+        time = stop if phase.step is None else done.get(phase.step)
+        if time is None and phase.step is not None:
+            continue  # no step counts after one that does not
+        if time is not None and (time > at or phase.step not in (None, Step.LOCK)):
+            found[phase] = max(0.0, time - at)
+            at = max(at, time)
+    return found
+
+
+def median_phases(runs: Iterable[PhaseTimes]) -> dict[TimedPhase, float]:
+    """The median of each phase over the runs that completed it."""
+    every = list(runs)
+    known = {
+        phase: [run[phase] for run in every if phase in run]
+        for phase in TimedPhase
+        if phase.step is not None
+    }
+    return {phase: statistics.median(times) for phase, times in known.items() if times}

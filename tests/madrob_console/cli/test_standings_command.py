@@ -38,7 +38,7 @@ FORCE = IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION
 TAGS = {
     *("html", "head", "meta", "title", "style", "body", "header", "section", "footer"),
     *("h1", "h2", "p", "ul", "li", "table", "thead", "tbody", "tr", "th", "td"),
-    *("a", "b", "bdi", "caption", "div", "main", "small", "strong"),
+    *("a", "b", "bdi", "br", "caption", "div", "main", "small", "strong"),
 }
 
 

@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 
 import madrob_console.archive.scored
 import madrob_console.pages.publish
+import madrob_console.pages.site_pages
 from madrob_console.archive.folders import REPORT_FILE, RESULT_FILE, RunPath
 from madrob_console.archive.history import RunSummary
 from madrob_console.archive.result_files import stored_run
@@ -40,6 +41,8 @@ from madrob_console.pages.publish import (
     write_site,
 )
 from madrob_console.pages.site_content import (
+    MOST_LINES,
+    MOST_RUNS,
     SiteContent,
     alike_among,
     condition_place,
@@ -253,6 +256,60 @@ def test_names_have_no_power(site: Path) -> None:
     assert "<script" not in text
     assert "&lt;script&gt;" in text
     assert not {"\x1b", "\u202e"} & set(text)
+
+
+def words_of(*places: Path) -> str:
+    return "\n".join(place.read_text() for place in places)
+
+
+def test_many_runs_of_a_team_are_on_pages_of_their_days_and_none_is_lost(results: Path) -> None:
+    for number in range(1, MOST_RUNS + 6):  # an hour each, from 22:13 UTC on
+        last = number == MOST_RUNS + 5
+        run = of(8, number, own={TIME: 100.0 + number}, protest_due=EPOCH if last else None)
+        write(results, run)
+    write(results, of(8, 900, outcome=Outcome.ABORTED, values={}, reason="a child ran in"))
+    site = publish(results)
+    whole, days = site / "teams/008.html", sorted(site.glob("teams/008_*.html"))
+    assert len(days) >= 3
+    assert {f"{day.name}" for day in days} <= set(Page(whole).found("href"))
+    for number in range(1, MOST_RUNS + 6):
+        assert words_of(*days).count(f">{100 + number}.0000<") == 1
+    assert "a child ran in" in words_of(*days)
+    assert ">101.0000<" in whole.read_text()  # the best one
+    assert ">102.0000<" not in whole.read_text()
+    assert "NOT FINAL: 1 PROTEST open" in whole.read_text()
+    assert "NOT FINAL: a PROTEST is open" in words_of(*days)
+    before = stamps(site)
+    write(results, of(8, 901))
+    publish(results)
+    after = stamps(site)
+    assert sum(after[f"teams/{day.name}"] != before[f"teams/{day.name}"] for day in days) <= 1
+
+
+def test_a_long_plan_is_on_pages_of_its_days_and_none_of_its_lines_is_lost(results: Path) -> None:
+    write(results, of(2, 2, protest_due=EPOCH))
+    lines = [f"{n},7,1,2026-11-{25 + n % 2}T10:00" for n in range(1, MOST_LINES + 2)]
+    (results.parent / "plan.csv").write_text("\n".join(("subject,condition,attempts,time", *lines)))
+    site = publish(results)
+    days = sorted(site.glob("plan_*.html"))
+    assert {day.name for day in days} <= set(Page(site / "plan.html").found("href"))
+    rows = [row for day in days for row in Page(day).rows if "condition 7" in row]
+    assert len([row for row in rows if "2026-11-2" in row]) == len(lines)
+    assert "With an open protest" in (site / "plan.html").read_text()
+    assert len([row for row in Page(site / "plan.html").rows if row.startswith("2 ")]) == 1
+
+
+def test_a_table_of_many_teams_and_conditions_has_what_their_order_goes_by(
+    results: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(madrob_console.pages.site_pages, "_MOST_CELLS", 5)
+    rows = [row for row in Page(publish(results) / "index.html").rows if re.match(r"\d ", row)]
+    told = [[cell.strip() for cell in row.splitlines() if cell.strip()] for row in rows]
+    assert [row[1:5] for row in told] == [
+        ["6", "2", "2", "26.00"],
+        ["6", "1", "1", "11.00"],
+        ["4", "1", "0", "-"],
+    ]
 
 
 def test_the_plan_is_there_with_its_progress_and_what_comes_next(site: Path) -> None:
@@ -517,9 +574,7 @@ def test_no_page_is_written_or_removed_through_a_link(tmp_path: Path, linked: st
     (site / linked).symlink_to(victim)
     listed = site / ".madrob_site.json"
     listed.write_text(
-        listed.read_text().replace(
-            '"teams/b.html"', f'"teams/b.html":{{}},"{linked}/journal.jsonl"'
-        )
+        listed.read_text().replace('"teams/b.html"', f'"teams/b.html":"","{linked}/journal.jsonl"')
     )
     for files in ([page("index.html", "new")], [page(f"{linked}/new.html", "new")]):
         with pytest.raises(SiteRefusedError, match=f"{linked}: is a link.*; remove it"):

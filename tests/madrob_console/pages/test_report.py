@@ -47,7 +47,7 @@ from madrob_console.referee.records import (
 )
 from madrob_console.referee.records import TestbedFault as Fault
 from madrob_console.testbeds.simulated import Scenario
-from scoring.figures.team_drawings import TimedPhase
+from scoring.figures.run_drawings import TimedPhase
 from scoring.indicator_table import FigureName, IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import EventName, Outcome, Step
