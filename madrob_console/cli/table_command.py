@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from contextlib import ExitStack, closing, nullcontext
+from contextlib import ExitStack, closing
 from functools import partial
-from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, NamedTuple
@@ -25,9 +24,8 @@ from madrob_console.export.table_columns import (
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
-    from typing_extensions import Buffer
-
     from madrob_console.archive.folders import RunPath
+    from madrob_console.export.rows import Sink
 
 _SAMPLES = """\
 From the opening of a recording to its end, before it is cut to the run, by the code that makes \
@@ -166,8 +164,7 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
                 except MadrobError as error:
                     bad.add_complaint(error, run.name)
         chosen = read.chosen(arguments.testbed_name, arguments.competition)
-        target = nullcontext(_StandardOutput()) if to_terminal else whole_file(output)
-        file = stack.enter_context(target)
+        file: Sink = _StandardOutput() if to_terminal else stack.enter_context(whole_file(output))
         writer = stack.enter_context(closing(TableWriter(file, table, arguments.format)))
         for rows in chosen:
             writer.write_rows(rows)
@@ -177,10 +174,9 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
     return BAD_INPUT if bad.count else 0
 
 
-class _StandardOutput(BytesIO):
-    def write(self, data: Buffer, /) -> int:
-        put_bytes(bytes(data))
-        return len(bytes(data))
+class _StandardOutput:
+    def write(self, data: bytes, /) -> None:
+        put_bytes(data)
 
 
 def _samples(arguments: argparse.Namespace) -> int:
@@ -223,14 +219,10 @@ def write_samples(
     run: RunPath, *, output: Path, rules: RulesetName | None, kind: TableFormat
 ) -> _Written:
     """Write the tables of one run, which alone is in memory; never raises."""
-    from madrob_console.archive.scored import score_with_series
     from madrob_console.export.rows import SampledRun, write_table
 
-    if run.prefix:
-        return _Written(problem=f"{run.name}: files without a recording: give the run's bag")
     try:
-        scored, series = score_with_series(run.path, rules)
-        sampled = SampledRun(run.own_name, scored, series, scored.record.label(run.path))
+        sampled = SampledRun.of(run, rules)
         output.mkdir(parents=True, exist_ok=True)
         files = []
         for table in SAMPLE_TABLES:

@@ -36,7 +36,7 @@ from madrob_console.archive.scored import open_run
 from madrob_console.cli.score_command import describe_run
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import open_plain, stamp_of
-from madrob_console.export.pack import export_team
+from madrob_console.export.team import export_team
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.pages.competition import competition_standings
 from madrob_console.referee.acts import Abort, Finalise
