@@ -8,7 +8,7 @@ from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
 from madrob_console.cli.output import BAD_INPUT, Complaints, name_twins, progress, put_bytes
@@ -40,11 +40,6 @@ code 2 when a result is missing or cannot be used; the rest is there.
 """
 
 _STDOUT = Path("-")
-
-
-class _Written(NamedTuple):
-    files: tuple[Path, ...] = ()
-    problem: str | None = None
 
 
 def add_command(commands: options.Commands) -> None:
@@ -181,7 +176,7 @@ class _StandardOutput:
 
 def _samples(arguments: argparse.Namespace) -> int:
     from madrob_console.archive.folders import all_runs_at
-    from madrob_console.cli.sharing import in_order
+    from madrob_console.cli.batch import each_run
     from madrob_console.export.rows import check_writable
 
     output: Path = arguments.output
@@ -190,51 +185,31 @@ def _samples(arguments: argparse.Namespace) -> int:
     chosen = {run.own_name: run for run in reversed(runs)}  # the first of each name
     write = partial(write_samples, output=output, rules=arguments.ruleset, kind=arguments.format)
     to_write = [run for run in runs if chosen[run.own_name] is run]
-    with (
-        closing(in_order(write, to_write, _lost, arguments.jobs)) as results,
-        progress("runs") as tell,
-        Complaints() as bad,
-    ):
-        tell(0, len(runs))
-        for number, run in enumerate(runs, start=1):
+    with Complaints() as bad, closing(each_run(arguments, write, to_write, bad)) as written:
+        for run in runs:
             if (first := chosen[run.own_name]) is not run:
-                bad.add_complaint(
-                    f"{run.name}: is called like {first.name}: give it another --output", run.name
-                )
-            else:
-                written = next(results)
-                if written.problem is not None:
-                    bad.add_complaint(written.problem, run.name)
-                for path in written.files:
-                    print(terminal_safe(str(path)), flush=True)
-            tell(number, len(runs))
+                words = f"{run.name}: is called like {first.name}: give it another --output"
+                bad.add_complaint(words, run.name)
+        for _, files in written:
+            for path in files or ():
+                print(terminal_safe(str(path)), flush=True)
     return BAD_INPUT if bad.count else 0
-
-
-def _lost(run: RunPath, why: str) -> _Written:
-    return _Written(problem=f"{run.name}: its samples are not written: {why}")
 
 
 def write_samples(
     run: RunPath, *, output: Path, rules: RulesetName | None, kind: TableFormat
-) -> _Written:
-    """Write the tables of one run, which alone is in memory; never raises."""
+) -> list[Path]:
+    """Write the tables of one run, which alone is in memory; MadrobError if it cannot be."""
     from madrob_console.export.rows import SampledRun, write_table
 
+    sampled = SampledRun.of(run, rules)
     try:
-        sampled = SampledRun.of(run, rules)
         output.mkdir(parents=True, exist_ok=True)
-        files = []
-        for table in SAMPLE_TABLES:
-            path = output / f"{run.own_name}_{table.name}.{kind}"
-            write_table(path, table, sampled.columns_of(table), kind)
-            files.append(path)
-        return _Written(tuple(files))
-    except MadrobError as error:
-        return _Written(problem=str(error))
     except OSError as error:
-        return _Written(
-            problem=f"{output}: cannot be made ({error.strerror}): choose another --output"
-        )
-    except Exception as error:  # noqa: BLE001  # a fault of ours must not stop the others either
-        return _Written(problem=f"{run.name}: no tables ({error!r}): please report it")
+        raise MadrobError(
+            f"{output}: cannot be made ({error.strerror}): choose another --output"
+        ) from None
+    files = [output / f"{run.own_name}_{table.name}.{kind}" for table in SAMPLE_TABLES]
+    for path, table in zip(files, SAMPLE_TABLES, strict=True):
+        write_table(path, table, sampled.columns_of(table), kind)
+    return files

@@ -67,7 +67,8 @@ def foxglove_layout(
                 if "signal" not in path or path["signal"] in of_signal
             ]
     scans = [mapping.topic for mapping in mappings if mapping.type == _SCAN]
-    panels["3D!doorway"]["topics"] |= {topic: {"visible": True} for topic in scans}
+    doorway = panels["3D!doorway"]
+    doorway["topics"] = {topic: {"visible": True} for topic in scans} | doorway["topics"]
     return layout
 
 
