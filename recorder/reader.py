@@ -1,4 +1,4 @@
-"""Read a bag, finished or not: its topics and records, messages in order, or single ones by time."""
+"""Read a bag, finished or not: its topics, records and messages, or single ones by their time."""
 
 from __future__ import annotations
 

@@ -7,14 +7,11 @@ from __future__ import annotations
 
 import errno
 import hashlib
-import html
 import os
-import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
-from urllib.parse import quote, unquote
 from uuid import UUID
 
 import msgspec
@@ -269,28 +266,6 @@ class SetupPart(msgspec.Struct, frozen=True):
     run_id: Name = ""
     testbed: Name = ""
     competition: Name | None = None
-
-
-# Links of a report, rewritten for another place.
-
-
-_LINK = re.compile(r'<a href="([^"#][^"]*)">([^<]*</a>)?')
-
-
-def led_elsewhere(page: str, place: Callable[[str], str | None], nowhere: str = "") -> str:
-    """Replaces a page's links by `place`; links to places on the page itself stay.
-
-    `place` takes a relative path; None = no link. `nowhere` then follows the words.
-    """
-
-    def led(found: re.Match[str]) -> str:
-        target = place(unquote(html.unescape(found[1])))
-        words = found[2] or ""
-        if target is None:
-            return f"<a>{words}{words and nowhere}"
-        return f'<a href="{quote(target)}">{words}'
-
-    return _LINK.sub(led, page)
 
 
 # Checksums that tie the files of a run to the result that was computed from them.

@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import closing
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from madrob_console.cli import options
 from madrob_console.cli.options import results_folder
-from madrob_console.cli.output import complain
+from madrob_console.cli.output import Complaints, complain, progress
 from madrob_console.cli.parsing import whole_within
 from madrob_console.cli.sharing import in_order
 from madrob_console.common.errors import MadrobError
@@ -51,31 +53,59 @@ def runs_of(arguments: argparse.Namespace) -> list[RunPath]:
     return all_runs_at(paths)
 
 
-def shared(
+class Tried(NamedTuple, Generic[_Done]):
+    """What came of the work on a run: what was done, or why not, in words."""
+
+    done: _Done | None = None
+    problem: str = ""
+
+
+def tried(run: RunPath, *, work: Callable[[RunPath], _Done]) -> Tried[_Done]:
+    """Do the work on a run. Never raises: one bad run must not stop the others."""
+    try:
+        return Tried(work(run))
+    except MadrobError as error:
+        return Tried(problem=str(error))
+    except Exception as error:  # noqa: BLE001  a fault of ours must not stop the others either
+        return Tried(problem=f"{run.name}: not done ({error!r}): please report it")
+
+
+def each_run(
     arguments: argparse.Namespace,
     work: Callable[[RunPath], _Done],
     runs: Sequence[RunPath],
-    lost: Callable[[RunPath, str], _Done],
+    bad: Complaints,
     *,
+    what: str = "runs",
     at_once: int | None = None,
-) -> Generator[_Done, None, None]:
-    """Do the work on every run, where the arguments say; yield the results in order.
+) -> Generator[tuple[RunPath, _Done | None], None, None]:
+    """Do the work on every run, where the arguments say; yield what was done, in order.
 
-    `work`, its argument and its result must be importable by name. `lost` makes the result of a run
-    that no worker survives. `at_once` limits the results in memory; None = they are
-    small.
+    None = it was not done: `bad` says why. `work`, its argument and its result must be importable
+    by name. `what` is counted in the progress. `at_once` limits the results in memory; None = they
+    are small. Close the generator: that ends the work in progress.
     """
-    if arguments.scheduler is None or not runs:
-        return in_order(work, runs, lost, arguments.jobs, at_once)
-    from madrob_console.cli.cluster import on_cluster
+    scheduler: str | None = getattr(arguments, "scheduler", None)
+    work_on = partial(tried, work=work)
+    if scheduler is None or not runs:
+        made = in_order(work_on, runs, _lost, arguments.jobs, at_once)
+    else:
+        from madrob_console.cli.cluster import on_cluster
 
-    named = [*(path.absolute() for path in arguments.paths), runs[0].path, runs[-1].path]
-    there = [path for path in named if path.exists()]
-    return on_cluster(work, runs, arguments.scheduler, there, lost, at_once=at_once)
+        named = [*(path.absolute() for path in arguments.paths), runs[0].path, runs[-1].path]
+        there = [path for path in named if path.exists()]
+        made = on_cluster(work_on, runs, scheduler, there, _lost, at_once=at_once)
+    with closing(made), progress(what) as tell:
+        tell(0, len(runs))
+        for number, (run, one) in enumerate(zip(runs, made, strict=True), start=1):
+            if one.problem:
+                bad.add_complaint(one.problem, run.name)
+            yield run, one.done
+            tell(number, len(runs))
 
 
-def lost_words(run: RunPath, why: str) -> str:
-    return f"{run.name}: cannot be scored: {why}"
+def _lost(run: RunPath, why: str) -> Tried[Any]:
+    return Tried(problem=f"{run.name}: {why}")
 
 
 # The runs of one competition, as the options of a command choose them.

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import os
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
@@ -83,12 +80,16 @@ def main(arguments: argparse.Namespace) -> int:
     check_options(arguments)
     with imports_kept():
         from madrob_console.config import load_settings
-        from madrob_console.export.pack import export_team
-        from madrob_console.export.zip_file import BagParts
+        from madrob_console.export.dossier import export_dossier
+        from madrob_console.export.pack import BagParts
+        from madrob_console.export.team import export_team
         from madrob_console.pages.surroundings import Surroundings
 
+    parts = BagParts(not arguments.without_bags, not arguments.without_evidence)
+    report = partial(rendered_report, around=Surroundings())
     if arguments.dossier:
-        return _told(make_dossier(arguments, _tell_size))
+        run, target = arguments.run.absolute(), arguments.output
+        return _told(export_dossier(run, target, report=report, parts=parts, tell_size=_tell_size))
     settings = load_settings(arguments.settings)
     found = options.collection(arguments, settings)
     teams = options.team_names(arguments, settings, found)
@@ -101,10 +102,10 @@ def main(arguments: argparse.Namespace) -> int:
             competition=arguments.competition,
             practice=arguments.practice,
             target=arguments.output,
-            parts=BagParts(not arguments.without_bags, not arguments.without_evidence),
+            parts=parts,
             team=teams.get(arguments.subject, ""),
             thresholds=settings.scoring_thresholds(),
-            report=partial(rendered_report, around=Surroundings()),
+            report=report,
             tell=tell,
             tell_size=_tell_size,
         )
@@ -130,9 +131,6 @@ def _tell_size(size: int, evidence: int) -> None:
         complain(f"note: packing {size / 1e6:.1f} MB, {words}")
 
 
-# `madrob export --run RUN --dossier`: makes its page and tables, and packs the rest.
-
-
 def check_options(arguments: argparse.Namespace) -> None:
     """Refuse options that contradict: a dossier is of one run, all else of a team."""
     of_run = arguments.run is not None
@@ -144,28 +142,6 @@ def check_options(arguments: argparse.Namespace) -> None:
     if of_run and (of_team or arguments.competition is not None):
         raise MadrobError(
             "--run names the run: leave out --subject, --practice, --competition and PATH"
-        )
-
-
-def make_dossier(arguments: argparse.Namespace, tell_size: Callable[[int, int], None]) -> Export:
-    with imports_kept():
-        from madrob_console.archive.folders import JOURNAL_FILE
-        from madrob_console.export.dossier import check_dossier, dossier_target, export_dossier
-        from madrob_console.export.zip_file import BagParts
-        from madrob_console.pages.surroundings import Surroundings
-
-    run: Path = arguments.run.absolute()
-    check_dossier(run)
-    made, problems = rendered_report(run, Surroundings())
-    with _tables(run, (run / JOURNAL_FILE).stat().st_mtime) as (tables, why):
-        return export_dossier(
-            run,
-            arguments.output or dossier_target(run),
-            made=made,
-            tables=tables,
-            problems=(*problems, *why),
-            parts=BagParts(not arguments.without_bags, not arguments.without_evidence),
-            tell_size=tell_size,
         )
 
 
@@ -192,24 +168,3 @@ def rendered_report(run: Path, around: Surroundings) -> tuple[dict[str, bytes], 
         new = {f"{PICTURES_FOLDER}/{name}": data for name, data in seen.files.items()}
     page = report_html(scored, software_version(), place, seen).encode()
     return {REPORT_FILE: page, **new}, []
-
-
-@contextmanager
-def _tables(run: Path, at: float) -> Iterator[tuple[Path | None, list[str]]]:
-    with imports_kept():
-        from madrob_console.archive.folders import RunPath
-        from madrob_console.cli.table_command import write_samples
-        from madrob_console.export.table_columns import TableFormat
-
-    try:
-        folder = TemporaryDirectory(prefix="madrob_dossier_")
-    except OSError as error:
-        yield None, [f"tables of the samples: no room for them ({error.strerror})"]
-        return
-    with folder as name:
-        output = Path(name)
-        written = write_samples(RunPath(run), output=output, rules=None, kind=TableFormat.CSV)
-        for file in written.files:
-            os.utime(file, (at, at))
-        problem = written.problem
-        yield output, [] if problem is None else [f"tables of the samples: {problem}"]

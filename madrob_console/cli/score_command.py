@@ -15,7 +15,7 @@ from textwrap import indent
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from madrob_console.cli import batch, options
-from madrob_console.cli.output import BAD_INPUT, Complaints, Tell, complain, name_twins, progress
+from madrob_console.cli.output import BAD_INPUT, Complaints, complain, name_twins
 from madrob_console.cli.parsing import one_of
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe, valid_text
@@ -37,15 +37,13 @@ class RunText(NamedTuple):
     """What is printed of one run.
 
     Attributes:
-        text: lines for people, or one JSON document; empty where there is a problem.
-        problem: why it cannot be scored, on one line.
+        text: lines for people, or one JSON document.
         values_hold: whether it differs in doubts only.
         uncertainties: whether some differ from the stored ones; no grade depends on them.
         run_id: empty = not known, or it does not matter.
     """
 
     text: str
-    problem: str | None = None
     grade: Grade | None = None
     values_hold: bool = False
     uncertainties: bool = False
@@ -211,22 +209,17 @@ def _describe(
         write=write,
         as_json=arguments.json,
     )
-    scored = batch.shared(arguments, describe, runs, _lost)
-    with closing(scored) as texts, progress("runs") as tell:
-        bad, grades, held, unsure = _print(runs, texts, tell, as_json=arguments.json)
+    with Complaints() as bad, closing(batch.each_run(arguments, describe, runs, bad)) as texts:
+        grades, held, unsure = _print(texts, as_json=arguments.json)
     if arguments.check and len(runs) > 1 and not arguments.json:
         only = f" ({held} only in doubts: the values hold)" if held else ""
         told = {Grade.DIFFERS: f"differ{only}"}
         counts = (f"{grades[grade]} {told.get(grade, grade)}" for grade in Grade)
         more = f"; of {unsure} the uncertainties differ" if unsure else ""
-        print(f"{', '.join(counts)}, {bad} could not be checked{more}")
+        print(f"{', '.join(counts)}, {bad.count} could not be checked{more}")
     if grades[Grade.DIFFERS]:
         return DIFFERENCES
-    return BAD_INPUT if bad else 0
-
-
-def _lost(run: RunPath, why: str) -> RunText:
-    return RunText("", batch.lost_words(run, why))
+    return BAD_INPUT if bad.count else 0
 
 
 def _rules(name: str | None) -> tuple[RulesetName | None, ...]:
@@ -236,42 +229,36 @@ def _rules(name: str | None) -> tuple[RulesetName | None, ...]:
 
 
 def _print(
-    runs: Sequence[RunPath], texts: Iterable[RunText], tell: Tell, *, as_json: bool
-) -> tuple[int, Counter[Grade | None], int, int]:
+    texts: Iterable[tuple[RunPath, RunText | None]], *, as_json: bool
+) -> tuple[Counter[Grade | None], int, int]:
     """Print the text of each run as soon as it is ready.
 
-    Returns how many were bad, how many of each grade, of how many that differ the values hold, and
-    of how many the uncertainties differ.
+    Returns how many were of each grade, of how many that differ the values hold, and of how many
+    the uncertainties differ.
     """
     grades: Counter[Grade | None] = Counter()
-    printed = held = unsure = 0
+    held = unsure = 0
     met: dict[str, str] = {}
     same: list[tuple[str, str]] = []
     if as_json:
         print('{\n  "runs": [', end="")
-    tell(0, len(runs))
-    with Complaints() as bad:
-        for number, (run, one) in enumerate(zip(runs, texts, strict=True), start=1):
-            tell(number, len(runs))
-            if one.problem is not None:
-                bad.add_complaint(one.problem, run.name)
-                continue
-            if one.run_id and (first := met.setdefault(one.run_id, run.name)) != run.name:
-                same.append((run.name, first))
-            if as_json:
-                print(
-                    "," if printed else "", indent(one.text, "    "), sep="\n", end="", flush=True
-                )
-            else:
-                print(one.text, flush=True)
-            printed += 1
-            grades[one.grade] += 1
-            held += one.values_hold
-            unsure += one.uncertainties
+    for run, one in texts:
+        if one is None:
+            continue
+        if one.run_id and (first := met.setdefault(one.run_id, run.name)) != run.name:
+            same.append((run.name, first))
+        if as_json:
+            before = "," if grades else ""
+            print(before, indent(one.text, "    "), sep="\n", end="", flush=True)
+        else:
+            print(one.text, flush=True)
+        grades[one.grade] += 1
+        held += one.values_hold
+        unsure += one.uncertainties
     if as_json:
-        print("\n  ]\n}" if printed else "]\n}")
+        print("\n  ]\n}" if grades else "]\n}")
     name_twins(same)
-    return bad.count, grades, held, unsure
+    return grades, held, unsure
 
 
 def describe_run(
@@ -284,16 +271,11 @@ def describe_run(
 ) -> RunText:
     """Score or check a run, or write its files by other rules.
 
-    Never raises: one bad run must not stop the others. `rules` None = that of the run.
+    `rules` None = that of the run. MadrobError where it cannot be.
     """
-    try:
-        if write is not None:
-            return _written(run, write, as_json=as_json)
-        return _checked(run, as_json=as_json) if check else _scored(run, rules, as_json=as_json)
-    except MadrobError as error:
-        return RunText("", str(error))
-    except Exception as error:  # noqa: BLE001  # a fault of ours must not stop the others either
-        return RunText("", f"{run.name}: cannot be scored ({error!r}): please report it")
+    if write is not None:
+        return _written(run, write, as_json=as_json)
+    return _checked(run, as_json=as_json) if check else _scored(run, rules, as_json=as_json)
 
 
 def _scored(run: RunPath, rules: tuple[RulesetName | None, ...], *, as_json: bool) -> RunText:

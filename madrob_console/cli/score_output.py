@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from madrob_console.archive.folders import JOURNAL_FILE, RunPath, places_that_count
 from madrob_console.archive.result_document import MANUAL_START
-from madrob_console.cli.batch import lost_words, shared
-from madrob_console.cli.output import BAD_INPUT, Complaints, Tell, name_twins, progress
+from madrob_console.cli.batch import each_run
+from madrob_console.cli.output import BAD_INPUT, Complaints, name_twins
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.export.table_columns import RUN_TABLES, UNREADABLE, TableFormat
@@ -32,92 +32,74 @@ from scoring.rulesets import RulesetName
 if TYPE_CHECKING:
     from madrob_console.archive.repair import NextIssue, RuleChange
     from madrob_console.common.clock import Clock
-    from madrob_console.export.rows import TableWriter
     from madrob_console.export.table_columns import Row
     from madrob_console.pages.surroundings import Surroundings
 
-_ALL = (*RUN_TABLES, UNREADABLE)
-
 
 class FreshRows(NamedTuple):
-    """Rows of one run by the name of the table, or why it cannot be scored, on one line."""
+    """Rows of one run by the name of the table."""
 
     rows: Mapping[str, Sequence[Row]]
-    run_id: str = ""
-    problem: str | None = None
+    run_id: str
 
 
 def fresh_rows(run: RunPath, *, rules: tuple[RulesetName | None, ...]) -> FreshRows:
-    """Score a run for the tables; never raises. `rules` None = the ruleset of the run."""
+    """Score a run for the tables; `rules` None = the ruleset of the run."""
     from madrob_console.archive.result_files import fresh_runs
     from madrob_console.export.table_columns import rows_of
 
-    try:
-        scored = fresh_runs(run, rules)
-        rows = {
-            table.name: [row for one in scored for row in rows_of(table, one)]
-            for table in RUN_TABLES
-        }
-        return FreshRows(rows, scored[0].label.run_id)
-    except MadrobError as error:
-        return FreshRows({}, problem=str(error))
-    except Exception as error:  # noqa: BLE001  # a fault of ours must not stop the others either
-        return FreshRows({}, problem=f"{run.name}: cannot be scored ({error!r}): please report it")
+    scored = fresh_runs(run, rules)
+    rows = {
+        table.name: [row for one in scored for row in rows_of(table, one)] for table in RUN_TABLES
+    }
+    return FreshRows(rows, scored[0].label.run_id)
 
 
 def write_tables(
     arguments: argparse.Namespace, runs: Sequence[RunPath], rules: tuple[RulesetName | None, ...]
 ) -> int:
     """Write the tables of all runs atomically; one that cannot be read has its row."""
+    from madrob_console.archive.result_files import stored_places
     from madrob_console.common.files import new_folder, whole_file
     from madrob_console.export.rows import TableWriter, check_writable
 
     kind = arguments.format or TableFormat.CSV
     check_writable(kind)
     folder = arguments.output.absolute()
+    counted = places_that_count(stored_places(runs))
+    twins: list[tuple[str, str]] = []
     with ExitStack() as stack:
-        bad = stack.enter_context(Complaints())
-        tell = stack.enter_context(progress("runs"))
+        bad = stack.enter_context(_Unreadable())
         part = stack.enter_context(new_folder(folder))
         writers = {}
-        for table in _ALL:
+        for table in (*RUN_TABLES, UNREADABLE):
             file = stack.enter_context(whole_file(part / f"{table.name}.{kind}"))
             writers[table.name] = stack.enter_context(closing(TableWriter(file, table, kind)))
         work = partial(fresh_rows, rules=rules)
-        made = stack.enter_context(closing(shared(arguments, work, runs, _lost_rows)))
-        _write(runs, made, writers, bad, tell)
+        for run, one in stack.enter_context(closing(each_run(arguments, work, runs, bad))):
+            if one is None:
+                continue
+            if one.run_id and (place := counted.setdefault(one.run_id, run.name)) != run.name:
+                twins.append((run.name, place))
+                continue
+            for name, rows in one.rows.items():
+                writers[name].write_rows(rows)
+        writers[UNREADABLE.name].write_rows(bad.rows)
+        name_twins(twins)
     print(terminal_safe(f"{folder}: {len(runs)} runs, {bad.count} of them cannot be read"))
     return BAD_INPUT if bad.count else 0
 
 
-def _write(
-    runs: Sequence[RunPath],
-    made: Iterable[FreshRows],
-    writers: Mapping[str, TableWriter],
-    bad: Complaints,
-    tell: Tell,
-) -> None:
-    from madrob_console.archive.result_files import stored_places
+class _Unreadable(Complaints):
+    """Complaints of runs, and the `rows` of the table that says the same."""
 
-    counted = places_that_count(stored_places(runs))
-    twins: list[tuple[str, str]] = []
-    tell(0, len(runs))
-    for number, (run, one) in enumerate(zip(runs, made, strict=True), start=1):
-        tell(number, len(runs))
-        if one.problem is not None:
-            bad.add_complaint(one.problem, run.name)
-            reason = one.problem.removeprefix(f"{run.name}: ")
-            writers[UNREADABLE.name].write_rows([UNREADABLE.row_of(run.name, reason)])
-        elif one.run_id and (place := counted.setdefault(one.run_id, run.name)) != run.name:
-            twins.append((run.name, place))
-        else:
-            for table in RUN_TABLES:
-                writers[table.name].write_rows(one.rows[table.name])
-    name_twins(twins)
+    def __init__(self) -> None:
+        super().__init__()
+        self.rows: list[Row] = []
 
-
-def _lost_rows(run: RunPath, why: str) -> FreshRows:
-    return FreshRows({}, problem=lost_words(run, why))
+    def add_complaint(self, problem: object, of: object) -> None:
+        super().add_complaint(problem, of)
+        self.rows.append(UNREADABLE.row_of(str(of), str(problem).removeprefix(f"{of}: ")))
 
 
 # Results as lines of plain text.
@@ -246,11 +228,10 @@ _AT_ONCE = 200
 
 
 class MadeIssue(NamedTuple):
-    """Outcome of scoring a run for its next issue; `out_of_date`: remake the result first."""
+    """The next issue of a run; `out_of_date`: why the result must be remade first."""
 
     issue: NextIssue | None = None
-    problem: str | None = None
-    out_of_date: bool = False
+    out_of_date: str = ""
 
 
 def made_issue(run: RunPath, *, change: RuleChange, files: bool) -> MadeIssue:
@@ -259,11 +240,7 @@ def made_issue(run: RunPath, *, change: RuleChange, files: bool) -> MadeIssue:
     try:
         return MadeIssue(next_issue(run, change, files=files))
     except OutOfDateError as error:
-        return MadeIssue(problem=str(error), out_of_date=True)
-    except MadrobError as error:
-        return MadeIssue(problem=str(error))
-    except Exception as error:  # noqa: BLE001  # a fault of ours must not stop the others either
-        return MadeIssue(problem=f"{run.name}: not re-issued ({error!r}): please report it")
+        return MadeIssue(out_of_date=str(error))
 
 
 @dataclass
@@ -347,14 +324,13 @@ def _go_through(
 
     dry: bool = arguments.dry_run
     work = partial(made_issue, change=change, files=not dry)
-    issues = shared(arguments, work, runs, _lost_issue, at_once=_AT_ONCE)
-    with closing(issues) as made, progress("runs") as tell:
-        tell(0, len(runs))
-        for number, (run, one) in enumerate(zip(runs, made, strict=True), start=1):
-            tell(number, len(runs))
+    with closing(each_run(arguments, work, runs, bad, at_once=_AT_ONCE)) as issues:
+        for run, made in issues:
+            if made is None:
+                continue
             issues_before = totals.issues
             try:
-                for issue in _settled(run, one, change, clock, dry=dry):
+                for issue in _settled(run, made, change, clock, dry=dry):
                     totals.count_issue(issue)
                     print(terminal_safe(f"{run.name}: {issue.words}"), flush=True)
             except MadrobError as error:
@@ -385,8 +361,8 @@ def _settled(
         if unwritten is not None:
             yield unwritten
         made = made_issue(run, change=change, files=True)
-    if made.problem is not None:
-        raise MadrobError(made.problem)
+    if made.out_of_date:
+        raise MadrobError(made.out_of_date)
     if made.issue is not None:
         if not dry:
             write_next_issue(made.issue, clock.now_ns() / 1e9)
@@ -402,34 +378,24 @@ def _renew_reports(
 
     old = [run for run in runs if report_is_old(run.path)]
     work = partial(renewed_report, time=change.time)
-    with closing(shared(arguments, work, old, lost_words)) as renewed, progress("pages") as tell:
-        for number, (run, problem) in enumerate(zip(old, renewed, strict=True), start=1):
-            tell(number, len(old))
-            if problem:
-                bad.add_complaint(problem, run.name)
+    with closing(each_run(arguments, work, old, bad, what="pages")) as renewed:
+        for _ in renewed:
+            pass
     for results in dict.fromkeys(results_folder_of(run.path) for run in old):
         for problem in renew_all(results):
             bad.add_complaint(problem, str(results))
 
 
-def renewed_report(run: RunPath, *, time: float) -> str:
-    """Remake the report of a run; returns why it cannot be remade, empty = it was.
+def renewed_report(run: RunPath, *, time: float) -> None:
+    """Remake the report of a run; one that a console works on is left to it.
 
-    A run that a console works on is left to the console. `time` is that of the rule change: the
-    surroundings of runs are read once for each time.
+    `time` is that of the rule change: the surroundings of runs are read once for each time.
     """
     from madrob_console.archive.run_journal import is_held
     from madrob_console.cli.repairing import renew_report
 
-    try:
-        if is_held(run.path / JOURNAL_FILE):
-            return ""
+    if not is_held(run.path / JOURNAL_FILE):
         renew_report(run.path, _around(time))
-    except MadrobError as error:
-        return str(error)
-    except Exception as error:  # noqa: BLE001  # a fault of ours must not stop the others either
-        return f"{run.name}: no report ({error!r}): please report it"
-    return ""
 
 
 @lru_cache(maxsize=1)
@@ -437,7 +403,3 @@ def _around(_time: float) -> Surroundings:
     from madrob_console.pages.surroundings import Surroundings
 
     return Surroundings()
-
-
-def _lost_issue(run: RunPath, why: str) -> MadeIssue:
-    return MadeIssue(problem=lost_words(run, why))

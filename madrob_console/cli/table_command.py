@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from contextlib import ExitStack, closing, nullcontext
+from contextlib import ExitStack, closing
 from functools import partial
-from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
 from madrob_console.cli.output import BAD_INPUT, Complaints, name_twins, progress, put_bytes
@@ -25,9 +24,8 @@ from madrob_console.export.table_columns import (
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
-    from typing_extensions import Buffer
-
     from madrob_console.archive.folders import RunPath
+    from madrob_console.export.rows import Sink
 
 _SAMPLES = """\
 From the opening of a recording to its end, before it is cut to the run, by the code that makes \
@@ -42,11 +40,6 @@ code 2 when a result is missing or cannot be used; the rest is there.
 """
 
 _STDOUT = Path("-")
-
-
-class _Written(NamedTuple):
-    files: tuple[Path, ...] = ()
-    problem: str | None = None
 
 
 def add_command(commands: options.Commands) -> None:
@@ -166,8 +159,7 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
                 except MadrobError as error:
                     bad.add_complaint(error, run.name)
         chosen = read.chosen(arguments.testbed_name, arguments.competition)
-        target = nullcontext(_StandardOutput()) if to_terminal else whole_file(output)
-        file = stack.enter_context(target)
+        file: Sink = _StandardOutput() if to_terminal else stack.enter_context(whole_file(output))
         writer = stack.enter_context(closing(TableWriter(file, table, arguments.format)))
         for rows in chosen:
             writer.write_rows(rows)
@@ -177,15 +169,14 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
     return BAD_INPUT if bad.count else 0
 
 
-class _StandardOutput(BytesIO):
-    def write(self, data: Buffer, /) -> int:
-        put_bytes(bytes(data))
-        return len(bytes(data))
+class _StandardOutput:
+    def write(self, data: bytes, /) -> None:
+        put_bytes(data)
 
 
 def _samples(arguments: argparse.Namespace) -> int:
     from madrob_console.archive.folders import all_runs_at
-    from madrob_console.cli.sharing import in_order
+    from madrob_console.cli.batch import each_run
     from madrob_console.export.rows import check_writable
 
     output: Path = arguments.output
@@ -194,55 +185,31 @@ def _samples(arguments: argparse.Namespace) -> int:
     chosen = {run.own_name: run for run in reversed(runs)}  # the first of each name
     write = partial(write_samples, output=output, rules=arguments.ruleset, kind=arguments.format)
     to_write = [run for run in runs if chosen[run.own_name] is run]
-    with (
-        closing(in_order(write, to_write, _lost, arguments.jobs)) as results,
-        progress("runs") as tell,
-        Complaints() as bad,
-    ):
-        tell(0, len(runs))
-        for number, run in enumerate(runs, start=1):
+    with Complaints() as bad, closing(each_run(arguments, write, to_write, bad)) as written:
+        for run in runs:
             if (first := chosen[run.own_name]) is not run:
-                bad.add_complaint(
-                    f"{run.name}: is called like {first.name}: give it another --output", run.name
-                )
-            else:
-                written = next(results)
-                if written.problem is not None:
-                    bad.add_complaint(written.problem, run.name)
-                for path in written.files:
-                    print(terminal_safe(str(path)), flush=True)
-            tell(number, len(runs))
+                words = f"{run.name}: is called like {first.name}: give it another --output"
+                bad.add_complaint(words, run.name)
+        for _, files in written:
+            for path in files or ():
+                print(terminal_safe(str(path)), flush=True)
     return BAD_INPUT if bad.count else 0
-
-
-def _lost(run: RunPath, why: str) -> _Written:
-    return _Written(problem=f"{run.name}: its samples are not written: {why}")
 
 
 def write_samples(
     run: RunPath, *, output: Path, rules: RulesetName | None, kind: TableFormat
-) -> _Written:
-    """Write the tables of one run, which alone is in memory; never raises."""
-    from madrob_console.archive.scored import score_with_series
+) -> list[Path]:
+    """Write the tables of one run, which alone is in memory; MadrobError if it cannot be."""
     from madrob_console.export.rows import SampledRun, write_table
 
-    if run.prefix:
-        return _Written(problem=f"{run.name}: files without a recording: give the run's bag")
+    sampled = SampledRun.of(run, rules)
     try:
-        scored, series = score_with_series(run.path, rules)
-        sampled = SampledRun(run.own_name, scored, series, scored.record.label(run.path))
         output.mkdir(parents=True, exist_ok=True)
-        files = []
-        for table in SAMPLE_TABLES:
-            path = output / f"{run.own_name}_{table.name}.{kind}"
-            write_table(path, table, sampled.columns_of(table), kind)
-            files.append(path)
-        return _Written(tuple(files))
-    except MadrobError as error:
-        return _Written(problem=str(error))
     except OSError as error:
-        return _Written(
-            problem=f"{output}: cannot be made ({error.strerror}): choose another --output"
-        )
-    except Exception as error:  # noqa: BLE001  # a fault of ours must not stop the others either
-        return _Written(problem=f"{run.name}: no tables ({error!r}): please report it")
+        raise MadrobError(
+            f"{output}: cannot be made ({error.strerror}): choose another --output"
+        ) from None
+    files = [output / f"{run.own_name}_{table.name}.{kind}" for table in SAMPLE_TABLES]
+    for path, table in zip(files, SAMPLE_TABLES, strict=True):
+        write_table(path, table, sampled.columns_of(table), kind)
+    return files

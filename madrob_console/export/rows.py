@@ -9,14 +9,15 @@ from contextlib import closing
 from dataclasses import dataclass
 from io import BytesIO, StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeAlias
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from madrob_console.archive.folders import RunPath
 from madrob_console.archive.run_record import RunLabel
-from madrob_console.archive.scored import Scored
+from madrob_console.archive.scored import Scored, score_with_series
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import whole_file
 from madrob_console.common.names import valid_text
@@ -24,7 +25,7 @@ from madrob_console.export.table_columns import RUN, CellKind, Row, TableFormat,
 from scoring.kinematics import Array
 from scoring.protocol import PASSAGE_SENSORS, Condition, PassageSensor, Thresholds
 from scoring.result import Result
-from scoring.rulesets import ruleset
+from scoring.rulesets import RulesetName, ruleset
 from scoring.series import WholeSeries
 
 if TYPE_CHECKING:
@@ -36,6 +37,12 @@ _encoder = msgspec.json.Encoder()
 
 Cells: TypeAlias = "NDArray[Any] | Sequence[object]"
 """Cells of one column; None, and NaN among numbers, are empty."""
+
+
+class Sink(Protocol):
+    """Takes the bytes of a table."""
+
+    def write(self, data: bytes, /) -> object: ...
 
 
 def check_writable(kind: TableFormat) -> None:
@@ -61,7 +68,7 @@ class TableWriter:
     and "-inf". Parquet has meaning and unit of the columns in its metadata.
     """
 
-    def __init__(self, file: BinaryIO, table: TidyTable, kind: TableFormat) -> None:
+    def __init__(self, file: Sink, table: TidyTable, kind: TableFormat) -> None:
         self._file = file
         self._table = table
         self._kind = kind
@@ -167,6 +174,14 @@ class SampledRun:
     scored: Scored
     series: WholeSeries
     label: RunLabel
+
+    @classmethod
+    def of(cls, run: RunPath, rules: RulesetName | None = None) -> Self:
+        """Scores a run by `rules` (None = its own); MadrobError if it cannot be."""
+        if run.prefix:
+            raise MadrobError(f"{run.name}: files without a recording: give the run's bag")
+        scored, series = score_with_series(run.path, rules)
+        return cls(run.own_name, scored, series, scored.record.label(run.path))
 
     @property
     def result(self) -> Result:

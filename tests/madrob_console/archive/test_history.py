@@ -33,10 +33,11 @@ from madrob_console.archive.history_index import INDEX_FILE
 from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.archive.run_journal import MOST_READ, find_unfinished, is_held
 from madrob_console.archive.scored import open_run
+from madrob_console.cli.batch import tried
 from madrob_console.cli.score_command import describe_run
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import open_plain, stamp_of
-from madrob_console.export.pack import export_team
+from madrob_console.export.team import export_team
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.pages.competition import competition_standings
 from madrob_console.referee.acts import Abort, Finalise
@@ -813,8 +814,8 @@ def test_a_spoilt_run_spoils_nothing_else(results: Path, case: str, *, cut_off: 
     assert next_run_number(results, run.subject, run.condition) == 3
 
     for check in (False, True):
-        told = describe_run(RunPath(bad), check=check)
-        if told.problem is not None:
+        told = tried(RunPath(bad), work=partial(describe_run, check=check))
+        if told.problem:
             assert str(bad) in told.problem
             assert "report it" not in told.problem
     if (why := _words(lambda: open_run(bad))) is not None:

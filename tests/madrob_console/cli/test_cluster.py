@@ -21,9 +21,10 @@ import pytest
 
 from madrob_console.archive.folders import all_runs_at
 from madrob_console.cli import cluster as cluster_module
-from madrob_console.cli.batch import lost_words, shared
+from madrob_console.cli.batch import each_run
 from madrob_console.cli.cluster import on_cluster
 from madrob_console.cli.main import main
+from madrob_console.cli.output import Complaints
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.version import software_version
 from madrob_console.testbeds.simulated import Scenario
@@ -281,7 +282,7 @@ def _most_out(address: str, root: Path, patch: pytest.MonkeyPatch) -> int:
     arguments = argparse.Namespace(scheduler=address, paths=[root])
     runs = all_runs_at([root])
     assert len(runs) > 2
-    for _ in shared(arguments, attrgetter("name"), runs, lost_words, at_once=2):
+    for _ in each_run(arguments, attrgetter("name"), runs, Complaints(), at_once=2):
         out -= 1
     return most
 

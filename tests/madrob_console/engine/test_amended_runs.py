@@ -28,8 +28,8 @@ from madrob_console.archive.scored import score_run
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine import journal_writer
 from madrob_console.engine.requests import JumpTo
-from madrob_console.export.pack import README_FILE, export_team
-from madrob_console.export.zip_file import BagParts
+from madrob_console.export.pack import README_FILE, BagParts
+from madrob_console.export.team import export_team
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.pages.competition import competition_standings
 from madrob_console.pages.report import decisions

@@ -22,8 +22,8 @@ from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.replay import Replay
 from madrob_console.engine.requests import JumpTo, Skip
-from madrob_console.export.dossier import PROTESTS_FILE, dossier_target
-from madrob_console.export.pack import README_FILE
+from madrob_console.export.dossier import dossier_target
+from madrob_console.export.pack import PROTESTS_FILE, README_FILE
 from madrob_console.export.table_columns import RUNS, rows_of
 from madrob_console.export.zip_file import SUMS_FILE
 from madrob_console.messages.message_types import MessageTypes
@@ -246,10 +246,11 @@ def test_the_dossier_has_all_that_a_protest_is_decided_by(desk: Desk) -> None:
     assert next(iter(files)) == PROTESTS_FILE
     page = files[f"{name}/report.html"].decode()
     assert "UPHELD" in page
-    readme = files[README_FILE].decode()
+    sums = files[SUMS_FILE].decode()
     for one, content in files.items():
-        if one not in (README_FILE, SUMS_FILE):
-            assert hashlib.sha256(content).hexdigest() in readme, one
+        if one != SUMS_FILE:
+            assert f"{hashlib.sha256(content).hexdigest()}  {one}\n" in sums
+    assert f"{PROTESTS_FILE}\n      the protests" in files[README_FILE].decode()
 
 
 def test_a_report_that_is_made_for_the_dossier_shows_what_the_cameras_saw(desk: Desk) -> None:
@@ -270,10 +271,11 @@ def test_the_dossier_of_a_practice_run_says_so_as_an_export_does(desk: Desk) -> 
     assert dossier_target(desk.run_folder).name == f"dossier_practice_{desk.run_folder.name}.zip"
     readme = files[README_FILE].decode().splitlines()
     assert readme[0] == f"MADROB: dossier of the PRACTICE run {desk.run_folder.name}"
-    assert re.search("run 1: completed, not final, PRACTICE, simulated", readme[1])
+    assert readme[3] == "RUNS"
+    assert re.search("run 1: completed, not final, PRACTICE, simulated", readme[4])
     assert ", PRACTICE" in files[PROTESTS_FILE].decode().splitlines()[1]
     desk.act(SIGNED)
-    signed = dossier(desk)[README_FILE].decode().splitlines()[1]
+    signed = dossier(desk)[README_FILE].decode().splitlines()[4]
     assert "not final" not in signed
     assert "final, " in signed
 

@@ -11,7 +11,7 @@ import subprocess
 import time
 import unicodedata
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -33,9 +33,18 @@ from madrob_console.common.files import open_plain
 from madrob_console.export import pack, zip_file
 from madrob_console.export.dossier import protest_lines
 from madrob_console.export.foxglove_layout import HandleZero, foxglove_layout
-from madrob_console.export.pack import export_team, file_name
-from madrob_console.export.zip_file import LONGEST_PATH, BagParts, safe_names
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping, referee_topics
+from madrob_console.export.pack import BagParts
+from madrob_console.export.team import export_team, file_name
+from madrob_console.export.zip_file import LONGEST_PATH, safe_names
+from madrob_console.messages.codec import (
+    DEFAULT_MAPPINGS,
+    REFEREE_EVENT_TOPIC,
+    REFEREE_START_POSE_TOPIC,
+    REFEREE_STATE_TOPIC,
+    START_POSE_FRAME,
+    TopicMapping,
+    referee_topics,
+)
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.pages.templates import path_link
 from madrob_console.referee.evidence_account import (
@@ -221,7 +230,7 @@ def test_recordings_can_be_left_out(root: Path) -> None:
         assert not any("mcap" in name or "metadata" in name for name in packed.namelist())
         text = packed.read("README.txt").decode()
     assert "ros2 bag play" not in text
-    assert "They were left out" in text
+    assert "  the recording was left out on demand\n" in text
 
 
 def test_what_the_cameras_saw_goes_along(root: Path, tmp_path: Path) -> None:
@@ -285,8 +294,7 @@ def test_evidence_is_packed_and_the_readme_tells_of_it(
     names = [f"{run.name}_0.mcap", f"{run.name}_evidence_0.mcap", f"{run.name}_evidence_1.mcap"]
     assert opened_by_others(there / run.name) == (names, 6)
     text = (there / "README.txt").read_text()
-    assert "THE EVIDENCE\nFiles called ..._evidence_N.mcap hold" in text
-    assert f"{run.name}/{run.name}_evidence_0.mcap" in text
+    assert f"{run.name}/{run.name}_evidence_0.mcap\n      evidence: cameras and" in text
 
 
 def test_evidence_can_be_left_out_and_metadata_lists_what_is_there(
@@ -301,12 +309,13 @@ def test_evidence_can_be_left_out_and_metadata_lists_what_is_there(
     assert opened_by_others(there / run.name) == ([f"{run.name}_0.mcap"], count)
     assert not list(there.rglob("*evidence*"))
     text = (there / "README.txt").read_text()
-    assert "other topics of some runs were left out of this archive" in text
-    assert "THE EVIDENCE" not in text
+    assert "NOT IN THIS ARCHIVE\n  the evidence was left out on demand\n" in text
+    assert "evidence: cameras" not in text
     plain = export(root, bags=False)
     with zipfile.ZipFile(plain.path) as packed:
         assert not any("evidence" in name for name in packed.namelist())
-        assert "other topics of some runs were left out" in packed.read("README.txt").decode()
+        text = packed.read("README.txt").decode()
+        assert "the recording was left out on demand\n  the evidence was left out" in text
 
 
 def test_reports_link_to_what_is_in_the_zip_only(root: Path, tmp_path: Path) -> None:
@@ -602,17 +611,11 @@ def test_a_result_that_changes_meanwhile_is_named(
     add_folder = zip_file.Archive.add_folder
 
     def ruled(
-        self: zip_file.Archive,
-        folder: Path,
-        called: str = "",
-        *,
-        without: Callable[[str], bool],
-        instead: Mapping[str, bytes],
-    ) -> list[str]:
-        added = add_folder(self, folder, called, without=without, instead=instead)
+        self: zip_file.Archive, folder: Path, called: str, without: Callable[[str], bool]
+    ) -> None:
+        add_folder(self, folder, called, without)
         if folder == first:
             (folder / "result.json").write_text("{}")
-        return added
 
     monkeypatch.setattr(zip_file.Archive, "add_folder", ruled)
     assert export(root).problems == (f"{first.name}: its result changed meanwhile: export again",)
@@ -718,6 +721,13 @@ def test_the_layout_shows_phases_and_events_in_their_own_words() -> None:
         (heard,) = re.findall(r'export const inputs = \["(.*)"\];', script["sourceCode"])
         assert f"{output}.word" in shown
         assert heard in {topic.name for topic in referee_topics(MessageTypes())}
+    panels = layout["configById"].values()
+    read = {panel["topicPath"] for panel in panels if "topicPath" in panel}
+    assert read == {REFEREE_EVENT_TOPIC, REFEREE_STATE_TOPIC}
+    doorway = layout["configById"]["3D!doorway"]
+    assert doorway["followTf"] == START_POSE_FRAME
+    scans = {mapping.topic for mapping in DEFAULT_MAPPINGS if "LaserScan" in mapping.type}
+    assert set(doorway["topics"]) == {*scans, REFEREE_START_POSE_TOPIC}
 
 
 def test_the_layout_in_a_zip_has_the_handle_zero_of_the_newest_run(
@@ -751,7 +761,8 @@ def test_a_file_beyond_the_limits_of_old_zips_is_packed(
     with (folder / "large.mcap").open("wb") as file:
         file.truncate(3_000_000)
     with (tmp_path / "a.zip").open("wb") as out, zip_file.Archive(out) as packed:
-        assert packed.add_folder(folder) == ["run/large.mcap"]
+        packed.add_folder(folder, "run")
+        assert list(packed.sums) == ["run/large.mcap"]
         packed.finish(NOW)
     with zipfile.ZipFile(tmp_path / "a.zip") as read:
         data = read.read("run/large.mcap")

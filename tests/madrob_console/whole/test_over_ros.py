@@ -25,7 +25,7 @@ from rosbags.highlevel import AnyReader
 
 from madrob_console.archive import score
 from madrob_console.cli.main import main
-from madrob_console.common.clock import NS, SystemClock
+from madrob_console.common.clock import NS, Clock, SystemClock
 from madrob_console.engine.core import Engine
 from madrob_console.engine.engine_config import EngineConfig
 from madrob_console.engine.engine_thread import LocalEngine
@@ -248,7 +248,7 @@ _BUSY = "the disk did not take it within"
 STRING, CLOCK = "std_msgs/msg/String", "rosgraph_msgs/msg/Clock"
 
 
-class WorldClock:
+class WorldClock(Clock):
     """The time in the simulated world; `pace` is so many times as fast as the machine's clock."""
 
     def __init__(self, pace: float) -> None:
@@ -265,12 +265,6 @@ class WorldClock:
 
     def sleep(self, duration: float) -> None:
         """Nobody waits for it."""
-
-    def hold_steady(self) -> None:
-        """It is nobody's clock of a recording."""
-
-    def release(self) -> None:
-        """It is nobody's clock of a recording."""
 
 
 Accident = tuple[float, Callable[[WorldClock], object]]
