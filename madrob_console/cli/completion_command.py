@@ -6,11 +6,10 @@ import argparse
 from collections.abc import Iterable, Iterator
 from enum import StrEnum
 from itertools import dropwhile
-from pathlib import Path
 from typing import TypeAlias
 
-from madrob_console.cli import options
-from madrob_console.cli.parsing import one_of
+from madrob_console.cli.command_line import Option, command
+from madrob_console.cli.parsing import as_path, one_of
 from madrob_console.common.names import SourceKind
 from scoring.rulesets import RulesetName
 
@@ -61,26 +60,27 @@ _REPLAY = {
 """Completion after `--testbed replay`: the path of a bag."""
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "completion",
-        main,
-        "what bash, zsh or fish needs to complete `madrob` with TAB",
-        "It goes where the shell looks for it; zsh must have that folder in its `fpath`. Print it "
-        "anew after an update.",
-        (
-            "madrob completion bash > ~/.local/share/bash-completion/completions/madrob",
-            "madrob completion zsh > ~/.zfunc/_madrob",
-            "madrob completion fish > ~/.config/fish/completions/madrob.fish",
+@command(
+    "completion",
+    "what bash, zsh or fish needs to complete `madrob` with TAB",
+    "It goes where the shell looks for it; zsh must have that folder in its `fpath`. Print it anew "
+    "after an update.",
+    options=(
+        Option(
+            "shell",
+            type=one_of(Shell),
+            choices=list(Shell),
+            metavar="SHELL",
+            help=", ".join(Shell),
         ),
-    )
-    parser.add_argument(
-        "shell", type=one_of(Shell), choices=list(Shell), metavar="SHELL", help=", ".join(Shell)
-    )
-
-
-def main(arguments: argparse.Namespace) -> int:
+    ),
+    examples=(
+        "madrob completion bash > ~/.local/share/bash-completion/completions/madrob",
+        "madrob completion zsh > ~/.zfunc/_madrob",
+        "madrob completion fish > ~/.config/fish/completions/madrob.fish",
+    ),
+)
+def completion(arguments: argparse.Namespace) -> int:
     """Print a shell's script, made from the parser of all commands; TAB starts no program."""
     import shtab
 
@@ -90,7 +90,7 @@ def main(arguments: argparse.Namespace) -> int:
     for action in _actions(parser):
         if action.dest in _SEVERAL_WORDS:
             action.metavar, action.complete = _SEVERAL_WORDS[action.dest]  # type: ignore[attr-defined]
-        elif action.type is Path:
+        elif action.type is as_path:
             kind = shtab.DIRECTORY if action.metavar == "FOLDER" else shtab.FILE
             action.complete = kind  # type: ignore[attr-defined]
     script = shtab.complete(parser, arguments.shell.value).splitlines()

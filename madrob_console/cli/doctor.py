@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from madrob_console.messages.codec import TopicMapping
 
 SMALLEST_TERMINAL = (80, 24)
-SUBJECT_WIDTH = len("/madrob/passage/ccw_right")
 
 
 def doctor(  # noqa: PLR0913  what it looks at
@@ -65,10 +64,6 @@ def doctor(  # noqa: PLR0913  what it looks at
 
 def usable(findings: Sequence[Finding]) -> bool:
     return all(finding.severity is not Severity.ERROR for finding in findings)
-
-
-def line(finding: Finding) -> str:
-    return f"{finding.severity.name.lower():7}  {finding.subject:{SUBJECT_WIDTH}}  {finding.text}"
 
 
 def verdict(findings: Sequence[Finding]) -> str:

@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Self, TextIO, TypeAlias, cast
@@ -137,6 +137,15 @@ def put_bytes(data: bytes) -> None:
     with _told(sys.stdout):
         sys.stdout.buffer.write(data)
         sys.stdout.buffer.flush()
+
+
+def print_json(document: Mapping[str, object]) -> None:
+    """Print a document for programs, in ASCII, with the version of the software that made it."""
+    import json
+
+    from madrob_console.common.version import software_version
+
+    print(json.dumps({"software": software_version(), **document}, indent=2))
 
 
 def forget(stream: TextIO) -> None:

@@ -9,6 +9,7 @@ import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from enum import StrEnum
+from pathlib import Path
 from typing import Any, NoReturn, TypeVar, get_args, get_type_hints
 
 from madrob_console.cli.output import BAD_INPUT
@@ -17,6 +18,9 @@ _Words = TypeVar("_Words", bound=StrEnum)
 _Number = TypeVar("_Number", int, float)
 
 _SETTING = re.compile(r"setting `([a-z_]+)\.([a-z_]+)`")
+_NEGATIVE = re.compile(r"-[\d.]")
+"""How a value may begin that is no option: `-1.5,0,0` is a pose."""
+
 _MANY = 6
 """More choices than this are not listed if one of them is near to what was typed."""
 
@@ -66,6 +70,7 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **how: Any) -> None:  # noqa: ANN401  argparse's own, of the subparsers
         super().__init__(**({"formatter_class": CommandHelp} | how))
         self.set_defaults(parser=self)
+        self._negative_number_matcher = _NEGATIVE
         self._between = False
 
     def parse_known_args(  # type: ignore[override]  # argparse's own has overloads
@@ -132,6 +137,14 @@ def one_of(words: type[_Words]) -> Callable[[str], _Words]:
             raise argparse.ArgumentTypeError(none_of(text, words)) from None
 
     return convert
+
+
+def as_path(text: str) -> Path:
+    """Argument type: a path, `~` too where no shell has seen to it."""
+    try:
+        return Path(text).expanduser()
+    except RuntimeError:
+        raise argparse.ArgumentTypeError(f"'{text}': there is no such user") from None
 
 
 def whole_number(text: str) -> int:

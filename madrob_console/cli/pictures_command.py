@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.command_line import Option, command
 from madrob_console.cli.output import BAD_INPUT, Complaints
-from madrob_console.cli.parsing import whole_within
+from madrob_console.cli.parsing import as_path, whole_within
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
@@ -22,49 +23,40 @@ if TYPE_CHECKING:
 _WIDEST = 6000
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "pictures",
-        main,
-        "what the cameras saw: the nearest frame of each at every event, or at one instant",
-        "Without --at it makes the folder `pictures` of the run anew, as a report does. Each line "
-        "says how far a frame is from what was asked for, by its time of reception (-12 ms: it is "
-        "earlier).",
-        examples=(
-            "madrob pictures my_run",
-            "madrob pictures my_run --at door_opens --at 12.5 --camera '*front*' --width 1920",
+@command(
+    "pictures",
+    "what the cameras saw: the nearest frame of each at every event, or at one instant",
+    "Without --at it makes the folder `pictures` of the run anew, as a report does. Each line says "
+    "how far a frame is from what was asked for, by its time of reception (-12 ms: it is earlier).",
+    options=(
+        Option("run", type=as_path, metavar="RUN", help="the folder of a run, or its name"),
+        Option(
+            "--at",
+            action="append",
+            default=[],
+            metavar="INSTANT",
+            help=f"{options.INSTANT}; may be given again",
         ),
-    )
-    parser.add_argument("run", type=Path, metavar="RUN", help="the folder of a run, or its name")
-    parser.add_argument(
-        "--at",
-        action="append",
-        default=[],
-        metavar="TIME|EVENT",
-        help="s from the start (12.5, 1:05), `start`, `stop`, `protest` (the instant in question), "
-        "or an event, mark or protest by its name (door_opens, 'protest 1'); may be given again",
-    )
-    parser.add_argument(
-        "--camera", default="*", metavar="GLOB", help="the topics of these cameras only"
-    )
-    parser.add_argument(
-        "--output",
-        type=Path,
-        default=None,
-        metavar="DIR",
-        help="where the files go; with --at else the current folder",
-    )
-    parser.add_argument(
-        "--width",
-        type=whole_within(16, _WIDEST),
-        default=None,
-        metavar="PIXELS",
-        help=f"the most pixels in a row and in a column, 16 to {_WIDEST}; 960 if not given",
-    )
-
-
-def main(arguments: argparse.Namespace) -> int:
+        Option("--camera", default="*", metavar="GLOB", help="the topics of these cameras only"),
+        Option(
+            "--output",
+            type=as_path,
+            metavar="FOLDER",
+            help="where the files go; with --at else the current folder",
+        ),
+        Option(
+            "--width",
+            type=whole_within(16, _WIDEST),
+            metavar="PIXELS",
+            help=f"the most pixels in a row and in a column, 16 to {_WIDEST}; 960 if not given",
+        ),
+    ),
+    examples=(
+        "madrob pictures my_run",
+        "madrob pictures my_run --at door_opens --at 12.5 --camera '*front*' --width 1920",
+    ),
+)
+def pictures(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.archive.run_pictures import (
             difference_words,
@@ -109,7 +101,7 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
     output: Path | None = arguments.output
     if not arguments.at and output is None:
         if arguments.camera != "*" or arguments.width is not None:
-            raise MadrobError(f"{run}: some pictures are not all: say where to by --output DIR")
+            raise MadrobError(f"{run}: some pictures are not all: say where to by --output FOLDER")
         made = renewed_pictures(run, score_opened(run))
         return _with_cameras(made, run, "*"), run / PICTURES_FOLDER, ""
     if arguments.at:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from enum import StrEnum
 
-from madrob_console.cli import options
+from madrob_console.cli.command_line import Option, command
 from madrob_console.cli.parsing import one_of
 
 
@@ -16,28 +16,25 @@ class Described(StrEnum):
     STATE = "state"
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "schema",
-        main,
-        "the JSON schema of result.json, or of a line of `madrob watch --json`",
-        examples=("madrob schema > result_schema.json", "madrob schema state > state_schema.json"),
-    )
-    parser.add_argument(
-        "what",
-        nargs="?",
-        type=one_of(Described),
-        choices=list(Described),
-        default=Described.RESULT,
-        help="result.json, if not given",
-    )
-
-
-def main(arguments: argparse.Namespace) -> int:
+@command(
+    "schema",
+    "the JSON schema of result.json, or of a line of `madrob watch --json`",
+    options=(
+        Option(
+            "what",
+            nargs="?",
+            type=one_of(Described),
+            choices=list(Described),
+            default=Described.RESULT,
+            help="result.json, if not given",
+        ),
+    ),
+    examples=("madrob schema > result_schema.json", "madrob schema state > state_schema.json"),
+)
+def schema(arguments: argparse.Namespace) -> int:
     from madrob_console.archive.result_document import result_schema, schema_text
     from madrob_console.engine.public_state import state_schema
 
-    schema = state_schema() if arguments.what is Described.STATE else result_schema()
-    print(schema_text(schema).decode(), end="")
+    told = state_schema() if arguments.what is Described.STATE else result_schema()
+    print(schema_text(told).decode(), end="")
     return 0

@@ -15,10 +15,12 @@ from textwrap import indent
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from madrob_console.cli import batch, options
+from madrob_console.cli.command_line import OneOf, Option, WordsAction, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, Tell, complain, name_twins, progress
-from madrob_console.cli.parsing import one_of
+from madrob_console.cli.parsing import as_path, one_of
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe, valid_text
+from madrob_console.export.table_columns import TableFormat
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
@@ -59,98 +61,84 @@ class Destination(NamedTuple):
     folder: Path
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "score",
-        main,
-        "score recorded runs, or check their stored results",
-        "PATH is a bag, a run folder, a folder of EUROBENCH csv files or a folder with runs at any "
-        "depth. Runs that are there twice are named. "
-        "Exit code 2 when a run cannot be read; the rest is scored. With --check a result has the "
-        "same digits as its recording gives, is equal to 1e-9 (other libraries round otherwise; "
-        "it says which), or differs: exit code 1, also where only doubts differ; it says then that "
-        "the values hold. Uncertainties that differ have a line of their own and no exit code.",
-        examples=(
-            "madrob score ~/madrob_runs                  # all runs",
-            "madrob score --ruleset all my_run           # all rulesets side by side",
-            "madrob score --check ~/madrob_runs          # do the stored results hold?",
-            "madrob score --write eurobench-2020 published ~/madrob_runs",
-            "madrob score --output tables ~/madrob_runs",
-            "madrob score --reissue 'rules of May' --ruleset robust-2026 --dry-run ~/madrob_runs",
+def _destination(words: Sequence[str]) -> Destination:
+    name, folder = words
+    return Destination(one_of(RulesetName)(name), as_path(folder))
+
+
+@command(
+    "score",
+    "score recorded runs, or check their stored results",
+    "Folders of EUROBENCH csv files can be scored, too. Runs that are there twice are named. "
+    "Exit code 2 when a run cannot be read; the rest is scored. With --check a result has the "
+    "same digits as its recording gives, is equal to 1e-9 (other libraries round otherwise; "
+    "it says which), or differs: exit code 1, also where only doubts differ; it says then that "
+    "the values hold. Uncertainties that differ have a line of their own and no exit code.",
+    options=(
+        options.PATHS,
+        options.COMPETITION,
+        Option(
+            "--ruleset",
+            choices=[*map(str, RulesetName), _ALL],
+            help="the rules, or all side by side; those of the run if not given, protocol where "
+            "EUROBENCH's files name none",
         ),
-    )
-    parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
-    options.add_competition(parser)
-    parser.add_argument(
-        "--ruleset",
-        choices=[*map(str, RulesetName), _ALL],
-        default=None,
-        help="the rules, or all side by side; those of the run if not given, protocol where "
-        "EUROBENCH's files name none",
-    )
-    either = parser.add_mutually_exclusive_group()
-    either.add_argument(
-        "--check",
-        action="store_true",
-        help="compare each run's result.json with what its recording gives",
-    )
-    either.add_argument(
-        "--write",
-        action=_Write,
-        nargs=2,
-        metavar=("RULESET", "FOLDER"),
-        default=None,
-        help="write EUROBENCH's files of each run by these rules (csv, condition, run_info, the "
-        "indicators' YAML) into a new folder in FOLDER, called like the run; the run's own folder "
-        "stays as it is. run_info says by which rules the files were made and whether the run is "
-        "practice or simulated; csv files without it say neither",
-    )
-    either.add_argument(
-        "--output",
-        type=Path,
-        default=None,
-        metavar="FOLDER",
-        help="write tables of the results into a new folder: runs, indicators, events, steps as "
-        "`madrob table` has them, and unreadable, a row with the reason for each run that cannot "
-        "be read",
-    )
-    either.add_argument(
-        "--reissue",
-        default=None,
-        metavar="REASON",
-        help="after a rule change: each result that is another one now gets its next issue, with "
-        "a line in its journal; the issue before stays, and so does what the referee decided. With "
-        "--ruleset by these rules from now on. A final result is to be signed again, a void run "
-        "stays void, an aborted one has no indicators and is left alone",
-    )
-    options.add_json(parser)
-    options.add_format(parser, None)
-    parser.add_argument(
-        "--dry-run", action="store_true", help="say what --reissue would change, write nothing"
-    )
-    options.add_settings(parser)
-    batch.add_sharing_options(parser, "scored")
-
-
-class _Write(argparse.Action):
-    """A ruleset, and the folder for its files."""
-
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: str | Sequence[Any] | None,
-        option_string: str | None = None,
-    ) -> None:
-        name, folder = list(values or ())
-        try:
-            setattr(namespace, self.dest, Destination(one_of(RulesetName)(name), Path(folder)))
-        except argparse.ArgumentTypeError as error:
-            raise argparse.ArgumentError(self, str(error)) from None
-
-
-def main(arguments: argparse.Namespace) -> int:
+        OneOf(
+            Option(
+                "--check",
+                action="store_true",
+                help="compare each run's result.json with what its recording gives",
+            ),
+            Option(
+                "--write",
+                action=WordsAction,
+                const=_destination,
+                nargs=2,
+                metavar=("RULESET", "FOLDER"),
+                help="write EUROBENCH's files of each run by these rules (csv, condition, "
+                "run_info, the indicators' YAML) into a new folder in FOLDER, called like the run; "
+                "the run's own folder stays as it is. run_info says by which rules the files were "
+                "made and whether the run is practice or simulated; csv files without it say "
+                "neither",
+            ),
+            Option(
+                "--output",
+                type=as_path,
+                metavar="FOLDER",
+                help="write tables of the results into a new folder: runs, indicators, events, "
+                "steps as `madrob table` has them, and unreadable, a row with the reason for each "
+                "run that cannot be read",
+            ),
+            Option(
+                "--reissue",
+                metavar="REASON",
+                help="after a rule change: each result that is another one now gets its next "
+                "issue, with a line in its journal; the issue before stays, and so does what the "
+                "referee decided. With --ruleset by these rules from now on. A final result is to "
+                "be signed again, a void run stays void, an aborted one has no indicators and is "
+                "left alone",
+            ),
+        ),
+        options.JSON,
+        options.choice("--format", TableFormat, f"with --output: {options.FORMAT_WORDS}"),
+        Option(
+            "--dry-run",
+            action="store_true",
+            help="say what --reissue would change, write nothing",
+        ),
+        options.SETTINGS,
+        *batch.SHARING,
+    ),
+    examples=(
+        "madrob score ~/madrob_runs                  # all runs",
+        "madrob score --ruleset all my_run           # all rulesets side by side",
+        "madrob score --check ~/madrob_runs          # do the stored results hold?",
+        "madrob score --write eurobench-2020 published ~/madrob_runs",
+        "madrob score --output tables ~/madrob_runs",
+        "madrob score --reissue 'rules of May' --ruleset robust-2026 --dry-run ~/madrob_runs",
+    ),
+)
+def score(arguments: argparse.Namespace) -> int:
     _refuse_contradictions(arguments)
     runs = _chosen(batch.runs_of(arguments), arguments)
     rules = _rules(arguments.ruleset)

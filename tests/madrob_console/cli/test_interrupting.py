@@ -12,10 +12,12 @@ import time
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from madrob_console.cli import schema_command
 from madrob_console.cli.main import main
 from madrob_console.cli.output import STOPPED, interruptible
 from madrob_console.common.names import Scenario
@@ -97,7 +99,7 @@ def commands(results: Path) -> list[list[str]]:
         ["score", folder],
         ["score", "--check", "--jobs", "2", folder],
         ["report", folder, "--output", str(results.parent / "pages")],
-        ["export", "--subject", "1", "--results", folder],
+        ["export", "--team", "1", "--results", folder],
         ["recover", *map(str, results.glob("subject*"))],
         ["calibrate", "masks", one],
         ["standings", "--practice", "--results", folder],
@@ -185,7 +187,7 @@ def test_of_what_ctrl_c_left_unfinished_nothing_is_said(
         del unfinished  # which cannot be closed without its file, and python says so
         return 0
 
-    monkeypatch.setattr("madrob_console.cli.schema_command.main", packs)
+    monkeypatch.setattr(schema_command, "schema", replace(schema_command.schema, main=packs))
     with restored_ctrl_c():
         main(["schema"])
     said = capsys.readouterr().err
@@ -201,7 +203,7 @@ def test_ctrl_c_in_a_command_is_its_exit_code(
         time.sleep(0)
         return 0
 
-    monkeypatch.setattr("madrob_console.cli.schema_command.main", pressed)
+    monkeypatch.setattr(schema_command, "schema", replace(schema_command.schema, main=pressed))
     with restored_ctrl_c():
         assert main(["schema"]) == STOPPED
     assert capsys.readouterr().err == "madrob: stopped\n"
