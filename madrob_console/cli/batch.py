@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from madrob_console.cli import options
-from madrob_console.cli.command_line import Option
+from madrob_console.cli.command_line import Argument
 from madrob_console.cli.options import results_folder
 from madrob_console.cli.output import complain
 from madrob_console.cli.parsing import whole_within
@@ -31,7 +31,7 @@ _Done = TypeVar("_Done")
 
 SHARING = (
     options.JOBS,
-    Option(
+    Argument(
         "--scheduler",
         metavar="ADDRESS",
         help="hand the runs to a running Dask cluster, tcp://HOST:8786, whose workers have the "
@@ -83,7 +83,7 @@ def lost_words(run: RunPath, why: str) -> str:
 
 
 WHICH_RUNS = (
-    Option(
+    Argument(
         "--best",
         type=whole_within(0),
         metavar="N",

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.command_line import Command, Option, command
+from madrob_console.cli.command_line import Argument, MadrobCommand, command
 from madrob_console.cli.output import complain, progress
 from madrob_console.cli.parsing import as_path, number_within
 from madrob_console.common.names import terminal_safe
@@ -26,7 +26,7 @@ it: its folder holds the recording. Topics, types and units are those of the set
 
 
 _FILES = (
-    Option("--output", type=as_path, metavar="FILE", help="file for the settings"),
+    Argument("--output", type=as_path, metavar="FILE", help="file for the settings"),
     options.SETTINGS,
 )
 
@@ -38,7 +38,7 @@ _FILES = (
     "at least twice, brake off, with nobody within the sensors' reach: push it by a stick. Several "
     "recordings count together, one a side for example." + _RECORD,
     options=(
-        Option("paths", nargs="+", type=as_path, metavar="PATH", help="a bag or a run folder"),
+        Argument("paths", nargs="+", type=as_path, metavar="PATH", help="a bag or a run folder"),
         *_FILES,
     ),
     examples=("madrob calibrate masks sweep_cw sweep_ccw --output masks.toml",),
@@ -62,9 +62,9 @@ def _masks(arguments: argparse.Namespace) -> int:
     "Record some seconds at rest, then some seconds with a known weight that pulls at the handle "
     "over a pulley, straight to one side, door blocked." + _RECORD,
     options=(
-        Option("rest", type=as_path, metavar="REST", help="recording without the weight"),
-        Option("weight", type=as_path, metavar="WEIGHT", help="recording with the weight"),
-        Option(
+        Argument("rest", type=as_path, metavar="REST", help="recording without the weight"),
+        Argument("weight", type=as_path, metavar="WEIGHT", help="recording with the weight"),
+        Argument(
             "--mass",
             type=number_within(0.01, 1000),
             required=True,
@@ -97,9 +97,9 @@ def _handle(arguments: argparse.Namespace) -> int:
     return _propose(handle_toml(proposal, mapping), arguments.output)
 
 
-calibrate = Command(
+calibrate = MadrobCommand(
     "calibrate",
-    "a new testbed's masks, lintel height and handle, from recordings",
+    "masks, lintel height and handle of a new testbed",
     examples=("madrob calibrate masks --help", "madrob calibrate handle --help"),
     parts=(_masks, _handle),
 )

@@ -16,7 +16,7 @@ NO_COMMAND = 1
 """Exit code where only the help was printed, as git's."""
 
 
-class Option:
+class Argument:
     """An option or argument of one command or of several: what argparse takes for it."""
 
     def __init__(self, *flags: str, **how: Any) -> None:  # noqa: ANN401  argparse's own
@@ -29,7 +29,7 @@ class Option:
 class OneOf:
     """Options of which at most one is given."""
 
-    def __init__(self, *options: Option) -> None:
+    def __init__(self, *options: Argument) -> None:
         self._options = options
 
     def add_to(self, parser: argparse._ActionsContainer) -> None:
@@ -68,7 +68,7 @@ def print_help(arguments: argparse.Namespace) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class MadrobCommand:
     """A command, or a part of one.
 
     Attributes:
@@ -81,10 +81,10 @@ class Command:
     name: str
     text: str
     more: str = ""
-    options: Sequence[Option | OneOf] = ()
+    options: Sequence[Argument | OneOf] = ()
     examples: Sequence[str] = ()
     main: Main = print_help
-    parts: Sequence[Command] = ()
+    parts: Sequence[MadrobCommand] = ()
 
     def add_to(self, commands: argparse._SubParsersAction[Parser]) -> None:
         head = "examples:" if len(self.examples) > 1 else "example:"
@@ -108,8 +108,8 @@ def command(
     text: str,
     more: str = "",
     *,
-    options: Sequence[Option | OneOf] = (),
+    options: Sequence[Argument | OneOf] = (),
     examples: Sequence[str] = (),
-) -> Callable[[Main], Command]:
+) -> Callable[[Main], MadrobCommand]:
     """Make a command of the function that carries it out."""
-    return lambda main: Command(name, text, more, options, examples, main)
+    return lambda main: MadrobCommand(name, text, more, options, examples, main)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.command_line import Option, command
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, ThemeName, terminal_safe
 from scoring.imports import imports_kept
@@ -43,9 +43,9 @@ _LINES = (Shown.PLAIN, Shown.JSON)
 
 LOOK = (
     options.choice("--theme", ThemeName, "colours; else setting `console.theme`"),
-    Option("--ascii", action="store_true", help="draw with ASCII characters only"),
-    Option("--no-bell", action="store_true", help="be silent"),
-    Option("--no-mouse", action="store_true", help="leave the mouse to the terminal"),
+    Argument("--ascii", action="store_true", help="draw with ASCII characters only"),
+    Argument("--no-bell", action="store_true", help="be silent"),
+    Argument("--no-mouse", action="store_true", help="leave the mouse to the terminal"),
 )
 
 
@@ -56,7 +56,7 @@ LOOK = (
     "others run it says what to type; where none runs it takes the live testbed if one is found.",
     options=(
         *options.TESTBED,
-        Option(
+        Argument(
             "--at",
             metavar="INSTANT",
             help=f"show a replay at this instant, paused: {options.INSTANT}",

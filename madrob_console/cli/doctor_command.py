@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.command_line import Option, command
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT, print_json, progress
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ OFF = 1
     "With --reference, recordings with known answers are scored instead, and exit code 1 says that "
     "a value is off. It needs neither ROS nor a testbed.",
     options=(
-        Option(
+        Argument(
             "--reference",
             action="store_true",
             help="score the recordings with known answers that came with the program",

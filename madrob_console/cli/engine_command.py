@@ -10,8 +10,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.batch import named_places, site_arguments
-from madrob_console.cli.command_line import Command, Option, command
+from madrob_console.cli.command_line import Argument, MadrobCommand, command
 from madrob_console.cli.output import BAD_INPUT, complain
 from madrob_console.cli.parsing import whole_within
 from madrob_console.common.names import SourceKind
@@ -21,7 +20,6 @@ from scoring.imports import imports_kept
 if TYPE_CHECKING:
     from madrob_console.config import Settings
     from madrob_console.engine.core import Engine
-    from madrob_console.engine.engine_lock import Owned
     from madrob_console.engine.reports import Reporting
     from madrob_console.referee.competition_plan import PlanSource
     from madrob_console.referee.lists import TeamSource
@@ -57,13 +55,15 @@ def _status(arguments: argparse.Namespace) -> int:
     "It ends the one that a console with the same --testbed, --domain and --results would show. "
     "Exit code 0 what was named has ended; 1 it goes on, or does not run.",
     options=(
-        Option(
+        Argument(
             "--force",
             action="store_true",
             help="without a question while a run goes on, screens are attached or it hangs",
         ),
-        Option("--all", action="store_true", help="every engine of this user"),
-        Option("--pid", type=whole_within(1), metavar="N", help="the engine that is this process"),
+        Argument("--all", action="store_true", help="every engine of this user"),
+        Argument(
+            "--pid", type=whole_within(1), metavar="N", help="the engine that is this process"
+        ),
         *options.TESTBED,
     ),
     examples=("madrob engine stop", "madrob engine stop --testbed simulated"),
@@ -78,7 +78,7 @@ def _stop(arguments: argparse.Namespace) -> int:
     "unit",
     "print a systemd service that runs the engine",
     options=(
-        Option("--system", action="store_true", help="of the system, not of the user's login"),
+        Argument("--system", action="store_true", help="of the system, not of the user's login"),
         *options.TESTBED,
         *_LISTS,
     ),
@@ -105,7 +105,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     from madrob_console.cli.running_engines import owning, run_words
     from madrob_console.config import load_settings
     from madrob_console.engine import wire
-    from madrob_console.engine.engine_lock import HeldError
+    from madrob_console.engine.engine_lock import HeldError, state_folder
     from madrob_console.engine.service import ServiceManager, keep_told, log_to_journal
 
     log_to_journal(os.environ)
@@ -120,7 +120,7 @@ def _serve(arguments: argparse.Namespace) -> int:
             return TAKEN if error.same else BAD_INPUT
         server, known, holding = owns
         with imports_kept():
-            from madrob_console.cli.session import open_engine
+            from madrob_console.cli.session import open_engine, reporting_of
             from madrob_console.engine.engine_thread import LocalEngine
             from madrob_console.engine.scoring_process import ScoringProcess
             from madrob_console.engine.service import FallenThreads, begin_abort_over_ros
@@ -129,7 +129,10 @@ def _serve(arguments: argparse.Namespace) -> int:
         fallen = FallenThreads()
         threading.excepthook = fallen.note
         engine = open_engine(arguments, settings, ScoringProcess())
-        reporting = _reporting(arguments, settings, engine, owned)
+        queue = None if engine.replay is None else state_folder() / f"{owned.stem}.queue"
+        reporting = reporting_of(
+            arguments, settings, engine, reports=settings.results.reports, queue=queue
+        )
         supervisor = Supervisor(*engine.workers, reporting)
         _follow_lists(
             options.team_source(arguments, settings),
@@ -161,32 +164,13 @@ def _serve(arguments: argparse.Namespace) -> int:
     return FAILED if local.failed else 0
 
 
-engine = Command(
+engine = MadrobCommand(
     "engine",
-    "the process behind the screens: `status`, `stop`, `serve`, `unit`",
+    "the process behind the screens: is it there, stop it, run it",
     "`madrob console` starts it by itself.",
     examples=("madrob engine status", "madrob engine stop --testbed simulated"),
     parts=(_status, _stop, _serve, _unit),
 )
-
-
-def _reporting(
-    arguments: argparse.Namespace, settings: Settings, engine: Engine, owned: Owned
-) -> Reporting:
-    from madrob_console.cli import aside
-    from madrob_console.engine.engine_lock import state_folder
-    from madrob_console.engine.reports import QUEUE_FOLDER, Reporting, WantedPages
-
-    results = engine.config.results
-    queue = results / QUEUE_FOLDER
-    if engine.replay is not None:
-        queue = state_folder() / f"{owned.stem}.queue"
-    wanted = WantedPages(
-        settings.results.reports,
-        site_arguments(arguments, settings),
-        named_places(arguments, settings),
-    )
-    return Reporting(aside.COMMAND, queue, results, lambda: engine.busy, engine.write, wanted)
 
 
 def _follow_lists(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from madrob_console.cli.command_line import Option, command
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.parsing import as_path
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
@@ -19,7 +19,7 @@ from madrob_console.common.names import terminal_safe
     "as a program of its own, for EUROBENCH's runner; what cannot be scored ends it with 255 (-1) "
     "and this command with 2.",
     options=[
-        Option(name, type=as_path, metavar=name.upper(), help=text)
+        Argument(name, type=as_path, metavar=name.upper(), help=text)
         for name, text in (
             ("event", "csv: time,event"),
             ("wrench", "csv: time,force_x"),

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.command_line import Option, command
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, complain, progress
 from madrob_console.cli.parsing import as_path
 from madrob_console.common.errors import MadrobError
@@ -28,18 +28,18 @@ if TYPE_CHECKING:
 
 @command(
     "export",
-    "a team's official runs, or all about one run, in one zip with checksums",
-    "The last line is the path of the zip. Exit code 2 when something could not be packed: it is "
-    "named, the rest is there.",
+    "a team's runs, or all about one run, in one zip",
+    "Official runs, with checksums. The last line is the path of the zip. Exit code 2 when "
+    "something could not be packed: it is named, the rest is there.",
     options=(
         options.team(),
-        Option(
+        Argument(
             "--run",
             type=as_path,
             metavar="RUN",
             help="with --dossier one run instead: its folder, or its name in the results folder",
         ),
-        Option(
+        Argument(
             "--dossier",
             action="store_true",
             help="with --run, all of that run that a protest is decided by: the protests and "
@@ -48,19 +48,19 @@ if TYPE_CHECKING:
         options.TEAMS,
         options.PRACTICE,
         *options.COLLECTION,
-        Option(
+        Argument(
             "--output",
             type=as_path,
             metavar="FILE.zip",
             help="the zip; if not given, in the folder `exports` of the results folder, or here "
             "where several paths are given",
         ),
-        Option(
+        Argument(
             "--without-bags",
             action="store_true",
             help="leave out the recordings, with their evidence",
         ),
-        Option(
+        Argument(
             "--without-evidence",
             action="store_true",
             help="leave out cameras and other topics that were recorded beside what is scored, the "

@@ -6,7 +6,7 @@ import argparse
 import sys
 from importlib import resources
 
-from madrob_console.cli.command_line import Option, command
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import raw
 
 PAGES = {
@@ -24,7 +24,7 @@ PAGES = {
     "the guide, a page for each role",
     "Without PAGE it lists the pages.",
     options=(
-        Option("page", nargs="?", choices=list(PAGES), metavar="PAGE", help=", ".join(PAGES)),
+        Argument("page", nargs="?", choices=list(PAGES), metavar="PAGE", help=", ".join(PAGES)),
     ),
     examples=("madrob guide", "madrob guide referee", "madrob guide data > data.md"),
 )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from madrob_console.cli.batch import find_runs
-from madrob_console.cli.command_line import Command, Main, Option, TellAction, print_help
+from madrob_console.cli.command_line import Argument, MadrobCommand, Main, TellAction, print_help
 from madrob_console.cli.output import (
     BAD_INPUT,
     StoppedError,
@@ -45,7 +45,9 @@ def _version() -> str:
     return f"madrob {software_version()}"
 
 
-_VERSION = Option("--version", action=TellAction, const=_version, nargs=0, help="print the version")
+_VERSION = Argument(
+    "--version", action=TellAction, const=_version, nargs=0, help="print the version"
+)
 
 
 def build_parser(names: Sequence[str] = COMMANDS) -> Parser:
@@ -58,7 +60,7 @@ def build_parser(names: Sequence[str] = COMMANDS) -> Parser:
     _VERSION.add_to(parser)
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     for name in names:
-        declared: Command = getattr(import_module(f"madrob_console.cli.{name}_command"), name)
+        declared: MadrobCommand = getattr(import_module(f"madrob_console.cli.{name}_command"), name)
         declared.add_to(commands)
     return parser
 

@@ -8,7 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli.command_line import Option, WordsAction
+from madrob_console.cli.command_line import Argument, WordsAction
 from madrob_console.cli.output import complain
 from madrob_console.cli.parsing import (
     as_path,
@@ -38,39 +38,39 @@ _SHORT = 40
 """Longer lists of words stand in the text of an option, not beside its name."""
 
 
-def choice(flag: str, words: type[StrEnum], text: str, default: StrEnum | None = None) -> Option:
+def choice(flag: str, words: type[StrEnum], text: str, default: StrEnum | None = None) -> Argument:
     """An option that takes one of some words."""
     metavar = None
     if len(listed := ", ".join(words)) > _SHORT:
         metavar = flag.rpartition("-")[2].upper()
         text = f"{text}: {listed}"
-    return Option(
+    return Argument(
         flag, type=one_of(words), choices=list(words), default=default, metavar=metavar, help=text
     )
 
 
 # Which settings, which runs, which lists.
 
-SETTINGS = Option(
+SETTINGS = Argument(
     "--settings",
     type=as_path,
     metavar="FILE",
     help="settings file (TOML); else ~/.config/madrob/madrob.toml",
 )
-RESULTS = Option(
+RESULTS = Argument(
     "--results",
     type=as_path,
     metavar="FOLDER",
     help="results folder; else setting `results.folder`",
 )
-PATHS = Option(
+PATHS = Argument(
     "paths",
     nargs="+",
     type=as_path,
     metavar="PATH",
     help="run folders, bags, or folders with runs at any depth",
 )
-COMPETITION = Option(
+COMPETITION = Argument(
     "--competition",
     metavar="NAME",
     help="only runs of the competition of this name; '' = of none",
@@ -78,7 +78,7 @@ COMPETITION = Option(
 """Every competition has a team number 1."""
 
 COLLECTION = (
-    Option(
+    Argument(
         "paths",
         nargs="*",
         type=as_path,
@@ -86,7 +86,7 @@ COLLECTION = (
         help="folders with runs, at any depth, each run once; else the results folder",
     ),
     RESULTS,
-    Option(
+    Argument(
         "--testbed-name",
         metavar="NAME",
         help="only runs of the testbed of this name, as its settings call it",
@@ -95,23 +95,23 @@ COLLECTION = (
 )
 """What `collection` reads."""
 
-PRACTICE = Option(
+PRACTICE = Argument(
     "--practice", action="store_true", help="the practice runs instead, marked as such"
 )
-TEAMS = Option(
+TEAMS = Argument(
     "--teams",
     type=as_path,
     metavar="FILE",
     help="the list of teams, csv lines of subject,team; else the settings'",
 )
-PLAN = Option(
+PLAN = Argument(
     "--plan",
     type=as_path,
     metavar="FILE",
     help="the competition's plan, csv lines of subject,condition,attempts,time; else the settings'",
 )
-JSON = Option("--json", action="store_true", help="JSON for programs")
-JOBS = Option(
+JSON = Argument("--json", action="store_true", help="JSON for programs")
+JOBS = Argument(
     "--jobs",
     type=whole_within(1),
     metavar="N",
@@ -143,9 +143,11 @@ CONDITION = (
 """Protocol section 1."""
 
 
-def team(default: int | None = None) -> Option:
+def team(default: int | None = None) -> Argument:
     """The team, by its subject number (protocol section 1)."""
-    return Option("--team", type=run_number, default=default, metavar="N", help="the team's number")
+    return Argument(
+        "--team", type=run_number, default=default, metavar="N", help="the team's number"
+    )
 
 
 # Which testbed.
@@ -196,26 +198,26 @@ SIMULATION = ("scenario", "seed", "speed", "latency", "jitter")
 _DELAYS = {"type": _delay_text, "metavar": "SIGNAL=TIME,..."}
 SIMULATED = (
     choice("--scenario", Scenario, "what the simulated robot does", Scenario.NOMINAL),
-    Option("--seed", type=whole_number, default=0, metavar="N", help="of the simulation"),
-    Option(
+    Argument("--seed", type=whole_number, default=0, metavar="N", help="of the simulation"),
+    Argument(
         "--latency",
         help="simulated messages arrive so much later: `50ms` or `door=50ms,passage=0.1s`; "
         f"signals: {', '.join(_DELAYED)}",
         **_DELAYS,
     ),
-    Option(
+    Argument(
         "--jitter",
         help="standard deviation of a random delay beside the latency, likewise",
         **_DELAYS,
     ),
 )
-DOMAIN = Option(
+DOMAIN = Argument(
     "--domain",
     type=_domain,
     metavar="N",
     help="ROS domain; else that of the settings, else ROS_DOMAIN_ID, else 0",
 )
-ROS_ARGS = Option(
+ROS_ARGS = Argument(
     "--ros-args",
     nargs=argparse.REMAINDER,
     default=[],
@@ -223,7 +225,7 @@ ROS_ARGS = Option(
     help="at the end: names as a launch file gives them, `-r __ns:=/hall2`, `-r FROM:=TO`",
 )
 TESTBED = (
-    Option(
+    Argument(
         "--testbed",
         action=WordsAction,
         const=_testbed,
@@ -232,7 +234,7 @@ TESTBED = (
         help="where the data come from: `ros`, `simulated`, or `replay` and the path of a bag",
     ),
     *SIMULATED,
-    Option(
+    Argument(
         "--speed",
         type=number_within(0, FASTEST),
         default=1.0,
@@ -240,7 +242,7 @@ TESTBED = (
         help="of a simulation or replay: 1 = real time, 0 = as fast as possible",
     ),
     DOMAIN,
-    Option(
+    Argument(
         "--use-sim-time",
         action="store_true",
         help="follow `/clock` of a simulation over ROS, every run is practice; else setting "
@@ -250,7 +252,7 @@ TESTBED = (
     SETTINGS,
     ROS_ARGS,
 )
-IDLE_TIME = Option(
+IDLE_TIME = Argument(
     "--idle-time",
     type=number_within(0),
     metavar="S",

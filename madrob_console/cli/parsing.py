@@ -41,7 +41,7 @@ class CommandHelp(argparse.HelpFormatter):
     def _get_help_string(self, action: argparse.Action) -> str:
         text = _SETTING.sub(_with_default, action.help or "").replace("%", "%%")
         default = action.default
-        silent = default is None or default == "" or action.nargs == 0
+        silent = default in (None, "") or action.nargs in (0, argparse.REMAINDER)
         if silent or not action.option_strings or "default" in text:
             return text
         return f"{text} (default: {_default_words(default)})".lstrip()
@@ -61,6 +61,8 @@ def _with_default(found: re.Match[str]) -> str:
 
 
 def _default_words(default: object) -> str:
+    if isinstance(default, bool):
+        return "on" if default else "off"
     return f"{default:g}" if isinstance(default, float) else str(default)
 
 
@@ -148,10 +150,7 @@ def as_path(text: str) -> Path:
 
 
 def whole_number(text: str) -> int:
-    try:
-        return int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is no whole number") from None
+    return _typed(int, text, "whole number")
 
 
 def whole_within(low: int, high: float = math.inf) -> Callable[[str], int]:
@@ -194,14 +193,14 @@ def _measured(text: str, units: Mapping[str, float], what: str) -> float:
 
 def number(text: str) -> float:
     """Argument type: a finite number."""
-    if not math.isfinite(typed := _number(text)):
+    if not math.isfinite(typed := _typed(float, text, "number")):
         raise argparse.ArgumentTypeError(f"'{text}' is no number")
     return typed
 
 
 def number_within(low: float, high: float = math.inf) -> Callable[[str], float]:
     def convert(text: str) -> float:
-        return _demand(_number(text), low, high)
+        return _demand(_typed(float, text, "number"), low, high)
 
     return convert
 
@@ -217,11 +216,11 @@ def as_setting(table: str, key: str) -> Callable[[str], float]:
     return convert
 
 
-def _number(text: str) -> float:
+def _typed(kind: Callable[[str], _Number], text: str, what: str) -> _Number:
     try:
-        return float(text)
+        return kind(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is no number") from None
+        raise argparse.ArgumentTypeError(f"'{text}' is no {what}") from None
 
 
 def _demand(typed: _Number, low: float, high: float) -> _Number:

@@ -6,7 +6,7 @@ import argparse
 from dataclasses import replace
 
 from madrob_console.cli import options
-from madrob_console.cli.command_line import Option, command
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, complain, put_bytes
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
@@ -15,12 +15,14 @@ from scoring.imports import imports_kept
 
 @command(
     "plan",
-    "the competition's plan: what is done, what comes next, what is left",
+    "the competition's plan: what is done, next and left",
     "The plan is a csv file with lines `subject,condition,attempts,time` in the order of the "
     "competition (setting `plan.file`). Exit code 2 when a line of it cannot be used or has a "
     "subject that is not in the list of teams, or a run cannot be read; the others count.",
     options=(
-        Option("--conditions", action="store_true", help="the twenty conditions and their numbers"),
+        Argument(
+            "--conditions", action="store_true", help="the twenty conditions and their numbers"
+        ),
         options.PLAN,
         options.JSON,
         options.TEAMS,

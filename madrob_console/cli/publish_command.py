@@ -8,31 +8,29 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import batch, options
-from madrob_console.cli.command_line import Option, command
-from madrob_console.cli.output import BAD_INPUT, MOST_ALIKE, Complaints, complain, progress
+from madrob_console.cli.command_line import Argument, command
+from madrob_console.cli.output import BAD_INPUT, Complaints, complain, name_some, progress
 from madrob_console.cli.parsing import as_path
 from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from madrob_console.archive.collection import Collection
-    from madrob_console.archive.history import RunSummary
     from madrob_console.config import Settings
     from madrob_console.pages.site_content import SiteContent
 
 
 @command(
     "publish",
-    "a competition's pages in a folder: overview, teams, conditions, runs, tables",
-    "The pages open from a file and from any web server, run no script and load nothing from "
-    "elsewhere. Only what has changed is written, each file whole; only files that this command "
-    "wrote are removed. With setting `results.publish` the engine does this after each result. "
-    f"Exit code 2 when a run cannot be read (the rest is there), {os.EX_TEMPFAIL} when the disk "
-    "refuses or another writes there. A screen in a hall shows `madrob watch --big`.",
+    "a competition's pages in a folder, for a web server",
+    "Overview, teams, conditions, runs, tables. The pages open from a file and from any web "
+    "server, run no script and load nothing from elsewhere. Only what has changed is written, "
+    "each file whole; only files that this command wrote are removed. With setting "
+    "`results.publish` the engine does this after each result. Exit code 2 when a run cannot be "
+    f"read (the rest is there), {os.EX_TEMPFAIL} when the disk refuses or another writes there. A "
+    "screen in a hall shows `madrob watch --big`.",
     options=(
-        Option(
+        Argument(
             "site",
             type=as_path,
             metavar="FOLDER",
@@ -73,7 +71,8 @@ def publish(arguments: argparse.Namespace) -> int:
     except SiteNotWrittenError as error:
         complain(error)
         return os.EX_TEMPFAIL
-    _name_without_report(without)
+    made = "no report of its result to show; `madrob report` makes it"
+    name_some([f"{run.folder}: {made}" for run in without], "runs without a report")
     batch.name_practice_alone(content.standings, found)
     with Complaints() as complaints:
         complaints.add_each(found.unlisted)
@@ -107,10 +106,3 @@ def _content(arguments: argparse.Namespace, settings: Settings, found: Collectio
             run.subject for run in runs if (arguments.site / zip_place(run.subject)).is_file()
         ),
     )
-
-
-def _name_without_report(runs: Sequence[RunSummary]) -> None:
-    for run in runs[:MOST_ALIKE]:
-        complain(f"note: {run.folder}: no report of its result to show; `madrob report` makes it")
-    if len(runs) > MOST_ALIKE:
-        complain(f"note: and {len(runs) - MOST_ALIKE} more runs without a report")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @command(
     "recover",
-    "repair recordings that were cut off, and results that are not what the journal says",
+    "repair recordings that were cut off, and their results",
     "Writes a whole bag beside the torn one, which is kept; that of evidence only where more than "
     "its end is damaged. The result of a run folder is made again if a power cut left it out of "
     "date, or if it is damaged.",

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from madrob_console.cli import options
-from madrob_console.cli.command_line import Option, command
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, complain, progress
 from madrob_console.cli.parsing import as_path
 from madrob_console.common.errors import MadrobError
@@ -27,12 +27,12 @@ NamedFile: TypeAlias = tuple[Path, bytes]
 
 @command(
     "report",
-    "a page for the team: report.html in the run folder, or the figures alone",
-    "Of EUROBENCH folders the figures only.",
+    "a run's page for its team, or its figures alone",
+    "The page is report.html in the run folder. Of EUROBENCH folders the figures only.",
     options=(
         options.PATHS,
         options.choice("--figures", PictureFormat, "figures of this format instead of the page"),
-        Option(
+        Argument(
             "--output",
             type=as_path,
             metavar="FOLDER",

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.command_line import Option, command
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.cli.parsing import as_setting, number, number_within
 from madrob_console.common.names import clean_name, terminal_safe
@@ -40,8 +40,8 @@ def _pose(text: str) -> tuple[float, float, float]:
     return x, y, yaw
 
 
-def _as_setting(key: str, text: str) -> Option:
-    return Option(f"--{key}", type=as_setting("run", key), metavar="S", help=text)
+def _as_setting(key: str, text: str) -> Argument:
+    return Argument(f"--{key}", type=as_setting("run", key), metavar="S", help=text)
 
 
 @command(
@@ -52,28 +52,30 @@ def _as_setting(key: str, text: str) -> Option:
     options=(
         *options.TESTBED,
         options.team(default=1),
-        Option("--team-name", metavar="NAME", help="the team's name; else the list's"),
-        Option("--team-reason", default="", metavar="WHY", help="why another name than the list's"),
+        Argument("--team-name", metavar="NAME", help="the team's name; else the list's"),
+        Argument(
+            "--team-reason", default="", metavar="WHY", help="why another name than the list's"
+        ),
         options.TEAMS,
         options.PLAN,
-        Option(
+        Argument(
             "--referee",
             metavar="NAME",
             help="the referee's name; else that of the settings",
         ),
-        Option(
+        Argument(
             "--run-number",
             type=options.run_number,
             metavar="N",
             help="the next free one if not given",
         ),
         *options.CONDITION,
-        Option(
+        Argument(
             "--practice",
             action="store_true",
             help="a practice run, which never counts; on a simulated testbed every run is one",
         ),
-        Option(
+        Argument(
             "--start-pose",
             type=_pose,
             metavar="X,Y,YAW",
@@ -90,15 +92,15 @@ def _as_setting(key: str, text: str) -> Option:
             LockDetection,
             "what decides step 6; else setting `run.lock_detection`",
         ),
-        Option(
+        Argument(
             "--wait",
             type=number_within(0),
             default=20.0,
             metavar="S",
             help="s to wait for the pre-start checks; `inf`: without an end",
         ),
-        Option("--waive", metavar="REASON", help="let failing pre-start checks pass"),
-        Option("--no-report", action="store_true", help="make no report.html"),
+        Argument("--waive", metavar="REASON", help="let failing pre-start checks pass"),
+        Argument("--no-report", action="store_true", help="make no report.html"),
     ),
     examples=(
         "madrob run --testbed simulated --speed 0  # to try it",
@@ -109,14 +111,16 @@ def run(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from msgspec.structs import replace
 
-        from madrob_console.cli import aside
         from madrob_console.cli.attaching import owned_testbed
-        from madrob_console.cli.batch import site_arguments
         from madrob_console.cli.running_engines import owning
-        from madrob_console.cli.session import UnattendedRun, open_engine, print_replay
+        from madrob_console.cli.session import (
+            UnattendedRun,
+            open_engine,
+            print_replay,
+            reporting_of,
+        )
         from madrob_console.common.version import software_version
         from madrob_console.config import load_settings
-        from madrob_console.engine.reports import QUEUE_FOLDER, Reporting, WantedPages
         from madrob_console.engine.snapshot import label_of
         from madrob_console.engine.supervisor import Supervisor
 
@@ -128,17 +132,9 @@ def run(arguments: argparse.Namespace) -> int:
     teams = options.team_list(arguments, settings)
     engine.hear_of_teams(teams)
     reports = settings.results.reports and not arguments.no_report
-    site = site_arguments(arguments, settings)
     reporting = None
-    if reports or site:
-        reporting = Reporting(
-            aside.COMMAND,
-            engine.config.results / QUEUE_FOLDER,
-            engine.config.results,
-            lambda: engine.busy,
-            engine.write,
-            WantedPages(reports, site),
-        )
+    if reports or settings.results.publish:
+        reporting = reporting_of(arguments, settings, engine, reports=reports)
     unattended = UnattendedRun(engine, reporting)
     with ExitStack() as stack:
         more = () if reporting is None else (reporting,)

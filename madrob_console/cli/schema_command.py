@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from enum import StrEnum
 
-from madrob_console.cli.command_line import Option, command
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.parsing import one_of
 
 
@@ -18,9 +18,9 @@ class Described(StrEnum):
 
 @command(
     "schema",
-    "the JSON schema of result.json, or of a line of `madrob watch --json`",
+    "the JSON schema of a result, or of `madrob watch --json`",
     options=(
-        Option(
+        Argument(
             "what",
             nargs="?",
             type=one_of(Described),

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import batch, options
-from madrob_console.cli.command_line import OneOf, Option, command
+from madrob_console.cli.command_line import Argument, OneOf, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, put_bytes
 from madrob_console.cli.parsing import as_path
 from madrob_console.common.errors import MadrobError
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from madrob_console.pages.competition import CompetitionStandings
 
 
-def _file(flag: str, text: str) -> Option:
-    return Option(
+def _file(flag: str, text: str) -> Argument:
+    return Argument(
         flag, dest="file", action="store_const", const=flag, help=f"{text}, to standard output"
     )
 
 
 @command(
     "standings",
-    "the teams of each condition, the leader first: a table, csv, json, html",
+    "the teams of each condition, the leader first",
     "The table has the best run of each team. Details and files have mean, median and standard "
     "deviation over the valid runs; invalid and interrupted ones are listed with their reasons. "
     "Exit code 2 when a run cannot be read; the rest is there.",
@@ -36,8 +36,10 @@ def _file(flag: str, text: str) -> Option:
             _file("--json", "everything as JSON for programs, with units and reasons"),
             _file("--html", "a page for phone and paper"),
         ),
-        Option("--output", type=as_path, metavar="FILE", help="where --csv, --json or --html goes"),
-        Option(
+        Argument(
+            "--output", type=as_path, metavar="FILE", help="where --csv, --json or --html goes"
+        ),
+        Argument(
             "--details", action="store_true", help="all statistics, each condition and all together"
         ),
         *batch.WHICH_RUNS,

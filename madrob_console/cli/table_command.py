@@ -11,7 +11,7 @@ from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, NamedTuple
 
 from madrob_console.cli import options
-from madrob_console.cli.command_line import Command, Option, TellAction, command
+from madrob_console.cli.command_line import Argument, MadrobCommand, TellAction, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, name_twins, progress, put_bytes
 from madrob_console.cli.parsing import as_path
 from madrob_console.common.errors import MadrobError
@@ -50,8 +50,8 @@ class _Written(NamedTuple):
     problem: str | None = None
 
 
-def _columns(*tables: TidyTable) -> Option:
-    return Option(
+def _columns(*tables: TidyTable) -> Argument:
+    return Argument(
         "--columns",
         action=TellAction,
         const=lambda: "\n".join(column_lines(tables)),
@@ -60,15 +60,15 @@ def _columns(*tables: TidyTable) -> Option:
     )
 
 
-def _of_runs(table: TidyTable) -> Command:
-    return Command(
+def _of_runs(table: TidyTable) -> MadrobCommand:
+    return MadrobCommand(
         table.name,
         table.row,
         "\n".join([_RUNS, *column_lines([table])]),
         (
             _columns(table),
             *options.COLLECTION,
-            Option(
+            Argument(
                 "--output",
                 type=as_path,
                 default=_STDOUT,
@@ -135,7 +135,7 @@ class _StandardOutput(BytesIO):
     options=(
         _columns(*SAMPLE_TABLES),
         options.PATHS,
-        Option(
+        Argument(
             "--output",
             type=as_path,
             required=True,
@@ -183,7 +183,7 @@ def _samples(arguments: argparse.Namespace) -> int:
     return BAD_INPUT if bad.count else 0
 
 
-table = Command(
+table = MadrobCommand(
     "table",
     "runs as tables for programs: csv, NDJSON or Parquet",
     options=(_columns(*RUN_TABLES, *SAMPLE_TABLES),),

@@ -6,7 +6,7 @@ import argparse
 from functools import partial
 
 from madrob_console.cli import options
-from madrob_console.cli.command_line import Option, command
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.parsing import whole_within
 from scoring.imports import imports_kept
 
@@ -19,7 +19,7 @@ from scoring.imports import imports_kept
         *options.SIMULATED,
         *options.CONDITION,
         options.DOMAIN,
-        Option(
+        Argument(
             "--repeat",
             type=whole_within(0),
             default=1,

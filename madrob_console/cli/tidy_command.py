@@ -11,7 +11,7 @@ from shutil import get_terminal_size
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.command_line import Option, command
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, progress, says_yes, somebody_there
 from madrob_console.cli.parsing import period, size, whole_within
 from madrob_console.common.errors import MadrobError
@@ -28,33 +28,34 @@ NOT_REMOVED = 1
 
 @command(
     "tidy",
-    "make room: remove the evidence (cameras, other topics) of old runs",
-    "Recordings of what is scored, results, reports and pictures stay. So does the evidence of a "
-    "run that was ever protested or still can be in time, goes on or is open in a console, of an "
-    "official one that is not final, of the last run and of the last practice run. It says what "
-    "goes and what stays and why, and asks. Each run's journal and report say what was removed. "
-    "Give --keep-runs, --older-than or --until-free, or several of them: what one keeps stays.",
+    "make room: remove the evidence of old runs",
+    "Evidence is what cameras and other topics brought. Recordings of what is scored, results, "
+    "reports and pictures stay. So does the evidence of a run that was ever protested or still "
+    "can be in time, goes on or is open in a console, of an official one that is not final, of "
+    "the last run and of the last practice run. It says what goes and what stays and why, and "
+    "asks. Each run's journal and report say what was removed. Give --keep-runs, --older-than or "
+    "--until-free, or several of them: what one keeps stays.",
     options=(
-        Option(
+        Argument(
             "--keep-runs",
             type=whole_within(0),
             metavar="N",
             help="keep that of the last N runs, and of the last N practice runs",
         ),
-        Option(
+        Argument(
             "--older-than",
             type=period,
             metavar="TIME",
             help="keep that of younger runs: 12h, 7d, 2w",
         ),
-        Option(
+        Argument(
             "--until-free",
             type=size,
             metavar="SIZE",
             help="keep what is left once so much of the disk is free: 50GB",
         ),
-        Option("--dry-run", action="store_true", help="only say what would go"),
-        Option("--yes", action="store_true", help="do not ask"),
+        Argument("--dry-run", action="store_true", help="only say what would go"),
+        Argument("--yes", action="store_true", help="do not ask"),
         options.RESULTS,
         options.SETTINGS,
     ),

@@ -5,19 +5,19 @@ from __future__ import annotations
 import argparse
 
 from madrob_console.cli import options
-from madrob_console.cli.command_line import OneOf, Option, command
+from madrob_console.cli.command_line import Argument, OneOf, command
 from madrob_console.cli.console_command import LOOK, Shown, show
 
 
-def _shown(flag: str, shown: Shown, text: str) -> Option:
-    return Option(
+def _shown(flag: str, shown: Shown, text: str) -> Argument:
+    return Argument(
         flag, dest="shown", action="store_const", const=shown, default=Shown.SCREENS, help=text
     )
 
 
 @command(
     "watch",
-    "the same screens for spectators: they show everything and can do nothing",
+    "the same screens for spectators, who can do nothing",
     "Attaches to the engine of the testbed that is named, or without arguments to the only one "
     "that runs; where several run it says what to type.",
     options=(
