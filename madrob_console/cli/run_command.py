@@ -18,6 +18,7 @@ from scoring.rulesets import RulesetName
 if TYPE_CHECKING:
     from madrob_console.config import Settings
     from madrob_console.engine.core import Engine
+    from madrob_console.referee.competition_plan import Plan, Task
     from madrob_console.referee.lists import TeamList
     from madrob_console.referee.records import RunSetup
 
@@ -130,6 +131,7 @@ def run(arguments: argparse.Namespace) -> int:
     if engine.replay is not None:
         return EXIT_CODES[print_replay(engine, engine.replay)]
     teams = options.team_list(arguments, settings)
+    plan = options.plan_list(arguments, settings)
     engine.hear_of_teams(teams)
     reports = settings.results.reports and not arguments.no_report
     reporting = None
@@ -149,7 +151,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         def setup(*, simulated: bool) -> RunSetup:
             practice = simulated or arguments.practice
-            return _setup(arguments, settings, engine, teams, practice=practice)
+            return _setup(arguments, settings, engine, teams, plan, practice=practice)
 
         return EXIT_CODES[unattended.go(setup, arguments.wait, arguments.waive)]
 
@@ -159,9 +161,11 @@ def _setup(
     settings: Settings,
     engine: Engine,
     teams: TeamList,
+    plan: Plan,
     *,
     practice: bool,
 ) -> RunSetup:
+    from madrob_console.referee.competition_plan import Task
     from madrob_console.referee.records import RunSetup
 
     condition = options.condition_of(arguments)
@@ -178,7 +182,8 @@ def _setup(
     defaults = settings.run
     pose = arguments.start_pose
     start_pose = StartPose(*pose) if pose else settings.start_pose(condition.starting_side)
-    beyond = not practice and _out_of_plan(arguments, condition.number, settings, engine)
+    task = Task(arguments.team, condition.number)
+    beyond = not practice and bool(plan.lines) and _out_of_plan(task, plan, settings, engine)
     return RunSetup(
         subject=arguments.team,
         team=team,
@@ -198,14 +203,9 @@ def _setup(
     )
 
 
-def _out_of_plan(
-    arguments: argparse.Namespace, condition: int, settings: Settings, engine: Engine
-) -> bool:
+def _out_of_plan(task: Task, plan: Plan, settings: Settings, engine: Engine) -> bool:
     from madrob_console.archive.history import History
-    from madrob_console.referee.competition_plan import Task, plan_progress
+    from madrob_console.referee.competition_plan import plan_progress
 
-    plan = options.plan_list(arguments, settings)
-    runs = History(engine.config.results).refresh() if plan.lines else ()
-    return plan_progress(plan, runs, settings.competition.name).out_of_plan(
-        Task(arguments.team, condition)
-    )
+    runs = History(engine.config.results).refresh()
+    return plan_progress(plan, runs, settings.competition.name).out_of_plan(task)

@@ -194,6 +194,7 @@ def test_a_bad_setting_is_named(
         (["--start-pose", "-1,0,0"], "CCW side"),
         (["--start-pose", "1.5,0,nan"], "--start-pose"),
         (["--timeout", "0"], "timeout"),
+        (["--plan", "/nowhere.csv"], "correct --plan"),
         (["--team", "Delft"], "--team"),
         (["--team-name", "x" * 200], "--team-name"),
         (["--speed", "-1"], "--speed"),

@@ -77,6 +77,8 @@ def shell(
         ("madrob console --testbed sim", "madrob console --testbed simulated"),
         ("madrob console --testbed replay my_", "madrob console --testbed replay my_run/"),
         ("madrob score my_", "madrob score my_run/"),
+        ("madrob score --write my_", "madrob score --write my_run/"),
+        ("madrob engine stop --fo", "madrob engine stop --force"),
         ("madrob standings --results my_", "madrob standings --results my_run/"),
     ],
 )

@@ -66,15 +66,18 @@ def test_the_doctor_says_in_json_what_it_says_in_lines(
 ) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "door")
     (tmp_path / "teams.csv").write_text("x,Late\n")
-    teams = ("--teams", str(tmp_path / "teams.csv"))
-    told = document(capsys, " ".join(("doctor", *teams)), code=BAD_INPUT)
+    (tmp_path / "plan.csv").write_text("3,21\n")
+    lists = [f"--{name}={tmp_path / name}.csv" for name in ("teams", "plan")]
+    named = ["doctor", *lists, f"--results={tmp_path / 'runs'}"]
+    told = document(capsys, " ".join(named), code=BAD_INPUT)
     assert (told["passed"], told["verdict"]) == (False, "not usable: see the errors above")
     assert {one["severity"] for one in told["findings"]} <= {one.name.lower() for one in Severity}
-    lists = [one for one in told["findings"] if one["subject"] == "teams"]
-    assert [(one["severity"], "teams.csv line 1" in one["text"]) for one in lists] == [
-        ("warning", True)
-    ]
-    assert main(["doctor", *teams]) == BAD_INPUT
+    found = {one["subject"]: (one["severity"], one["text"]) for one in told["findings"]}
+    for name in ("teams", "plan"):
+        assert found[name][0] == "warning"
+        assert found[name][1].startswith(f"{name}.csv line 1: ")
+    assert found["results"][1].startswith(f"{tmp_path / 'runs'}: ")
+    assert main(named) == BAD_INPUT
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[:-1]] == [one["severity"] for one in told["findings"]]
 
