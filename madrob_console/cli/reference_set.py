@@ -117,7 +117,9 @@ def read_references(folder: Path) -> tuple[Reference, ...]:
     """The references of a folder, in order."""
     path = folder / EXPECTED_FILE
     try:
-        references = msgspec.json.decode(_shipped(path), type=tuple[Reference, ...])
+        references = msgspec.json.decode(read_all(path, _LARGEST), type=tuple[Reference, ...])
+    except OSError as error:
+        raise _damaged(path, f"cannot be read: {error.strerror}") from None
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
         raise _damaged(path, f"is damaged: {error}") from None
     if not references:
@@ -128,9 +130,7 @@ def read_references(folder: Path) -> tuple[Reference, ...]:
 def score_references(references: tuple[Reference, ...], folder: Path) -> Iterator[ReferenceScore]:
     """Score each reference from its recording, after all files have been checked."""
     for reference in references:
-        path = folder / reference.recording
-        if hashlib.sha256(_shipped(path)).hexdigest() != reference.sha256:
-            raise _damaged(path, "is not the reference that was shipped")
+        _check_file(folder / reference.recording, reference.sha256)
     for reference in references:
         yield _scored_reference(reference, folder / reference.recording)
 
@@ -166,11 +166,13 @@ def _damaged(path: Path, what: str) -> MadrobError:
     return MadrobError(f"{path}: {what}: install {DISTRIBUTION} again")
 
 
-def _shipped(path: Path) -> bytes:
+def _check_file(path: Path, digest: str) -> None:
     try:
-        return read_all(path, _LARGEST)
+        data = read_all(path, _LARGEST)
     except OSError as error:
         raise _damaged(path, f"cannot be read: {error.strerror}") from None
+    if hashlib.sha256(data).hexdigest() != digest:
+        raise _damaged(path, "is not the reference that was shipped")
 
 
 def _scored_reference(reference: Reference, path: Path) -> ReferenceScore:

@@ -7,6 +7,7 @@ import io
 import shlex
 import subprocess
 import sys
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -159,6 +160,19 @@ def parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser
         if isinstance(action, argparse._SubParsersAction):
             for part in action.choices.values():
                 yield from parsers(part)
+
+
+def test_an_option_takes_the_same_in_every_command_and_no_other_says_the_same() -> None:
+    takes, says = defaultdict(set), defaultdict(set)
+    for parser in parsers(build_parser()):
+        for action in parser._actions:
+            for flag in action.option_strings:
+                takes[flag].add(None if action.nargs == 0 else action.metavar or action.dest)
+                says[action.help].add(action.option_strings[-1])
+    places = takes.pop("--output")
+    assert places == {"FILE", "FOLDER", "FILE.zip"}
+    assert {flag: found for flag, found in takes.items() if len(found) > 1} == {}
+    assert [flags for flags in says.values() if len(flags) > 1] == []
 
 
 def taken(action: argparse.Action, text: str) -> bool:
