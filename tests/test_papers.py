@@ -283,7 +283,9 @@ def test_the_options_that_a_sentence_names_are_those_of_the_commands(
         for option in re.findall(r"--[a-z-]+", rest):
             seen += 1
             assert option in text, f"madrob {words} {option}"
-    every = "".join(map(help_of, (*COMMANDS, "table runs", "table samples")))
+    every = "".join(
+        map(help_of, (*COMMANDS, "engine stop", "engine unit", "table runs", "table samples"))
+    )
     for option in re.findall(r"`(--[a-z-]+)[^`]*`", "\n".join(map(read, USERS))):
         seen += 1
         assert option in every or option in FOREIGN_OPTIONS, option

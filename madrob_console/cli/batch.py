@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from madrob_console.cli import options
+from madrob_console.cli.command_line import Argument
 from madrob_console.cli.options import results_folder
 from madrob_console.cli.output import Complaints, complain, progress
 from madrob_console.cli.parsing import whole_within
@@ -30,16 +31,16 @@ _Done = TypeVar("_Done")
 # How the work on many runs is shared: processes here, or a cluster.
 
 
-def add_sharing_options(parser: argparse.ArgumentParser, done: str) -> None:
-    options.add_jobs(parser, done)
-    parser.add_argument(
+SHARING = (
+    options.JOBS,
+    Argument(
         "--scheduler",
         metavar="ADDRESS",
-        default=None,
         help="hand the runs to a running Dask cluster, tcp://HOST:8786, whose workers have the "
         "same madrob-console and see the same paths; needs the extra `cluster`. A scheduler is "
         "trusted like a shell: it can run anything as you; use tls:// where others reach it",
-    )
+    ),
+)
 
 
 def runs_of(arguments: argparse.Namespace) -> list[RunPath]:
@@ -111,18 +112,16 @@ def _lost(run: RunPath, why: str) -> Tried[Any]:
 # The runs of one competition, as the options of a command choose them.
 
 
-def add_which_runs(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
+WHICH_RUNS = (
+    Argument(
         "--best",
         type=whole_within(0),
-        default=None,
         metavar="N",
         help="only the N best runs of each team in each condition, 0 = all; else setting "
         "`competition.best_runs`",
-    )
-    parser.add_argument(
-        "--practice", action="store_true", help="the practice runs instead, marked as such"
-    )
+    ),
+    options.PRACTICE,
+)
 
 
 def standings(
@@ -171,8 +170,7 @@ def site_arguments(arguments: argparse.Namespace, settings: Settings) -> list[st
     """Arguments of `madrob publish` after each result; empty where it is not wanted."""
     if not settings.results.publish:
         return []
-    plan: Path | None = getattr(arguments, "plan", None)  # `madrob run` takes the settings'
-    more = [] if plan is None else [f"--plan={plan}"]
+    more = [] if arguments.plan is None else [f"--plan={arguments.plan}"]
     site = Path(settings.results.publish).expanduser()
     of = f"--competition={settings.competition.name}"
     return [str(site), *named_places(arguments, settings), *more, of]

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.command_line import Argument, MadrobCommand, command
 from madrob_console.cli.output import complain, progress
-from madrob_console.cli.parsing import number_within
+from madrob_console.cli.parsing import as_path, number_within
 from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
 from scoring.protocol import Side
@@ -24,54 +25,24 @@ How to record: `ros2 bag record -s mcap -o NAME --all`, or start a run, move the
 it: its folder holds the recording. Topics, types and units are those of the settings."""
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "calibrate",
-        None,
-        "a new testbed's masks, lintel height and handle, from recordings",
-        examples=("madrob calibrate masks --help", "madrob calibrate handle --help"),
-    )
-    parts = parser.add_subparsers(metavar="WHAT")
-    masks = options.command(
-        parts,
-        "masks",
-        _masks,
-        "the ten masks and the lintel height, as settings",
-        "Swing the panel slowly, at about 0.2 rad/s, from closed to wide open on both sides and "
-        "back, at least twice, brake off, with nobody within the sensors' reach: push it by a "
-        "stick. Several recordings count together, one a side for example." + _RECORD,
-        ("madrob calibrate masks sweep_cw sweep_ccw --output masks.toml",),
-    )
-    masks.add_argument("paths", nargs="+", type=Path, metavar="PATH", help="a bag or a run folder")
-    handle = options.command(
-        parts,
-        "handle",
-        _handle,
-        "zero and scale of the handle's force, as settings",
-        "Record some seconds at rest, then some seconds with a known weight that pulls at the "
-        "handle over a pulley, straight to one side, door blocked." + _RECORD,
-        ("madrob calibrate handle rest weight --mass 2 --towards ccw",),
-    )
-    handle.add_argument("rest", type=Path, metavar="REST", help="recording without the weight")
-    handle.add_argument("weight", type=Path, metavar="WEIGHT", help="recording with the weight")
-    handle.add_argument(
-        "--mass",
-        type=number_within(0.01, 1000),
-        required=True,
-        metavar="KG",
-        help="of the weight",
-    )
-    options.add_choice(
-        handle, "--towards", Side, Side.CCW, "side to which the weight pulls the handle"
-    )
-    for part in (masks, handle):
-        part.add_argument(
-            "--output", type=Path, default=None, metavar="FILE", help="file for the settings"
-        )
-        options.add_settings(part)
+_FILES = (
+    Argument("--output", type=as_path, metavar="FILE", help="file for the settings"),
+    options.SETTINGS,
+)
 
 
+@command(
+    "masks",
+    "the ten masks and the lintel height, as settings",
+    "Swing the panel slowly, at about 0.2 rad/s, from closed to wide open on both sides and back, "
+    "at least twice, brake off, with nobody within the sensors' reach: push it by a stick. Several "
+    "recordings count together, one a side for example." + _RECORD,
+    options=(
+        Argument("paths", nargs="+", type=as_path, metavar="PATH", help="a bag or a run folder"),
+        *_FILES,
+    ),
+    examples=("madrob calibrate masks sweep_cw sweep_ccw --output masks.toml",),
+)
 def _masks(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.cli.testbed_calibration import masks_of, masks_toml, sweep_recordings
@@ -85,6 +56,26 @@ def _masks(arguments: argparse.Namespace) -> int:
     return _propose(masks_toml(found), arguments.output)
 
 
+@command(
+    "handle",
+    "zero and scale of the handle's force, as settings",
+    "Record some seconds at rest, then some seconds with a known weight that pulls at the handle "
+    "over a pulley, straight to one side, door blocked." + _RECORD,
+    options=(
+        Argument("rest", type=as_path, metavar="REST", help="recording without the weight"),
+        Argument("weight", type=as_path, metavar="WEIGHT", help="recording with the weight"),
+        Argument(
+            "--mass",
+            type=number_within(0.01, 1000),
+            required=True,
+            metavar="KG",
+            help="of the weight",
+        ),
+        options.choice("--towards", Side, "side to which the weight pulls the handle", Side.CCW),
+        *_FILES,
+    ),
+    examples=("madrob calibrate handle rest weight --mass 2 --towards ccw",),
+)
 def _handle(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.cli.testbed_calibration import (
@@ -104,6 +95,14 @@ def _handle(arguments: argparse.Namespace) -> int:
     _note_problems(recordings)
     proposal = propose_handle(rest, weight, arguments.mass, arguments.towards)
     return _propose(handle_toml(proposal, mapping), arguments.output)
+
+
+calibrate = MadrobCommand(
+    "calibrate",
+    "masks, lintel height and handle of a new testbed",
+    examples=("madrob calibrate masks --help", "madrob calibrate handle --help"),
+    parts=(_masks, _handle),
+)
 
 
 def _note_problems(recordings: Iterable[CalibrationRecording]) -> None:

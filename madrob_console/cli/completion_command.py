@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from enum import StrEnum
 from itertools import dropwhile
-from pathlib import Path
-from typing import TypeAlias
 
-from madrob_console.cli import options
-from madrob_console.cli.parsing import one_of
+from madrob_console.cli.command_line import Argument, command
+from madrob_console.cli.parsing import as_path, one_of
 from madrob_console.common.names import SourceKind
-from scoring.rulesets import RulesetName
 
 
 class Shell(StrEnum):
@@ -23,35 +20,17 @@ class Shell(StrEnum):
     FISH = "fish"
 
 
-Completer: TypeAlias = "dict[str, str | dict[str, str]]"
-"""shtab's completion of an option, by shell."""
-
-
-def _first_word(name: str, words: Iterable[str], then: str, *, folders: bool = False) -> Completer:
-    """Completion of an option whose first word is one of `words`; zsh then completes `then`.
-
-    bash completes one kind of word only: with `folders` it completes folders there, too.
-    """
-    listed = " ".join(words)
-    lines = [f'  compgen -W "{listed}" -- "$1"']
-    if folders:
-        lines.append('  compgen -d -- "$1"')
-    return {
-        "bash": f"_madrob_{name}",
-        "zsh": f"_madrob_{name}:{then}",
-        "fish": listed,
-        "preamble": {
-            "bash": "\n".join([f"_madrob_{name}() {{", *lines, "}\n"]),
-            "zsh": f"_madrob_{name}() {{\n  compadd {listed}\n}}\n",
-        },
-    }
-
-
-_SEVERAL_WORDS: dict[str, tuple[str, Completer]] = {
-    "testbed": ("TESTBED", _first_word("testbed", SourceKind, ":bag:_files")),
-    "write": ("RULESET", _first_word("write", RulesetName, "folder:_files -/", folders=True)),
+_KINDS = " ".join(SourceKind)
+_TESTBED = {
+    "bash": "_madrob_testbed",
+    "zsh": "_madrob_testbed::bag:_files",
+    "fish": _KINDS,
+    "preamble": {
+        "bash": f'_madrob_testbed() {{\n  compgen -W "{_KINDS}" -- "$1"\n}}\n',
+        "zsh": f"_madrob_testbed() {{\n  compadd {_KINDS}\n}}\n",
+    },
 }
-"""Metavar and completion of each option with several words, by its argument name."""
+"""shtab's completion of `--testbed`, by shell: its first word is a kind, then comes a bag."""
 
 _REPLAY = {
     Shell.BASH: "complete -o bashdefault -o default -F _shtab_madrob madrob",
@@ -61,26 +40,27 @@ _REPLAY = {
 """Completion after `--testbed replay`: the path of a bag."""
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "completion",
-        main,
-        "what bash, zsh or fish needs to complete `madrob` with TAB",
-        "It goes where the shell looks for it; zsh must have that folder in its `fpath`. Print it "
-        "anew after an update.",
-        (
-            "madrob completion bash > ~/.local/share/bash-completion/completions/madrob",
-            "madrob completion zsh > ~/.zfunc/_madrob",
-            "madrob completion fish > ~/.config/fish/completions/madrob.fish",
+@command(
+    "completion",
+    "let bash, zsh or fish complete `madrob` with TAB",
+    "It goes where the shell looks for it; zsh must have that folder in its `fpath`. Print it anew "
+    "after an update.",
+    options=(
+        Argument(
+            "shell",
+            type=one_of(Shell),
+            choices=list(Shell),
+            metavar="SHELL",
+            help=", ".join(Shell),
         ),
-    )
-    parser.add_argument(
-        "shell", type=one_of(Shell), choices=list(Shell), metavar="SHELL", help=", ".join(Shell)
-    )
-
-
-def main(arguments: argparse.Namespace) -> int:
+    ),
+    examples=(
+        "madrob completion bash > ~/.local/share/bash-completion/completions/madrob",
+        "madrob completion zsh > ~/.zfunc/_madrob",
+        "madrob completion fish > ~/.config/fish/completions/madrob.fish",
+    ),
+)
+def completion(arguments: argparse.Namespace) -> int:
     """Print a shell's script, made from the parser of all commands; TAB starts no program."""
     import shtab
 
@@ -88,9 +68,10 @@ def main(arguments: argparse.Namespace) -> int:
 
     parser = build_parser()
     for action in _actions(parser):
-        if action.dest in _SEVERAL_WORDS:
-            action.metavar, action.complete = _SEVERAL_WORDS[action.dest]  # type: ignore[attr-defined]
-        elif action.type is Path:
+        if action.dest == "testbed":
+            action.metavar = "TESTBED"  # shtab knows of no second word
+            action.complete = _TESTBED  # type: ignore[attr-defined]
+        elif action.type is as_path:
             kind = shtab.DIRECTORY if action.metavar == "FOLDER" else shtab.FILE
             action.complete = kind  # type: ignore[attr-defined]
     script = shtab.complete(parser, arguments.shell.value).splitlines()

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.parsing import number
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, ThemeName, terminal_safe
 from scoring.imports import imports_kept
@@ -41,83 +41,52 @@ _LINES = (Shown.PLAIN, Shown.JSON)
 """They need no terminal."""
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "console",
-        main,
-        "the referee's screens: set up, start, watch and score runs",
-        "Without arguments it comes back to the engine of the settings' results folder. Where only "
-        "others run it says what to type; where none runs it takes the live testbed if one is "
-        "found.",
-        examples=(
-            "madrob console                      # at the testbed, and to come back",
-            "madrob console --testbed simulated  # to practise",
-            "madrob console --testbed replay my_run",
-            "madrob console --testbed replay my_run --at door_opens",
+LOOK = (
+    options.choice("--theme", ThemeName, "colours; else setting `console.theme`"),
+    Argument("--ascii", action="store_true", help="draw with ASCII characters only"),
+    Argument("--no-bell", action="store_true", help="be silent"),
+    Argument("--no-mouse", action="store_true", help="leave the mouse to the terminal"),
+)
+
+
+@command(
+    "console",
+    "the referee's screens: set up, start, watch and score runs",
+    "Without arguments it comes back to the engine of the settings' results folder. Where only "
+    "others run it says what to type; where none runs it takes the live testbed if one is found.",
+    options=(
+        *options.TESTBED,
+        Argument(
+            "--at",
+            metavar="INSTANT",
+            help=f"show a replay at this instant, paused: {options.INSTANT}",
         ),
-    )
-    options.add_testbed(parser)
-    parser.add_argument(
-        "--from",
-        dest="begin_at",
-        type=number,
-        default=None,
-        metavar="SECONDS",
-        help="where a replay begins, from the start of its run",
-    )
-    parser.add_argument(
-        "--at",
-        default=None,
-        metavar="EVENT",
-        help="show a replay at this instant, paused: s from the start (12.5, 1:05), `start`, "
-        "`stop`, `protest` (the instant in question), or an event, mark or protest by its name "
-        "(door_opens, 'protest 1')",
-    )
-    options.add_idle_time(parser)
-    add_look_options(parser)
-
-
-def add_look_options(parser: argparse.ArgumentParser) -> None:
-    options.add_teams(parser)
-    options.add_plan(parser)
-    options.add_choice(parser, "--theme", ThemeName, None, "colours; else setting `console.theme`")
-    parser.add_argument(
-        "--ascii", action="store_true", default=None, help="draw with ASCII characters only"
-    )
-    parser.add_argument("--no-bell", action="store_true", help="be silent")
-    parser.add_argument("--no-mouse", action="store_true", help="leave the mouse to the terminal")
-
-
-def main(arguments: argparse.Namespace) -> int:
+        options.IDLE_TIME,
+        options.TEAMS,
+        options.PLAN,
+        *LOOK,
+    ),
+    examples=(
+        "madrob console                      # at the testbed, and to come back",
+        "madrob console --testbed simulated  # to practise",
+        "madrob console --testbed replay my_run",
+        "madrob console --testbed replay my_run --at door_opens",
+    ),
+)
+def console(arguments: argparse.Namespace) -> int:
     from madrob_console.engine.requests import Role
 
-    begin_at: float | None = arguments.begin_at
-    if begin_at is not None and not _replays(arguments):
-        raise MadrobError(
-            f"--from {begin_at:g}: give seconds, and with `--testbed replay PATH` only"
-        )
-    if arguments.at is not None and (begin_at is not None or not _replays(arguments)):
-        raise MadrobError("--at: give it with `--testbed replay PATH` only, and in place of --from")
-    return show(arguments, Role.REFEREE, begin_at, named=arguments.at)
+    if arguments.at is not None and not _replays(arguments):
+        raise MadrobError("--at: give it with `--testbed replay PATH` only")
+    return show(arguments, Role.REFEREE)
 
 
 def _replays(arguments: argparse.Namespace) -> bool:
     return arguments.testbed is not None and arguments.testbed[0] == SourceKind.REPLAY
 
 
-def show(
-    arguments: argparse.Namespace,
-    role: Role,
-    begin_at: float | None = None,
-    *,
-    named: str | None = None,
-    shown: Shown = Shown.SCREENS,
-) -> int:
-    """Show a run to a referee or to a spectator.
-
-    A replay begins at `begin_at`, s from the start of its run, or paused at the event `named`.
-    """
+def show(arguments: argparse.Namespace, role: Role, shown: Shown = Shown.SCREENS) -> int:
+    """Show a run to a referee or to a spectator."""
     with imports_kept():
         from madrob_console.cli.attaching import attach, demand_engine, owned_testbed
         from madrob_console.cli.running_engines import ask_which, engines_meant, mean
@@ -138,18 +107,17 @@ def show(
     settings = load_settings(arguments.settings)
     results = options.results_folder(arguments, settings)
     owned_testbed(arguments, settings)  # what cannot be is said before anything is painted
-    if _replays(arguments):
-        begin_at = _check_replay(arguments, begin_at, named)
+    at = _check_replay(arguments) if _replays(arguments) else None
     if role is Role.WATCH:
         demand_engine(arguments, settings)
-    _read_lists(arguments, settings)
+    else:
+        _read_lists(arguments, settings)
 
     def open_client() -> EngineClient:
         client = attach(arguments, settings, role)
-        check_lists(client, arguments, settings)
         if role is Role.REFEREE:
-            speed = None if engines else arguments.speed
-            _move(client, speed, begin_at, pause=named is not None)
+            check_lists(client, arguments, settings)
+            _move(client, None if engines else arguments.speed, at)
         return client
 
     if shown in _LINES:
@@ -177,33 +145,27 @@ def _look(arguments: argparse.Namespace, settings: Settings) -> ConsoleSettings:
     )
 
 
-def _check_replay(
-    arguments: argparse.Namespace, begin_at: float | None, named: str | None
-) -> float | None:
-    """Check that a run can be replayed from there.
-
-    Returns the start of the replay, s from the start of the run; None = start of the recording.
-    """
+def _check_replay(arguments: argparse.Namespace) -> float | None:
+    """Check that a run can be replayed; returns where, s from its start; None = from its begin."""
     from madrob_console.archive.run_record import demand_record
     from recorder.reader import read_bag
 
-    path = Path(arguments.testbed[1]).expanduser()
+    path = Path(arguments.testbed[1])
     demand_record(read_bag(path).records, path)
-    if begin_at is None and named is None:
+    named: str | None = getattr(arguments, "at", None)  # a spectator sees what the referee does
+    if named is None:
         return None
     from madrob_console.engine.replay import Replay
     from madrob_console.engine.requests import JumpTo
     from madrob_console.messages.message_types import MessageTypes
 
     replay = Replay(path, MessageTypes())
-    option = f"--at {terminal_safe(named)}" if named is not None else f"--from {begin_at:g}"
     try:
-        at = replay.instant(named) if named is not None else begin_at
+        at = replay.instant(named)
     except MadrobError as error:
         raise MadrobError(f"--at: {error}") from None
-    assert at is not None
     if (refused := replay.control(JumpTo(at))) is not None:
-        raise MadrobError(f"{option}: {refused}")
+        raise MadrobError(f"--at {terminal_safe(named)}: {refused}")
     return at
 
 
@@ -234,12 +196,10 @@ def check_lists(client: EngineClient, arguments: argparse.Namespace, settings: S
         )
 
 
-def _move(
-    client: EngineClient, speed: float | None, begin_at: float | None, *, pause: bool = False
-) -> None:
-    """Set speed, place and pause of a replay, which may already be playing.
+def _move(client: EngineClient, speed: float | None, at: float | None) -> None:
+    """Set the speed of a replay, which may already play, or stop it at an instant.
 
-    `begin_at` is in s from the start of its run; None keeps the speed or the place.
+    `at` is in s from the start of its run; None keeps the speed or the place.
     """
     from madrob_console.engine.requests import JumpTo, SetSpeed, Skip
 
@@ -248,11 +208,12 @@ def _move(
         return
     if speed is not None and playback.speed != speed:
         client.send_request(SetSpeed(speed))  # refused where another console has the right to act
-    if pause:
-        client.send_request(Skip(0.0))  # stands still, also while it jumps
-    if begin_at is not None and (refused := client.send_request(JumpTo(begin_at))) is not None:
+    if at is None:
+        return
+    client.send_request(Skip(0.0))  # stands still, also while it jumps
+    if (refused := client.send_request(JumpTo(at))) is not None:
         client.close()
-        raise MadrobError(f"--from {begin_at:g}: {refused}")
+        raise MadrobError(f"--at: {refused}")
 
 
 def _defaults(arguments: argparse.Namespace, settings: Settings, results: Path) -> ConsoleDefaults:

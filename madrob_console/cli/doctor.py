@@ -9,7 +9,6 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from madrob_console.messages.codec import TopicMapping
 
 SMALLEST_TERMINAL = (80, 24)
-SUBJECT_WIDTH = len("/madrob/passage/ccw_right")
 
 
 def doctor(  # noqa: PLR0913  what it looks at
@@ -65,10 +63,6 @@ def doctor(  # noqa: PLR0913  what it looks at
 
 def usable(findings: Sequence[Finding]) -> bool:
     return all(finding.severity is not Severity.ERROR for finding in findings)
-
-
-def line(finding: Finding) -> str:
-    return f"{finding.severity.name.lower():7}  {finding.subject:{SUBJECT_WIDTH}}  {finding.text}"
 
 
 def verdict(findings: Sequence[Finding]) -> str:
@@ -130,14 +124,12 @@ def _is_utf8(encoding: str) -> bool:
         return False
 
 
-def _safely(subject: str, check: Callable[[], Iterator[Finding]]) -> list[Finding]:
-    findings: list[Finding] = []
+def _safely(subject: str, check: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
     try:
-        findings.extend(check())
+        yield from check()
     except Exception as error:  # noqa: BLE001  # the doctor must get to the end on a sick machine
         first = next(iter(str(error).splitlines()), "") or type(error).__name__
-        findings.append(Finding(Severity.WARNING, subject, f"could not be looked at ({first})"))
-    return findings
+        yield Finding(Severity.WARNING, subject, f"could not be looked at ({first})")
 
 
 # Findings about the competition's teams and plan.
@@ -210,21 +202,12 @@ def look_at_evidence(
     except MadrobError as error:
         yield Finding(Severity.WARNING, "evidence", str(error))
         return
-    yield from (_evidence_topic(topic, choice.limit(topic.topic)) for topic in seen.topics)
-    if seen.topics:
-        yield _whole(seen.topics, budget)
+    topics = seen.topics()
+    yield from (_evidence_topic(topic, choice.limit(topic.topic)) for topic in topics)
+    if topics:
+        yield _whole(topics, budget)
     yield from (Finding(Severity.WARNING, "evidence", words) for words in _missing_evidence(seen))
     yield from (Finding(Severity.WARNING, "ros says", words) for words in lines)
-
-
-@dataclass(frozen=True, slots=True)
-class _Seen:
-    """The topics that were seen; see `EvidenceIntakes` for the last three."""
-
-    topics: Sequence[EvidenceTopic]
-    left_over: Sequence[str]
-    unseen: Sequence[str]
-    scored: Sequence[str]
 
 
 def _listen(
@@ -233,7 +216,8 @@ def _listen(
     domain: int | None,
     environment: Mapping[str, str],
     ros_args: Sequence[str],
-) -> _Seen:
+) -> EvidenceIntakes:
+    """Listen for a while; returns what was listened with, closed."""
     intakes = EvidenceIntakes(
         domain_id(domain, environment),
         choice,
@@ -253,7 +237,7 @@ def _listen(
             if not found and not intakes.unseen and _comes(intakes.topics()):
                 found, ends = True, now + LISTENS
             time.sleep(_REST)
-        return _Seen(intakes.topics(), intakes.left_over, intakes.unseen, intakes.scored)
+        return intakes
     finally:
         intakes.close()
 
@@ -262,7 +246,7 @@ def _comes(topics: Sequence[EvidenceTopic]) -> bool:
     return not topics or any(topic.rate for topic in topics)
 
 
-def _missing_evidence(seen: _Seen) -> Iterator[str]:
+def _missing_evidence(seen: EvidenceIntakes) -> Iterator[str]:
     """What is not there of what is wanted, or needs not be asked for."""
     if seen.unseen:
         within = f"not seen within {PATIENCE:g} s: start what does, or correct the patterns"

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.output import BAD_INPUT, progress
+from madrob_console.cli.command_line import Argument, command
+from madrob_console.cli.output import BAD_INPUT, print_json, progress
 
 if TYPE_CHECKING:
     from madrob_console.cli.doctor_ros import Finding
@@ -17,53 +18,73 @@ OFF = 1
 """Exit code of `--reference` if a value is not as it must be."""
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "doctor",
-        main,
-        "what is installed, found and missing",
-        "With --reference, recordings with known answers are scored instead, and exit code 1 says "
-        "that a value is off. It needs neither ROS nor a testbed.",
-        examples=(
-            "madrob doctor",
-            "madrob doctor --domain 41",
-            "madrob doctor --reference    # does this installation score right?",
+@command(
+    "doctor",
+    "what is installed, found and missing",
+    "With --reference, recordings with known answers are scored instead, and exit code 1 says that "
+    "a value is off. It needs neither ROS nor a testbed.",
+    options=(
+        Argument(
+            "--reference",
+            action="store_true",
+            help="score the recordings with known answers that came with the program",
         ),
-    )
-    parser.add_argument(
-        "--reference",
-        action="store_true",
-        help="score the recordings with known answers that came with the program",
-    )
-    options.add_teams(parser)
-    options.add_settings(parser)
-    options.add_domain(parser)
-
-
-def main(arguments: argparse.Namespace) -> int:
+        options.JSON,
+        options.TEAMS,
+        options.PLAN,
+        options.RESULTS,
+        options.SETTINGS,
+        options.DOMAIN,
+    ),
+    examples=(
+        "madrob doctor",
+        "madrob doctor --domain 41",
+        "madrob doctor --reference    # does this installation score right?",
+    ),
+)
+def doctor(arguments: argparse.Namespace) -> int:
     """Print the findings as they come; exit code 0 if the console runs here, or scores right."""
-    if arguments.reference:
-        return _score_references()
-    from madrob_console.cli.doctor import doctor, line, look_at_lists, usable, verdict
+    from madrob_console.cli.doctor_ros import line
+
+    found: list[Finding] = []
+
+    def tell(finding: Finding) -> None:
+        found.append(finding)
+        if not arguments.json:
+            print(line(finding), flush=True)
+
+    verdict, code = (_score_references if arguments.reference else _look)(arguments, tell)
+    if arguments.json:
+        findings = [
+            {"severity": one.severity.name.lower(), "subject": one.subject, "text": one.text}
+            for one in found
+        ]
+        print_json({"passed": code == 0, "verdict": verdict, "findings": findings})
+    else:
+        print(verdict)
+    return code
+
+
+def _look(arguments: argparse.Namespace, tell: Callable[[Finding], None]) -> tuple[str, int]:
+    from madrob_console.cli.doctor import doctor, look_at_lists, usable, verdict
     from madrob_console.config import load_settings
 
     settings = load_settings(arguments.settings)
     teams = options.team_source(arguments, settings)
+    plan = options.plan_source(arguments, settings)
     findings = []
     for finding in doctor(
         settings.mappings(),
-        settings.results.root,
+        options.results_folder(arguments, settings),
         domain=options.ros_domain(arguments, settings),
         disk_space=settings.checks.disk_space,
         abort=settings.ros.abort,
-        lists=lambda: look_at_lists(teams, settings.plan.source),
+        lists=lambda: look_at_lists(teams, plan),
         evidence=lambda: _evidence(arguments, settings),
     ):
         findings.append(finding)
-        print(line(finding), flush=True)
-    print(verdict(findings))
-    return 0 if usable(findings) else BAD_INPUT
+        tell(finding)
+    return verdict(findings), 0 if usable(findings) else BAD_INPUT
 
 
 def _evidence(arguments: argparse.Namespace, settings: Settings) -> Iterator[Finding]:
@@ -79,8 +100,9 @@ def _evidence(arguments: argparse.Namespace, settings: Settings) -> Iterator[Fin
     return look_at_evidence(recording.choice, own, domain, recording.budget_bytes, os.environ)
 
 
-def _score_references() -> int:
-    from madrob_console.cli.doctor import line
+def _score_references(
+    _arguments: argparse.Namespace, tell: Callable[[Finding], None]
+) -> tuple[str, int]:
     from madrob_console.cli.reference_set import (
         FOLDER,
         read_references,
@@ -90,15 +112,14 @@ def _score_references() -> int:
         versions,
     )
 
-    print(line(versions()), flush=True)
+    tell(versions())
     references = read_references(FOLDER)
     scores = []
-    with progress("references") as tell:
-        tell(0, len(references))
+    with progress("references") as count:
+        count(0, len(references))
         for score in score_references(references, FOLDER):
             scores.append(score)
-            tell(len(scores), len(references))
+            count(len(scores), len(references))
             for finding in reference_findings(score):
-                print(line(finding), flush=True)
-    print(reference_verdict(scores))
-    return OFF if any(score.off for score in scores) else 0
+                tell(finding)
+    return reference_verdict(scores), OFF if any(score.off for score in scores) else 0

@@ -39,6 +39,8 @@ from madrob_console.testbeds.source import TopicStatus
 
 # A finding of the doctor.
 
+SUBJECT_WIDTH = len("/madrob/passage/ccw_right")
+
 
 class Severity(IntEnum):
     """How bad a finding is."""
@@ -60,6 +62,10 @@ class Finding:
     severity: Severity
     subject: str
     text: str
+
+
+def line(finding: Finding) -> str:
+    return f"{finding.severity.name.lower():7}  {finding.subject:{SUBJECT_WIDTH}}  {finding.text}"
 
 
 # Text that libraries write to the terminal past Python, captured.

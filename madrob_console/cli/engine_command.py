@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.batch import named_places, site_arguments
+from madrob_console.cli.command_line import Argument, MadrobCommand, command
 from madrob_console.cli.output import BAD_INPUT, complain
 from madrob_console.cli.parsing import whole_within
 from madrob_console.common.names import SourceKind
@@ -20,7 +20,6 @@ from scoring.imports import imports_kept
 if TYPE_CHECKING:
     from madrob_console.config import Settings
     from madrob_console.engine.core import Engine
-    from madrob_console.engine.engine_lock import Owned
     from madrob_console.engine.reports import Reporting
     from madrob_console.referee.competition_plan import PlanSource
     from madrob_console.referee.lists import TeamSource
@@ -34,74 +33,79 @@ PRACTICE_IDLE_TIME = 20.0
 REPAIR_AFTER = 3.0
 """Delay from an engine's start to its check of the results, s: the screens come first."""
 
-_EXIT_CODES = (
-    "Exit codes of `stop`: 0 what was named has ended; 1 it goes on, or does not run. Of `status`: "
-    "0 an engine runs; 1 none. Of `serve`: 0 it was ended, or nobody needed it any more; 1 it "
-    "failed; 2 bad input, or another engine has the results folder; 75 the testbed has an engine."
+_LISTS = (options.TEAMS, options.PLAN, options.IDLE_TIME)
+
+
+@command(
+    "status",
+    "every engine of this user",
+    "Exit code 0 an engine runs; 1 none.",
+    options=(options.JSON,),
+    examples=("madrob engine status", "madrob engine status --json"),
 )
+def _status(arguments: argparse.Namespace) -> int:
+    from madrob_console.cli.running_engines import status
+
+    return status(as_json=arguments.json)
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "engine",
-        main,
-        "the process behind the screens: `status`, `stop`, `serve`, `unit`",
-        "`madrob console` starts it by itself. `status` lists every engine of this user. `stop` "
-        "ends the one that a console with the same --testbed, --domain and --results would show, "
-        "or the only one that runs. `serve` runs it in the foreground, for systemd; `unit` prints "
-        "the service that does so. " + _EXIT_CODES,
-        examples=(
-            "madrob engine status",
-            "madrob engine stop --testbed simulated",
-            "madrob engine unit --testbed ros  # a systemd service, to standard output",
+@command(
+    "stop",
+    "end the engine that is named, or the only one that runs",
+    "It ends the one that a console with the same --testbed, --domain and --results would show. "
+    "Exit code 0 what was named has ended; 1 it goes on, or does not run.",
+    options=(
+        Argument(
+            "--force",
+            action="store_true",
+            help="without a question while a run goes on, screens are attached or it hangs",
         ),
-    )
-    parser.add_argument("action", choices=("status", "stop", "serve", "unit"))
-    parser.add_argument(
-        "--force",
-        action="store_true",
-        help="stop: without a question while a run goes on, screens are attached or it hangs",
-    )
-    parser.add_argument("--all", action="store_true", help="stop: every engine of this user")
-    parser.add_argument(
-        "--pid", type=whole_within(1), default=None, help="stop: the engine of this process"
-    )
-    parser.add_argument(
-        "--system", action="store_true", help="unit: of the system, not of the user's login"
-    )
-    options.add_testbed(parser)
-    options.add_teams(parser)
-    options.add_plan(parser)
-    options.add_idle_time(parser)
+        Argument("--all", action="store_true", help="every engine of this user"),
+        Argument(
+            "--pid", type=whole_within(1), metavar="N", help="the engine that is this process"
+        ),
+        *options.TESTBED,
+    ),
+    examples=("madrob engine stop", "madrob engine stop --testbed simulated"),
+)
+def _stop(arguments: argparse.Namespace) -> int:
+    from madrob_console.cli.running_engines import stop
+
+    return stop(arguments)
 
 
-def main(arguments: argparse.Namespace) -> int:
-    match arguments.action:
-        case "serve":
-            return serve(arguments)
-        case "status":
-            from madrob_console.cli.running_engines import status
+@command(
+    "unit",
+    "print a systemd service that runs the engine",
+    options=(
+        Argument("--system", action="store_true", help="of the system, not of the user's login"),
+        *options.TESTBED,
+        *_LISTS,
+    ),
+    examples=("madrob engine unit --testbed ros",),
+)
+def _unit(arguments: argparse.Namespace) -> int:
+    from madrob_console.cli.running_engines import print_unit
 
-            return status()
-        case "unit":
-            from madrob_console.cli.running_engines import print_unit
-
-            return print_unit(arguments)
-        case _:
-            from madrob_console.cli.running_engines import stop
-
-            return stop(arguments)
+    return print_unit(arguments)
 
 
-def serve(arguments: argparse.Namespace) -> int:
+@command(
+    "serve",
+    "run the engine in the foreground, for systemd",
+    "Exit code 0 it was ended, or nobody needed it any more; 1 it failed; 2 bad input, or another "
+    "engine has the results folder; 75 the testbed has an engine.",
+    options=(*options.TESTBED, *_LISTS),
+    examples=("madrob engine serve --testbed ros",),
+)
+def _serve(arguments: argparse.Namespace) -> int:
     from msgspec.structs import replace
 
     from madrob_console.cli.attaching import TAKEN, owned_testbed
     from madrob_console.cli.running_engines import owning, run_words
     from madrob_console.config import load_settings
     from madrob_console.engine import wire
-    from madrob_console.engine.engine_lock import HeldError
+    from madrob_console.engine.engine_lock import HeldError, state_folder
     from madrob_console.engine.service import ServiceManager, keep_told
 
     manager = ServiceManager(os.environ)
@@ -115,7 +119,7 @@ def serve(arguments: argparse.Namespace) -> int:
             return TAKEN if error.same else BAD_INPUT
         server, known, holding = owns
         with imports_kept():
-            from madrob_console.cli.session import open_engine
+            from madrob_console.cli.session import open_engine, reporting_of
             from madrob_console.engine.engine_thread import LocalEngine
             from madrob_console.engine.scoring_process import ScoringProcess
             from madrob_console.engine.service import FallenThreads, begin_abort_over_ros
@@ -124,7 +128,10 @@ def serve(arguments: argparse.Namespace) -> int:
         fallen = FallenThreads()
         threading.excepthook = fallen.note
         engine = open_engine(arguments, settings, ScoringProcess())
-        reporting = _reporting(arguments, settings, engine, owned)
+        queue = None if engine.replay is None else state_folder() / f"{owned.stem}.queue"
+        reporting = reporting_of(
+            arguments, settings, engine, reports=settings.results.reports, queue=queue
+        )
         supervisor = Supervisor(*engine.workers, *reporting.workers)
         _follow_lists(
             options.team_source(arguments, settings),
@@ -156,24 +163,13 @@ def serve(arguments: argparse.Namespace) -> int:
     return FAILED if local.failed else 0
 
 
-def _reporting(
-    arguments: argparse.Namespace, settings: Settings, engine: Engine, owned: Owned
-) -> Reporting:
-    from madrob_console.cli import aside
-    from madrob_console.engine.engine_lock import state_folder
-    from madrob_console.engine.reports import QUEUE_FOLDER, Reporting, WantedPages
-
-    results = engine.config.results
-    queue = results / QUEUE_FOLDER
-    if engine.replay is not None:
-        queue = state_folder() / f"{owned.stem}.queue"
-    wanted = WantedPages(
-        settings.results.reports,
-        site_arguments(arguments, settings),
-        named_places(arguments, settings),
-        settings.results.command_words,
-    )
-    return Reporting(aside.COMMAND, queue, results, lambda: engine.busy, engine.write, wanted)
+engine = MadrobCommand(
+    "engine",
+    "the process behind the screens: is it there, stop it, run it",
+    "`madrob console` starts it by itself.",
+    examples=("madrob engine status", "madrob engine stop --testbed simulated"),
+    parts=(_status, _stop, _serve, _unit),
+)
 
 
 def _follow_lists(

@@ -5,37 +5,35 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from madrob_console.cli import options
+from madrob_console.cli.command_line import Argument, command
+from madrob_console.cli.parsing import as_path
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "eurobench",
-        main,
-        "score named EUROBENCH files as the published scripts do",
-        "Writes a YAML file for each indicator into FOLDER, by the rules of eurobench-2020. The "
-        "headers say which file is which; where they do not, the order does. `run_madrob` is the "
-        "same as a program of its own, for EUROBENCH's runner; what cannot be scored ends it with "
-        "255 (-1) and this command with 2.",
-        examples=(
-            "madrob eurobench event.csv wrench.csv jointState.csv condition_1.yaml out",
-            "run_madrob event.csv wrench.csv jointState.csv condition_1.yaml out",
-        ),
-    )
-    for name, text in (
-        ("event", "csv: time,event"),
-        ("wrench", "csv: time,force_x"),
-        ("joint_state", "csv: time,position,velocity,acceleration"),
-        ("condition", "YAML: benchmark_type, door_opening_side, robot_approach_side"),
-        ("folder", "where the YAML files go; it is made, and what they replace is lost"),
-    ):
-        parser.add_argument(name, type=Path, metavar=name.upper(), help=text)
-
-
-def main(arguments: argparse.Namespace) -> int:
+@command(
+    "eurobench",
+    "score named EUROBENCH files as the published scripts do",
+    "Writes a YAML file for each indicator into FOLDER, by the rules of eurobench-2020. The "
+    "headers say which file is which; where they do not, the order does. `run_madrob` is the same "
+    "as a program of its own, for EUROBENCH's runner; what cannot be scored ends it with 255 (-1) "
+    "and this command with 2.",
+    options=[
+        Argument(name, type=as_path, metavar=name.upper(), help=text)
+        for name, text in (
+            ("event", "csv: time,event"),
+            ("wrench", "csv: time,force_x"),
+            ("joint_state", "csv: time,position,velocity,acceleration"),
+            ("condition", "YAML: benchmark_type, door_opening_side, robot_approach_side"),
+            ("folder", "where the YAML files go; it is made, and what they replace is lost"),
+        )
+    ],
+    examples=(
+        "madrob eurobench event.csv wrench.csv jointState.csv condition_1.yaml out",
+        "run_madrob event.csv wrench.csv jointState.csv condition_1.yaml out",
+    ),
+)
+def eurobench(arguments: argparse.Namespace) -> int:
     """Score the files, then write the indicators, each file atomically."""
     from madrob_console.cli.score_output import result_lines
     from madrob_console.common.files import atomic_writes

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, complain, progress
+from madrob_console.cli.parsing import as_path
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
@@ -21,61 +23,55 @@ if TYPE_CHECKING:
     from madrob_console.pages.surroundings import Surroundings
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "export",
-        main,
-        "a team's official runs, or all about one run, in one zip with checksums",
-        "The last line is the path of the zip. Exit code 2 when something could not be packed: it "
-        "is named, the rest is there.",
-        examples=(
-            "madrob export --subject 3",
-            "madrob export --subject 3 --without-bags --output /media/usb/team_3.zip",
-            "madrob export --run my_run --dossier",
+@command(
+    "export",
+    "a team's runs, or all about one run, in one zip",
+    "Official runs, with checksums. The last line is the path of the zip. Exit code 2 when "
+    "something could not be packed: it is named, the rest is there.",
+    options=(
+        options.team(),
+        Argument(
+            "--run",
+            type=as_path,
+            metavar="RUN",
+            help="with --dossier one run instead: its folder, or its name in the results folder",
         ),
-    )
-    options.add_subject(parser, needed=False)
-    parser.add_argument(
-        "--run",
-        type=Path,
-        default=None,
-        metavar="RUN",
-        help="with --dossier one run instead: its folder, or its name in the results folder",
-    )
-    parser.add_argument(
-        "--dossier",
-        action="store_true",
-        help="with --run, all of that run that a protest is decided by: the protests and "
-        "decisions, report, pictures, journal, results, samples as tables, recording",
-    )
-    options.add_teams(parser)
-    parser.add_argument(
-        "--practice", action="store_true", help="the practice runs instead, marked as such"
-    )
-    options.add_run_paths(parser)
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=None,
-        metavar="FILE.zip",
-        help="the zip; if not given, in the folder `exports` of the results folder, or here where "
-        "several paths are given",
-    )
-    parser.add_argument(
-        "--without-bags", action="store_true", help="leave out the recordings, with their evidence"
-    )
-    parser.add_argument(
-        "--without-evidence",
-        action="store_true",
-        help="leave out cameras and other topics that were recorded beside what is scored, the "
-        "largest files",
-    )
-    options.add_settings(parser)
-
-
-def main(arguments: argparse.Namespace) -> int:
+        Argument(
+            "--dossier",
+            action="store_true",
+            help="with --run, all of that run that a protest is decided by: the protests and "
+            "decisions, report, pictures, journal, results, samples as tables, recording",
+        ),
+        options.TEAMS,
+        options.PRACTICE,
+        *options.COLLECTION,
+        Argument(
+            "--output",
+            type=as_path,
+            metavar="FILE.zip",
+            help="the zip; if not given, in the folder `exports` of the results folder, or here "
+            "where several paths are given",
+        ),
+        Argument(
+            "--without-bags",
+            action="store_true",
+            help="leave out the recordings, with their evidence",
+        ),
+        Argument(
+            "--without-evidence",
+            action="store_true",
+            help="leave out cameras and other topics that were recorded beside what is scored, the "
+            "largest files",
+        ),
+        options.SETTINGS,
+    ),
+    examples=(
+        "madrob export --team 3",
+        "madrob export --team 3 --without-bags --output /media/usb/team_3.zip",
+        "madrob export --run my_run --dossier",
+    ),
+)
+def export(arguments: argparse.Namespace) -> int:
     """Make the zip; name what could not be packed. The last line is the path of the zip."""
     check_options(arguments)
     with imports_kept():
@@ -94,16 +90,16 @@ def main(arguments: argparse.Namespace) -> int:
     found = options.collection(arguments, settings)
     teams = options.team_names(arguments, settings, found)
     with progress("runs") as tell:
-        export = export_team(
+        packed = export_team(
             found,
-            arguments.subject,
+            arguments.team,
             settings.mappings(),
             time.time(),
             competition=arguments.competition,
             practice=arguments.practice,
             target=arguments.output,
             parts=parts,
-            team=teams.get(arguments.subject, ""),
+            team=teams.get(arguments.team, ""),
             thresholds=settings.scoring_thresholds(),
             report=report,
             tell=tell,
@@ -111,7 +107,7 @@ def main(arguments: argparse.Namespace) -> int:
         )
     with Complaints() as complaints:
         complaints.add_each(found.unlisted)
-    return _told(export, found.twins) or (BAD_INPUT if complaints.count else 0)
+    return _told(packed, found.twins) or (BAD_INPUT if complaints.count else 0)
 
 
 def _told(export: Export, notes: Sequence[str] = ()) -> int:
@@ -136,12 +132,12 @@ def check_options(arguments: argparse.Namespace) -> None:
     of_run = arguments.run is not None
     if of_run is not arguments.dossier:
         raise MadrobError("one run is packed as a dossier: give --run RUN with --dossier")
-    if not of_run and arguments.subject is None:
-        raise MadrobError("whose runs? give --subject N, or --run RUN --dossier for one run")
-    of_team = arguments.subject is not None or arguments.practice or arguments.paths
+    if not of_run and arguments.team is None:
+        raise MadrobError("whose runs? give --team N, or --run RUN --dossier for one run")
+    of_team = arguments.team is not None or arguments.practice or arguments.paths
     if of_run and (of_team or arguments.competition is not None):
         raise MadrobError(
-            "--run names the run: leave out --subject, --practice, --competition and PATH"
+            "--run names the run: leave out --team, --practice, --competition and PATH"
         )
 
 

@@ -6,7 +6,7 @@ import argparse
 import sys
 from importlib import resources
 
-from madrob_console.cli import options
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import raw
 
 PAGES = {
@@ -19,21 +19,16 @@ PAGES = {
 """The pages and their subjects; they lie in the folder `guide` of the package."""
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "guide",
-        main,
-        "the guide, a page for each role",
-        "Without PAGE it lists the pages.",
-        ("madrob guide", "madrob guide referee", "madrob guide data > data.md"),
-    )
-    parser.add_argument(
-        "page", nargs="?", choices=list(PAGES), metavar="PAGE", help=", ".join(PAGES)
-    )
-
-
-def main(arguments: argparse.Namespace) -> int:
+@command(
+    "guide",
+    "the guide, a page for each role",
+    "Without PAGE it lists the pages.",
+    options=(
+        Argument("page", nargs="?", choices=list(PAGES), metavar="PAGE", help=", ".join(PAGES)),
+    ),
+    examples=("madrob guide", "madrob guide referee", "madrob guide data > data.md"),
+)
+def guide(arguments: argparse.Namespace) -> int:
     """Print a page (with layout on a terminal), or the list of pages."""
     from rich.console import Console
     from rich.markdown import Markdown
@@ -42,8 +37,8 @@ def main(arguments: argparse.Namespace) -> int:
         for page, about in PAGES.items():
             print(f"madrob guide {page:9}  {about}")
         return 0
-    guide = resources.files("madrob_console") / "guide"
-    text = (guide / f"{arguments.page}.md").read_text(encoding="utf-8")
+    source = resources.files("madrob_console") / "guide" / f"{arguments.page}.md"
+    text = source.read_text(encoding="utf-8")
     console = Console(file=raw(sys.stdout))
     if console.is_terminal and console.encoding == "utf-8":
         console.print(Markdown(text, code_theme="ansi_dark", hyperlinks=False))

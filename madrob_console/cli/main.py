@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from madrob_console.cli import options
 from madrob_console.cli.batch import find_runs
+from madrob_console.cli.command_line import Argument, MadrobCommand, Main, TellAction, print_help
 from madrob_console.cli.output import (
     BAD_INPUT,
     StoppedError,
@@ -40,12 +39,15 @@ _FAILED = 1
 """Exit code of an unexpected error; Python's."""
 
 
-class _Version(argparse.Action):
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from madrob_console.common.version import software_version
+def _version() -> str:
+    from madrob_console.common.version import software_version
 
-        print(f"madrob {software_version()}")
-        parser.exit()
+    return f"madrob {software_version()}"
+
+
+_VERSION = Argument(
+    "--version", action=TellAction, const=_version, nargs=0, help="print the version"
+)
 
 
 def build_parser(names: Sequence[str] = COMMANDS) -> Parser:
@@ -54,29 +56,19 @@ def build_parser(names: Sequence[str] = COMMANDS) -> Parser:
         description="Referee console for the MADROB robot-door benchmark.",
         epilog=_MORE,
     )
-    parser.set_defaults(main=options.print_help)
-    parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
+    parser.set_defaults(main=print_help)
+    _VERSION.add_to(parser)
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     for name in names:
-        import_module(f"madrob_console.cli.{name}_command").add_command(commands)
+        declared: MadrobCommand = getattr(import_module(f"madrob_console.cli.{name}_command"), name)
+        declared.add_to(commands)
     return parser
-
-
-def _with_pose(argv: Sequence[str]) -> list[str]:
-    """Tie a pose to its flag: argparse takes `-1.5,0,0` for a flag of its own."""
-    tied: list[str] = []
-    for argument in argv:
-        if tied and tied[-1] == "--start-pose":
-            tied[-1] += f"={argument}"
-        else:
-            tied.append(argument)
-    return tied
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     with safe_output(), interruptible() as interruption:
         try:
-            return _main(_with_pose(sys.argv[1:] if argv is None else argv))
+            return _main(sys.argv[1:] if argv is None else argv)
         except KeyboardInterrupt:
             return say_stopped()
         except Exception:
@@ -96,7 +88,7 @@ def _main(words: Sequence[str]) -> int:
         try:
             arguments = build_parser(named).read(words)
             find_runs(arguments)
-            command: options.Main = arguments.main
+            command: Main = arguments.main
             code = command(arguments)
         finally:
             if sys.stdout is not None:  # it is where the program was started without

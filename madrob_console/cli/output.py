@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import _thread
 import os
 import signal
 import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Self, TextIO, TypeAlias, cast
@@ -35,11 +36,17 @@ def complain(problem: object) -> None:
     print(f"madrob: {terminal_safe(str(problem))}", file=sys.stderr, flush=True)
 
 
+def name_some(notes: Sequence[str], more: str) -> None:
+    """Print the first notes; `more` says what the others are, which are counted."""
+    for note in notes[:MOST_ALIKE]:
+        complain(f"note: {note}")
+    if len(notes) > MOST_ALIKE:
+        complain(f"note: and {len(notes) - MOST_ALIKE} more {more}")
+
+
 def name_twins(pairs: Sequence[tuple[str, str]]) -> None:
-    for place, other in pairs[:MOST_ALIKE]:
-        complain(f"note: {place} is the same run as {other}")
-    if len(pairs) > MOST_ALIKE:
-        complain(f"note: and {len(pairs) - MOST_ALIKE} more runs that are there twice")
+    notes = [f"{place} is the same run as {other}" for place, other in pairs]
+    name_some(notes, "runs that are there twice")
 
 
 class Complaints:
@@ -139,6 +146,15 @@ def put_bytes(data: bytes) -> None:
         sys.stdout.buffer.flush()
 
 
+def print_json(document: Mapping[str, object]) -> None:
+    """Print a document for programs, in ASCII, with the version of the software that made it."""
+    import json
+
+    from madrob_console.common.version import software_version
+
+    print(json.dumps({"software": software_version(), **document}, indent=2))
+
+
 def forget(stream: TextIO) -> None:
     """Discard what is not written yet; Python would complain of it when it exits."""
     null = os.open(os.devnull, os.O_WRONLY)
@@ -194,26 +210,19 @@ class Interruption:
 
     In the middle of an import, NumPy would turn it into an ImportError with a traceback; in a
     finaliser, Python would print it and go on. The handler waits for the end of both. For two
-    seconds, while the command cleans up, it ignores another Ctrl+C. An alarm that the caller has
-    set stays as it was.
+    seconds, while the command cleans up, it ignores another Ctrl+C.
 
     Attributes:
         raised: whether it was; whatever fails afterwards fails because of it.
+        over: the command has ended, nothing comes again.
     """
 
     def __init__(self) -> None:
-        self.raised = False
+        self.raised = self.over = False
         self._heeded = -_CLEANING
-        self._comes_again = False
-        self._alarm = signal.getsignal(signal.SIGALRM)
 
-    def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Raise KeyboardInterrupt, or try again by a timer."""
-        if number == signal.SIGALRM and not self._comes_again:
-            if callable(self._alarm):
-                self._alarm(number, frame)
-            return
-        self._comes_again = False
+    def __call__(self, _number: int, frame: FrameType | None) -> None:
+        """Raise KeyboardInterrupt, or try again a moment later."""
         now = time.monotonic()
         if now < self._heeded + _CLEANING:
             return
@@ -232,8 +241,12 @@ class Interruption:
             sys.__unraisablehook__(what)
 
     def _come_again(self) -> None:
-        self._comes_again = True
-        signal.setitimer(signal.ITIMER_REAL, _AGAIN)
+        _thread.start_new_thread(self._press_again, ())  # without a lock that may be held here
+
+    def _press_again(self) -> None:
+        time.sleep(_AGAIN)
+        if not self.over:
+            os.kill(os.getpid(), signal.SIGINT)
 
 
 @contextmanager
@@ -245,16 +258,11 @@ def interruptible() -> Iterator[Interruption]:
         return
     hook = sys.unraisablehook
     signal.signal(signal.SIGINT, interruption)
-    alarm = signal.signal(signal.SIGALRM, interruption)
-    left, began = signal.getitimer(signal.ITIMER_REAL)[0], time.monotonic()
     sys.unraisablehook = interruption.unraisable
     try:
         yield interruption
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, alarm)
-        if (still := left - time.monotonic() + began) > 0:
-            signal.setitimer(signal.ITIMER_REAL, still)
+        interruption.over = True
         sys.unraisablehook = hook
         if signal.getsignal(signal.SIGINT) is interruption:
             signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -270,14 +278,13 @@ def children_spared() -> Iterator[None]:
     if not (_is_main_thread() and isinstance(interruption, Interruption)):
         yield
         return
-    waits = {signal.SIGINT, signal.SIGALRM}  # the alarm is that of an interruption
-    signal.pthread_sigmask(signal.SIG_BLOCK, waits)  # what comes meanwhile waits
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # what comes meanwhile waits
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # they inherit it
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, interruption)
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, waits)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 def _importing(frame: FrameType | None) -> bool:

@@ -9,6 +9,7 @@ import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from enum import StrEnum
+from pathlib import Path
 from typing import Any, NoReturn, TypeVar, get_args, get_type_hints
 
 from madrob_console.cli.output import BAD_INPUT
@@ -17,6 +18,9 @@ _Words = TypeVar("_Words", bound=StrEnum)
 _Number = TypeVar("_Number", int, float)
 
 _SETTING = re.compile(r"setting `([a-z_]+)\.([a-z_]+)`")
+_NEGATIVE = re.compile(r"-[\d.]")
+"""How a value may begin that is no option: `-1.5,0,0` is a pose."""
+
 _MANY = 6
 """More choices than this are not listed if one of them is near to what was typed."""
 
@@ -37,7 +41,7 @@ class CommandHelp(argparse.HelpFormatter):
     def _get_help_string(self, action: argparse.Action) -> str:
         text = _SETTING.sub(_with_default, action.help or "").replace("%", "%%")
         default = action.default
-        silent = default is None or default == "" or action.nargs == 0
+        silent = default in (None, "") or action.nargs in (0, argparse.REMAINDER)
         if silent or not action.option_strings or "default" in text:
             return text
         return f"{text} (default: {_default_words(default)})".lstrip()
@@ -57,6 +61,8 @@ def _with_default(found: re.Match[str]) -> str:
 
 
 def _default_words(default: object) -> str:
+    if isinstance(default, bool):
+        return "on" if default else "off"
     return f"{default:g}" if isinstance(default, float) else str(default)
 
 
@@ -66,6 +72,7 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **how: Any) -> None:  # noqa: ANN401  argparse's own, of the subparsers
         super().__init__(**({"formatter_class": CommandHelp} | how))
         self.set_defaults(parser=self)
+        self._negative_number_matcher = _NEGATIVE
         self._between = False
 
     def parse_known_args(  # type: ignore[override]  # argparse's own has overloads
@@ -134,11 +141,16 @@ def one_of(words: type[_Words]) -> Callable[[str], _Words]:
     return convert
 
 
-def whole_number(text: str) -> int:
+def as_path(text: str) -> Path:
+    """Argument type: a path, `~` too where no shell has seen to it."""
     try:
-        return int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is no whole number") from None
+        return Path(text).expanduser()
+    except RuntimeError:
+        raise argparse.ArgumentTypeError(f"'{text}': there is no such user") from None
+
+
+def whole_number(text: str) -> int:
+    return _typed(int, text, "whole number")
 
 
 def whole_within(low: int, high: float = math.inf) -> Callable[[str], int]:
@@ -181,14 +193,14 @@ def _measured(text: str, units: Mapping[str, float], what: str) -> float:
 
 def number(text: str) -> float:
     """Argument type: a finite number."""
-    if not math.isfinite(typed := _number(text)):
+    if not math.isfinite(typed := _typed(float, text, "number")):
         raise argparse.ArgumentTypeError(f"'{text}' is no number")
     return typed
 
 
 def number_within(low: float, high: float = math.inf) -> Callable[[str], float]:
     def convert(text: str) -> float:
-        return _demand(_number(text), low, high)
+        return _demand(_typed(float, text, "number"), low, high)
 
     return convert
 
@@ -204,11 +216,11 @@ def as_setting(table: str, key: str) -> Callable[[str], float]:
     return convert
 
 
-def _number(text: str) -> float:
+def _typed(kind: Callable[[str], _Number], text: str, what: str) -> _Number:
     try:
-        return float(text)
+        return kind(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is no number") from None
+        raise argparse.ArgumentTypeError(f"'{text}' is no {what}") from None
 
 
 def _demand(typed: _Number, low: float, high: float) -> _Number:

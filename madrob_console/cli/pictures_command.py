@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT, Complaints
-from madrob_console.cli.parsing import whole_within
+from madrob_console.cli.parsing import as_path, whole_within
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
@@ -17,54 +18,46 @@ from scoring.imports import imports_kept
 if TYPE_CHECKING:
     from madrob_console.archive.run_pictures import RunPictures
     from madrob_console.archive.run_record import Moment
-    from madrob_console.messages.codec import TopicMapping
+    from madrob_console.archive.scored import Scored
 
 _WIDEST = 6000
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "pictures",
-        main,
-        "what the cameras saw: the nearest frame of each at every event, or at one instant",
-        "Without --at it makes the folder `pictures` of the run anew, as a report does. Each line "
-        "says how far a frame is from what was asked for, by its time of reception (-12 ms: it is "
-        "earlier).",
-        examples=(
-            "madrob pictures my_run",
-            "madrob pictures my_run --at door_opens --at 12.5 --camera '*front*' --width 1920",
+@command(
+    "pictures",
+    "what the cameras saw at each event, or at one instant",
+    "Takes the nearest frame of each camera. Without --at it makes the folder `pictures` of the "
+    "run anew, as a report does. Each line says how far a frame is from what was asked for, by "
+    "its time of reception (-12 ms: it is earlier).",
+    options=(
+        Argument("run", type=as_path, metavar="RUN", help="the folder of a run, or its name"),
+        Argument(
+            "--at",
+            action="append",
+            default=[],
+            metavar="INSTANT",
+            help=f"{options.INSTANT}; may be given again",
         ),
-    )
-    parser.add_argument("run", type=Path, metavar="RUN", help="the folder of a run, or its name")
-    parser.add_argument(
-        "--at",
-        action="append",
-        default=[],
-        metavar="TIME|EVENT",
-        help="s from the start (12.5, 1:05), `start`, `stop`, `protest` (the instant in question), "
-        "or an event, mark or protest by its name (door_opens, 'protest 1'); may be given again",
-    )
-    parser.add_argument(
-        "--camera", default="*", metavar="GLOB", help="the topics of these cameras only"
-    )
-    parser.add_argument(
-        "--output",
-        type=Path,
-        default=None,
-        metavar="DIR",
-        help="where the files go; with --at else the current folder",
-    )
-    parser.add_argument(
-        "--width",
-        type=whole_within(16, _WIDEST),
-        default=None,
-        metavar="PIXELS",
-        help=f"the most pixels in a row and in a column, 16 to {_WIDEST}; 960 if not given",
-    )
-
-
-def main(arguments: argparse.Namespace) -> int:
+        Argument("--camera", default="*", metavar="GLOB", help="the topics of these cameras only"),
+        Argument(
+            "--output",
+            type=as_path,
+            metavar="FOLDER",
+            help="where the files go; with --at else the current folder",
+        ),
+        Argument(
+            "--width",
+            type=whole_within(16, _WIDEST),
+            metavar="PIXELS",
+            help=f"the most pixels in a row and in a column, 16 to {_WIDEST}; 960 if not given",
+        ),
+    ),
+    examples=(
+        "madrob pictures my_run",
+        "madrob pictures my_run --at door_opens --at 12.5 --camera '*front*' --width 1920",
+    ),
+)
+def pictures(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.archive.run_pictures import (
             difference_words,
@@ -94,11 +87,7 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
     """The pictures, the folder they were written to, and the prefix of their names."""
     from madrob_console.archive.folders import PICTURES_FOLDER
     from madrob_console.archive.nearest_frames import SIDE, has_evidence
-    from madrob_console.archive.run_pictures import (
-        moments_in,
-        pictures_of,
-        renewed_pictures,
-    )
+    from madrob_console.archive.run_pictures import moments_in, pictures_of, renewed_pictures
     from madrob_console.archive.scored import score_opened
     from madrob_console.common.files import atomic_writes
 
@@ -107,18 +96,16 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
     if not has_evidence(run):
         raise MadrobError(f"{run}: {_why_no_evidence(run)}")
     output: Path | None = arguments.output
-    if not arguments.at and output is None:
-        if arguments.camera != "*" or arguments.width is not None:
-            raise MadrobError(f"{run}: some pictures are not all: say where to by --output DIR")
-        made = renewed_pictures(run, score_opened(run))
-        return _with_cameras(made, run, "*"), run / PICTURES_FOLDER, ""
-    if arguments.at:
-        moments, mappings = _asked(run, arguments.at)
-    else:
-        scored = score_opened(run)
-        moments, mappings = moments_in(scored), scored.record.mappings
-    side, is_at = arguments.width or SIDE, bool(arguments.at)
-    made = pictures_of(run, moments, mappings, arguments.camera, side, name_distance=is_at)
+    whole = not arguments.at and output is None
+    if whole and (arguments.camera != "*" or arguments.width is not None):
+        raise MadrobError(f"{run}: some pictures are not all: say where to by --output FOLDER")
+    scored = score_opened(run)
+    if whole:
+        return _with_cameras(renewed_pictures(run, scored), run, "*"), run / PICTURES_FOLDER, ""
+    moments = _asked(run, arguments.at, scored) if arguments.at else moments_in(scored)
+    mappings, side = scored.record.mappings, arguments.width or SIDE
+    told = bool(arguments.at)
+    made = pictures_of(run, moments, mappings, arguments.camera, side, name_distance=told)
     _with_cameras(made, run, arguments.camera)
     folder = output or Path()
     within = folder.resolve().is_relative_to(run.resolve())
@@ -159,28 +146,12 @@ def _with_cameras(made: RunPictures, run: Path, wanted: str) -> RunPictures:
     return made
 
 
-def _asked(run: Path, at: Sequence[str]) -> tuple[Sequence[Moment], Sequence[TopicMapping]]:
+def _asked(run: Path, at: Sequence[str], scored: Scored) -> list[Moment]:
     from madrob_console.archive.run_pictures import events_of
     from madrob_console.archive.run_record import moments_called
-    from madrob_console.archive.scored import read_recorded_run, score_opened
-    from madrob_console.common.formatting import seconds_of
-    from recorder.errors import RecorderError
 
-    events: Sequence[tuple[str, float]] = ()
-    if None in map(seconds_of, at):  # an event: only scoring tells when it was
-        scored = score_opened(run)
-        events, told, start = events_of(scored), scored.run, scored.result.start
-        mappings = scored.record.mappings
-    else:
-        try:
-            recorded = read_recorded_run(run)
-        except RecorderError as error:
-            raise MadrobError(str(error)) from None
-        mappings, told = recorded.record.mappings, recorded.run
-        assert told.start is not None
-        start = told.start
+    events, start = events_of(scored), scored.result.start
     try:
-        found = [moments_called(text, events, told, start) for text in at]
+        return [one for text in at for one in moments_called(text, events, scored.run, start)]
     except MadrobError as error:
         raise MadrobError(f"{run}: {error}") from None
-    return [moment for moments in found for moment in moments], mappings

@@ -7,39 +7,37 @@ import time
 from dataclasses import replace
 
 from madrob_console.cli import options
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, complain, put_bytes
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "plan",
-        main,
-        "the competition's plan: what is done, what comes next, what is left",
-        "The plan is a csv file with lines `subject,condition,attempts,time` in the order of the "
-        "competition (setting `plan.file`). Exit code 2 when a line of it cannot be used or has a "
-        "subject that is not in the list of teams, or a run cannot be read; the others count.",
-        examples=(
-            "madrob plan",
-            "madrob plan --plan tomorrow.csv --teams teams.csv",
-            "madrob plan --json hall_a hall_b > plan.json",
-            "madrob plan --conditions",
+@command(
+    "plan",
+    "the competition's plan: what is done, next and left",
+    "The plan is a csv file with lines `subject,condition,attempts,time` in the order of the "
+    "competition (setting `plan.file`). Exit code 2 when a line of it cannot be used or has a "
+    "subject that is not in the list of teams, or a run cannot be read; the others count.",
+    options=(
+        Argument(
+            "--conditions", action="store_true", help="the twenty conditions and their numbers"
         ),
-    )
-    parser.add_argument(
-        "--conditions", action="store_true", help="the twenty conditions and their numbers"
-    )
-    options.add_plan(parser)
-    options.add_json(parser)
-    options.add_teams(parser)
-    options.add_run_paths(parser)
-    options.add_settings(parser)
-
-
-def main(arguments: argparse.Namespace) -> int:
+        options.PLAN,
+        options.JSON,
+        options.TEAMS,
+        *options.COLLECTION,
+        options.SETTINGS,
+    ),
+    examples=(
+        "madrob plan",
+        "madrob plan --plan tomorrow.csv --teams teams.csv",
+        "madrob plan --json hall_a hall_b > plan.json",
+        "madrob plan --conditions",
+    ),
+)
+def plan(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.common.version import software_version
         from madrob_console.config import load_settings
@@ -50,16 +48,16 @@ def main(arguments: argparse.Namespace) -> int:
         print("\n".join(condition_lines()))
         return 0
     settings = load_settings(arguments.settings)
-    plan = options.plan_list(arguments, settings)
-    if not plan.lines and (plan.problems or not plan.file):
+    listed = options.plan_list(arguments, settings)
+    if not listed.lines and (listed.problems or not listed.file):
         raise MadrobError("no plan: name a file in [plan] of the settings, or with --plan")
     teams = options.team_list(arguments, settings).names
-    unknown = [*unknown_teams((line.task for line in plan.lines), teams)]
-    plan = replace(plan, problems=(*plan.problems, *unknown))
+    unknown = [*unknown_teams((line.task for line in listed.lines), teams)]
+    listed = replace(listed, problems=(*listed.problems, *unknown))
     chosen: str | None = arguments.competition
     competition = settings.competition.name if chosen is None else chosen
     collection = options.collection(arguments, settings)
-    found = plan_progress(plan, collection.runs, competition)
+    found = plan_progress(listed, collection.runs, competition)
     if arguments.json:
         put_bytes(plan_json(found, competition, teams, software_version()))
     else:
@@ -72,4 +70,4 @@ def main(arguments: argparse.Namespace) -> int:
     with Complaints() as complaints:
         complaints.add_each(collection.unlisted)
         complaints.add_each((run.folder, run.problem) for run in collection.runs if run.problem)
-    return BAD_INPUT if plan.problems or complaints.count else 0
+    return BAD_INPUT if listed.problems or complaints.count else 0

@@ -8,46 +8,46 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import batch, options
-from madrob_console.cli.output import BAD_INPUT, MOST_ALIKE, Complaints, complain, progress
+from madrob_console.cli.command_line import Argument, command
+from madrob_console.cli.output import BAD_INPUT, Complaints, complain, name_some, progress
+from madrob_console.cli.parsing import as_path
 from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from madrob_console.archive.collection import Collection
-    from madrob_console.archive.history import RunSummary
     from madrob_console.config import Settings
     from madrob_console.pages.site_content import SiteContent
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "publish",
-        main,
-        "a competition's pages in a folder: overview, teams, conditions, runs, tables",
-        "The pages open from a file and from any web server, run no script and load nothing from "
-        "elsewhere. Only what has changed is written, each file whole; only files that this "
-        "command wrote are removed. With setting `results.publish` the engine does this after each "
-        f"result. Exit code 2 when a run cannot be read (the rest is there), {os.EX_TEMPFAIL} when "
-        "the disk refuses or another writes there. A screen in a hall shows `madrob watch --big`.",
-        examples=(
-            "madrob publish ~/site",
-            "madrob publish /var/www/html/doors hall_a hall_b    # one competition in two halls",
+@command(
+    "publish",
+    "a competition's pages in a folder, for a web server",
+    "Overview, teams, conditions, runs, tables. The pages open from a file and from any web "
+    "server, run no script and load nothing from elsewhere. Only what has changed is written, "
+    "each file whole; only files that this command wrote are removed. With setting "
+    "`results.publish` the engine does this after each result. Exit code 2 when a run cannot be "
+    f"read (the rest is there), {os.EX_TEMPFAIL} when the disk refuses or another writes there. A "
+    "screen in a hall shows `madrob watch --big`.",
+    options=(
+        Argument(
+            "site",
+            type=as_path,
+            metavar="FOLDER",
+            help="an empty or new folder, or one published before",
         ),
-    )
-    parser.add_argument(
-        "site", type=Path, metavar="DIR", help="an empty or new folder, or one published before"
-    )
-    batch.add_which_runs(parser)
-    options.add_teams(parser)
-    options.add_plan(parser)
-    options.add_run_paths(parser)
-    options.add_settings(parser)
-
-
-def main(arguments: argparse.Namespace) -> int:
+        *batch.WHICH_RUNS,
+        options.TEAMS,
+        options.PLAN,
+        *options.COLLECTION,
+        options.SETTINGS,
+    ),
+    examples=(
+        "madrob publish ~/site",
+        "madrob publish /var/www/html/doors hall_a hall_b    # one competition in two halls",
+    ),
+)
+def publish(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.archive.folders import INDEX_PAGE
         from madrob_console.config import load_settings
@@ -60,7 +60,7 @@ def main(arguments: argparse.Namespace) -> int:
 
     settings = load_settings(arguments.settings)
     batch.demand_results(arguments, settings)
-    site = _site(arguments)
+    site: Path = arguments.site
     try:
         with site_held(site):  # before the runs are read: nobody's older pages come after newer
             found = options.collection(arguments, settings)
@@ -71,7 +71,8 @@ def main(arguments: argparse.Namespace) -> int:
     except SiteNotWrittenError as error:
         complain(error)
         return os.EX_TEMPFAIL
-    _name_without_report(without)
+    made = "no report of its result to show; `madrob report` makes it"
+    name_some([f"{run.folder}: {made}" for run in without], "runs without a report")
     batch.name_practice_alone(content.standings, found)
     with Complaints() as complaints:
         complaints.add_each(found.unlisted)
@@ -102,18 +103,6 @@ def _content(arguments: argparse.Namespace, settings: Settings, found: Collectio
         names=teams,
         software=software_version(),
         zips=frozenset(
-            run.subject for run in runs if (_site(arguments) / zip_place(run.subject)).is_file()
+            run.subject for run in runs if (arguments.site / zip_place(run.subject)).is_file()
         ),
     )
-
-
-def _site(arguments: argparse.Namespace) -> Path:
-    site: Path = arguments.site
-    return site.expanduser()
-
-
-def _name_without_report(runs: Sequence[RunSummary]) -> None:
-    for run in runs[:MOST_ALIKE]:
-        complain(f"note: {run.folder}: no report of its result to show; `madrob report` makes it")
-    if len(runs) > MOST_ALIKE:
-        complain(f"note: and {len(runs) - MOST_ALIKE} more runs without a report")

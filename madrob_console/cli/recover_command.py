@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.command_line import command
 from madrob_console.cli.output import BAD_INPUT, Complaints, progress
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
@@ -21,22 +22,16 @@ if TYPE_CHECKING:
     from recorder.recovery import Recovered
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "recover",
-        main,
-        "repair recordings that were cut off, and results that are not what the journal says",
-        "Writes a whole bag beside the torn one, which is kept; that of evidence only where more "
-        "than its end is damaged. The result of a run folder is made again if a power cut left it "
-        "out of date, or if it is damaged. PATH is a run folder, a bag, or a folder with "
-        "runs at any depth.",
-        examples=("madrob recover my_run", "madrob recover ~/madrob_runs"),
-    )
-    parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
-
-
-def main(arguments: argparse.Namespace) -> int:
+@command(
+    "recover",
+    "repair recordings that were cut off, and their results",
+    "Writes a whole bag beside the torn one, which is kept; that of evidence only where more than "
+    "its end is damaged. The result of a run folder is made again if a power cut left it out of "
+    "date, or if it is damaged.",
+    options=(options.PATHS,),
+    examples=("madrob recover my_run", "madrob recover ~/madrob_runs"),
+)
+def recover(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.archive.folders import all_runs_at
 

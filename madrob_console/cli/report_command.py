@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from madrob_console.cli import options
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, complain, progress
+from madrob_console.cli.parsing import as_path
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages import PictureFormat
@@ -23,30 +25,23 @@ if TYPE_CHECKING:
 NamedFile: TypeAlias = tuple[Path, bytes]
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "report",
-        main,
-        "a page for the team: report.html in the run folder, or the figures alone",
-        "PATH is a run folder, a bag, or a folder with runs at any depth; of EUROBENCH folders the "
-        "figures only.",
-        examples=("madrob report my_run", "madrob report --figures svg --output figures my_run"),
-    )
-    parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
-    options.add_choice(
-        parser, "--figures", PictureFormat, None, "figures of this format instead of the page"
-    )
-    parser.add_argument(
-        "--output",
-        type=Path,
-        default=None,
-        metavar="FOLDER",
-        help="folder for all pages, <run>_report.html each",
-    )
-
-
-def main(arguments: argparse.Namespace) -> int:
+@command(
+    "report",
+    "a run's page for its team, or its figures alone",
+    "The page is report.html in the run folder. Of EUROBENCH folders the figures only.",
+    options=(
+        options.PATHS,
+        options.choice("--figures", PictureFormat, "figures of this format instead of the page"),
+        Argument(
+            "--output",
+            type=as_path,
+            metavar="FOLDER",
+            help="folder for all pages, <run>_report.html each",
+        ),
+    ),
+    examples=("madrob report my_run", "madrob report --figures svg --output figures my_run"),
+)
+def report(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.archive.folders import all_runs_at
         from madrob_console.pages.surroundings import Surroundings

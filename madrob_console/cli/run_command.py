@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.cli.parsing import as_setting, number, number_within
 from madrob_console.common.names import clean_name, terminal_safe
@@ -17,6 +18,7 @@ from scoring.rulesets import RulesetName
 if TYPE_CHECKING:
     from madrob_console.config import Settings
     from madrob_console.engine.core import Engine
+    from madrob_console.referee.competition_plan import Plan, Task
     from madrob_console.referee.lists import TeamList
     from madrob_console.referee.records import RunSetup
 
@@ -29,88 +31,6 @@ EXIT_CODES = {
 _CODES = ", ".join(f"{code} {outcome}" for outcome, code in EXIT_CODES.items())
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "run",
-        main,
-        "one run without screens, a line per event",
-        "Waits for the testbed, zeroes the handle, starts, records, scores. The last line is "
-        f"`run folder: PATH`. Exit code {_CODES}, {BAD_INPUT} bad input or a refusal.",
-        examples=(
-            "madrob run --testbed simulated --speed 0  # to try it",
-            "madrob run --testbed ros --subject 3 --opening-side cw --starting-side ccw",
-        ),
-    )
-    options.add_testbed(parser)
-    options.add_subject(parser, default=1)
-    parser.add_argument(
-        "--team-name", default=None, metavar="NAME", help="the team's name; else the list's"
-    )
-    parser.add_argument(
-        "--team-reason", default="", metavar="WHY", help="why another name than the list's"
-    )
-    options.add_teams(parser)
-    parser.add_argument(
-        "--referee",
-        default=None,
-        metavar="NAME",
-        help="the referee's name; else that of the settings",
-    )
-    parser.add_argument(
-        "--run",
-        type=options.run_number,
-        default=None,
-        metavar="N",
-        help="run number; the next free one if not given",
-    )
-    options.add_condition(parser)
-    parser.add_argument(
-        "--practice",
-        action="store_true",
-        help="a practice run, which never counts; on a simulated testbed every run is one",
-    )
-    parser.add_argument(
-        "--start-pose",
-        type=_pose,
-        default=None,
-        metavar="X,Y,YAW",
-        help="m, m, degrees in the frame madrob_door; the settings' pose of the side if not given",
-    )
-    for key, text in (
-        ("timeout", "s from the start; else setting `run.timeout`"),
-        ("countdown", "s before the start; else setting `run.countdown`"),
-    ):
-        parser.add_argument(
-            f"--{key}", type=as_setting("run", key), default=None, metavar="S", help=text
-        )
-    options.add_choice(
-        parser,
-        "--ruleset",
-        RulesetName,
-        None,
-        "the rules of the result; else setting `run.ruleset`",
-    )
-    options.add_choice(
-        parser,
-        "--lock-detection",
-        LockDetection,
-        None,
-        "what decides step 6; else setting `run.lock_detection`",
-    )
-    parser.add_argument(
-        "--wait",
-        type=number_within(0),
-        default=20.0,
-        metavar="S",
-        help="s to wait for the pre-start checks; `inf`: without an end",
-    )
-    parser.add_argument(
-        "--waive", metavar="REASON", default=None, help="let failing pre-start checks pass"
-    )
-    parser.add_argument("--no-report", action="store_true", help="make no report.html")
-
-
 def _pose(text: str) -> tuple[float, float, float]:
     try:
         x, y, yaw = (number(part) for part in text.split(","))
@@ -121,18 +41,87 @@ def _pose(text: str) -> tuple[float, float, float]:
     return x, y, yaw
 
 
-def main(arguments: argparse.Namespace) -> int:
+def _as_setting(key: str, text: str) -> Argument:
+    return Argument(f"--{key}", type=as_setting("run", key), metavar="S", help=text)
+
+
+@command(
+    "run",
+    "one run without screens, a line per event",
+    "Waits for the testbed, zeroes the handle, starts, records, scores. The last line is "
+    f"`run folder: PATH`. Exit code {_CODES}, {BAD_INPUT} bad input or a refusal.",
+    options=(
+        *options.TESTBED,
+        options.team(default=1),
+        Argument("--team-name", metavar="NAME", help="the team's name; else the list's"),
+        Argument(
+            "--team-reason", default="", metavar="WHY", help="why another name than the list's"
+        ),
+        options.TEAMS,
+        options.PLAN,
+        Argument(
+            "--referee",
+            metavar="NAME",
+            help="the referee's name; else that of the settings",
+        ),
+        Argument(
+            "--run-number",
+            type=options.run_number,
+            metavar="N",
+            help="the next free one if not given",
+        ),
+        *options.CONDITION,
+        Argument(
+            "--practice",
+            action="store_true",
+            help="a practice run, which never counts; on a simulated testbed every run is one",
+        ),
+        Argument(
+            "--start-pose",
+            type=_pose,
+            metavar="X,Y,YAW",
+            help="m, m, degrees in the frame madrob_door; the settings' pose of the side if not "
+            "given",
+        ),
+        _as_setting("timeout", "s from the start; else setting `run.timeout`"),
+        _as_setting("countdown", "s before the start; else setting `run.countdown`"),
+        options.choice(
+            "--ruleset", RulesetName, "the rules of the result; else setting `run.ruleset`"
+        ),
+        options.choice(
+            "--lock-detection",
+            LockDetection,
+            "what decides step 6; else setting `run.lock_detection`",
+        ),
+        Argument(
+            "--wait",
+            type=number_within(0),
+            default=20.0,
+            metavar="S",
+            help="s to wait for the pre-start checks; `inf`: without an end",
+        ),
+        Argument("--waive", metavar="REASON", help="let failing pre-start checks pass"),
+        Argument("--no-report", action="store_true", help="make no report.html"),
+    ),
+    examples=(
+        "madrob run --testbed simulated --speed 0  # to try it",
+        "madrob run --testbed ros --team 3 --opening-side cw --starting-side ccw",
+    ),
+)
+def run(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from msgspec.structs import replace
 
-        from madrob_console.cli import aside
         from madrob_console.cli.attaching import owned_testbed
-        from madrob_console.cli.batch import site_arguments
         from madrob_console.cli.running_engines import owning
-        from madrob_console.cli.session import UnattendedRun, open_engine, print_replay
+        from madrob_console.cli.session import (
+            UnattendedRun,
+            open_engine,
+            print_replay,
+            reporting_of,
+        )
         from madrob_console.common.version import software_version
         from madrob_console.config import load_settings
-        from madrob_console.engine.reports import QUEUE_FOLDER, Reporting, WantedPages
         from madrob_console.engine.snapshot import label_of
         from madrob_console.engine.supervisor import Supervisor
 
@@ -142,21 +131,13 @@ def main(arguments: argparse.Namespace) -> int:
     if engine.replay is not None:
         return EXIT_CODES[print_replay(engine, engine.replay)]
     teams = options.team_list(arguments, settings)
+    plan = options.plan_list(arguments, settings)
     engine.hear_of_teams(teams)
     reports = settings.results.reports and not arguments.no_report
-    site = site_arguments(arguments, settings)
     reporting = None
-    command = settings.results.command_words
-    if reports or site or command:
-        reporting = Reporting(
-            aside.COMMAND,
-            engine.config.results / QUEUE_FOLDER,
-            engine.config.results,
-            lambda: engine.busy,
-            engine.write,
-            WantedPages(reports, site, command=command),
-        )
-    run = UnattendedRun(engine, reporting)
+    if reports or settings.results.publish or settings.results.command_words:
+        reporting = reporting_of(arguments, settings, engine, reports=reports)
+    unattended = UnattendedRun(engine, reporting)
     with ExitStack() as stack:
         more = () if reporting is None else reporting.workers
         stack.callback(Supervisor(*engine.workers, *more).close)
@@ -166,13 +147,13 @@ def main(arguments: argparse.Namespace) -> int:
             known.with_run(engine.run, busy=engine.busy),
             testbed=label_of(engine.source.label, practice=engine.run.practice),
         )
-        stack.enter_context(run.stopping_on_signals())
+        stack.enter_context(unattended.stopping_on_signals())
 
         def setup(*, simulated: bool) -> RunSetup:
             practice = simulated or arguments.practice
-            return _setup(arguments, settings, engine, teams, practice=practice)
+            return _setup(arguments, settings, engine, teams, plan, practice=practice)
 
-        return EXIT_CODES[run.go(setup, arguments.wait, arguments.waive)]
+        return EXIT_CODES[unattended.go(setup, arguments.wait, arguments.waive)]
 
 
 def _setup(
@@ -180,28 +161,31 @@ def _setup(
     settings: Settings,
     engine: Engine,
     teams: TeamList,
+    plan: Plan,
     *,
     practice: bool,
 ) -> RunSetup:
+    from madrob_console.referee.competition_plan import Task
     from madrob_console.referee.records import RunSetup
 
     condition = options.condition_of(arguments)
-    number = arguments.run
+    number = arguments.run_number
     if number is None:
-        asked = engine.next_run_number(arguments.subject, condition.number, practice=practice)
+        asked = engine.next_run_number(arguments.team, condition.number, practice=practice)
         number = asked.result()
     referee = arguments.referee
     if referee is None:
         referee = settings.competition.referee
-    listed = teams.names.get(arguments.subject, "")
+    listed = teams.names.get(arguments.team, "")
     named: str | None = arguments.team_name
     team = listed if named is None else clean_name(named, "--team-name")
     defaults = settings.run
     pose = arguments.start_pose
     start_pose = StartPose(*pose) if pose else settings.start_pose(condition.starting_side)
-    beyond = not practice and _out_of_plan(arguments.subject, condition.number, settings, engine)
+    task = Task(arguments.team, condition.number)
+    beyond = not practice and bool(plan.lines) and _out_of_plan(task, plan, settings, engine)
     return RunSetup(
-        subject=arguments.subject,
+        subject=arguments.team,
         team=team,
         run_number=number,
         condition=condition,
@@ -212,20 +196,16 @@ def _setup(
         ruleset=arguments.ruleset or defaults.ruleset,
         lock_detection=arguments.lock_detection or defaults.lock_detection,
         team_reason=terminal_safe(arguments.team_reason)
-        if teams.differs(arguments.subject, team)
+        if teams.differs(arguments.team, team)
         else "",
         practice=practice,
         out_of_plan=beyond,
     )
 
 
-def _out_of_plan(subject: int, condition: int, settings: Settings, engine: Engine) -> bool:
+def _out_of_plan(task: Task, plan: Plan, settings: Settings, engine: Engine) -> bool:
     from madrob_console.archive.history import History
-    from madrob_console.referee.competition_plan import Task, plan_progress
+    from madrob_console.referee.competition_plan import plan_progress
 
-    plan = settings.plan.source.read()
-    options.tell_problems(plan)
-    runs = History(engine.config.results).refresh() if plan.lines else ()
-    return plan_progress(plan, runs, settings.competition.name).out_of_plan(
-        Task(subject, condition)
-    )
+    runs = History(engine.config.results).refresh()
+    return plan_progress(plan, runs, settings.competition.name).out_of_plan(task)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
 from madrob_console.cli.attaching import TAKEN, engine_options, owned_testbed
-from madrob_console.cli.output import BAD_INPUT, complain, says_yes
+from madrob_console.cli.output import BAD_INPUT, complain, print_json, says_yes
 from madrob_console.cli.parsing import Parser
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
@@ -64,9 +64,12 @@ def _all_the_same(found: FoundEngine) -> str:
     return f"--force ends it all the same: a run that goes on is {what}{lost}"
 
 
-def status() -> int:
+def status(*, as_json: bool) -> int:
     """Print one line for each engine of this user; exit code 1 if there is none."""
     found = running_engines()
+    if as_json:
+        print_json({"engines": [_document(one) for one in found]})
+        return 0 if found else 1
     for one in found:
         print(status_line(one))
         for remark in one.answer.remarks if one.answer else ():
@@ -74,6 +77,27 @@ def status() -> int:
     if not found:
         print("no engine runs")
     return 0 if found else 1
+
+
+def _document(found: FoundEngine) -> dict[str, object]:
+    """What `madrob engine status --json` says of an engine (`madrob guide data`)."""
+    known = found.answer or wire.WhoAnswer(phase="")
+    return {
+        "pid": found.pid,
+        "since": found.since,
+        "testbed": found.label,
+        "kind": found.kind,
+        "domain": found.domain,
+        "results": None if found.results is None else str(found.results),
+        "version": known.version or None,
+        "phase": known.phase or None,
+        "run": known.run or None,
+        "busy": known.busy,
+        "unsaved": known.unsaved,
+        "screens": known.screens,
+        "remarks": known.remarks,
+        "stop": found.stop_line,
+    }
 
 
 def status_line(found: FoundEngine) -> str:
@@ -351,5 +375,6 @@ def ask_which(engines: Sequence[FoundEngine], command: str, results: Path) -> in
 def _parsed(words: Sequence[str]) -> argparse.Namespace:
     """Parse the options that name a testbed; unknown options of a later version are ignored."""
     parser = Parser(add_help=False)
-    options.add_testbed(parser)
+    for option in options.TESTBED:
+        option.add_to(parser)
     return parser.parse_known_args(list(words))[0]

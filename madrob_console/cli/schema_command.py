@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from enum import StrEnum
 
-from madrob_console.cli import options
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.parsing import one_of
 
 
@@ -18,26 +18,23 @@ class Described(StrEnum):
     WATCH = "watch"
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "schema",
-        main,
-        "the JSON schema of result.json, or of what the referee publishes",
-        "The events and states are those of /madrob/referee/event and /madrob/referee/state.",
-        examples=("madrob schema > result_schema.json", "madrob schema event > event_schema.json"),
-    )
-    parser.add_argument(
-        "what",
-        nargs="?",
-        type=one_of(Described),
-        choices=list(Described),
-        default=Described.RESULT,
-        help="result.json, if not given; `watch` is a line of `madrob watch --json`",
-    )
-
-
-def main(arguments: argparse.Namespace) -> int:
+@command(
+    "schema",
+    "the JSON schema of result.json, or of what the referee publishes",
+    "The events and states are those of /madrob/referee/event and /madrob/referee/state.",
+    options=(
+        Argument(
+            "what",
+            nargs="?",
+            type=one_of(Described),
+            choices=list(Described),
+            default=Described.RESULT,
+            help="result.json, if not given; `watch` is a line of `madrob watch --json`",
+        ),
+    ),
+    examples=("madrob schema > result_schema.json", "madrob schema event > event_schema.json"),
+)
+def schema(arguments: argparse.Namespace) -> int:
     from madrob_console.archive.result_document import result_schema, schema_text
     from madrob_console.engine.public_state import event_schema, state_schema, watch_schema
 

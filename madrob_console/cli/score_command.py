@@ -15,10 +15,12 @@ from textwrap import indent
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from madrob_console.cli import batch, options
+from madrob_console.cli.command_line import Argument, OneOf, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, complain, name_twins
-from madrob_console.cli.parsing import one_of
+from madrob_console.cli.parsing import as_path
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe, valid_text
+from madrob_console.export.table_columns import TableFormat
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
@@ -50,105 +52,77 @@ class RunText(NamedTuple):
     run_id: str = ""
 
 
-class Destination(NamedTuple):
-    """Target of a ruleset's files; `folder` holds a folder for each run."""
-
-    rules: RulesetName
-    folder: Path
-
-
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "score",
-        main,
-        "score recorded runs, or check their stored results",
-        "PATH is a bag, a run folder, a folder of EUROBENCH csv files or a folder with runs at any "
-        "depth. Runs that are there twice are named. "
-        "Exit code 2 when a run cannot be read; the rest is scored. With --check a result has the "
-        "same digits as its recording gives, is equal to 1e-9 (other libraries round otherwise; "
-        "it says which), or differs: exit code 1, also where only doubts differ; it says then that "
-        "the values hold. Uncertainties that differ have a line of their own and no exit code.",
-        examples=(
-            "madrob score ~/madrob_runs                  # all runs",
-            "madrob score --ruleset all my_run           # all rulesets side by side",
-            "madrob score --check ~/madrob_runs          # do the stored results hold?",
-            "madrob score --write eurobench-2020 published ~/madrob_runs",
-            "madrob score --output tables ~/madrob_runs",
-            "madrob score --reissue 'rules of May' --ruleset robust-2026 --dry-run ~/madrob_runs",
+@command(
+    "score",
+    "score recorded runs, or check their stored results",
+    "Folders of EUROBENCH csv files can be scored, too. Runs that are there twice are named. "
+    "Exit code 2 when a run cannot be read; the rest is scored. With --check a result has the "
+    "same digits as its recording gives, is equal to 1e-9 (other libraries round otherwise; "
+    "it says which), or differs: exit code 1, also where only doubts differ; it says then that "
+    "the values hold. Uncertainties that differ have a line of their own and no exit code.",
+    options=(
+        options.PATHS,
+        options.COMPETITION,
+        Argument(
+            "--ruleset",
+            choices=[*map(str, RulesetName), _ALL],
+            help="the rules, or all side by side; those of the run if not given, protocol where "
+            "EUROBENCH's files name none",
         ),
-    )
-    parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
-    options.add_competition(parser)
-    parser.add_argument(
-        "--ruleset",
-        choices=[*map(str, RulesetName), _ALL],
-        default=None,
-        help="the rules, or all side by side; those of the run if not given, protocol where "
-        "EUROBENCH's files name none",
-    )
-    either = parser.add_mutually_exclusive_group()
-    either.add_argument(
-        "--check",
-        action="store_true",
-        help="compare each run's result.json with what its recording gives",
-    )
-    either.add_argument(
-        "--write",
-        action=_Write,
-        nargs=2,
-        metavar=("RULESET", "FOLDER"),
-        default=None,
-        help="write EUROBENCH's files of each run by these rules (csv, condition, run_info, the "
-        "indicators' YAML) into a new folder in FOLDER, called like the run; the run's own folder "
-        "stays as it is. run_info says by which rules the files were made and whether the run is "
-        "practice or simulated; csv files without it say neither",
-    )
-    either.add_argument(
-        "--output",
-        type=Path,
-        default=None,
-        metavar="FOLDER",
-        help="write tables of the results into a new folder: runs, indicators, events, steps as "
-        "`madrob table` has them, and unreadable, a row with the reason for each run that cannot "
-        "be read",
-    )
-    either.add_argument(
-        "--reissue",
-        default=None,
-        metavar="REASON",
-        help="after a rule change: each result that is another one now gets its next issue, with "
-        "a line in its journal; the issue before stays, and so does what the referee decided. With "
-        "--ruleset by these rules from now on. A final result is to be signed again, a void run "
-        "stays void, an aborted one has no indicators and is left alone",
-    )
-    options.add_json(parser)
-    options.add_format(parser, None)
-    parser.add_argument(
-        "--dry-run", action="store_true", help="say what --reissue would change, write nothing"
-    )
-    options.add_settings(parser)
-    batch.add_sharing_options(parser, "scored")
-
-
-class _Write(argparse.Action):
-    """A ruleset, and the folder for its files."""
-
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: str | Sequence[Any] | None,
-        option_string: str | None = None,
-    ) -> None:
-        name, folder = list(values or ())
-        try:
-            setattr(namespace, self.dest, Destination(one_of(RulesetName)(name), Path(folder)))
-        except argparse.ArgumentTypeError as error:
-            raise argparse.ArgumentError(self, str(error)) from None
-
-
-def main(arguments: argparse.Namespace) -> int:
+        OneOf(
+            Argument(
+                "--check",
+                action="store_true",
+                help="compare each run's result.json with what its recording gives",
+            ),
+            Argument(
+                "--write",
+                type=as_path,
+                metavar="FOLDER",
+                help="write EUROBENCH's files of each run (csv, condition, run_info, the "
+                "indicators' YAML) into a new folder in FOLDER, called like the run, with "
+                "--ruleset by these rules; the run's own folder stays as it is. run_info says by "
+                "which rules the files were made and whether the run is practice or simulated; csv "
+                "files without it say neither",
+            ),
+            Argument(
+                "--output",
+                type=as_path,
+                metavar="FOLDER",
+                help="write tables of the results into a new folder: runs, indicators, events, "
+                "steps as `madrob table` has them, and unreadable, a row with the reason for each "
+                "run that cannot be read",
+            ),
+            Argument(
+                "--reissue",
+                metavar="REASON",
+                help="after a rule change: each result that is another one now gets its next "
+                "issue, with a line in its journal; the issue before stays, and so does what the "
+                "referee decided. With --ruleset by these rules from now on. A final result is to "
+                "be signed again, a void run stays void, an aborted one has no indicators and is "
+                "left alone",
+            ),
+        ),
+        options.JSON,
+        options.choice("--format", TableFormat, f"with --output: {options.FORMAT_WORDS}"),
+        Argument(
+            "--dry-run",
+            action="store_true",
+            help="say what --reissue would change, write nothing",
+        ),
+        options.SETTINGS,
+        *batch.SHARING,
+    ),
+    examples=(
+        "madrob score ~/madrob_runs                  # all runs",
+        "madrob score --ruleset all my_run           # all rulesets side by side",
+        "madrob score --check ~/madrob_runs          # do the stored results hold?",
+        "madrob score --write published --ruleset eurobench-2020 ~/madrob_runs",
+        "madrob score --output tables ~/madrob_runs",
+        "madrob score --reissue 'rules of May' --ruleset robust-2026 --dry-run ~/madrob_runs",
+    ),
+)
+def score(arguments: argparse.Namespace) -> int:
     _refuse_contradictions(arguments)
     runs = _chosen(batch.runs_of(arguments), arguments)
     rules = _rules(arguments.ruleset)
@@ -180,12 +154,14 @@ def _chosen(runs: list[RunPath], arguments: argparse.Namespace) -> list[RunPath]
 
 def _refuse_contradictions(arguments: argparse.Namespace) -> None:
     parser, tables, issues = arguments.parser, arguments.output, arguments.reissue
-    if arguments.ruleset is not None and (arguments.check or arguments.write is not None):
-        parser.error(f"--ruleset: not allowed with {'--check' if arguments.check else '--write'}")
+    if arguments.ruleset is not None and arguments.check:
+        parser.error("--ruleset: not allowed with --check")
     if issues is None and (arguments.dry_run or arguments.settings):
         parser.error(f"{'--dry-run' if arguments.dry_run else '--settings'}: only with --reissue")
-    if issues is not None and arguments.ruleset == _ALL:
-        parser.error(f"--reissue: with one ruleset, not {_ALL}")
+    if arguments.ruleset == _ALL and (issues is not None or arguments.write is not None):
+        parser.error(
+            f"{'--write' if issues is None else '--reissue'}: with one ruleset, not {_ALL}"
+        )
     if issues is not None and not issues.strip():
         parser.error("--reissue: give a reason, it stands in every journal")
     if arguments.json and (tables is not None or issues is not None):
@@ -201,7 +177,7 @@ def _describe(
 
     write = arguments.write
     if write is not None and arguments.scheduler is not None:  # as for the paths of the runs
-        write = write._replace(folder=write.folder.absolute())
+        write = write.absolute()
     describe = partial(
         describe_run,
         rules=rules,
@@ -266,7 +242,7 @@ def describe_run(
     rules: tuple[RulesetName | None, ...] = (None,),
     *,
     check: bool = False,
-    write: Destination | None = None,
+    write: Path | None = None,
     as_json: bool = False,
 ) -> RunText:
     """Score or check a run, or write its files by other rules.
@@ -274,7 +250,7 @@ def describe_run(
     `rules` None = that of the run. MadrobError where it cannot be.
     """
     if write is not None:
-        return _written(run, write, as_json=as_json)
+        return _written(run, write, rules[0], as_json=as_json)
     return _checked(run, as_json=as_json) if check else _scored(run, rules, as_json=as_json)
 
 
@@ -346,7 +322,7 @@ def _checked(run: RunPath, *, as_json: bool) -> RunText:
     )
 
 
-def _written(run: RunPath, target: Destination, *, as_json: bool) -> RunText:
+def _written(run: RunPath, target: Path, rules: RulesetName | None, *, as_json: bool) -> RunText:
     from madrob_console.archive.result_files import eurobench_files
     from madrob_console.archive.scored import score_recording
     from madrob_console.common.files import write_new_folder
@@ -356,12 +332,12 @@ def _written(run: RunPath, target: Destination, *, as_json: bool) -> RunText:
             f"{run.name}: files without a recording can be scored, not made by other rules: give "
             "the run's bag"
         )
-    (scored,) = score_recording(run.path, (target.rules,))
-    folder = target.folder / run.own_name
+    (scored,) = score_recording(run.path, (rules,))
+    folder, used = target / run.own_name, scored.result.ruleset
     write_new_folder(folder, eurobench_files(run.own_name, scored))
     if as_json:
-        return RunText(_json(run, {"written": str(folder), "ruleset": target.rules}))
-    return RunText(terminal_safe(f"{run.name}: written by {target.rules} to {folder}"))
+        return RunText(_json(run, {"written": str(folder), "ruleset": used}))
+    return RunText(terminal_safe(f"{run.name}: written by {used} to {folder}"))
 
 
 def _json(run: RunPath, content: dict[str, Any]) -> str:

@@ -14,7 +14,8 @@ from socket import gethostname
 from types import FrameType
 from typing import Protocol, assert_never
 
-from madrob_console.cli import options
+from madrob_console.cli import aside, options
+from madrob_console.cli.batch import named_places, site_arguments
 from madrob_console.cli.output import StoppedError
 from madrob_console.cli.score_output import result_lines
 from madrob_console.common.clock import Clock, SimulationClock, SystemClock, VirtualClock
@@ -26,7 +27,7 @@ from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.engine_config import EngineConfig
 from madrob_console.engine.evidence_client import EvidenceClient, EvidencePlan
 from madrob_console.engine.replay import Replay
-from madrob_console.engine.reports import Reporting
+from madrob_console.engine.reports import QUEUE_FOLDER, Reporting, WantedPages
 from madrob_console.engine.run_recorder import EventLog
 from madrob_console.engine.scorer import Scorer
 from madrob_console.messages.codec import ROBOT_STARTED_TOPIC, referee_topics
@@ -104,6 +105,26 @@ def _follows(arguments: argparse.Namespace, settings: Settings) -> bool:
         return True
     domain = domain_id(options.ros_domain(arguments, settings), os.environ)
     return asks_for_sim_time(domain, arguments.ros_args)
+
+
+def reporting_of(
+    arguments: argparse.Namespace,
+    settings: Settings,
+    engine: Engine,
+    *,
+    reports: bool,
+    queue: Path | None = None,
+) -> Reporting:
+    """What makes reports, pages and zips of an engine's runs; `queue` None = beside the runs."""
+    results = engine.config.results
+    wanted = WantedPages(
+        reports,
+        site_arguments(arguments, settings),
+        named_places(arguments, settings),
+        settings.results.command_words,
+    )
+    queue = results / QUEUE_FOLDER if queue is None else queue
+    return Reporting(aside.COMMAND, queue, results, lambda: engine.busy, engine.write, wanted)
 
 
 def _evidence_plan(settings: Settings) -> EvidencePlan | None:

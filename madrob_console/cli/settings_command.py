@@ -7,22 +7,22 @@ import sys
 from pathlib import Path
 
 from madrob_console.cli import options
+from madrob_console.cli.command_line import command
 from madrob_console.common.names import terminal_safe
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "settings",
-        main,
-        "check the settings file; print one with every default",
-        "Which file was read, and that it is fine, stands on the error output.",
-        ("madrob settings", "madrob settings > madrob.toml", "madrob settings --settings my.toml"),
-    )
-    options.add_settings(parser)
-
-
-def main(arguments: argparse.Namespace) -> int:
+@command(
+    "settings",
+    "check the settings file; print one with every default",
+    "Which file was read, and that it is fine, stands on the error output.",
+    options=(options.SETTINGS,),
+    examples=(
+        "madrob settings",
+        "madrob settings > madrob.toml",
+        "madrob settings --settings my.toml",
+    ),
+)
+def settings(arguments: argparse.Namespace) -> int:
     from madrob_console.config import default_settings_path, load_settings
     from madrob_console.config.settings import example_toml
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
@@ -11,7 +10,9 @@ from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.command_line import Argument, MadrobCommand, TellAction, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, name_twins, progress, put_bytes
+from madrob_console.cli.parsing import as_path
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.export.table_columns import (
@@ -42,92 +43,36 @@ code 2 when a result is missing or cannot be used; the rest is there.
 _STDOUT = Path("-")
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "table",
-        None,
-        "runs as tables for programs: csv, NDJSON or Parquet",
-        examples=(
-            "madrob table runs ~/madrob_runs > runs.csv",
-            "madrob table indicators hall_a hall_b --format parquet --output all.parquet",
-            "madrob table --columns",
-        ),
+def _columns(*tables: TidyTable) -> Argument:
+    return Argument(
+        "--columns",
+        action=TellAction,
+        const=lambda: "\n".join(column_lines(tables)),
+        nargs=0,
+        help="tell the columns, their units and meaning, and end",
     )
-    _add_columns(parser, (*RUN_TABLES, *SAMPLE_TABLES))
-    parts = parser.add_subparsers(metavar="WHAT")
-    for table in RUN_TABLES:
-        _add_runs(parts, table)
-    samples = options.command(
-        parts,
-        "samples",
-        _samples,
-        "all that the sensors of a run said, and what the indicators are made of",
-        "\n".join([_SAMPLES, *column_lines(SAMPLE_TABLES)]),
-        (
-            "madrob table samples my_run --output tables",
-            "madrob table samples ~/madrob_runs --output tables --format parquet",
-        ),
-    )
-    _add_columns(samples, SAMPLE_TABLES)
-    samples.add_argument("paths", nargs="+", type=Path, metavar="PATH")
-    samples.add_argument(
-        "--output",
-        type=Path,
-        required=True,
-        metavar="FOLDER",
-        help="folder for the tables; made if there is none",
-    )
-    options.add_format(samples)
-    options.add_choice(
-        samples, "--ruleset", RulesetName, None, "the rules; those of the run if not given"
-    )
-    options.add_jobs(samples, "read")
 
 
-def _add_runs(parts: options.Commands, table: TidyTable) -> None:
-    parser = options.command(
-        parts,
+def _of_runs(table: TidyTable) -> MadrobCommand:
+    return MadrobCommand(
         table.name,
-        partial(_runs, table=table),
         table.row,
         "\n".join([_RUNS, *column_lines([table])]),
+        (
+            _columns(table),
+            *options.COLLECTION,
+            Argument(
+                "--output",
+                type=as_path,
+                default=_STDOUT,
+                metavar="FILE",
+                help="the file; standard output if not given, or -",
+            ),
+            options.FORMAT,
+            options.SETTINGS,
+        ),
         (f"madrob table {table.name} ~/madrob_runs --output {table.name}.csv",),
-    )
-    _add_columns(parser, (table,))
-    options.add_run_paths(parser)
-    parser.add_argument(
-        "--output",
-        type=Path,
-        default=_STDOUT,
-        metavar="FILE",
-        help="the file; standard output if not given, or -",
-    )
-    options.add_format(parser)
-    options.add_settings(parser)
-
-
-class _TellColumns(argparse.Action):
-    """Prints the columns of the tables in `const`; no path is needed, as for `--help`."""
-
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        _namespace: argparse.Namespace,
-        _values: object,
-        _option_string: str | None = None,
-    ) -> None:
-        print("\n".join(column_lines(self.const)))
-        parser.exit()
-
-
-def _add_columns(parser: argparse.ArgumentParser, tables: Sequence[TidyTable]) -> None:
-    parser.add_argument(
-        "--columns",
-        action=_TellColumns,
-        nargs=0,
-        const=tables,
-        help="tell the columns, their units and meaning, and end",
+        partial(_runs, table=table),
     )
 
 
@@ -174,6 +119,29 @@ class _StandardOutput:
         put_bytes(data)
 
 
+@command(
+    "samples",
+    "all that the sensors of a run said, and what the indicators are made of",
+    "\n".join([_SAMPLES, *column_lines(SAMPLE_TABLES)]),
+    options=(
+        _columns(*SAMPLE_TABLES),
+        options.PATHS,
+        Argument(
+            "--output",
+            type=as_path,
+            required=True,
+            metavar="FOLDER",
+            help="folder for the tables; made if there is none",
+        ),
+        options.FORMAT,
+        options.choice("--ruleset", RulesetName, "the rules; those of the run if not given"),
+        options.JOBS,
+    ),
+    examples=(
+        "madrob table samples my_run --output tables",
+        "madrob table samples ~/madrob_runs --output tables --format parquet",
+    ),
+)
 def _samples(arguments: argparse.Namespace) -> int:
     from madrob_console.archive.folders import all_runs_at
     from madrob_console.cli.batch import each_run
@@ -194,6 +162,19 @@ def _samples(arguments: argparse.Namespace) -> int:
             for path in files or ():
                 print(terminal_safe(str(path)), flush=True)
     return BAD_INPUT if bad.count else 0
+
+
+table = MadrobCommand(
+    "table",
+    "runs as tables for programs: csv, NDJSON or Parquet",
+    options=(_columns(*RUN_TABLES, *SAMPLE_TABLES),),
+    examples=(
+        "madrob table runs ~/madrob_runs > runs.csv",
+        "madrob table indicators hall_a hall_b --format parquet --output all.parquet",
+        "madrob table --columns",
+    ),
+    parts=(*map(_of_runs, RUN_TABLES), _samples),
+)
 
 
 def write_samples(

@@ -6,37 +6,35 @@ import argparse
 from functools import partial
 
 from madrob_console.cli import options
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.parsing import whole_within
 from scoring.imports import imports_kept
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "testbed",
-        main,
-        "the simulated testbed as a ROS 2 node",
-        "The robot sets out when /madrob/referee/state says that the run is running.",
-        examples=(
-            "madrob testbed --scenario slam --repeat 0  # beside: madrob console --testbed ros",
-            "madrob testbed --latency door=50ms --jitter 30ms  # a slow network",
+@command(
+    "testbed",
+    "the simulated testbed as a ROS 2 node",
+    "The robot sets out when /madrob/referee/state says that the run is running.",
+    options=(
+        *options.SIMULATED,
+        *options.CONDITION,
+        options.DOMAIN,
+        Argument(
+            "--repeat",
+            type=whole_within(0),
+            default=1,
+            metavar="N",
+            help="runs before it ends; 0 = no end",
         ),
-    )
-    options.add_simulation(parser)
-    options.add_condition(parser)
-    options.add_domain(parser)
-    parser.add_argument(
-        "--repeat",
-        type=whole_within(0),
-        default=1,
-        metavar="N",
-        help="runs before it ends; 0 = no end",
-    )
-    options.add_settings(parser)
-    options.add_ros_args(parser)
-
-
-def main(arguments: argparse.Namespace) -> int:
+        options.SETTINGS,
+        options.ROS_ARGS,
+    ),
+    examples=(
+        "madrob testbed --scenario slam --repeat 0  # beside: madrob console --testbed ros",
+        "madrob testbed --latency door=50ms --jitter 30ms  # a slow network",
+    ),
+)
+def testbed(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.cli.session import simulated_testbed
         from madrob_console.config import load_settings

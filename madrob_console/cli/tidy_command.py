@@ -11,6 +11,7 @@ from shutil import get_terminal_size
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, progress, says_yes, somebody_there
 from madrob_console.cli.parsing import period, size, whole_within
 from madrob_console.common.errors import MadrobError
@@ -25,51 +26,45 @@ NOT_REMOVED = 1
 """Exit code if the user said no."""
 
 
-def add_command(commands: options.Commands) -> None:
-    parser = options.command(
-        commands,
-        "tidy",
-        main,
-        "make room: remove the evidence (cameras, other topics) of old runs",
-        "Recordings of what is scored, results, reports and pictures stay. So does the evidence of "
-        "a run that was ever protested or still can be in time, goes on or is open in a console, "
-        "of an official one that is not final, of the last run and of the last practice run. It "
-        "says what goes and what stays and why, and asks. Each run's journal and report say what "
-        "was removed.",
-        examples=(
-            "madrob tidy --older-than 7d --dry-run",
-            "madrob tidy --keep-runs 20 --until-free 50GB    # only as much as it takes",
+@command(
+    "tidy",
+    "make room: remove the evidence of old runs",
+    "Evidence is what cameras and other topics brought. Recordings of what is scored, results, "
+    "reports and pictures stay. So does the evidence of a run that was ever protested or still "
+    "can be in time, goes on or is open in a console, of an official one that is not final, of "
+    "the last run and of the last practice run. It says what goes and what stays and why, and "
+    "asks. Each run's journal and report say what was removed. Give --keep-runs, --older-than or "
+    "--until-free, or several of them: what one keeps stays.",
+    options=(
+        Argument(
+            "--keep-runs",
+            type=whole_within(0),
+            metavar="N",
+            help="keep that of the last N runs, and of the last N practice runs",
         ),
-    )
-    limits = parser.add_argument_group("what stays besides; at least one of these")
-    limits.add_argument(
-        "--keep-runs",
-        type=whole_within(0),
-        default=None,
-        metavar="N",
-        help="that of the last N runs, and of the last N practice runs",
-    )
-    limits.add_argument(
-        "--older-than",
-        type=period,
-        default=None,
-        metavar="TIME",
-        help="that of younger runs: 12h, 7d, 2w",
-    )
-    limits.add_argument(
-        "--until-free",
-        type=size,
-        default=None,
-        metavar="SIZE",
-        help="what is left once so much of the disk is free: 50GB",
-    )
-    parser.add_argument("--dry-run", action="store_true", help="only say what would go")
-    parser.add_argument("--yes", action="store_true", help="do not ask")
-    options.add_results(parser)
-    options.add_settings(parser)
-
-
-def main(arguments: argparse.Namespace) -> int:
+        Argument(
+            "--older-than",
+            type=period,
+            metavar="TIME",
+            help="keep that of younger runs: 12h, 7d, 2w",
+        ),
+        Argument(
+            "--until-free",
+            type=size,
+            metavar="SIZE",
+            help="keep what is left once so much of the disk is free: 50GB",
+        ),
+        Argument("--dry-run", action="store_true", help="only say what would go"),
+        Argument("--yes", action="store_true", help="do not ask"),
+        options.RESULTS,
+        options.SETTINGS,
+    ),
+    examples=(
+        "madrob tidy --older-than 7d --dry-run",
+        "madrob tidy --keep-runs 20 --until-free 50GB    # only as much as it takes",
+    ),
+)
+def tidy(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.archive.evidence import evidence_at, run_going_on
         from madrob_console.common.files import free_space

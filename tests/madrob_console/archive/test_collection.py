@@ -116,7 +116,7 @@ def test_one_testbed_can_be_asked_for(halls: Path, capsys: pytest.CaptureFixture
     assert {run.testbed for run in collected([halls], "Hall B").runs} == {"Hall B"}
     with pytest.raises(MadrobError, match=r"'Hall C'.*there are 'Hall A', 'Hall B'"):
         collected([halls], "Hall C")
-    assert main(["standings", "a", "merged", "--testbed-name", "Hall B", "--csv", "-"]) == 0
+    assert main(["standings", "a", "merged", "--testbed-name", "Hall B", "--csv"]) == 0
     rows = capsys.readouterr().out.splitlines()
     assert rows[1].split(",")[8:11] == ["Hall B", "Autumn Cup", "2"]
 
@@ -151,7 +151,7 @@ def test_what_is_in_no_list_is_named_with_what_to_do_and_the_rest_is_there(
     for command in (
         ["standings"],
         ["plan", "--plan", "plan.csv"],
-        ["export", "--subject", "3", "--output", "team.zip"],
+        ["export", "--team", "3", "--output", "team.zip"],
     ):
         assert main([*command, *named, "a"]) == BAD_INPUT
         told = capsys.readouterr()
@@ -234,7 +234,7 @@ def test_standings_plan_and_export_take_several_folders(
     told = capsys.readouterr()
     assert "4 of 6 attempts done" in told.out
     assert "the same run as" in told.err
-    assert main(["export", "--subject", "3", "--output", "team.zip", *every]) == 0
+    assert main(["export", "--team", "3", "--output", "team.zip", *every]) == 0
     assert "4 runs" in capsys.readouterr().out
     with zipfile.ZipFile("team.zip") as packed:
         names = {name.partition("/")[0] for name in packed.namelist() if "/" in name}

@@ -31,7 +31,7 @@ from tests.madrob_console.ui.fake_engine import FakeEngine
 from tests.slowly import slow_but_for
 
 PRACTICE = ["run", "--testbed", "simulated", "--countdown", "1", "--no-report"]
-RUN = [*PRACTICE, "--speed", "0", "--subject", "3"]
+RUN = [*PRACTICE, "--speed", "0", "--team", "3"]
 
 
 def madrob(*arguments: str) -> int:
@@ -190,16 +190,16 @@ def test_a_bad_setting_is_named(
 @pytest.mark.parametrize(
     ("flags", "named"),
     [
-        (["--subject", "0"], "subject"),
+        (["--team", "0"], "--team"),
         (["--start-pose", "-1,0,0"], "CCW side"),
         (["--start-pose", "1.5,0,nan"], "--start-pose"),
         (["--timeout", "0"], "timeout"),
+        (["--plan", "/nowhere.csv"], "correct --plan"),
         (["--team", "Delft"], "--team"),
         (["--team-name", "x" * 200], "--team-name"),
         (["--speed", "-1"], "--speed"),
         (["--testbed", "replay"], "replay"),
         (["--testbed", "moon"], "moon"),
-        (["--subject", "three"], "--subject"),
         (["--start-pose", "here"], "--start-pose"),
     ],
 )
@@ -214,7 +214,7 @@ def test_an_existing_run_is_refused_and_kept(
     run_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = (run_folder / "result.json").read_bytes()
-    assert madrob(*RUN, "--run", "1", "--results", str(tmp_path / "results")) == 2
+    assert madrob(*RUN, "--run-number", "1", "--results", str(tmp_path / "results")) == 2
     assert "use run 2" in one_line(capsys.readouterr().err)
     assert (run_folder / "result.json").read_bytes() == before
 
@@ -351,28 +351,6 @@ def test_what_cannot_be_replayed_is_refused_in_one_line(
         error = capsys.readouterr().err
         assert path.name in error
         assert error.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    "flags",
-    [
-        ["--from", "3"],
-        ["--from", "3", "--testbed", "simulated"],
-        ["--from", "nan", "--testbed", "replay", "x"],
-        ["--from", "soon", "--testbed", "replay", "x"],
-    ],
-)
-def test_only_a_replay_begins_at_a_time_and_it_must_be_one(
-    flags: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    try:
-        code = main(["console", *flags])
-    except SystemExit as ended:
-        code = int(str(ended.code))
-    error = capsys.readouterr().err
-    assert code == 2
-    assert "--from" in error
-    assert error.count("\n") == 1
 
 
 SETTINGS = Settings(plan=PlanSettings(runs=((3, 1, 2),)))

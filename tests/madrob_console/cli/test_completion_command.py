@@ -77,6 +77,8 @@ def shell(
         ("madrob console --testbed sim", "madrob console --testbed simulated"),
         ("madrob console --testbed replay my_", "madrob console --testbed replay my_run/"),
         ("madrob score my_", "madrob score my_run/"),
+        ("madrob score --write my_", "madrob score --write my_run/"),
+        ("madrob engine stop --fo", "madrob engine stop --force"),
         ("madrob standings --results my_", "madrob standings --results my_run/"),
     ],
 )
@@ -130,19 +132,16 @@ PROGRAM = [sys.executable, "-m", "madrob_console.cli"]
         ("console --testbed replay RUN --jitter 1s", "delay simulated messages: use them with"),
         ("console --testbed simulated --teams /nowhere.csv", "correct --teams"),
         ("console --testbed simulated --plan /nowhere.csv", "correct --plan"),
-        ("console --testbed replay RUN --from 900", "--from 900: the recording goes from -"),
         ("console --testbed replay RUN --at 900", "--at 900: the recording goes from -"),
         (
             "console --testbed replay RUN --at lunch",
             "--at: 'lunch' is no time and no event",
         ),
-        ("console --testbed replay RUN --at stop --from 3", "in place of --from"),
         ("console --testbed simulated --at stop", "--at: give it with `--testbed replay PATH`"),
         ("console --testbed replay FOREIGN", "a bag without a MADROB run cannot be replayed"),
         ("watch --testbed replay RUN", "no engine runs here to be watched"),
         ("watch --testbed simulated", "no engine runs here to be watched"),
         ("console --settings /nowhere.toml", "no such settings file"),
-        ("console --testbed simulated --from 3", "with `--testbed replay PATH` only"),
     ],
 )
 def test_nothing_is_painted_before_the_command_line_is_known_to_be_good(

@@ -21,7 +21,6 @@ import pytest
 from madrob_console.cli.doctor import (
     PATIENCE,
     doctor,
-    line,
     look_at_evidence,
     look_at_lists,
     look_at_python,
@@ -34,6 +33,7 @@ from madrob_console.cli.doctor import (
 from madrob_console.cli.doctor_ros import (
     Finding,
     Severity,
+    line,
     look_at_installation,
     look_at_messages,
     overheard,
@@ -190,7 +190,8 @@ def test_without_ros_it_says_what_to_install_and_the_console_is_usable(tmp_path:
         import sys
         from pathlib import Path
         sys.modules["rclpy"] = None  # as if it were not installed
-        from madrob_console.cli.doctor import doctor, line, verdict
+        from madrob_console.cli.doctor import doctor, verdict
+        from madrob_console.cli.doctor_ros import line
         from madrob_console.messages.codec import DEFAULT_MAPPINGS
         findings = list(doctor(DEFAULT_MAPPINGS, Path({str(tmp_path)!r}), disk_space=1))
         print(*map(line, findings), verdict(findings), sep="\\n")
@@ -351,7 +352,8 @@ def in_terminal(term: str, columns: int, lines: int) -> str:
     """What the doctor says of the terminal in a terminal of its own."""
     program = """
         import os
-        from madrob_console.cli.doctor import line, look_at_terminal
+        from madrob_console.cli.doctor import look_at_terminal
+        from madrob_console.cli.doctor_ros import line
         print(*map(line, look_at_terminal(os.environ)), sep="\\n")
     """
     environment = {k: v for k, v in os.environ.items() if k not in ("NO_COLOR", "COLORTERM")}

@@ -7,6 +7,7 @@ import io
 import shlex
 import subprocess
 import sys
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import pytest
 from madrob_console.cli.guide_command import PAGES
 from madrob_console.cli.main import COMMANDS, build_parser, main
 from madrob_console.cli.options import delays
+from madrob_console.cli.parsing import as_path
 from scoring.protocol import Signal
 
 ALL = (*COMMANDS, "calibrate masks", "calibrate handle", "table samples")
@@ -84,10 +86,10 @@ def test_a_help_says_the_real_defaults_and_the_choices(
         ("console --theme blue", "--theme: there is no 'blue', use dark, light or high-contrast"),
         ("run --opening-side left", "--opening-side: there is no 'left', use cw or ccw"),
         ("run --scenario nominall", "--scenario: there is no 'nominall', did you mean nominal?"),
-        ("run --subject Delft", "--subject: 'Delft' is no whole number"),
+        ("run --team Delft", "--team: 'Delft' is no whole number"),
         ("run --timeout long", "--timeout: 'long' is no number"),
         ("standings --bets 3", "madrob standings: --bets: no such option, did you mean --best?"),
-        ("export --subject 3 --bag", "madrob export: --bag: no such option"),
+        ("export --team 3 --bag", "madrob export: --bag: no such option"),
         ("settings all", "madrob settings: all: nothing more is expected here"),
         ("schema all", "there is no 'all', use result or state"),
         ("watch --plain --big", "--big: not allowed with argument --plain"),
@@ -99,11 +101,10 @@ def test_a_help_says_the_real_defaults_and_the_choices(
         ("run --wait -3", "--wait: -3: use 0 or more"),
         ("run --timeout 0.5", "--timeout: 0.5: use 1 to 86400"),
         ("run --countdown inf", "--countdown: 'inf' is no number"),
-        ("run --subject 1000", "--subject: 1000: use 1 to 999"),
+        ("run --team 1000", "--team: 1000: use 1 to 999"),
         ("standings --best -1", "--best: -1: use 0 or more"),
         ("tidy --keep-runs -1", "--keep-runs: -1: use 0 or more"),
         ("score --jobs 0 x", "--jobs: 0: use 1 or more"),
-        ("run --team Delft", "--team: 'Delft' is no whole number"),
         ("recover", "the following arguments are required: PATH"),
         ("run --latency dor=50ms", "--latency: there is no 'dor', did you mean door?"),
         ("run --latency door", "--latency: 'door' is no delay, as 50ms or 0.2s are"),
@@ -146,7 +147,7 @@ def test_a_delay_is_of_the_signals_that_it_names_and_the_last_word_counts(
         assert delays(getattr(build_parser().read(line), option)) == meant
 
 
-NEGATIVE = {"--from", "--seed", "--start-pose"}
+NEGATIVE = {"--seed", "--start-pose"}
 """Of these a negative number makes sense."""
 
 ENDLESS = {"--idle-time", "--wait"}
@@ -159,6 +160,19 @@ def parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser
         if isinstance(action, argparse._SubParsersAction):
             for part in action.choices.values():
                 yield from parsers(part)
+
+
+def test_an_option_takes_the_same_in_every_command_and_no_other_says_the_same() -> None:
+    takes, says = defaultdict(set), defaultdict(set)
+    for parser in parsers(build_parser()):
+        for action in parser._actions:
+            for flag in action.option_strings:
+                takes[flag].add(None if action.nargs == 0 else action.metavar or action.dest)
+                says[action.help].add(action.option_strings[-1])
+    places = takes.pop("--output")
+    assert places == {"FILE", "FOLDER", "FILE.zip"}
+    assert {flag: found for flag, found in takes.items() if len(found) > 1} == {}
+    assert [flags for flags in says.values() if len(flags) > 1] == []
 
 
 def taken(action: argparse.Action, text: str) -> bool:
@@ -174,7 +188,7 @@ def numbers() -> Iterator[tuple[str, argparse.Action, str]]:
     """All options that take a number, and a text that each of them takes."""
     for parser in parsers(build_parser()):
         for action in parser._actions:
-            if not callable(action.type) or action.type is Path:
+            if not callable(action.type) or action.type is as_path:
                 continue
             for text in ("3", "30", "3d", "3GB", "3ms", "3,0,0", "3/4"):
                 if taken(action, text):
@@ -226,7 +240,7 @@ def test_without_a_command_the_help_is_printed_and_the_exit_code_is_git_s(
         ("report one --output pages two", "one two"),
         ("standings one --best 3 two", "one two"),
         ("plan one --json two", "one two"),
-        ("export hall_a --subject 3 hall_b", "hall_a hall_b"),
+        ("export hall_a --team 3 hall_b", "hall_a hall_b"),
         ("table runs one --format csv two", "one two"),
         ("table samples one --output tables two", "one two"),
         ("calibrate masks one --output masks.toml two", "one two"),
@@ -241,10 +255,9 @@ def test_options_may_stand_between_paths(line: str, paths: str) -> None:
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("publish --best 3", "the following arguments are required: DIR"),
+        ("publish --best 3", "the following arguments are required: FOLDER"),
         ("score --json", "the following arguments are required: PATH"),
         ("score one --bets 3 two", "madrob score: --bets: no such option"),
-        ("export one --subject 3 --team 4 two", "--team: not allowed with argument --subject"),
     ],
 )
 def test_what_is_wrong_between_paths_is_named_in_one_line(

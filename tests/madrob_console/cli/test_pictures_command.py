@@ -149,7 +149,7 @@ def test_pictures_can_be_as_large_as_they_were_sent(bare: Path, tmp_path: Path) 
             "'nan' is no time and no event of this run: give seconds, or one of start, stop, ",
         ),
         (["--at", "1", "--camera", "/none"], "no camera /none in its evidence"),
-        (["--camera", "*front"], "some pictures are not all: say where to by --output DIR"),
+        (["--camera", "*front"], "some pictures are not all: say where to by --output FOLDER"),
     ],
 )
 def test_what_cannot_be_shown_is_named(

@@ -36,7 +36,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("results")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(root / "config"))
-        flags = ["--subject", "3", "--countdown", "1", "--no-report", "--results", str(root)]
+        flags = ["--team", "3", "--countdown", "1", "--no-report", "--results", str(root)]
         assert main(["run", "--testbed", "simulated", "--speed", "0", *flags]) == 0
     (folder,) = root.glob("practice/subject_*")
     return folder
@@ -59,7 +59,7 @@ def tear(folder: Path, share: float) -> None:
 
 
 def recover(*paths: Path) -> int:
-    return recover_command.main(argparse.Namespace(paths=list(paths)))
+    return recover_command.recover.main(argparse.Namespace(paths=list(paths)))
 
 
 def one_line(text: str) -> str:

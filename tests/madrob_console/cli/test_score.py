@@ -419,7 +419,7 @@ def test_files_by_another_ruleset_score_as_the_recordings_do_by_it(
 ) -> None:
     before = {path: path.read_bytes() for path in results.rglob("*") if path.is_file()}
     written = tmp_path / "far" / "written"
-    assert score("--write", "eurobench-2020", written, results) == 0
+    assert score("--write", written, "--ruleset", "eurobench-2020", results) == 0
     lines = capsys.readouterr().out.splitlines()
     folders = sorted(written.iterdir())
     assert [folder.name for folder in folders] == sorted(run.name for run in results.iterdir())
@@ -445,7 +445,7 @@ def test_what_is_there_already_is_not_written_over_and_the_rest_is_written(
     mine = tmp_path / "written" / first / "mine.txt"
     mine.parent.mkdir(parents=True)
     mine.write_text("mine")
-    assert score("--json", "--write", "protocol", tmp_path / "written", results) == 2
+    assert score("--json", "--write", tmp_path / "written", results) == 2
     said = capsys.readouterr()
     assert said.err.endswith(f"{first}: is there already; move it away or choose another folder\n")
     assert said.err.count("\n") == 1
@@ -458,7 +458,7 @@ def test_written_files_say_of_what_run_they_are_and_by_which_rules_they_were_mad
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = recorded(Scenario.NOMINAL)
-    assert score("--write", "eurobench-2020", tmp_path, run) == 0
+    assert score("--write", tmp_path, "--ruleset", "eurobench-2020", run) == 0
     capsys.readouterr()
     (bag,), (files,) = (
         scored(capsys, *given)
@@ -501,14 +501,13 @@ def test_files_are_written_by_one_ruleset_of_recordings_only(
 ) -> None:
     written = tmp_path / "written"
     publish(recorded(Scenario.TOUCH_ONLY), tmp_path / "published")
-    assert "without a recording" in refusal(
-        capsys, "--write", "protocol", written, tmp_path / "published"
-    )
-    assert "there is no 'all'" in refusal(capsys, "--write", "all", written, tmp_path)
+    assert "without a recording" in refusal(capsys, "--write", written, tmp_path / "published")
+    words = ("--write", written, "--ruleset", "all", tmp_path)
+    assert "--write: with one ruleset, not all" in refusal(capsys, *words)
     blocked = tmp_path / "file"
     blocked.write_text("")
     run = recorded(Scenario.TOUCH_ONLY)
-    assert f"{blocked}" in refusal(capsys, "--write", "protocol", blocked, run)
+    assert f"{blocked}" in refusal(capsys, "--write", blocked, run)
     assert not written.exists()
 
 

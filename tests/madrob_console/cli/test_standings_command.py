@@ -430,20 +430,21 @@ def test_details_are_all_statistics(results: Path, capsys: pytest.CaptureFixture
 def test_several_files_are_written_at_once(
     results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    files = {kind: tmp_path / f"s.{kind}" for kind in ("csv", "json", "html")}
-    assert (
-        run(results, *(part for kind, path in files.items() for part in (f"--{kind}", path))) == 0
-    )
-    assert capsys.readouterr().out.splitlines() == [str(path) for path in files.values()]
-    assert files["csv"].read_text().startswith("source,ruleset,condition")
-    assert json.loads(files["json"].read_text())["format"] == 1
-    assert files["html"].read_text().startswith("<!DOCTYPE html>")
+    file = tmp_path / "standings"
+    for kind, begin in (("csv", "source,ruleset,cond"), ("json", "{"), ("html", "<!DOCTYPE html>")):
+        assert run(results, f"--{kind}", "--output", file) == 0
+        assert capsys.readouterr().out == f"{file}\n"
+        assert file.read_text().startswith(begin)
     assert not list(tmp_path.glob(".*part"))
 
 
-def test_a_dash_is_standard_output(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(results, "--csv", "-") == 0
+def test_without_a_file_it_goes_to_standard_output(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(results, "--csv") == 0
     assert capsys.readouterr().out == standings_csv(competition_standings(RUNS, made=0.0))
+    assert run(results, "--json") == 0
+    assert json.loads(capsys.readouterr().out)["format"] == 1
 
 
 def test_the_settings_say_how_many_runs_count(
@@ -477,7 +478,7 @@ def test_a_damaged_result_is_named_in_a_line_and_the_rest_goes_on(
     results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write(results, summary(run_number=11)).write_text("{")
-    assert run(results, "--json", tmp_path / "s.json") == BAD_INPUT
+    assert run(results, "--json", "--output", tmp_path / "s.json") == BAD_INPUT
     said = capsys.readouterr().err.splitlines()
     (line,) = [line for line in said if line.startswith("madrob:")]
     assert line.startswith("madrob: subject_003_cond_007_run_011_")
@@ -488,7 +489,7 @@ def test_a_damaged_result_is_named_in_a_line_and_the_rest_goes_on(
 def test_a_folder_without_runs_gives_empty_standings(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(tmp_path, "--html", tmp_path / "s.html") == 0
+    assert run(tmp_path, "--html", "--output", tmp_path / "s.html") == 0
     assert "No run counts yet." in (tmp_path / "s.html").read_text()
     assert run(tmp_path) == 0
     assert "No run counts yet." in capsys.readouterr().out
@@ -498,8 +499,8 @@ def test_a_folder_without_runs_gives_empty_standings(
     ("arguments", "expected"),
     [
         (("--competition", "\x1b[31mX"), "--competition 'X': no such runs; there are 'Autumn Cup'"),
-        (("--csv", "-", "--json", "-"), "give each kind of file a path of its own"),
-        (("--csv", "/nowhere/s.csv"), "/nowhere/s.csv: not written"),
+        (("--output", "s.csv"), "--output: say what goes there with --csv, --json or --html"),
+        (("--csv", "--output", "/nowhere/s.csv"), "/nowhere/s.csv: not written"),
     ],
 )
 def test_what_cannot_be_done_is_said_in_one_line(

@@ -357,7 +357,7 @@ def test_reports_link_to_what_is_in_the_zip_only(root: Path, tmp_path: Path) -> 
 def test_a_zip_has_reports_as_they_are_now_and_never_a_copy(tmp_path: Path) -> None:
     first, second = put_recorded(tmp_path)
     flags = [f"--results={tmp_path}", "--output", str(tmp_path / "a.zip"), "--practice"]
-    assert main(["export", "--subject=3", *flags]) == 0
+    assert main(["export", "--team=3", *flags]) == 0
     there = unpacked(tmp_path / "a.zip", tmp_path / "there")
     for run, other in ((first, second), (second, first)):
         page = (there / run.name / "report.html").read_text()
@@ -368,7 +368,7 @@ def test_a_zip_has_reports_as_they_are_now_and_never_a_copy(tmp_path: Path) -> N
     assert re.search(r"\nAs of \d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC: ", text)
     for recording in second.glob("*.mcap"):
         recording.unlink()
-    assert main(["export", "--subject=3", *flags]) == BAD_INPUT
+    assert main(["export", "--team=3", *flags]) == BAD_INPUT
     there = unpacked(tmp_path / "a.zip", tmp_path / "less")
     assert f"{second.name}/report.html: cannot be made: " in (there / "README.txt").read_text()
     assert [path.parent.name for path in there.rglob("report.html")] == [first.name]

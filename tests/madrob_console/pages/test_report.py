@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.archive.scored import Scored
-from madrob_console.cli.report_command import main
+from madrob_console.cli.report_command import report as report_command
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import software_version
 from madrob_console.pages import PictureFormat, report_pictures
@@ -679,7 +679,9 @@ def _typed(scored: Scored, typed: list[str]) -> Scored:
 
 
 def report(*paths: Path, figures: PictureFormat | None = None, output: Path | None = None) -> int:
-    return main(argparse.Namespace(paths=list(paths), figures=figures, output=output))
+    return report_command.main(
+        argparse.Namespace(paths=list(paths), figures=figures, output=output)
+    )
 
 
 def test_the_report_made_later_is_that_of_the_run(

@@ -180,7 +180,7 @@ def test_standings_report_and_export_take_the_runs(
     older: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = ["--settings", str(older / "settings.toml")]
-    assert main(["standings", "--practice", "--json", "-", *settings]) == 0
+    assert main(["standings", "--practice", "--json", *settings]) == 0
     said = json.loads(capsys.readouterr().out)
     teams = [team["team"] for rules in said["rulesets"] for team in rules["overall"]]
     assert sorted(teams) == ["Delft", "Pisa é", "Roma Due"]  # the list's name, as it is now
@@ -289,7 +289,7 @@ def test_a_changed_result_is_named_by_all_who_list_and_is_made_again(
         assert f"{folder.name}: {SAID}" in told, command
     assert not list(site.rglob(RESULT_FILE))
     for kind in ([], ["--practice"]):
-        packed = ["--subject", "3", "--output", tmp_path / "team.zip", *kind]
+        packed = ["--team", "3", "--output", tmp_path / "team.zip", *kind]
         code, told = printed(capsys, "export", root, *packed)
         assert code == BAD_INPUT
         assert SAID in told or "no official runs" in told or "no practice runs" in told
