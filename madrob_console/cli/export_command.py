@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     "Official runs, with checksums. The last line is the path of the zip. Exit code 2 when "
     "something could not be packed: it is named, the rest is there.",
     options=(
-        options.team(),
+        options.subject(),
         Argument(
             "--run",
             type=as_path,
@@ -66,8 +66,8 @@ if TYPE_CHECKING:
         options.SETTINGS,
     ),
     examples=(
-        "madrob export --team 3",
-        "madrob export --team 3 --without-bags --output /media/usb/team_3.zip",
+        "madrob export --subject 3",
+        "madrob export --subject 3 --without-bags --output /media/usb/team_3.zip",
         "madrob export --run my_run --dossier",
     ),
 )
@@ -92,14 +92,14 @@ def export(arguments: argparse.Namespace) -> int:
     with progress("runs") as tell:
         packed = export_team(
             found,
-            arguments.team,
+            arguments.subject,
             settings.mappings(),
             time.time(),
             competition=arguments.competition,
             practice=arguments.practice,
             target=arguments.output,
             parts=parts,
-            team=teams.get(arguments.team, ""),
+            team=teams.get(arguments.subject, ""),
             thresholds=settings.scoring_thresholds(),
             report=report,
             tell=tell,
@@ -132,12 +132,12 @@ def check_options(arguments: argparse.Namespace) -> None:
     of_run = arguments.run is not None
     if of_run is not arguments.dossier:
         raise MadrobError("one run is packed as a dossier: give --run RUN with --dossier")
-    if not of_run and arguments.team is None:
-        raise MadrobError("whose runs? give --team N, or --run RUN --dossier for one run")
-    of_team = arguments.team is not None or arguments.practice or arguments.paths
+    if not of_run and arguments.subject is None:
+        raise MadrobError("whose runs? give --subject N, or --run RUN --dossier for one run")
+    of_team = arguments.subject is not None or arguments.practice or arguments.paths
     if of_run and (of_team or arguments.competition is not None):
         raise MadrobError(
-            "--run names the run: leave out --team, --practice, --competition and PATH"
+            "--run names the run: leave out --subject, --practice, --competition and PATH"
         )
 
 

@@ -143,10 +143,10 @@ CONDITION = (
 """Protocol section 1."""
 
 
-def team(default: int | None = None) -> Argument:
-    """The team, by its subject number (protocol section 1)."""
+def subject(default: int | None = None) -> Argument:
+    """The team, by its number (protocol section 1)."""
     return Argument(
-        "--team", type=run_number, default=default, metavar="N", help="the team's number"
+        "--subject", type=run_number, default=default, metavar="N", help="the team's number"
     )
 
 

@@ -52,7 +52,7 @@ def _as_setting(key: str, text: str) -> Argument:
     f"`run folder: PATH`. Exit code {_CODES}, {BAD_INPUT} bad input or a refusal.",
     options=(
         *options.TESTBED,
-        options.team(default=1),
+        options.subject(default=1),
         Argument("--team-name", metavar="NAME", help="the team's name; else the list's"),
         Argument(
             "--team-reason", default="", metavar="WHY", help="why another name than the list's"
@@ -105,7 +105,7 @@ def _as_setting(key: str, text: str) -> Argument:
     ),
     examples=(
         "madrob run --testbed simulated --speed 0  # to try it",
-        "madrob run --testbed ros --team 3 --opening-side cw --starting-side ccw",
+        "madrob run --testbed ros --subject 3 --opening-side cw --starting-side ccw",
     ),
 )
 def run(arguments: argparse.Namespace) -> int:
@@ -171,21 +171,21 @@ def _setup(
     condition = options.condition_of(arguments)
     number = arguments.run_number
     if number is None:
-        asked = engine.next_run_number(arguments.team, condition.number, practice=practice)
+        asked = engine.next_run_number(arguments.subject, condition.number, practice=practice)
         number = asked.result()
     referee = arguments.referee
     if referee is None:
         referee = settings.competition.referee
-    listed = teams.names.get(arguments.team, "")
+    listed = teams.names.get(arguments.subject, "")
     named: str | None = arguments.team_name
     team = listed if named is None else clean_name(named, "--team-name")
     defaults = settings.run
     pose = arguments.start_pose
     start_pose = StartPose(*pose) if pose else settings.start_pose(condition.starting_side)
-    task = Task(arguments.team, condition.number)
+    task = Task(arguments.subject, condition.number)
     beyond = not practice and bool(plan.lines) and _out_of_plan(task, plan, settings, engine)
     return RunSetup(
-        subject=arguments.team,
+        subject=arguments.subject,
         team=team,
         run_number=number,
         condition=condition,
@@ -196,7 +196,7 @@ def _setup(
         ruleset=arguments.ruleset or defaults.ruleset,
         lock_detection=arguments.lock_detection or defaults.lock_detection,
         team_reason=terminal_safe(arguments.team_reason)
-        if teams.differs(arguments.team, team)
+        if teams.differs(arguments.subject, team)
         else "",
         practice=practice,
         out_of_plan=beyond,

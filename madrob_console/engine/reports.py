@@ -282,7 +282,7 @@ class Reporting(Worker):
         self, subject: int, competition: str | None = None, *, practice: bool = False
     ) -> None:
         """Pack the runs of a team into a zip; `exported` has the outcome."""
-        options = [f"--team={subject}", "--without-evidence", *["--practice"] * practice]
+        options = [f"--subject={subject}", "--without-evidence", *["--practice"] * practice]
         if competition is not None:
             options.append(f"--competition={competition}")
         self._pack(ExportView(subject), options)

@@ -151,7 +151,7 @@ def test_what_is_in_no_list_is_named_with_what_to_do_and_the_rest_is_there(
     for command in (
         ["standings"],
         ["plan", "--plan", "plan.csv"],
-        ["export", "--team", "3", "--output", "team.zip"],
+        ["export", "--subject", "3", "--output", "team.zip"],
     ):
         assert main([*command, *named, "a"]) == BAD_INPUT
         told = capsys.readouterr()
@@ -234,7 +234,7 @@ def test_standings_plan_and_export_take_several_folders(
     told = capsys.readouterr()
     assert "4 of 6 attempts done" in told.out
     assert "the same run as" in told.err
-    assert main(["export", "--team", "3", "--output", "team.zip", *every]) == 0
+    assert main(["export", "--subject", "3", "--output", "team.zip", *every]) == 0
     assert "4 runs" in capsys.readouterr().out
     with zipfile.ZipFile("team.zip") as packed:
         names = {name.partition("/")[0] for name in packed.namelist() if "/" in name}

@@ -31,7 +31,7 @@ from tests.madrob_console.ui.fake_engine import FakeEngine
 from tests.slowly import slow_but_for
 
 PRACTICE = ["run", "--testbed", "simulated", "--countdown", "1", "--no-report"]
-RUN = [*PRACTICE, "--speed", "0", "--team", "3"]
+RUN = [*PRACTICE, "--speed", "0", "--subject", "3"]
 
 
 def madrob(*arguments: str) -> int:
@@ -190,12 +190,12 @@ def test_a_bad_setting_is_named(
 @pytest.mark.parametrize(
     ("flags", "named"),
     [
-        (["--team", "0"], "--team"),
+        (["--subject", "0"], "--subject"),
         (["--start-pose", "-1,0,0"], "CCW side"),
         (["--start-pose", "1.5,0,nan"], "--start-pose"),
         (["--timeout", "0"], "timeout"),
         (["--plan", "/nowhere.csv"], "correct --plan"),
-        (["--team", "Delft"], "--team"),
+        (["--subject", "Delft"], "--subject"),
         (["--team-name", "x" * 200], "--team-name"),
         (["--speed", "-1"], "--speed"),
         (["--testbed", "replay"], "replay"),

@@ -40,7 +40,7 @@ def folders_in(zip_file: str) -> set[str]:
 
 
 def export(*options: str) -> int:
-    return main(["export", "--team", "1", "--output", "x.zip", "halls", *options])
+    return main(["export", "--subject", "1", "--output", "x.zip", "halls", *options])
 
 
 def test_no_zip_has_runs_of_two_competitions(
@@ -67,7 +67,7 @@ def readme(zip_file: str) -> str:
 
 def test_a_team_that_is_in_one_competition_alone_needs_no_choice(halls: Path) -> None:
     write(halls / "halls/b", summary(2, competition="Other Cup"))
-    assert main(["export", "--team", "2", "--output", "x.zip", "halls"]) == 0
+    assert main(["export", "--subject", "2", "--output", "x.zip", "halls"]) == 0
 
 
 def test_a_run_that_may_be_of_another_competition_is_named_and_in_no_zip(
@@ -89,7 +89,7 @@ def test_a_run_that_was_cut_off_is_of_the_competition_of_its_journal(halls: Path
     drive.engine.close()
     (drive.folder / "result.json").unlink(missing_ok=True)
     for name in ("Fed Cup", "Other Cup"):
-        options = ["--practice", "--team", "3", "--output", "x.zip", "--without-bags"]
+        options = ["--practice", "--subject", "3", "--output", "x.zip", "--without-bags"]
         write(halls / "halls/a", summary(3, competition="Fed Cup", source="simulated"))
         assert main(["export", *options, "halls", "--competition", name]) in (0, BAD_INPUT)
         assert (cut_off.name in folders_in("x.zip")) == (name == "Other Cup")
@@ -309,7 +309,7 @@ def test_every_command_that_reads_the_teams_names_a_bad_line_once(
     command: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "teams.csv").write_text("3,Delft\nx,Late\n")
-    more = {"publish": [str(tmp_path / "site")], "export": ["--team", "3"]}
+    more = {"publish": [str(tmp_path / "site")], "export": ["--subject", "3"]}
     files = ["--teams", str(folder / "teams.csv"), "--settings", str(folder / "madrob.toml")]
     main([command, *more.get(command, []), *files])
     told = "madrob: teams.csv line 2: subject 'x' is no number from 1 to 999: write one\n"

@@ -59,7 +59,7 @@ def test_what_a_testbed_says_is_a_plain_line_of_a_run(
     for command in ("score", "recover"):
         assert said(capfd, command, str(folder)) != ""
     assert said(capfd, "standings", f"--results={results}") != ""
-    assert said(capfd, "export", f"--results={results}", "--team=1") != ""
+    assert said(capfd, "export", f"--results={results}", "--subject=1") != ""
 
 
 def test_a_traceback_is_made_safe_as_well(

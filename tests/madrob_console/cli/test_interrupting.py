@@ -114,7 +114,7 @@ def commands(results: Path) -> list[list[str]]:
         ["score", folder],
         ["score", "--check", "--jobs", "2", folder],
         ["report", folder, "--output", str(results.parent / "pages")],
-        ["export", "--team", "1", "--results", folder],
+        ["export", "--subject", "1", "--results", folder],
         ["recover", *map(str, results.glob("subject*"))],
         ["calibrate", "masks", one],
         ["standings", "--practice", "--results", folder],

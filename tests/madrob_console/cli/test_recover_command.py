@@ -36,7 +36,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("results")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(root / "config"))
-        flags = ["--team", "3", "--countdown", "1", "--no-report", "--results", str(root)]
+        flags = ["--subject", "3", "--countdown", "1", "--no-report", "--results", str(root)]
         assert main(["run", "--testbed", "simulated", "--speed", "0", *flags]) == 0
     (folder,) = root.glob("practice/subject_*")
     return folder
@@ -347,7 +347,7 @@ def test_the_report_says_that_evidence_was_removed(root: Path) -> None:
     assert tidy(root, "--keep-runs", "0", "--yes") == 0
     page = report.read_text()
     assert "Evidence removed" in page
-    assert "removed by tidy on" in readme_of(root, "--team", "3", "--practice")
+    assert "removed by tidy on" in readme_of(root, "--subject", "3", "--practice")
     dossier = readme_of(root, "--run", report.parent.name, "--dossier")
     assert "the evidence was removed by tidy on" in dossier
     assert re.search(r"on \d{4}-\d\d-\d\d [^<]*: 1 file, \d+\.\d MB", page)

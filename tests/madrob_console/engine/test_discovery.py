@@ -331,7 +331,7 @@ def test_a_second_engine_in_a_ros_domain_is_told_of_the_first(
             assert said.startswith(f"madrob: ROS domain {DOMAIN} has an engine already {who}")
             assert f"`madrob console {shlex.join(options)}` attaches to it" in said
             assert f"`madrob engine stop {shlex.join(options)}` ends it\n" in said
-        assert main(["run", "--testbed", "ros", "--team", "3", f"--results={tmp_path}"]) == 2
+        assert main(["run", "--testbed", "ros", "--subject", "3", f"--results={tmp_path}"]) == 2
 
 
 def test_a_state_folder_that_cannot_be_used_is_named_with_the_remedy(

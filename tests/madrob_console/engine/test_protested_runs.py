@@ -333,7 +333,7 @@ def test_what_cannot_be_packed_is_named_and_the_rest_is_there(
         (("--run", "RUN"), "one run is packed as a dossier: give --run RUN with --dossier"),
         (("--dossier",), "give --run RUN with --dossier"),
         ((), "whose runs?"),
-        (("--run", "RUN", "--dossier", "--team", "3"), "leave out --team"),
+        (("--run", "RUN", "--dossier", "--subject", "3"), "leave out --subject"),
         (("--run", "/nowhere", "--dossier"), "no such run folder"),
         (("--run", "/tmp", "--dossier"), "is no run folder"),
     ],

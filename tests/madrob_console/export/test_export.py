@@ -142,7 +142,13 @@ def test_a_team_opens_every_file_of_its_zip_as_the_text_in_it_says(
 ) -> None:
     target = tmp_path / "home.zip"
     assert (
-        main([*["export", "--practice", "--team=3"], f"--results={recorded}", f"--output={target}"])
+        main(
+            [
+                *["export", "--practice", "--subject=3"],
+                f"--results={recorded}",
+                f"--output={target}",
+            ]
+        )
         == 0
     )
     said = capsys.readouterr()
@@ -180,7 +186,7 @@ def test_a_zip_has_the_name_of_the_list_and_tells_the_others(
     write(root, summary(3, run_number=4, hour=9, team="TEST"))
     target = tmp_path / "3.zip"
     called = [f"--results={root}", f"--output={target}", f"--teams={teams}"]
-    assert main(["export", "--team=3", *called]) == 0
+    assert main(["export", "--subject=3", *called]) == 0
     text = (unpacked(target, tmp_path / "home") / "README.txt").read_text()
     assert text.startswith("MADROB: runs of subject 3 Delft Walkers\n")
     first, second, _, last = sorted(path.name for path in root.glob("subject_003*"))
@@ -283,7 +289,7 @@ def test_evidence_is_packed_and_the_readme_tells_of_it(
 ) -> None:
     run = folders(root)[0]
     bag_of(run, 0, 1)
-    assert main(["export", "--team=3", f"--results={root}"]) == 0
+    assert main(["export", "--subject=3", f"--results={root}"]) == 0
     said = capsys.readouterr()
     assert re.fullmatch(
         r"madrob: note: packing 0\.\d MB, 0\.\d MB of it evidence "
@@ -302,7 +308,7 @@ def test_evidence_can_be_left_out_and_metadata_lists_what_is_there(
 ) -> None:
     run = folders(root)[0]
     count = bag_of(run, 0)
-    assert main(["export", "--team=3", "--without-evidence", f"--results={root}"]) == 0
+    assert main(["export", "--subject=3", "--without-evidence", f"--results={root}"]) == 0
     said = capsys.readouterr()
     assert said.err == ""
     there = unpacked(Path(said.out.splitlines()[-1]), tmp_path / "there")
@@ -357,7 +363,7 @@ def test_reports_link_to_what_is_in_the_zip_only(root: Path, tmp_path: Path) -> 
 def test_a_zip_has_reports_as_they_are_now_and_never_a_copy(tmp_path: Path) -> None:
     first, second = put_recorded(tmp_path)
     flags = [f"--results={tmp_path}", "--output", str(tmp_path / "a.zip"), "--practice"]
-    assert main(["export", "--team=3", *flags]) == 0
+    assert main(["export", "--subject=3", *flags]) == 0
     there = unpacked(tmp_path / "a.zip", tmp_path / "there")
     for run, other in ((first, second), (second, first)):
         page = (there / run.name / "report.html").read_text()
@@ -368,7 +374,7 @@ def test_a_zip_has_reports_as_they_are_now_and_never_a_copy(tmp_path: Path) -> N
     assert re.search(r"\nAs of \d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC: ", text)
     for recording in second.glob("*.mcap"):
         recording.unlink()
-    assert main(["export", "--team=3", *flags]) == BAD_INPUT
+    assert main(["export", "--subject=3", *flags]) == BAD_INPUT
     there = unpacked(tmp_path / "a.zip", tmp_path / "less")
     assert f"{second.name}/report.html: cannot be made: " in (there / "README.txt").read_text()
     assert [path.parent.name for path in there.rglob("report.html")] == [first.name]
@@ -397,7 +403,7 @@ def test_the_run_that_goes_on_is_left_out_and_named(
     going_on, done = folders(root)[2], folders(root)[1]
     (going_on / "result.json").unlink()
     with held(going_on), held(done):  # the engine holds a run until the next one is set up
-        assert main(["export", "--team=3", f"--results={root}"]) == 2
+        assert main(["export", "--subject=3", f"--results={root}"]) == 2
         said = capsys.readouterr()
         assert said.err == f"madrob: {going_on.name}: this run goes on: export again after it\n"
         made = Path(said.out.splitlines()[-1])
@@ -417,7 +423,7 @@ def test_a_team_without_runs_is_told_in_a_line_and_makes_no_zip(
         ("7", "there are runs of subject 3, 4"),
         ("999", "subject 999 has no runs"),
     ):
-        assert main(["export", f"--team={team}", f"--results={root}"]) == 2
+        assert main(["export", f"--subject={team}", f"--results={root}"]) == 2
         said = capsys.readouterr()
         assert said.err.count("\n") == 1
         assert words in said.err
@@ -497,7 +503,7 @@ def test_names_that_lead_out_of_the_folder_or_steer_a_terminal_are_replaced_and_
     (first / "C:").mkdir()
     (first / "C:" / "plain.csv").write_text("inside")
     target = tmp_path / "home.zip"
-    assert main(["export", "--team=3", f"--results={root}", f"--output={target}"]) == 0
+    assert main(["export", "--subject=3", f"--results={root}", f"--output={target}"]) == 0
     notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ")]
     with zipfile.ZipFile(target) as packed:
         packed_names = packed.namelist()
@@ -554,7 +560,7 @@ def test_what_cannot_be_read_is_named_and_the_rest_is_packed(
         return open_plain(path, folder=folder)
 
     monkeypatch.setattr("madrob_console.export.zip_file.open_plain", vanishing)
-    assert main(["export", "--team=3", f"--results={root}"]) == 2
+    assert main(["export", "--subject=3", f"--results={root}"]) == 2
     said = capsys.readouterr()
     lines = said.err.splitlines()
     assert len(lines) == 2

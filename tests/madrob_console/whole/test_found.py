@@ -467,7 +467,7 @@ def test_what_a_disk_holds_back_is_said_to_go_on_until_it_has_ended(
 
 
 def test_a_run_without_screens_is_listed_refused_to_a_console_and_stopped(bench: Bench) -> None:
-    flags = ["--team=3", "--scenario=no-touch", "--countdown=1", "--timeout=600", "--no-report"]
+    flags = ["--subject=3", "--scenario=no-touch", "--countdown=1", "--timeout=600", "--no-report"]
     process = subprocess.Popen(
         [sys.executable, "-c", MADROB, "run", "--testbed", "simulated",
          f"--results={bench.results}", *flags],

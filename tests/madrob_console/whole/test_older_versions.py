@@ -188,7 +188,7 @@ def test_standings_report_and_export_take_the_runs(
     assert main(["report", str(older / "results" / RULED)]) == 0
     page = (older / "results" / RULED / "report.html").read_text()
     assert "seen in the video" in page
-    export = ["export", "--practice", "--team", "2", "--output", str(older / "2.zip")]
+    export = ["export", "--practice", "--subject", "2", "--output", str(older / "2.zip")]
     assert main([*export, *settings]) == 0
     with zipfile.ZipFile(older / "2.zip") as archive:
         packed = {Path(name).name for name in archive.namelist()}
@@ -289,7 +289,7 @@ def test_a_changed_result_is_named_by_all_who_list_and_is_made_again(
         assert f"{folder.name}: {SAID}" in told, command
     assert not list(site.rglob(RESULT_FILE))
     for kind in ([], ["--practice"]):
-        packed = ["--team", "3", "--output", tmp_path / "team.zip", *kind]
+        packed = ["--subject", "3", "--output", tmp_path / "team.zip", *kind]
         code, told = printed(capsys, "export", root, *packed)
         assert code == BAD_INPUT
         assert SAID in told or "no official runs" in told or "no practice runs" in told
