@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from textwrap import wrap
 from typing import Any, NamedTuple
 
 import msgspec
@@ -389,7 +390,8 @@ def plan_lines(
     """
     yield f"MADROB plan {competition}".rstrip()
     yield summary_words(found)
-    yield from schedule_words(found, teams, now)
+    for words in schedule_words(found, teams, now):
+        yield from wrap(words, 80, break_long_words=False)
     yield ""
     yield _line("", "subj", "team", "cond", "task", "door", "done", "valid", "best")
     begun, day = False, ""

@@ -349,7 +349,7 @@ def test_the_report_says_that_evidence_was_removed(root: Path) -> None:
     assert "Evidence removed" in page
     assert "removed by tidy on" in readme_of(root, "--subject", "3", "--practice")
     dossier = readme_of(root, "--run", report.parent.name, "--dossier")
-    assert "the evidence was removed by tidy on" in dossier
+    assert "evidence was removed by tidy on" in dossier
     assert re.search(r"on \d{4}-\d\d-\d\d [^<]*: 1 file, \d+\.\d MB", page)
 
 

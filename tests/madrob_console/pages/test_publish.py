@@ -265,7 +265,7 @@ def words_of(*places: Path) -> str:
 def test_many_runs_of_a_team_are_on_pages_of_their_days_and_none_is_lost(results: Path) -> None:
     for number in range(1, MOST_RUNS + 6):  # an hour each, from 22:13 UTC on
         last = number == MOST_RUNS + 5
-        run = of(8, number, own={TIME: 100.0 + number}, protest_due=EPOCH if last else None)
+        run = of(8, number, own={TIME: 100.0 + number}, protest_filed=EPOCH if last else None)
         write(results, run)
     write(results, of(8, 900, outcome=Outcome.ABORTED, values={}, reason="a child ran in"))
     site = publish(results)
@@ -287,7 +287,7 @@ def test_many_runs_of_a_team_are_on_pages_of_their_days_and_none_is_lost(results
 
 
 def test_a_long_plan_is_on_pages_of_its_days_and_none_of_its_lines_is_lost(results: Path) -> None:
-    write(results, of(2, 2, protest_due=EPOCH))
+    write(results, of(2, 2, protest_filed=EPOCH))
     lines = [f"{n},7,1,2026-11-{25 + n % 2}T10:00" for n in range(1, MOST_LINES + 2)]
     (results.parent / "plan.csv").write_text("\n".join(("subject,condition,attempts,time", *lines)))
     site = publish(results)
