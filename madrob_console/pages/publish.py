@@ -44,7 +44,7 @@ from madrob_console.export.table_columns import RUN_TABLES, TableFormat, TidyTab
 from madrob_console.pages.competition import plan_json
 from madrob_console.pages.outputs import standings_csv, standings_json
 from madrob_console.pages.site_content import (
-    ListPart,
+    ListPage,
     SiteContent,
     beside,
     condition_place,
@@ -363,7 +363,7 @@ def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
     return files, [run for run in content.with_result if run.folder not in content.places]
 
 
-def _day(content: SiteContent, subject: int, day: ListPart[RunSummary]) -> bytes:
+def _day(content: SiteContent, subject: int, day: ListPage[RunSummary]) -> bytes:
     return team_page(content, subject, day=day).encode()
 
 

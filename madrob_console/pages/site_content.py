@@ -135,7 +135,7 @@ MOST_RUNS, MOST_LINES = 40, 150
 """On one page: of a team's runs, and of the lines of a plan."""
 
 
-class ListPart(NamedTuple, Generic[_T]):
+class ListPage(NamedTuple, Generic[_T]):
     """A page with a part of a long list; `words` name it in links."""
 
     place: str
@@ -143,9 +143,9 @@ class ListPart(NamedTuple, Generic[_T]):
     items: Sequence[_T]
 
 
-def sheets(
+def list_pages(
     place: str, items: Iterable[_T], most: int, day_of: Callable[[_T], str]
-) -> Iterator[ListPart[_T]]:
+) -> Iterator[ListPage[_T]]:
     """A page for each day, or several where a day has more than `most`; days in their order."""
     of: dict[str, list[_T]] = defaultdict(list)
     for item in items:
@@ -155,7 +155,7 @@ def sheets(
             part = of_day[first : first + most]
             name = "_".join(filter(None, (place.removesuffix(".html"), day, f"{number}")))
             words = f"{first + 1} to {first + len(part)} of {len(of_day)}"
-            yield ListPart(f"{name}.html", f"{day or 'Plan'}: {words}", part)
+            yield ListPage(f"{name}.html", f"{day or 'Plan'}: {words}", part)
 
 
 def beside(page: str, name: str) -> str:

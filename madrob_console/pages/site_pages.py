@@ -32,13 +32,13 @@ from madrob_console.pages.site_content import (
     TEAMS_ORDER,
     Alike,
     BestRuns,
-    ListPart,
+    ListPage,
     SiteContent,
     alike_among,
     beside,
     best_of,
     condition_place,
-    sheets,
+    list_pages,
     team_place,
     zip_place,
 )
@@ -217,20 +217,20 @@ def plan_pages(content: SiteContent, plan: PlanProgress) -> Iterator[tuple[str, 
     """Places and pages; a long plan has further ones, by day."""
     items = [*plan.lines, *(one for one in plan.tasks if not one.planned)]
     if len(items) <= MOST_LINES:
-        yield PLAN, _plan_page(content, ListPart(PLAN, "", items), plan)
+        yield PLAN, _plan_page(content, ListPage(PLAN, "", items), plan)
         return
-    found = list(sheets(PLAN, items, MOST_LINES, lambda one: one.time.rpartition(" ")[0]))
+    found = list(list_pages(PLAN, items, MOST_LINES, lambda one: one.time.rpartition(" ")[0]))
     for part in found:
         yield part.place, _plan_page(content, part)
     protested = [one for one in items if one.open_protests]
-    yield PLAN, _plan_page(content, ListPart(PLAN, "", protested), plan, found)
+    yield PLAN, _plan_page(content, ListPage(PLAN, "", protested), plan, found)
 
 
 def _plan_page(
     content: SiteContent,
-    sheet: ListPart[Attempts],
+    sheet: ListPage[Attempts],
     plan: PlanProgress | None = None,
-    found: Sequence[ListPart[Attempts]] = (),
+    found: Sequence[ListPage[Attempts]] = (),
 ) -> str:
     """`plan`: whose progress the page begins with; `found`: the further pages."""
     return _page(
@@ -285,15 +285,19 @@ def _order(best: RunSummary | None) -> tuple[float, ...]:
     return (1.0,) if best is None else rank(best)
 
 
-def team_days(content: SiteContent, subject: int) -> list[ListPart[RunSummary]]:
+def team_days(content: SiteContent, subject: int) -> list[ListPage[RunSummary]]:
     """The pages of a team's days; none where its own page has room for all of its runs."""
     runs = content.of_team[subject]
     if len(runs) <= MOST_RUNS:
         return []
-    return list(sheets(team_place(subject), runs, MOST_RUNS, lambda run: date_of(run.started)[:10]))
+    return list(
+        list_pages(team_place(subject), runs, MOST_RUNS, lambda run: date_of(run.started)[:10])
+    )
 
 
-def sources_of_day(content: SiteContent, subject: int, day: ListPart[RunSummary]) -> Iterator[object]:
+def sources_of_day(
+    content: SiteContent, subject: int, day: ListPage[RunSummary]
+) -> Iterator[object]:
     """All that a day's page is made of: the same sources, the same page."""
     links = Links(content, day.place)
     yield from (content.title, content.standings.title, day.words, links.ways())
@@ -316,15 +320,15 @@ def _best_of_each(runs: Sequence[RunSummary]) -> list[RunSummary]:
 def team_page(
     content: SiteContent,
     subject: int,
-    days: Sequence[ListPart[RunSummary]] = (),
-    day: ListPart[RunSummary] | None = None,
+    days: Sequence[ListPage[RunSummary]] = (),
+    day: ListPage[RunSummary] | None = None,
 ) -> str:
     """A team's runs by condition, and their indicators: all runs, or those of a `day`.
 
     With `days` the page leads to theirs, and has the best runs.
     """
     every = content.of_team[subject]
-    sheet = day or ListPart(team_place(subject), "", _best_of_each(every) if days else every)
+    sheet = day or ListPage(team_place(subject), "", _best_of_each(every) if days else every)
     place, runs = sheet.place, sheet.items
     of: dict[int, list[RunSummary]] = defaultdict(list)
     for run in runs:

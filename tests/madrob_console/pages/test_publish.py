@@ -271,7 +271,8 @@ def test_many_runs_of_a_team_are_on_pages_of_their_days_and_none_is_lost(results
     site = publish(results)
     whole, days = site / "teams/008.html", sorted(site.glob("teams/008_*.html"))
     assert len(days) >= 3
-    assert {f"{day.name}" for day in days} <= set(Page(whole).found("href"))
+    assert {day.name for day in days} <= set(Page(whole).found("href"))
+    assert max(page.stat().st_size for page in (whole, *days)) <= 100_000
     for number in range(1, MOST_RUNS + 6):
         assert words_of(*days).count(f">{100 + number}.0000<") == 1
     assert "a child ran in" in words_of(*days)
