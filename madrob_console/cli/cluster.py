@@ -8,9 +8,9 @@ import logging
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import astuple, dataclass
+from dataclasses import astuple
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from madrob_console.cli.output import complain
 from madrob_console.cli.sharing import AgainError, DeadWorkerError, results
@@ -19,8 +19,6 @@ from madrob_console.common.names import terminal_safe
 
 if TYPE_CHECKING:
     from distributed import Client, Future
-
-    from scoring.libraries import Libraries
 
 ANSWERS_WITHIN = 10.0
 """Timeout for the scheduler to answer, s."""
@@ -37,41 +35,44 @@ _Item = TypeVar("_Item")
 _Done = TypeVar("_Done")
 
 
-@dataclass(frozen=True, slots=True)
-class WorkerFacts:
-    """What a worker of a cluster reports of itself; `unseen` are paths that it does not see."""
+class Misfit(NamedTuple):
+    """A worker's answer if its results would not be those of this machine; `why` in words."""
 
-    software: str
-    libraries: Libraries
-    unseen: tuple[str, ...]
+    worker: str
+    why: str
 
 
-def worker_facts(paths: Sequence[str]) -> WorkerFacts:
+def versions() -> tuple[str, ...]:
+    """Of the software and of what it computes with."""
     from madrob_console.common.version import software_version
     from scoring.libraries import libraries_here
 
-    unseen = tuple(path for path in paths if not Path(path).exists())
-    return WorkerFacts(software_version(), libraries_here(), unseen)
+    return (software_version(), *astuple(libraries_here()))
 
 
-@dataclass(frozen=True, slots=True)
-class _Answer(Generic[_Done]):
-    """A worker's answer; `done` is empty where the worker does not fit."""
+def why_unfit(asked: tuple[str, ...], paths: Sequence[str] = ()) -> str | None:
+    """Said by a worker: why its results would not be those of the asking machine; None = fits.
 
-    worker: str
-    facts: WorkerFacts
-    done: _Done
+    `asked` are the versions of that machine; the worker must see the `paths`.
+    """
+    for there, here in zip(versions(), asked, strict=True):
+        if there != here:
+            return (
+                f"has other versions ({there} there, {here} here), which round otherwise: install "
+                "the same there"
+            )
+    unseen = next((path for path in paths if not Path(path).exists()), None)
+    return unseen and f"does not see {unseen}: name paths on a disk that all workers share"
 
 
 def answer_of(
-    work: Callable[[_Item], _Done], item: _Item, here: WorkerFacts
-) -> _Answer[_Done | None]:
-    """Do the work on an item, if the worker has the same software as `here`."""
+    work: Callable[[_Item], _Done], item: _Item, asked: tuple[str, ...]
+) -> _Done | Misfit:
+    """Do the work on an item, which may write files, if the worker fits."""
     from distributed import get_worker
 
-    facts = worker_facts(())
-    done = work(item) if facts == here else None  # it may write files
-    return _Answer(str(get_worker().contact_address), facts, done)
+    why = why_unfit(asked)
+    return work(item) if why is None else Misfit(str(get_worker().contact_address), why)
 
 
 def on_cluster(
@@ -109,20 +110,20 @@ class _ClusterWorkers(Generic[_Item, _Done]):
     def __init__(self, client: Client, work: Callable[[_Item], _Done]) -> None:
         self._client = client
         self._work = work
-        self._misfits: dict[str, str] = {}
+        self._misfits: dict[str, Misfit] = {}
 
     def hand_out(self, item: _Item) -> Future:
         fitting = None
         if self._misfits:
             fitting = [each for each in self._client.nthreads() if each not in self._misfits]
             if not fitting:
-                *_, problem = self._misfits.values()
-                raise MadrobError(f"no worker is left that fits: {problem}")
+                *_, one = self._misfits.values()
+                raise MadrobError(f"no worker is left that fits: worker {one.worker} {one.why}")
         return self._client.submit(
             answer_of,
             self._work,
             item,
-            worker_facts(()),
+            versions(),
             pure=False,
             workers=fitting,
             allow_other_workers=fitting is not None,  # once all of these are gone
@@ -145,7 +146,7 @@ class _ClusterWorkers(Generic[_Item, _Done]):
         from distributed import KilledWorker
 
         try:
-            answer = handle.result(timeout=_LOOK)
+            answer: _Done | Misfit = handle.result(timeout=_LOOK)
         except _CANCELLED:
             raise _gone() from None
         except KilledWorker:
@@ -156,15 +157,11 @@ class _ClusterWorkers(Generic[_Item, _Done]):
                 raise AgainError from None
             why = f"the cluster could not do it ({type(error).__name__}: {str(error)[:200]})"
             raise DeadWorkerError(terminal_safe(why)) from None
-        if not isinstance(answer, _Answer):
-            raise MadrobError("a worker answers as no madrob-console does: install the same there")
-        problem = _misfit(answer.worker, answer.facts)
-        if problem is None:
-            done: _Done = answer.done
-            return done
+        if not isinstance(answer, Misfit):
+            return answer
         if answer.worker not in self._misfits:
-            complain(f"{problem}; others do its share")
-        self._misfits[answer.worker] = problem
+            complain(f"worker {answer.worker} {answer.why}; others do its share")
+        self._misfits[answer.worker] = answer
         raise AgainError
 
     def cancel(self, handles: Sequence[Future]) -> None:
@@ -217,36 +214,16 @@ def _demand_fitting(client: Client, address: str, paths: Sequence[str]) -> None:
             f"--scheduler {address}: it has no workers: start `dask worker {address}`"
         ) from None
     try:
-        found: dict[str, WorkerFacts] = client.run(worker_facts, list(paths))
+        found: dict[str, object] = client.run(why_unfit, versions(), list(paths))
     except Exception as error:  # noqa: BLE001  whatever it is, they cannot
         raise MadrobError(
             f"--scheduler {address}: its workers cannot run this program "
             f"({type(error).__name__}: {terminal_safe(str(error)[:200])}): install the same "
             "madrob-console there"
         ) from None
-    for worker, facts in sorted(found.items()):
-        if (problem := _misfit(worker, facts)) is not None:
-            raise MadrobError(problem)
-        if facts.unseen:
-            raise MadrobError(
-                f"worker {worker} does not see {facts.unseen[0]}: name paths on a disk that all "
-                "workers share"
-            )
-
-
-def _misfit(worker: str, facts: object) -> str | None:
-    """Why a worker's results would differ from this machine's, in words; None = they would not."""
-    if not isinstance(facts, WorkerFacts):
-        return f"worker {worker} does not say its versions: install the same madrob-console there"
-    here = worker_facts(())
-    there, own = ((one.software, *astuple(one.libraries)) for one in (facts, here))
-    if there == own:
-        return None
-    theirs, ours = next(pair for pair in zip(there, own, strict=True) if len(set(pair)) > 1)
-    return (
-        f"worker {worker} has other versions ({theirs} there, {ours} here), which round otherwise: "
-        "install the same there"
-    )
+    for worker, why in sorted(found.items()):
+        if why is not None:
+            raise MadrobError(f"worker {worker} {why}")
 
 
 def _gone() -> MadrobError:

@@ -299,8 +299,11 @@ def _is_main_thread() -> bool:
     return threading.current_thread() is threading.main_thread()
 
 
-# A progress bar, on a terminal only.
+# A progress bar on a terminal, a line now and then elsewhere.
 
+
+_EVERY = 60.0
+"""Interval of the lines that tell the progress where there is no terminal, s."""
 
 Tell: TypeAlias = Callable[[int, int], None]
 """Takes how many are done, and of how many."""
@@ -311,10 +314,10 @@ def progress(what: str) -> Iterator[Tell]:
     """Show a progress bar below the output while inside, if the error output is a terminal.
 
     `what` names what is counted: `runs`. Until the first count, and where there is only one, the
-    bar shows that work goes on.
+    bar shows that work goes on. Elsewhere a line a minute says how many are done.
     """
     if not sys.stderr.isatty():
-        yield lambda _done, _total: None
+        yield _told_in_lines(what)
         return
     from rich import progress as rich
     from rich.console import Console
@@ -335,3 +338,15 @@ def progress(what: str) -> Iterator[Tell]:
         yield lambda done, total: bar.update(
             task, completed=done, total=total if total > 1 else None
         )
+
+
+def _told_in_lines(what: str) -> Tell:
+    due = time.monotonic() + _EVERY
+
+    def tell(done: int, total: int) -> None:
+        nonlocal due
+        if (now := time.monotonic()) >= due:
+            complain(f"note: {done} of {total} {what}")
+            due = now + _EVERY
+
+    return tell

@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
-from itertools import chain
 from pathlib import Path
 from typing import Self
 from urllib.parse import quote, unquote
@@ -373,7 +372,10 @@ def _readme(archive: Archive, what: Contents, runs: Sequence[str], left_out: Seq
     for name in archive.sums:
         examples.setdefault(next(part for part in _ABOUT if part in name), name)
     about = ((examples[kind], words) for kind, words in _ABOUT.items() if kind in examples)
-    files = ((name, f"    {words.format(folder=name.split('/')[0])}") for name, words in about)
+    files = (
+        f"{posixpath.basename(name)}: {words.format(folder=name.partition('/')[0])}"
+        for name, words in about
+    )
     sections: Mapping[str, Iterable[str]] = {
         "RUNS": runs,
         "OTHER NAMES OF THE TEAM, IN SOME OF ITS RUNS": what.other_names,
@@ -383,7 +385,7 @@ def _readme(archive: Archive, what: Contents, runs: Sequence[str], left_out: Seq
             f"sha256sum -c {SUMS_FILE}",
             f"(Mac: shasum -a 256 -c {SUMS_FILE})",
         ],
-        "A FILE OF EACH KIND, AND WHAT IT IS": chain.from_iterable(files),
+        "A FILE OF EACH KIND, AND WHAT IT IS": files,
     }
     texts = [what.title]
     for head, lines in sections.items():

@@ -199,6 +199,18 @@ def test_a_bar_shows_how_far_work_is_where_somebody_looks(
     assert capsys.readouterr().out == ""
 
 
+def test_lines_tell_how_far_work_is_where_there_is_no_terminal(
+    results: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert score(results) == 0
+    before = capsys.readouterr().err.splitlines()
+    monkeypatch.setattr("madrob_console.cli.output._EVERY", 0.0)
+    assert score(results) == 0
+    count = len(runs_at(results))
+    told = [f"madrob: note: {done} of {count} runs" for done in range(count + 1)]
+    assert capsys.readouterr().err.splitlines() == [*told, *before]
+
+
 def test_all_rulesets_stand_side_by_side_with_their_differences(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -250,7 +250,7 @@ def test_the_dossier_has_all_that_a_protest_is_decided_by(desk: Desk) -> None:
     for one, content in files.items():
         if one != SUMS_FILE:
             assert f"{hashlib.sha256(content).hexdigest()}  {one}\n" in sums
-    assert f"{PROTESTS_FILE}\n      the protests" in files[README_FILE].decode()
+    assert f"  {PROTESTS_FILE}: the protests" in files[README_FILE].decode()
 
 
 def test_a_report_that_is_made_for_the_dossier_shows_what_the_cameras_saw(desk: Desk) -> None:

@@ -300,7 +300,7 @@ def test_evidence_is_packed_and_the_readme_tells_of_it(
     names = [f"{run.name}_0.mcap", f"{run.name}_evidence_0.mcap", f"{run.name}_evidence_1.mcap"]
     assert opened_by_others(there / run.name) == (names, 6)
     text = (there / "README.txt").read_text()
-    assert f"{run.name}/{run.name}_evidence_0.mcap\n      evidence: cameras and" in text
+    assert f"  {run.name}_evidence_0.mcap: evidence: cameras and" in text
 
 
 def test_evidence_can_be_left_out_and_metadata_lists_what_is_there(
