@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, assert_never
 
@@ -166,22 +167,20 @@ def _start(arguments: argparse.Namespace, owned: Owned) -> subprocess.Popen[byte
         os.close(log)
 
 
+def option_words(arguments: argparse.Namespace, names: Iterable[str]) -> Iterator[str]:
+    """The options of these names, as typed; those that are as by default are left out."""
+    for name in names:
+        flag, value = f"--{name.replace('_', '-')}", getattr(arguments, name)
+        if value not in (None, arguments.parser.get_default(name)):
+            yield flag if value is True else f"{flag}={value}"
+
+
 def engine_options(arguments: argparse.Namespace) -> list[str]:
-    words: list[str] = []
-    names = (*options.SIMULATION, "domain", "results", "settings")
-    for name in (*names, "teams", "plan", "idle_time"):
-        value = getattr(arguments, name)
-        if value is not None:
-            words.append(f"--{name.replace('_', '-')}={value}")
+    names = (*options.SIMULATION, "domain", "results", "settings", "teams", "plan", "idle_time")
+    words = [*option_words(arguments, (*names, "use_sim_time"))]
     if arguments.testbed is not None:
         words += ["--testbed", *arguments.testbed]
-    if arguments.use_sim_time:
-        words.append("--use-sim-time")
-    return [*words, *ros_words(arguments)]
-
-
-def ros_words(arguments: argparse.Namespace) -> list[str]:
-    return ["--ros-args", *arguments.ros_args] if arguments.ros_args else []
+    return [*words, "--ros-args", *arguments.ros_args] if arguments.ros_args else words
 
 
 def _log(owned: Owned) -> Path:

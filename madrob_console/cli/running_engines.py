@@ -17,7 +17,7 @@ from string import Template
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.attaching import TAKEN, engine_options, owned_testbed
+from madrob_console.cli.attaching import TAKEN, engine_options, option_words, owned_testbed
 from madrob_console.cli.output import BAD_INPUT, complain, print_json, says_yes
 from madrob_console.cli.parsing import Parser
 from madrob_console.common.errors import MadrobError
@@ -252,15 +252,13 @@ def owning(
 def _console_options(arguments: argparse.Namespace, owned: Owned) -> tuple[str, ...]:
     words = ["--testbed", *(arguments.testbed or [owned.kind.value])]
     if owned.domain is not None:
-        words += ["--domain", str(owned.domain)]
+        words.append(f"--domain={owned.domain}")
     if owned.results is not None:
-        words += ["--results", str(owned.results)]
+        words.append(f"--results={owned.results}")
     if owned.kind is SourceKind.SIMULATED:
-        for name in options.SIMULATION:
-            if (value := getattr(arguments, name)) != arguments.parser.get_default(name):
-                words += [f"--{name}", f"{value:g}" if isinstance(value, float) else str(value)]
+        words += option_words(arguments, options.SIMULATION)
     if arguments.settings is not None:
-        words += ["--settings", str(arguments.settings.absolute())]
+        words.append(f"--settings={arguments.settings.absolute()}")
     return tuple(words)
 
 

@@ -172,7 +172,7 @@ def test_a_second_engine_on_the_results_folder_is_refused_and_names_the_first(
     assert second.returncode == 2
     assert said.count("\n") == 1, said
     assert f"an engine already (SIMULATED nominal, pid {first.pid}, since " in said
-    assert f"`madrob console --testbed simulated --results {bench.results}` attaches" in said
+    assert f"`madrob console --testbed simulated --results={bench.results}` attaches" in said
     assert f"`madrob engine stop --results {bench.results}` ends it" in said
     with pytest.raises(MadrobError, match=f"pid {first.pid}, since .* attaches to it"):
         bench.attach("--scenario=slow")
@@ -212,8 +212,8 @@ def test_a_console_without_arguments_comes_back_to_the_engine_of_its_results_fol
     settings = bench.folder / "config" / "madrob" / "madrob.toml"
     settings.parent.mkdir(parents=True)
     settings.write_text(f"[results]\nfolder = '{own}'\n")
-    first = f"--testbed simulated --results {bench.results} --scenario slow"
-    first += " --latency 20ms,door=50ms"
+    first = f"--testbed simulated --results={bench.results} --scenario=slow"
+    first += " --latency=20ms,door=50ms"
 
     def asked(command: str) -> list[str]:
         """What to type for each engine, after the first line."""
@@ -230,7 +230,7 @@ def test_a_console_without_arguments_comes_back_to_the_engine_of_its_results_fol
     (again,) = meant()  # its own goes before all others
     assert again.pid == process.pid
     both = "madrob: 2 engines run: type the line of the one that you mean"
-    other = f"--testbed simulated --results {two}"
+    other = f"--testbed simulated --results={two}"
     assert asked("console") == [
         both, starts, f"madrob console {first}", f"madrob console {other}"
     ]  # fmt: skip
