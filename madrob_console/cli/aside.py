@@ -45,6 +45,7 @@ COMMAND_TIME = 60.0
 
 _AGAIN = 0.5  # s
 _MOST_OUTPUT = 20_000  # bytes of a command in the log
+_MOST_TOLD = 100  # characters of its last line on the screens
 
 
 class _Terminated(BaseException):
@@ -173,7 +174,10 @@ def run_command(command: Sequence[str], limit: float = COMMAND_TIME) -> int:
     log = "".join(f"command of [results]: {line}\n" for line in lines)
     print(log, end="", file=sys.__stderr__, flush=True)
     if code:
-        why = why or f"ended with code {code}: {lines[-1] if lines else 'it said nothing'}"
+        why = (
+            why
+            or f"ended with code {code}: {lines[-1][:_MOST_TOLD] if lines else 'it said nothing'}"
+        )
         complain(f"{Path(command[0]).name} {why}")
     return code
 
