@@ -15,7 +15,7 @@ from typing import Any
 from madrob_console.common.names import terminal_safe
 from madrob_console.engine.engine_thread import fail
 from madrob_console.engine.scorer import EarlierRun, RenderedResult, Scorer, ToScore
-from madrob_console.engine.scoring_worker import (
+from madrob_console.engine.scoring_protocol import (
     Answered,
     Failed,
     answer_of_process,

@@ -13,72 +13,27 @@ import pickle
 import signal
 import socket
 import sys
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-
-import msgspec
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
-from madrob_console.engine.scorer import RenderedResult, ScoringDesk, ToScore
-from madrob_console.engine.wire import decoded, frame
-from madrob_console.referee.journal import Entry
+from madrob_console.engine.scorer import ScoringDesk, ToScore
+from madrob_console.engine.scoring_protocol import (
+    Answered,
+    Failed,
+    Ready,
+    ToEngine,
+    question_parts,
+)
+from madrob_console.engine.wire import frame
 from madrob_console.referee.records import RunSetup
 from madrob_console.referee.run import Phase, Run
 from scoring.kinematics import load_filters
 from scoring.protocol import Condition, LockDetection, Outcome, StartPose, Thresholds
 from scoring.rulesets import RulesetName
 from scoring.signals import DoorSample, HandleSample
-
-# Questions are pickled: they have the samples of a run as the engine holds them, and nobody else
-# can write to the process. Answers are frames as those of screens, checked against their types.
-
-
-class Ready(msgspec.Struct, frozen=True, tag=True):
-    """Everything is imported: from now on answers are quick."""
-
-
-class Failed(msgspec.Struct, frozen=True, tag=True):
-    """There is no answer to a question, and why, in words."""
-
-    number: int
-    why: str
-
-
-class Answered(msgspec.Struct, frozen=True, tag=True):
-    """A scored run; `entries` and `out_of_date` as for `EarlierRun`, of one that was read."""
-
-    number: int
-    scored: RenderedResult
-    entries: tuple[Entry, ...] = ()
-    out_of_date: bool = False
-
-
-ToEngine = Ready | Failed | Answered
-
-_answers: msgspec.msgpack.Decoder[ToEngine] = msgspec.msgpack.Decoder(ToEngine)
-
-
-def answer_of_process(data: memoryview) -> ToEngine:
-    return decoded(_answers, data, "a message of the process that scores")
-
-
-class _Parts(list[bytes]):
-    def write(self, part: bytes) -> None:
-        self.append(part)  # in Python: in between, the engine's other threads have their turn
-
-
-def question_parts(number: int, what: ToScore | Path) -> Sequence[bytes]:
-    """A run to be scored, or a folder to be read, in parts to be sent one after the other."""
-    parts = _Parts()
-    pickle.Pickler(parts, pickle.HIGHEST_PROTOCOL).dump((number, what))
-    return parts
-
-
-# The process.
-
 
 _REHEARSED = 3.0  # s
 

@@ -176,6 +176,7 @@ def test_a_process_that_is_killed_is_told_started_again_and_goes_on_in_a_file_of
             here.until(lambda _: here.topic().messages >= before + 10)
         told = here.account
         (problem,), (gap,) = told.problems, here.status.gaps
+    assert repair_evidence(here.folder)
     assert "ended by SIGKILL" in problem
     times = sorted(message.receive_ns / NS - START for message in here.recorded())
     pause = max(itertools.pairwise(times), key=lambda two: two[1] - two[0])
