@@ -124,20 +124,6 @@ async def test_the_live_pane_has_every_fault_with_all_its_words(
     assert "all faults" not in running.text
 
 
-@pytest.mark.slow
-async def test_no_size_of_the_terminal_breaks_the_console(engine: FakeEngine) -> None:
-    engine.faults = ("a fault with some words in it",)
-
-    async with driving(engine) as driver:
-        await driver.run()
-        engine.finish()
-        for size in ((1, 1), (10, 4), (40, 12), (60, 18), (200, 60), SMALL):
-            await driver.pilot.resize_terminal(*size)
-            for key in ("f1", "f2", "f3", "n", "escape", "f4"):
-                await driver.press(key)
-        assert "COMPLETED" in driver.text
-
-
 def drawn(evidence: EvidenceView | None, width: int = 200) -> str:
     snapshot: Snapshot = replace(FakeEngine().snapshot(), evidence=evidence)
     rows = EvidenceLine().draw_lines(snapshot, width)
