@@ -111,8 +111,7 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     `open_client` is called in a thread once the screens are there. `monotonic` measures the
     engine's silence and the age of messages, s; `wall` is in s since the epoch. `failure` says
-    why there is no engine, None while there is hope. `settled` is called once the panes can be
-    seen.
+    why there is no engine, None while there is hope.
     """
 
     TITLE = "madrob"
@@ -149,7 +148,6 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._link = EngineLink(open_client, monotonic)
         self._ahead = ahead or TypeAhead()
         self._beside = beside
-        self.settled: Callable[[], None] = lambda: None
         self._console = ConsoleScreen(self._link, defaults, self._ahead, monotonic, wall)
         self._awaited = PendingRequests(
             self._link, self._console, partial(self.run_worker, group="keys")
@@ -183,8 +181,6 @@ class MadrobApp(App[None], inherit_bindings=False):
         except MountError:
             if self.return_code is None:  # else it is leaving: nothing can be mounted any more
                 raise
-            return
-        self.call_after_refresh(self.settled)
 
     def close_link(self) -> None:
         self._link.close()

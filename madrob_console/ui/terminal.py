@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 EXIT_PATIENCE = 3.0
 """A signal ends the console within this time even if its terminal is stalled, s."""
 
-SELDOM = 1000
-"""Collections of the middle generation between two full ones."""
-
 _SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 
 
@@ -58,7 +55,6 @@ def run_console(
 
         kind = WallApp
     app = kind(connected, defaults, look)
-    app.settled = _rest
     try:
         with leaving_on_signals(app):
             app.run(mouse=look.mouse)
@@ -78,16 +74,6 @@ def _let_go_of_terminal() -> None:
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (1, 2):
         os.dup2(nowhere, stream)
-
-
-def _rest() -> None:
-    """Keeps the panes out of garbage collection, and makes full collections 100 times rarer.
-
-    A full collection holds up a key. Young objects are collected as ever.
-    """
-    gc.freeze()
-    young, middle, _ = gc.get_threshold()
-    gc.set_threshold(young, middle, SELDOM)
 
 
 def check_terminal(

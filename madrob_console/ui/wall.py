@@ -36,8 +36,8 @@ from madrob_console.ui.frame.console_screen import BUSY_PERIOD
 from madrob_console.ui.frame.frame_lines import WATCHING, source_badge
 from madrob_console.ui.link import ConsoleDefaults
 from madrob_console.ui.look.words import fitted, shortened
-from madrob_console.ui.panes.all_faults import banner
 from madrob_console.ui.panes.run_status import (
+    banner,
     clock_span,
     condition_text,
     phase_span,

@@ -115,11 +115,6 @@ class Lines(Widget):
     _base: tuple[Style, Color] | None = None
     _tones: dict[Tone, Style] = {}  # noqa: RUF012  each widget makes its own with its first style
 
-    @property
-    def ascii_only(self) -> bool:
-        """Whether to draw ASCII shapes; single signs are converted anyway."""
-        return self.is_attached and bool(getattr(self.app, "ascii", False))
-
     def lines(self, width: int) -> Sequence[Line]:
         raise NotImplementedError
 

@@ -114,27 +114,10 @@ def _labels(ticks: Iterable[float], step: float) -> tuple[str, ...]:
 
 
 _LEFT_DOTS, _RIGHT_DOTS = (0x40, 0x04, 0x02, 0x01), (0x80, 0x20, 0x10, 0x08)
-_ASCII_LEVELS = "_-'"
+WIDE, HIGH = 2, 4
+"""Dots of a cell."""
 
-
-@dataclass(frozen=True, slots=True)
-class Ink:
-    """The characters of a plot; `wide` x `high` dots a cell."""
-
-    wide: int
-    high: int
-    top: str
-    zone: str
-    event: str
-    border: str
-    tick: str
-    corner: str
-    axis: str
-    axis_tick: str
-
-
-BRAILLE = Ink(2, 4, "●", "·", "┊", "│", "┤", "└", "─", "┴")
-ASCII = Ink(1, 3, "*", ".", ":", "|", "+", "+", "-", "+")
+TOP, EVENT, _ZONE = "●", "┊", "·"
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,28 +176,27 @@ class Frame:
     width: int
     gutter: int
     marks: Sequence[Mark] = ()
-    ink: Ink = BRAILLE
 
     @property
     def columns(self) -> int:
         return max(1, self.width - self.gutter - 1)
 
     def plot(self, plot: Plot, height: int) -> list[Line]:
-        ink, columns, axis = self.ink, self.columns, plot.axis(height)
+        columns, axis = self.columns, plot.axis(height)
         cells = [[Span(" ")] * columns for _ in range(height)]
         if plot.zone is not None:
             for y in range(
                 self._row(axis, plot.zone, height), self._row(axis, -plot.zone, height) + 1
             ):
-                cells[y] = [Span(ink.zone, Tone.DIM)] * columns
+                cells[y] = [Span(_ZONE, Tone.DIM)] * columns
         for cell in {self.window.column(mark.time, columns) for mark in self.marks}:
             for row in cells if 0 <= cell < columns else ():
-                row[cell] = Span(ink.event, Tone.DIM)
-        _draw_curve(cells, plot, axis, self.window, ink)
+                row[cell] = Span(EVENT, Tone.DIM)
+        _draw_curve(cells, plot, axis, self.window)
         top = plot.extreme()
         if top is not None and top.time in self.window:
             row = cells[self._row(axis, plot.drawn(top.value), height)]
-            row[self.window.column(top.time, columns)] = Span(ink.top, Tone.WARN)
+            row[self.window.column(top.time, columns)] = Span(TOP, Tone.WARN)
         labels = {
             self._row(axis, tick, height): label
             for tick, label in zip(axis.ticks, axis.labels, strict=True)
@@ -227,24 +209,22 @@ class Frame:
     def time_axis(self) -> list[Line]:
         """Two rows under the plots: the axis with its ticks and the events' letters, and times."""
         ticks = self.window.ticks(self.columns)
-        cells = [Span(self.ink.axis, Tone.DIM)] * self.columns
+        cells = [Span("─", Tone.DIM)] * self.columns
         for cell, _ in ticks:
-            cells[cell] = Span(self.ink.axis_tick, Tone.DIM)
+            cells[cell] = Span("┴", Tone.DIM)
         for cell, letter in self._letters().items():
             cells[cell] = Span(letter, Tone.STRONG)
         begin = " " * self.gutter
         return [
-            joined([Span(begin + self.ink.corner, Tone.DIM), *cells]),
+            joined([Span(f"{begin}└", Tone.DIM), *cells]),
             (Span(f"{begin} {ruler(self.columns, ticks)}", Tone.DIM),),
         ]
 
     def _row(self, axis: Axis, value: float, height: int) -> int:
-        return height - 1 - axis.dot(value, height * self.ink.high) // self.ink.high
+        return height - 1 - axis.dot(value, height * HIGH) // HIGH
 
     def _border(self, label: str | None) -> str:
-        if label is None:
-            return " " * self.gutter + self.ink.border
-        return f"{label:>{self.gutter}}{self.ink.tick}"
+        return f"{label or '':>{self.gutter}}{'┤' if label else '│'}"
 
     def _letters(self) -> dict[int, str]:
         letters: dict[int, str] = {}
@@ -257,22 +237,16 @@ class Frame:
         return letters
 
 
-def _draw_curve(
-    cells: Sequence[list[Span]], plot: Plot, axis: Axis, window: Window, ink: Ink
-) -> None:
-    columns, dots = len(cells[0]) * ink.wide, len(cells) * ink.high
+def _draw_curve(cells: Sequence[list[Span]], plot: Plot, axis: Axis, window: Window) -> None:
+    columns, dots = len(cells[0]) * WIDE, len(cells) * HIGH
     for column, reach in enumerate(_reaches(plot, window, columns)):
         if reach is None:
             continue
         low, high = (axis.dot(value, dots) for value in reach)
-        for level in range(low // ink.high, high // ink.high + 1):
-            first = max(0, low - level * ink.high)
-            last = min(ink.high - 1, high - level * ink.high)
-            row, cell = cells[-1 - level], column // ink.wide
-            if ink is BRAILLE:
-                row[cell] = _braille(row[cell].text, first, last, column % ink.wide)
-            else:
-                row[cell] = Span("|" if last - first == 2 else _ASCII_LEVELS[(first + last) // 2])
+        for level in range(low // HIGH, high // HIGH + 1):
+            first, last = max(0, low - level * HIGH), min(HIGH - 1, high - level * HIGH)
+            row, cell = cells[-1 - level], column // WIDE
+            row[cell] = _braille(row[cell].text, first, last, column % WIDE)
 
 
 def _braille(was: str, first: int, last: int, column: int) -> Span:

@@ -36,8 +36,18 @@ from madrob_console.ui.keys.key_table import (
     Key,
 )
 from madrob_console.ui.look.words import clock_text, fitted, minutes_text, shortened
-from madrob_console.ui.panes.all_faults import BELOW, FAULT, ON_LIVE, banner, notices, short_form
-from madrob_console.ui.panes.run_status import clock_span, packed, phase_span, team_text
+from madrob_console.ui.panes.run_status import (
+    BELOW,
+    FAULT,
+    ON_LIVE,
+    banner,
+    clock_span,
+    notices,
+    packed,
+    phase_span,
+    short_form,
+    team_text,
+)
 
 if TYPE_CHECKING:
     from madrob_console.engine.requests import PlaybackView

@@ -13,7 +13,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.engine.requests import Curves
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line, paragraph
-from madrob_console.ui.cells.plot import ASCII, BRAILLE, LARGEST, Frame, Ink, Mark, Plot, Window
+from madrob_console.ui.cells.plot import LARGEST, Frame, Mark, Plot, Window
 from madrob_console.ui.look.words import fitted
 from madrob_console.ui.panes.run_status import what_text
 from scoring.indicator_table import (
@@ -50,7 +50,7 @@ class Sheet:
     snapshot: Snapshot
     window: Window
 
-    def lines(self, width: int, height: int, ink: Ink = BRAILLE) -> list[Line]:
+    def lines(self, width: int, height: int) -> list[Line]:
         """Title, plots, time axis and legend; words give way if rows are few, 13 for two plots."""
         figure = FIGURES[self.number]
         events = marked_events(self.curves.events, self._condition)
@@ -65,7 +65,7 @@ class Sheet:
         plots = [self._plot(quantity) for quantity in figure.panels]
         gutter = max(plot.axis(h).gutter for plot, h in zip(plots, heights, strict=True))
         marks = [Mark(time, mark.letter) for mark, times in events.items() for time in times]
-        frame = Frame(self.window, width, gutter, marks, ink)
+        frame = Frame(self.window, width, gutter, marks)
         body: list[Line] = []
         for quantity, plot, h in zip(figure.panels, plots, heights, strict=True):
             body += [self._heading(quantity.spec, plot), *frame.plot(plot, h)]
@@ -244,7 +244,7 @@ class FiguresPane(Lines, can_focus=True):
         if loaded.empty:
             return paragraph(_nothing(snapshot), width, Tone.WARN)
         sheet = Sheet(self._figure, loaded, snapshot, self._window or self._whole())
-        return sheet.lines(width, self.room.height, ASCII if self.ascii_only else BRAILLE)
+        return sheet.lines(width, self.room.height)
 
 
 def _nothing(snapshot: Snapshot) -> str:

@@ -31,8 +31,14 @@ from madrob_console.ui.cells.lines import (
     scale,
 )
 from madrob_console.ui.look.words import rough_text
-from madrob_console.ui.panes.all_faults import AllFaults, Banner, EvidenceLine
-from madrob_console.ui.panes.run_status import RunClock, RunStatus, StepTable
+from madrob_console.ui.panes.run_status import (
+    AllFaults,
+    Banner,
+    EvidenceLine,
+    RunClock,
+    RunStatus,
+    StepTable,
+)
 from scoring.protocol import Side
 from scoring.result import DOUBTED
 

@@ -23,8 +23,6 @@ LEAST_WIDTH, LEAST_HEIGHT = 15, 7
 _ROOM_FOR_Y = 24
 
 
-_WALL, _ASCII_WALL = "━", "#"
-"""In ASCII the panel looks like a wall otherwise."""
 _ARROWS = "↑↖←↙↓↘→↗"
 """Counter-clockwise from up."""
 
@@ -42,17 +40,10 @@ class TopView(Lines):
     def lines(self, width: int) -> Sequence[Line]:
         if self._condition is None:
             return ()
-        height = self.room.height
-        return top_view(self._condition, self._pose, width, height, self.ascii_only)
+        return top_view(self._condition, self._pose, width, self.room.height)
 
 
-def top_view(
-    condition: Condition,
-    pose: StartPose | None,
-    width: int,
-    height: int,
-    ascii: bool = False,  # noqa: A002 - what it is
-) -> list[Line]:
+def top_view(condition: Condition, pose: StartPose | None, width: int, height: int) -> list[Line]:
     """The drawing in `width` x `height` cells, 15 x 7 at least; empty in fewer.
 
     The starting side must hold `pose`; None = no pose is known.
@@ -61,7 +52,7 @@ def top_view(
         return []
     if pose is not None and not all(map(math.isfinite, (pose.x, pose.y, pose.yaw))):
         pose = None
-    sheet = _Sheet(width, height, pose, ascii)
+    sheet = _Sheet(width, height, pose)
     sheet.draw_door(condition.opening_side)
     sheet.write_labels(condition.starting_side)
     if pose is None:
@@ -79,9 +70,8 @@ def top_view(
 class _Sheet:
     """Cells, and where the metres are on them; a cell is twice as high as it is wide."""
 
-    def __init__(self, width: int, height: int, pose: StartPose | None, ascii: bool) -> None:  # noqa: A002 - what it is
+    def __init__(self, width: int, height: int, pose: StartPose | None) -> None:
         self.cells = [[Span(" ")] * width for _ in range(height)]
-        self._ascii = ascii
         self._middle, self._centre = (height - 1) // 2, (width - 1) // 2
         at = StartPose(0.0, 0.0, 0.0) if pose is None else pose
         fitting = (scale for scale in SCALES if self._holds(at, scale))
@@ -126,7 +116,7 @@ class _Sheet:
             dot = Span("·")
             self.put(self._middle - opening.sign * max(1, up), hinge + right, dot)
         wide = len(self.cells[0])
-        self.cells[self._middle] = [Span(_ASCII_WALL if self._ascii else _WALL)] * wide
+        self.cells[self._middle] = [Span("━")] * wide
         self.write(self._middle, hinge + 1, "─" * (2 * half), Tone.DIM)
         self.put(self._middle, hinge, Span("●", Tone.STRONG))
 
@@ -145,9 +135,9 @@ class _Sheet:
         self.write(row, (len(self.cells[0]) - len(text)) // 2, text, tone)
 
     def draw_arrow(self, yaw: float) -> None:
-        """The robot, in one of eight directions; in ASCII a body beside a slash says which way."""
+        """One of eight directions; the body beside a slash says which of its ends is ahead."""
         row, column = self.place
         eighth = round(yaw / 45) % 8
-        if self._ascii and eighth % 2:
+        if eighth % 2:
             self.put(row, column + (1 if eighth in (1, 3) else -1), Span("o", Tone.STRONG))
         self.put(row, column, Span(_ARROWS[eighth], Tone.STRONG))

@@ -1,13 +1,17 @@
-"""Drives the console in a test: keys in, text of the screen out."""
+"""Drives the console in a test: keys in, text of the screen out; stories as tables of keys."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Sequence
+import inspect
+import shlex
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
+from copy import copy
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from textual.app import App, ComposeResult
 from textual.containers import Container
@@ -18,6 +22,9 @@ from textual.screen import Screen
 from textual.widget import Widget
 
 from madrob_console.config.tables import ConsoleSettings
+from madrob_console.referee.acts import Act
+from madrob_console.referee.records import RunSetup
+from madrob_console.referee.run import Phase
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.cells.lines import TONE_CLASSES
 from madrob_console.ui.cells.table import Table
@@ -72,6 +79,8 @@ class Driver:
     engine: FakeEngine
     pilot: Pilot[None]
     hand: Hand
+    remembered: Sequence[Act] = ()
+    """The engine's acts when a story asked to keep them in mind."""
 
     @property
     def console(self) -> ConsoleScreen:
@@ -97,6 +106,11 @@ class Driver:
         await self.set_up()
         await self.press("f5")
         await self.let_pass(6.0)
+
+    async def look_thrice(self) -> None:
+        """The log, and what is known so far, wait for every third look."""
+        for _ in range(3):
+            await self.settle()
 
     async def let_pass(self, duration: float) -> None:
         """Time of the engine."""
@@ -203,15 +217,14 @@ class PaneScreen(Screen[None]):
 
 
 class PaneApp(App[None]):
-    """Keeps the messages that a pane sends to the console; a `plain` one draws ASCII shapes."""
+    """Keeps the messages that a pane sends to the console."""
 
     CSS_PATH = MadrobApp.CSS_PATH
     HORIZONTAL_BREAKPOINTS = MadrobApp.HORIZONTAL_BREAKPOINTS
     VERTICAL_BREAKPOINTS = MadrobApp.VERTICAL_BREAKPOINTS
 
-    def __init__(self, pane: Widget, *, plain: bool = False) -> None:
+    def __init__(self, pane: Widget) -> None:
         super().__init__()
-        self.ascii = plain
         self.pane_screen = PaneScreen(pane)
         self.sent: list[Message] = []
 
@@ -268,3 +281,203 @@ async def showing(
         shown = Shown(app, pilot)
         await shown.settle()
         yield shown
+
+
+# Stories: rows of what is done and what is seen then.
+
+
+class Opening(NamedTuple):
+    """How a story begins: in these sizes, on such an engine, with such screens."""
+
+    sizes: Sequence[tuple[int, int]] = (SMALL,)
+    engine: Mapping[str, object] = {}
+    screens: Mapping[str, Any] = {}
+
+
+Item = str | Act | Phase | Outcome | Callable[[Driver], object] | Opening
+Story = Sequence[tuple[Item, ...]]
+Stories = Mapping[str, Story]
+"""By the promise. A row begins with what is done, and what can be seen then follows.
+
+Keys stand with blanks between them (`tab*7`), a text after `=` (`i n =dent`, `'=two words'`).
+Seen is a text on the screen, however its lines are broken; an act, the engine's last; a phase or an
+outcome, of the run; anything else is asked whether it is so.
+"""
+
+
+def in_sizes(*sizes: tuple[int, int]) -> Opening:
+    return Opening(sizes=sizes)
+
+
+def on_engine(**engine: object) -> Opening:
+    return Opening(engine=engine)
+
+
+def opened(size: tuple[int, int] = SMALL, **screens: object) -> Opening:
+    return Opening((size,), screens=screens)
+
+
+async def play(engine: Callable[[], FakeEngine], story: Story) -> None:
+    """Play a story, in each of its sizes, on a new engine."""
+    openings = [row[0] for row in story if isinstance(row[0], Opening)]
+    sizes = next((one.sizes for one in openings if one.sizes != (SMALL,)), (SMALL,))
+    for size in sizes:
+        made = engine()
+        screens: dict[str, Any] = {}
+        for one in openings:
+            _set(made, one.engine)
+            screens |= one.screens
+        async with driving(made, size, **screens) as driver:
+            for row in story:
+                if not isinstance(row[0], Opening):
+                    await _do(driver, row[0])
+                for item in row[1:]:
+                    assert _is_so(driver, item), (size, row[0], item, driver.text)
+
+
+async def _do(driver: Driver, deed: Item) -> None:
+    if isinstance(deed, str):
+        keys: list[str] = []
+        for token in shlex.split(deed):
+            key, _, times = token.partition("*")
+            if token[0] != "=":
+                keys += [key] * int(times or 1)
+            else:
+                keys += ("space" if char == " " else char for char in token[1:])
+        await driver.press(*keys)
+        return
+    assert callable(deed)
+    done = deed(driver)
+    if inspect.isawaitable(done):
+        await done
+
+
+def _is_so(driver: Driver, item: Item) -> object:
+    match item:
+        case Act():
+            return driver.engine.acts[-1] == item
+        case Phase():
+            return driver.engine.run.phase is item
+        case Outcome():
+            return driver.engine.run.outcome is item
+        case str():
+            return _reads(driver.text, item)
+        case _:
+            assert callable(item)
+            found = item(driver)
+            assert not inspect.isawaitable(found), "this is done, not seen"
+            return found
+
+
+def _reads(screen: str, words: str) -> bool:
+    """Whether words stand on a screen, however its lines are broken."""
+    return words in screen or " ".join(words.split()) in " ".join(screen.replace("│", " ").split())
+
+
+def _set(engine: FakeEngine, values: Mapping[str, object]) -> None:
+    for name, value in values.items():
+        assert hasattr(engine, name)
+        setattr(engine, name, copy(value))  # an engine changes its own
+
+
+# What is done in a story.
+
+
+def sets(**values: object) -> Callable[[Driver], object]:
+    """The engine has these values, which the screen does not know yet."""
+    return lambda driver: _set(driver.engine, values)
+
+
+def has(**values: object) -> Callable[[Driver], object]:
+    """The engine has these values, and the screen has looked."""
+
+    async def look(driver: Driver) -> None:
+        _set(driver.engine, values)
+        await driver.settle()
+
+    return look
+
+
+def acting(
+    deed: Callable[..., object], *values: object, **named: object
+) -> Callable[[Driver], object]:
+    return lambda driver: deed(driver, *values, **named)
+
+
+def passes(duration: float) -> Callable[[Driver], object]:
+    return partial(Driver.let_pass, duration=duration)
+
+
+def answered(keys: str = "") -> Callable[[Driver], object]:
+    """Keys, and what waits for the engine has its answer."""
+    return lambda driver: driver.answered(*keys.split())
+
+
+def types_every(gap: float) -> Callable[[Driver], object]:
+    return lambda driver: setattr(driver.hand, "gap", gap)
+
+
+def remember(driver: Driver) -> None:
+    """Keeps in mind what the engine has done."""
+    driver.remembered = list(driver.engine.acts)
+
+
+# What is seen in a story.
+
+
+def did_nothing(driver: Driver) -> object:
+    """Since the story asked to keep it in mind."""
+    return driver.remembered == driver.engine.acts
+
+
+def no(words: str) -> Callable[[Driver], object]:
+    return lambda driver: not _reads(driver.text, words)
+
+
+def says(words: str) -> Callable[[Driver], object]:
+    """In the line above the keys."""
+    return lambda driver: words in driver.console.status
+
+
+def says_only(words: str) -> Callable[[Driver], object]:
+    return lambda driver: driver.console.status == words
+
+
+def pane(name: str) -> Callable[[Driver], object]:
+    return lambda driver: driver.console.pane == name
+
+
+def focused(name: str) -> Callable[[Driver], object]:
+    return lambda driver: driver.app.focused is not None and driver.app.focused.id == name
+
+
+def no_question(driver: Driver) -> object:
+    return not driver.console.dialogs
+
+
+def setup_of(engine: FakeEngine) -> RunSetup:
+    assert engine.run.setup is not None
+    return engine.run.setup
+
+
+# The same for a pane alone.
+
+
+def row(words: str) -> Callable[[Driver | Shown], object]:
+    """A row of the screen, its blanks aside."""
+    return lambda shown: words in [" ".join(row.split()) for row in shown.rows()]
+
+
+async def play_pane(
+    pane: HistoryPane | StandingsPane | ResultsPane,
+    *rows: tuple[str | Callable[[Shown], object], ...],
+    size: tuple[int, int] = PANE,
+) -> None:
+    """Keys on a pane that has been entered, and what is seen after them."""
+    async with showing(pane, size) as shown:
+        for keys, *items in rows:
+            assert isinstance(keys, str)
+            await shown.press(*keys.split())
+            for item in items:
+                seen = _reads(shown.text, item) if isinstance(item, str) else item(shown)
+                assert seen, (keys, item, shown.text)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import threading
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,7 +26,26 @@ from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.key_table import KEYS
 from madrob_console.ui.panes.runs_pane import HistoryPane
 from scoring.protocol import Outcome
-from tests.madrob_console.ui.driver import DEFAULTS, LARGE, Driver, Hand, driving
+from tests.madrob_console.ui.driver import (
+    DEFAULTS,
+    LARGE,
+    Driver,
+    Stories,
+    acting,
+    driving,
+    has,
+    in_sizes,
+    no,
+    no_question,
+    on_engine,
+    opened,
+    pane,
+    passes,
+    play,
+    says_only,
+    sets,
+    types_every,
+)
 from tests.madrob_console.ui.fake_engine import FakeEngine, SlowEngine
 from tests.slowly import slow_but_for
 
@@ -84,55 +102,6 @@ async def test_from_every_state_every_key_acts_asks_or_says_why_not(
             done = len(engine.acts) == len(acts) + 1 or packed
             assert done or "Refused" in driver.console.status
         await driver.press("f3")
-
-
-async def test_escape_goes_back_and_the_key_of_a_side_pane_too(driver: Driver) -> None:
-    await driver.press("f3")
-    for key in ("f1", "h", "s", "p"):
-        await driver.press(key)
-        assert driver.console.pane != "live"
-        await driver.press("escape")
-        assert driver.console.pane == "live"
-        await driver.press(key, key)
-        assert driver.console.pane == "live"
-    await driver.press("escape")
-    assert driver.console.pane == "live"
-
-
-async def test_escape_never_ends_a_run_on_any_pane(running: Driver, engine: FakeEngine) -> None:
-    for key in ("f1", "f2", "f3", "f4", "h", "s", "g"):
-        await running.press(key, "escape", "escape", "escape")
-    assert engine.run.phase is Phase.RUNNING
-    assert running.app.is_running
-
-
-async def test_the_footer_says_that_letters_type_while_they_do(driver: Driver) -> None:
-    await driver.press("f2")
-    assert driver.rows()[-1].startswith("letters type  F7 Zero  Enter Set up")
-    await driver.press("f3")
-    assert "letters type" not in driver.rows()[-1]
-
-
-@pytest.mark.parametrize(
-    ("phase", "footer"),
-    [
-        (Phase.IDLE, "F7 Zero  Enter Menu  x Next run  h History  p Plan  s Standings  F1 more"),
-        (Phase.COUNTDOWN, "F8 ABORT  Enter Menu  i Incident  h History  p Plan"),
-        (Phase.RUNNING, "F8 ABORT  F9 Timeout  Enter Menu  1-6 Step  i Incident"),
-        (Phase.STOPPED, "Enter Menu  x Next run  1-6 Step  i Incident  h History"),
-        (Phase.FINAL, "Enter Menu  x Next run  h History  p Plan  s Standings"),
-    ],
-)
-async def test_the_footer_shows_at_most_seven_keys_that_are_possible_with_their_words(
-    driver: Driver, phase: Phase, footer: str
-) -> None:
-    await bring(driver, phase)
-    if phase is Phase.IDLE:
-        await driver.press("f3")
-    shown = driver.rows()[-1]
-    assert shown.startswith(footer)
-    assert shown.endswith("F1 more")
-    assert len(shown.split("  ")) <= 8
 
 
 def test_the_bell_rings_on_start_stop_and_fault_and_not_when_it_is_off(
@@ -200,45 +169,23 @@ async def test_the_theme_changes_at_once(driver: Driver) -> None:
     assert "SIMULATED" in driver.text
 
 
-@pytest.mark.parametrize("size", [(60, 17), (59, 24), (24, 8)])
-async def test_a_terminal_too_small_for_the_panes_is_a_clock_with_abort_and_timeout(
-    running: Driver, engine: FakeEngine
-) -> None:
-    assert "RUNNING  0:01.0" in running.text
-    assert "F8 ABORT" in running.text
-    run = engine.run
-    await running.press("f8", "escape")
-    assert engine.run.phase is Phase.RUNNING
-    for key, act in (("f8", Abort("none given")), ("f9", DeclareTimeout("none given"))):
-        engine.run = run
-        await running.press(key, "y")
-        assert engine.acts[-1] == act
-
-
-@pytest.mark.parametrize("size", [(60, 18), (72, 20), (80, 24), (120, 36), (200, 60)])
-async def test_the_keys_that_start_and_end_a_run_are_named_in_every_size(driver: Driver) -> None:
-    await driver.set_up()
-    assert "F5 START" in driver.rows()[-1]
-    await driver.press("f5")
-    assert driver.rows()[-1].startswith("F8 ABORT")
-    await driver.let_pass(6.0)
-    footer = driver.rows()[-1]
-    assert footer.startswith("F8 ABORT  F9 Timeout")
-    assert footer.endswith("F1 more")
-    assert "…" not in footer
-
-
 @pytest.mark.slow
 async def test_a_storm_of_sizes_and_keys_breaks_nothing(
     running: Driver, engine: FakeEngine
 ) -> None:
-    for width, height in ((1, 1), (300, 90), (10, 3), (80, 24), (59, 40), (90, 5)):
-        await running.pilot.resize_terminal(width, height)
-        await running.pilot.press("h", "f8", "escape", "s", "f3", "g", "question_mark")
+    engine.faults = ("a fault with some words in it",)
+    for size in ((1, 1), (300, 90), (10, 3), (40, 12), (80, 24), (60, 18), (59, 40), (90, 5)):
+        await running.pilot.resize_terminal(*size)
+        await running.pilot.press(
+            *"hsgn", "question_mark", "f8", "escape", "f1", "f2", "f4", "escape", "f3"
+        )
     await running.pilot.resize_terminal(80, 24)
     await running.press("escape", "f3")
     assert engine.run.phase is Phase.RUNNING
     assert "RUNNING" in running.text
+    await running.finish()
+    await running.press("f4")
+    assert "COMPLETED" in running.text
 
 
 async def test_an_earlier_run_is_opened_from_the_history_and_shown(
@@ -270,157 +217,6 @@ async def test_again_in_the_history_is_for_the_marked_team_and_condition(
         assert (setup.subject, setup.team, setup.condition.number) == (4, "Oslo", 3)
         assert setup.problem() is None
         assert driver.console.pane == "setup"
-
-
-async def test_a_teams_file_with_broken_lines_says_so_at_the_set_up(engine: FakeEngine) -> None:
-    engine.teams = TeamList({1: "Delft"}, ("teams.csv line 3: subject 'x' is no number",))
-
-    async with driving(engine) as driver:
-        assert "teams.csv line 3" in driver.text
-        assert "teams.csv" not in driver.console.status
-        await driver.press("f2", "9", "enter")
-        await driver.press("f6")
-        text = " ".join(driver.text.split())
-        assert "x F2 corrects the team: 9 is not in the list (Enter waives)" in text
-        assert "Subject 9 is not in the list" not in text  # said once
-
-
-async def test_a_console_without_the_right_to_act_says_who_has_it_and_can_take_it(
-    running: Driver, engine: FakeEngine
-) -> None:
-    engine.right = RightToAct(holder="bo@tent")
-    await running.settle()
-    who = "bo@tent has the right to act: an act here takes it over, after y"
-    assert who in running.rows()[1]
-    running.hand.gap = 0.35
-    await running.press("f9")
-    assert "bo@tent has it, and can do nothing then. A run goes on." in running.text
-    await running.press("enter")
-    assert engine.right.holder
-    await running.press("f9", "y")
-    assert running.console.status == "This console has the right to act now."
-    assert "no faults" in running.rows()[1]
-    await running.press("enter")
-    assert "Take over" not in running.text
-    await running.press("escape", "f8", "1", "y")
-    assert engine.acts[-1] == Abort("robot unsafe")
-
-
-@pytest.mark.parametrize("size", [(120, 36), (80, 24), (40, 12), (20, 5), (10, 3)])
-@pytest.mark.parametrize("right", [RightToAct(holder="bo@tent"), RightToAct(free=True)])
-async def test_a_console_without_the_right_to_act_aborts_with_two_keys(
-    engine: FakeEngine, size: tuple[int, int], right: RightToAct
-) -> None:
-    async with driving(engine, size, gap=0.0) as driver:
-        await driver.run()
-        engine.right = right
-        await driver.settle()
-        await driver.press("f8")
-        if size[0] >= 40:
-            asked = " ".join(driver.text.replace("│", "").split())
-            assert f"{right.holder or 'No console'} has the right to act. Take it over" in asked
-            assert "y yes" in asked
-        assert engine.right.holder == right.holder, "a question takes nothing over"
-        await driver.press("y")
-        assert engine.acts[-1] == Abort("aborted from another console")
-        assert not engine.right.holder
-
-
-async def test_an_abort_that_cannot_take_the_right_over_is_told(
-    running: Driver, engine: FakeEngine
-) -> None:
-    engine.right = RightToAct(holder="bo@tent")
-    await running.settle()
-    await running.press("f8")
-    engine.takes_over = False
-    await running.press("y")
-    assert running.console.status == "Refused: take over: this screen only watches"
-    assert not any(isinstance(act, Abort) for act in engine.acts)
-
-
-@pytest.mark.parametrize("pane", ["f2", "f3", "f4", "h", "p", "s", "f1"])
-async def test_an_act_takes_the_right_over_after_y_on_every_pane(
-    engine: FakeEngine, pane: str
-) -> None:
-    async with driving(engine, gap=0.35) as driver:
-        await driver.press(pane)
-        engine.right = RightToAct(holder="bo@tent")
-        await driver.settle()
-        assert "an act here takes it over, after y" in driver.text
-        await driver.press("f6", "y")
-        assert driver.console.status == "This console has the right to act now."
-
-
-async def test_a_spectator_reads_on_the_smallest_screen_what_can_act(engine: FakeEngine) -> None:
-    engine.right = RightToAct(Role.WATCH, "ada@hall")
-
-    async with driving(engine, (40, 12)) as driver:
-        await driver.press("f8", "y")
-        assert "`madrob console` can act" in driver.text
-    assert engine.acts == []
-
-
-async def test_a_spectator_is_told_so_by_every_key_and_by_no_fault(engine: FakeEngine) -> None:
-    engine.right = RightToAct(Role.WATCH, "ada@hall")
-
-    async with driving(engine) as driver:
-        await driver.press("f3")
-        assert "no faults" in driver.rows()[1]
-        for key in (KEYS["start"], KEYS["next"], KEYS["incident"]):
-            await driver.press(key.keys)
-            why = "`madrob console` can act, this screen only watches"
-            assert driver.console.status == f"Refused: {key.act}: {why}"
-    assert engine.acts == []
-
-
-@pytest.mark.parametrize("size", [(80, 24), (160, 50)])
-async def test_a_spectator_sees_only_what_there_is_to_see(
-    engine: FakeEngine, size: tuple[int, int]
-) -> None:
-    engine.right = RightToAct(Role.WATCH)
-    engine.teams = TeamList({1: "Delft"}, ("teams.csv line 3: subject 'x' is no number",))
-
-    async with driving(engine, size) as driver:
-        await driver.press("f2", "tab")
-        footer = driver.rows()[-1]
-        assert "s Standings" in footer
-        assert "F10 Leave" in footer
-        for key in KEYS.values():
-            assert not key.act or f"{key.cap} {key.label}" not in footer
-        for words in ("letters type", "waives", "teams.csv"):
-            assert words not in driver.text
-        await driver.press("h")
-        assert driver.console.pane == "history"
-
-
-async def test_a_spectator_leaves_without_a_question(running: Driver, engine: FakeEngine) -> None:
-    engine.finish()
-    engine.right = RightToAct(Role.WATCH)
-    await running.settle()
-    assert engine.run.unsigned
-    await running.press("f10")
-    assert not running.app.is_running
-
-
-async def test_the_screens_are_there_before_the_engine_and_keys_say_so() -> None:
-    ready = threading.Event()
-    engine = FakeEngine()
-
-    def open_client() -> EngineClient:
-        ready.wait(20.0)
-        return engine
-
-    app = MadrobApp(open_client, DEFAULTS)
-    async with app.run_test(size=(80, 24)) as pilot:
-        driver = Driver(app, engine, pilot, Hand())
-        await driver.press("f5")
-        assert driver.console.status == (
-            "Refused: start: this screen is not attached to the engine yet"
-        )
-        ready.set()
-        await app.workers.wait_for_complete()
-        await driver.settle()
-        assert "SIMULATED nominal" in driver.rows()[0]
 
 
 def test_without_an_engine_the_screens_end_and_the_reason_is_kept() -> None:
@@ -556,57 +352,6 @@ def a_summary(folder: str = "subject_004_cond_003_run_002_20231114_221320") -> R
 CUT_OFF = Unfinished("folder", 3, "Delft", 2, 1, Phase.RUNNING, 10.0, 17.5, "door opens", 2_500_000)
 
 
-async def test_a_run_that_was_cut_off_is_asked_about_once_when_a_slow_disk_tells_of_it_late(
-    driver: Driver, engine: FakeEngine
-) -> None:
-    assert not driver.console.dialogs
-    engine.unfinished = (CUT_OFF,)
-    await driver.settle()
-    assert "A RUN WAS CUT OFF: run 2 of subject 3 Delft" in driver.text
-    await driver.press("escape")
-    await driver.settle()
-    assert not driver.console.dialogs
-
-
-async def test_a_run_that_was_cut_off_is_asked_about_again_when_the_engine_starts_again(
-    engine: FakeEngine,
-) -> None:
-    engine.unfinished = (CUT_OFF,)
-
-    async with driving(engine) as driver:
-        assert "A RUN WAS CUT OFF: run 2 of subject 3 Delft" in driver.text
-        engine.pulse = Pulse(gone="the engine has ended")
-        await driver.settle()
-        await driver.press("enter")
-        await driver.settle()
-        assert not driver.console.dialogs
-        engine.pulse = Pulse()
-        await driver.settle()
-        assert "A RUN WAS CUT OFF: run 2 of subject 3 Delft" in driver.text
-
-
-@pytest.mark.parametrize(
-    ("key", "opened"), [("s", ["folder"]), ("i", ["folder invalid"]), ("l", []), ("escape", [])]
-)
-async def test_a_run_that_was_cut_off_is_asked_about_and_nothing_resumes_by_itself(
-    engine: FakeEngine, key: str, opened: list[str]
-) -> None:
-    engine.unfinished = (CUT_OFF,)
-
-    async with driving(engine) as driver:
-        text = " ".join(driver.text.replace("│", " ").split())
-        assert (
-            "A RUN WAS CUT OFF: run 2 of subject 3 Delft was cut off while running, last line"
-            " +7.5 s from the start, last event door opens, 2.5 MB recorded"
-        ) in text
-        assert "interrupted, uses up no attempt of the team" in text
-        assert "invalid, as if aborted: uses up an attempt of the team" in text
-        await driver.press("enter" if key == "l" else key)
-        await driver.settle()
-        assert engine.opened == opened
-        assert not driver.console.dialogs
-
-
 async def test_the_history_asks_about_a_run_that_was_cut_off_before_it_opens_it(
     engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -628,3 +373,209 @@ async def test_no_two_widgets_share_a_name_and_with_it_a_look(driver: Driver) ->
     names = [widget.id for widget in driver.console.query("*") if widget.id]
     assert sorted(names) == sorted(set(names))
     assert "Starting side < CCW >" in driver.text
+
+
+CUT_OFF_SO = (
+    "A RUN WAS CUT OFF: run 2 of subject 3 Delft was cut off while running, last line +7.5 s from"
+    " the start, last event door opens, 2.5 MB recorded"
+)
+CUT_OFF_ANSWERS = (
+    "interrupted, uses up no attempt of the team",
+    "invalid, as if aborted: uses up an attempt of the team",
+)
+BROKEN = TeamList({1: "Delft"}, ("teams.csv line 3: subject 'x' is no number",))
+ACT_CAPS = [f"{key.cap} {key.label}" for key in KEYS.values() if key.act]
+WATCHES = "`madrob console` can act, this screen only watches"
+
+
+def footer(begin: str, end: str = "") -> Callable[[Driver], object]:
+    return lambda driver: (row := driver.rows()[-1]).startswith(begin) and row.endswith(end)
+
+
+def has_right(right: RightToAct) -> Callable[[Driver], object]:
+    return lambda driver: driver.engine.right == right
+
+
+def was_opened(*folders: str) -> Callable[[Driver], object]:
+    return lambda driver: driver.engine.opened == [*folders]
+
+
+STORIES: Stories = {
+    "escape goes back and the key of a side pane too": [
+        ("f3",),
+        *(
+            row
+            for key, side in (("f1", "help"), ("h", "history"), ("s", "standings"), ("p", "plan"))
+            for row in ((key, pane(side)), ("escape", pane("live")), (f"{key} {key}", pane("live")))
+        ),
+        ("escape", pane("live")),
+    ],
+    "escape never ends a run on any pane": [
+        (Driver.run,),
+        *((f"{key} escape*3", Phase.RUNNING) for key in ("f1", "f2", "f3", "f4", "h", "s", "g")),
+        ("", lambda d: d.app.is_running),
+    ],
+    **{
+        f"the footer shows at most seven keys that are possible with their words: {phase}": [
+            (acting(bring, phase),),
+            (key, footer(words, "F1 more"), lambda d: len(d.rows()[-1].split("  ")) <= 8),
+        ]
+        for phase, key, words in [
+            (Phase.IDLE, "f3", "F7 Zero  Enter Menu  x Next run  h History  p Plan  s Standings"),
+            (Phase.COUNTDOWN, "", "F8 ABORT  Enter Menu  i Incident  h History  p Plan"),
+            (Phase.RUNNING, "", "F8 ABORT  F9 Timeout  Enter Menu  1-6 Step  i Incident"),
+            (Phase.STOPPED, "", "Enter Menu  x Next run  1-6 Step  i Incident  h History"),
+            (Phase.FINAL, "", "Enter Menu  x Next run  h History  p Plan  s Standings"),
+        ]
+    },
+    **{
+        f"a terminal too small for the panes is a clock with abort and timeout: {key}": [
+            (in_sizes((60, 17), (59, 24), (24, 8)),),
+            (Driver.run, "RUNNING  0:01.0", "F8 ABORT"),
+            (f"{key} escape", Phase.RUNNING),
+            (f"{key} y", act),
+        ]
+        for key, act in (("f8", Abort("none given")), ("f9", DeclareTimeout("none given")))
+    },
+    "the keys that start and end a run are named in every size": [
+        (in_sizes((60, 18), (72, 20), (80, 24), (120, 36), (200, 60)),),
+        (Driver.set_up, lambda d: "F5 START" in d.rows()[-1]),
+        ("f5", footer("F8 ABORT")),
+        (passes(6.0), footer("F8 ABORT  F9 Timeout", "F1 more")),
+        ("", lambda d: "…" not in d.rows()[-1]),
+    ],
+    **{
+        f"a console without the right to act aborts with two keys: {words}, {sizes[-1][0]} cells": [
+            (in_sizes(*sizes),),
+            (types_every(0.0),),
+            (Driver.run,),
+            (has(right=right),),
+            ("f8", *asked, has_right(right)),  # a question takes nothing over
+            ("y", Abort("aborted from another console"), lambda d: not d.engine.right.holder),
+        ]
+        for right, words in (
+            (RightToAct(holder="bo@tent"), "bo@tent has the right to act. Take it over"),
+            (RightToAct(free=True), "No console has the right to act. Take it over"),
+        )
+        for sizes, asked in (
+            (((120, 36), (80, 24), (40, 12)), (words, "y yes")),
+            (((20, 5), (10, 3)), ()),
+        )
+    },
+    "a spectator reads on the smallest screen what can act": [
+        (in_sizes((40, 12)),),
+        (on_engine(right=RightToAct(Role.WATCH, "ada@hall")),),
+        ("f8 y", "`madrob console` can act", lambda d: d.engine.acts == []),
+    ],
+    "a spectator is told so by every key and by no fault": [
+        (on_engine(right=RightToAct(Role.WATCH, "ada@hall")),),
+        ("f3", lambda d: "no faults" in d.rows()[1]),
+        *(
+            (key.keys, says_only(f"Refused: {key.act}: {WATCHES}"))
+            for key in (KEYS["start"], KEYS["next"], KEYS["incident"])
+        ),
+        ("", lambda d: d.engine.acts == []),
+    ],
+    "a spectator sees only what there is to see": [
+        (in_sizes((80, 24), (160, 50)),),
+        (on_engine(right=RightToAct(Role.WATCH), teams=BROKEN),),
+        ("f2 tab", "s Standings", "F10 Leave", no("letters type"), no("waives")),
+        (
+            "",
+            no("teams.csv"),
+            *(no(f"{key.cap} {key.label}  ") for key in KEYS.values() if key.act),
+        ),
+        ("h", pane("history")),
+    ],
+    **{
+        f"a run that was cut off is asked about and nothing resumes by itself: {key}": [
+            (on_engine(unfinished=(CUT_OFF,)), CUT_OFF_SO, *CUT_OFF_ANSWERS),
+            (key, no_question, was_opened(*opened)),
+        ]
+        for key, opened in (
+            ("s", ["folder"]),
+            ("i", ["folder invalid"]),
+            ("enter", []),
+            ("escape", []),
+        )
+    },
+    "the footer says that letters type while they do": [
+        ("f2", lambda d: d.rows()[-1].startswith("letters type  F7 Zero  Enter Set up")),
+        ("f3", lambda d: "letters type" not in d.rows()[-1]),
+    ],
+    "a teams file with broken lines says so at the set up": [
+        (
+            on_engine(teams=BROKEN),
+            "teams.csv line 3",
+            lambda d: "teams.csv" not in d.console.status,
+        ),
+        (
+            "f2 9 enter f6",
+            "x F2 corrects the team: 9 is not in the list (Enter waives)",
+            no("Subject 9 is not in the list"),
+        ),
+    ],
+    "a console without the right to act says who has it and can take it": [
+        (Driver.run,),
+        (
+            has(right=RightToAct(holder="bo@tent")),
+            lambda d: (
+                "bo@tent has the right to act: an act here takes it over, after y" in d.rows()[1]
+            ),
+        ),
+        (types_every(0.35),),
+        ("f9", "bo@tent has it, and can do nothing then. A run goes on."),
+        ("enter", lambda d: d.engine.right.holder),
+        (
+            "f9 y",
+            says_only("This console has the right to act now."),
+            lambda d: "no faults" in d.rows()[1],
+        ),
+        ("enter", no("Take over")),
+        ("escape f8 1 y", Abort("robot unsafe")),
+    ],
+    "an abort that cannot take the right over is told": [
+        (Driver.run,),
+        (has(right=RightToAct(holder="bo@tent")),),
+        ("f8",),
+        (sets(takes_over=False),),
+        (
+            "y",
+            says_only("Refused: take over: this screen only watches"),
+            lambda d: not any(isinstance(act, Abort) for act in d.engine.acts),
+        ),
+    ],
+    **{
+        f"an act takes the right over after y on every pane: {key}": [
+            (opened(gap=0.35),),
+            (key,),
+            (has(right=RightToAct(holder="bo@tent")), "an act here takes it over, after y"),
+            ("f6 y", says_only("This console has the right to act now.")),
+        ]
+        for key in ["f2", "f3", "f4", "h", "p", "s", "f1"]
+    },
+    "a spectator leaves without a question": [
+        (Driver.run,),
+        (lambda d: d.engine.finish(),),
+        (has(right=RightToAct(Role.WATCH)), lambda d: d.engine.run.unsigned),
+        ("f10", lambda d: not d.app.is_running),
+    ],
+    "a run that was cut off is asked about once when a slow disk tells of it late": [
+        ("", no_question),
+        (has(unfinished=(CUT_OFF,)), "A RUN WAS CUT OFF: run 2 of subject 3 Delft"),
+        ("escape",),
+        (Driver.settle, no_question),
+    ],
+    "a run that was cut off is asked about again when the engine starts again": [
+        (on_engine(unfinished=(CUT_OFF,)), "A RUN WAS CUT OFF: run 2 of subject 3 Delft"),
+        (has(pulse=Pulse(gone="the engine has ended")),),
+        ("enter",),
+        (Driver.settle, no_question),
+        (has(pulse=Pulse()), "A RUN WAS CUT OFF: run 2 of subject 3 Delft"),
+    ],
+}
+
+
+@pytest.mark.parametrize("story", STORIES)
+async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
+    await play(FakeEngine, STORIES[story])

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 
 import pytest
 from textual.widgets import Input
@@ -22,8 +22,26 @@ from madrob_console.referee.acts.act import Option, Pick
 from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
+from madrob_console.ui.panes.run_status import clock_span
 from scoring.protocol import Outcome, Side, Step
-from tests.madrob_console.ui.driver import Driver, driving
+from tests.madrob_console.ui.driver import (
+    Driver,
+    Stories,
+    did_nothing,
+    has,
+    in_sizes,
+    no,
+    no_question,
+    pane,
+    passes,
+    play,
+    remember,
+    says,
+    says_only,
+    sets,
+    setup_of,
+    types_every,
+)
 from tests.madrob_console.ui.fake_engine import FakeEngine, a_setup
 
 SLIPS = [
@@ -65,175 +83,6 @@ async def test_no_slip_ends_a_run(running: Driver, engine: FakeEngine) -> None:
             await running.press("escape")
 
 
-async def test_abort_is_confirmed_by_y_after_a_reason(running: Driver, engine: FakeEngine) -> None:
-    await running.press("f8")
-    assert "ABORT the run" in running.text
-    assert "> n no, the run goes on" in running.text
-    await running.press("1")
-    assert "chosen: robot unsafe" in running.text
-    await running.press("y")
-    assert engine.run.outcome is Outcome.ABORTED
-    assert engine.run.outcome_reason == "robot unsafe"
-
-
-async def test_the_reason_can_be_typed(running: Driver, engine: FakeEngine) -> None:
-    await running.press("f8", "o", "enter")
-    assert "a reason is needed" in running.text
-    await running.type("smoke, [b]much[")
-    await running.press("enter", "y")
-    assert engine.acts[-1] == Abort("smoke, [b]much[")
-
-
-async def test_the_clock_stays_in_view_and_runs_on_under_a_dialog(running: Driver) -> None:
-    await running.press("f8")
-    before = running.rows()[2:5]
-    await running.let_pass(2.0)
-    assert running.rows()[2:5] != before
-    assert "4:57 left" in running.text
-
-
-async def test_abort_comes_before_a_note_that_is_being_typed(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.press("i", "n", "a", "f8", "1", "y")
-    assert engine.run.outcome is Outcome.ABORTED
-    await running.press("b", "enter")
-    assert engine.acts[-1] == AddNote("ab")
-
-
-async def test_other_keys_wait_for_the_open_question(running: Driver) -> None:
-    await running.press("i", "f9", "f2")
-    assert "A question is open" in running.console.status
-    assert running.console.pane == "live"
-    assert len(running.console.dialogs) == 1
-
-
-async def test_an_act_that_came_too_late_is_refused_in_words(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.press("f8", "1")
-    engine.finish()
-    await running.press("y")
-    assert engine.run.outcome is Outcome.COMPLETED
-    assert "Refused: abort: the run has stopped" in running.console.status
-
-
-@pytest.mark.parametrize(("answer", "void"), [("y", True), ("enter", False)])
-async def test_an_abort_that_came_too_late_offers_to_void_the_run(
-    running: Driver, engine: FakeEngine, answer: str, void: bool
-) -> None:
-    await running.press("f8", "1")
-    engine.finish()
-    await running.press("y")
-    (dialog,) = running.console.dialogs
-    assert "The run was over before the abort (robot unsafe)" in dialog.ask.title
-    asked = [row for row in running.rows() if row.startswith("│")]
-    assert any("run 1 of subject 1 Door Bots" in row for row in asked)  # whole
-    await running.press(answer)
-    assert (engine.run.voided is not None) is void
-    assert running.console.dialogs == []
-
-
-async def test_a_void_and_a_correction_are_made_and_taken_back_by_keys(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.finish()
-    await running.press("enter", "v", "2")
-    assert engine.run.voided is not None
-    assert engine.run.voided.reason == "testbed fault"
-    assert "z takes it back" in running.console.status
-    await running.press("enter")
-    assert "Not now: v void: the run is void already" in running.text
-    await running.press("c", "t", "1")
-    setup = engine.run.setup
-    assert setup is not None
-    assert setup.condition.starting_side is Side.CW
-    await running.press("enter", "c", "s")
-    await running.type("12x")
-    await running.press("enter")
-    assert "subject '12x': use a number" in running.text
-    await running.press("escape", "z", "1", "z", "1")
-    assert engine.run.valid
-    assert engine.run.setup == engine.run.set_up_as
-    assert len(engine.run.taken_back) == 2
-    await running.press("z")
-    assert "Refused: take back: there is nothing to take back" in running.console.status
-
-
-async def test_among_many_runs_the_letter_of_void_is_theirs(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.finish()
-    await running.press("h", "v")
-    assert running.console.dialogs == []
-    assert "Refused" not in running.console.status
-
-
-async def test_a_ruling_shows_what_the_sensors_and_the_referee_say(
-    running: Driver, engine: FakeEngine
-) -> None:
-    engine.do_step(Step.TOUCH)
-    await running.press("1")
-    assert "Sensors: 1.000 s. Referee: nothing yet." in running.text
-    await running.press("r", "o")
-    await running.type("only brushed")
-    await running.press("enter", "down", "down", "enter")
-    assert engine.acts[-1] == Rule(Step.TOUCH, confirmed=False, reason="only brushed")
-
-
-async def test_leaving_asks_while_a_run_goes_on_and_only_then(
-    engine: FakeEngine,
-) -> None:
-    async with driving(engine) as driver:
-        await driver.run()
-        await driver.press("f10")
-        assert "LEAVE the console while a run goes on" in driver.text
-        await driver.press("y")
-        assert not driver.app.is_running
-    engine.finish()
-    async with driving(engine) as driver:
-        await driver.press("f10")
-        assert not driver.app.is_running
-    assert not engine.closed  # who opened the client closes it
-
-
-async def test_the_next_run_says_that_the_result_before_is_not_final(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.finish()
-    await running.press("x")
-    assert "the result before is not final: h opens it" in running.console.status
-    assert engine.run.phase is Phase.READY
-    assert running.console.pane == "setup"
-
-
-async def test_after_an_abort_the_next_run_is_one_key_away(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.press("f8", "1", "y")
-    engine.score()
-    await running.settle()
-    await running.press("x")
-    assert engine.run.phase is Phase.READY
-    assert engine.run.setup is not None
-    assert engine.run.setup.run_number == 2
-
-
-async def test_finalising_asks_for_the_name_where_none_was_set(
-    driver: Driver, engine: FakeEngine
-) -> None:
-    await driver.press(*["tab"] * 7, "enter", "shift+tab", "backspace")
-    await driver.run()
-    await driver.finish()
-    await driver.press("enter", "f", "a", "enter", "enter")
-    assert "finalising needs the referee's name" in driver.text
-    await driver.type("Bo")
-    await driver.press("enter")
-    assert engine.run.closure is not None
-    assert engine.run.closure.referee == "Bo"
-    assert "final: acknowledged by the team, signed Bo" in driver.text
-
-
 SIGNED_SO = "1 false start UNDECIDED (handle touched)"
 
 
@@ -247,119 +96,6 @@ async def with_a_false_start(driver: Driver) -> None:
     await driver.finish()
 
 
-async def test_what_is_undecided_is_seen_before_a_result_is_final(
-    driver: Driver, engine: FakeEngine
-) -> None:
-    await with_a_false_start(driver)
-    await driver.press("enter", "f")
-    for words in (
-        "Before it is final: completed, steps that count: 1, 2, 3, 4, 5, 6",
-        f"! {SIGNED_SO}",
-        "1 incident (fall)",
-        "> n no: decide first",
-    ):
-        assert words in driver.text
-    before = list(engine.acts)
-    await driver.press("a", "p", "b", "enter")  # neither a team's word nor a yes
-    assert engine.acts == before
-    assert not driver.console.dialogs
-    await driver.press("enter", "f", "y", "a", "enter")
-    assert engine.acts[-1] == Finalise(TeamWord.ACKNOWLEDGED, "Ada", "", (SIGNED_SO,))
-
-
-@pytest.mark.parametrize("size", [(80, 24), (120, 36), (60, 18)])
-async def test_with_nothing_undecided_the_list_stands_above_the_teams_word(
-    driver: Driver, engine: FakeEngine
-) -> None:
-    await with_a_false_start(driver)
-    await driver.press("enter", "a", "1", "5", "d", "enter", "f")
-    for words in (
-        "Before it is final: completed, steps that count:",
-        "- step 5 denied; 1 false start accepted; SIMULATED: not an official result;",
-        "1 incident (fall)",
-        "What does the team say?",
-        "> n nothing yet: do not finalise",
-        "b absent",
-    ):
-        assert words in " ".join(driver.text.replace("│", " ").split()), driver.text
-    await driver.press("a", "enter")  # the same keys as without a list
-    assert engine.acts[-1] == Finalise(TeamWord.ACKNOWLEDGED, "Ada")
-
-
-async def test_with_nothing_to_be_seen_signing_asks_no_more_than_the_team(
-    driver: Driver, engine: FakeEngine
-) -> None:
-    engine.kind = SourceKind.ROS
-    await driver.run()
-    await driver.finish()
-    await driver.press("enter", "f")
-    assert "Before it is final" not in driver.text
-    assert "What does the team say?" in driver.text
-
-
-async def test_another_incident_is_said_in_words_and_stands_where_its_kind_was_chosen(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.let_pass(2.0)
-    await running.press("i", "o")
-    assert "What happened?" in running.text
-    chosen = engine.snapshot().elapsed
-    await running.let_pass(3.0)
-    await running.press("enter")
-    assert "say what happened" in running.text
-    await running.type("dog on the field")
-    await running.press("enter")
-    other = IncidentKind.OTHER
-    assert engine.acts[-1] == MarkIncident(other, "dog on the field", chosen)
-    assert "Done: other marked at +" in running.console.status
-    assert running.console.status.count("dog on the field") == 1
-    await running.finish()
-    await running.press("i", "o", "l", "a", "m", "p", "enter", *"1:05", "enter")
-    assert engine.acts[-1] == MarkIncident(other, "lamp", 65.0)
-
-
-async def test_another_subject_is_shown_with_its_team_before_it_is_corrected(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.finish()
-    engine.teams = TeamList({1: "Delft", 4: "Graz"})
-    await running.settle()
-    await running.press("enter", "c", "s", "4", "enter")
-    assert "Correct the subject from 1 to 4, Graz" in running.text
-    await running.press("1")
-    assert engine.acts[-1] == Correct(4, a_setup().condition, "typed wrongly")
-
-
-async def test_a_text_of_a_question_that_was_closed_does_not_come_back(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.finish()
-    await running.press("enter", "c", "s", "9", "9", "enter", "escape", "enter", "c", "s")
-    (dialog,) = running.console.dialogs
-    assert dialog.query_one(Input).value == ""
-    await running.press("3", "enter", "enter", "enter")  # no name, then the first reason
-    assert isinstance(act := engine.acts[-1], Correct)
-    assert act.subject == 3
-
-
-async def test_the_menu_takes_the_keys_that_its_first_line_names(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.press("enter")
-    assert "1-6 confirm or deny a step; i mark an incident" in running.text
-    assert "z take back" not in running.text
-    await running.press("4", "d", "enter", "i", "c", "enter", "z", "enter")
-    assert [type(act) for act in engine.acts[-3:]] == [Rule, MarkIncident, TakeBack]
-    assert engine.run.incidents == ()
-
-
-async def test_a_question_leaves_the_footer_the_keys_that_work(running: Driver) -> None:
-    await running.press("i")
-    assert running.rows()[-1] == "a question is open  F8 ABORT  F10 Leave"
-    await running.press("escape")
-    assert running.rows()[-1].startswith("F8 ABORT  F9 Timeout")
-
-
 MACHINE, QUICK, SLOW = 0.0, 0.15, 1.0
 """Between two keys: a script, a quick hand, a slow one, s."""
 
@@ -367,199 +103,6 @@ MACHINE, QUICK, SLOW = 0.0, 0.15, 1.0
 async def stop_the_run(driver: Driver) -> None:
     """The run completes by itself while nobody looks."""
     await driver.finish()
-
-
-@pytest.mark.parametrize("gap", [MACHINE, QUICK, SLOW])
-async def test_an_abort_is_answered_as_fast_as_it_can_be_typed(
-    running: Driver, engine: FakeEngine, gap: float
-) -> None:
-    running.hand.gap = gap
-    await running.press("f8", "1", "y")
-    assert engine.acts[-1] == Abort("robot unsafe")
-
-
-@pytest.mark.parametrize("gap", [MACHINE, QUICK, SLOW])
-@pytest.mark.parametrize("keys", [("1", "y"), ("2", "2", "y"), ("o", "x", "enter", "y")])
-async def test_what_answers_an_abort_is_nothing_else_once_the_run_is_over(
-    running: Driver, engine: FakeEngine, gap: float, keys: tuple[str, ...]
-) -> None:
-    acts = list(engine.acts)
-    await running.press("f8")
-    await stop_the_run(running)
-    assert "NOT POSSIBLE ANY MORE: the run has stopped" in running.text
-    running.hand.gap = gap
-    await running.press(*keys)
-    assert engine.acts == acts
-    assert engine.run.outcome is Outcome.COMPLETED
-
-
-async def test_who_confirms_an_abort_that_came_too_late_is_asked_about_voiding_the_run(
-    running: Driver, engine: FakeEngine
-) -> None:
-    acts = list(engine.acts)
-    await running.press("f8", "1")
-    await stop_the_run(running)
-    running.hand.gap = QUICK
-    running.hand.now += SLOW
-    await running.press("y", "y")
-    assert "The run was over before the abort (robot unsafe)" in running.text
-    assert engine.acts == acts  # the second y was typed before that could be seen
-    running.hand.gap = SLOW
-    await running.press("y")
-    assert engine.acts[-1] == Void("robot unsafe")
-
-
-async def test_the_dialog_over_a_run_that_has_completed_closes_with_enter(running: Driver) -> None:
-    await running.press("f8")
-    await stop_the_run(running)
-    await running.press("enter")
-    assert not running.console.dialogs
-    await running.settle()
-    assert running.console.pane == "results"
-
-
-@pytest.mark.parametrize("gap", [MACHINE, QUICK, SLOW])
-async def test_a_refused_key_never_lets_the_next_letters_mean_something_else(
-    running: Driver, engine: FakeEngine, gap: float
-) -> None:
-    await stop_the_run(running)
-    acts = list(engine.acts)
-    await running.press("escape")
-    running.hand.gap = gap
-    await running.press("f9")
-    assert "Refused: declare timeout: the run has stopped" in running.console.status
-    await running.press("2")
-    assert "F9 was refused: the run has stopped" in running.console.status
-    await running.press("enter", "f9", "2", "y")
-    assert engine.acts == acts
-    assert not running.console.dialogs
-
-
-async def test_after_a_refusal_and_a_pause_letters_are_keys_again(running: Driver) -> None:
-    await stop_the_run(running)
-    await running.press("f9", "2")
-    assert "Step 2" in running.text
-    await running.press("escape")
-    running.hand.gap = QUICK
-    await running.press("f9", "escape", "2")
-    assert "Step 2" in running.text
-
-
-@pytest.mark.parametrize("gap", [MACHINE, QUICK, SLOW])
-async def test_a_refused_start_leaves_the_field_so_that_no_key_is_typed_into_it(
-    driver: Driver, engine: FakeEngine, gap: float
-) -> None:
-    await driver.press("enter", "shift+tab", "tab", "tab", "tab")
-    team = driver.console.query_one("#team", Input)
-    driver.console.set_focus(team)
-    before = team.value
-    await driver.settle()
-    driver.hand.gap = gap
-    await driver.press("f5")
-    assert "Refused: start" in driver.console.status
-    await driver.press("n", *"robot", "enter", "f9", "2", "y")
-    assert team.value == before
-    assert not any(isinstance(act, DeclareTimeout) for act in engine.acts)
-
-
-@pytest.mark.parametrize("gap", [MACHINE, QUICK, SLOW])
-@pytest.mark.parametrize("key", ["3", "y", "i", "enter"])
-async def test_a_key_typed_as_the_result_comes_is_left_out_unless_there_was_time_to_see_it(
-    running: Driver, engine: FakeEngine, gap: float, key: str
-) -> None:
-    acts = list(engine.acts)
-    await stop_the_run(running)
-    running.hand.gap = gap
-    await running.press(key)
-    if gap < 0.3:
-        assert "is left out: the result has just come" in running.console.status
-        assert not running.console.dialogs
-    assert engine.acts == acts
-
-
-async def test_the_key_that_aborts_counts_whatever_has_just_changed(
-    driver: Driver, engine: FakeEngine
-) -> None:
-    await driver.set_up()
-    await driver.press("f5")
-    driver.hand.gap = MACHINE
-    await driver.let_pass(6.0)
-    await driver.press("f8", "1", "y")
-    assert engine.acts[-1] == Abort("robot unsafe")
-
-
-@pytest.mark.parametrize("gap", [MACHINE, QUICK])
-@pytest.mark.parametrize(
-    ("opens", "text"),
-    [
-        (("enter", "f"), "Team satisfied"),
-        (("4",), "the robot did not cross"),
-        (("enter", "f"), "absent bots"),
-        (("enter",), "bots satisfied"),
-    ],
-)
-async def test_a_text_typed_into_a_choice_is_no_answer_and_no_other_text(
-    running: Driver, engine: FakeEngine, gap: float, opens: Sequence[str], text: str
-) -> None:
-    await stop_the_run(running)
-    acts = list(engine.acts)
-    await running.press(*opens)
-    running.hand.gap = gap
-    await running.type(text)
-    (dialog,) = running.console.dialogs
-    assert engine.acts == acts
-    assert dialog.query_one(Input).value == ""
-    if not text.startswith("a"):  # "a" is an answer
-        assert dialog.answers == []
-
-
-@pytest.mark.parametrize("gap", [MACHINE, QUICK])
-async def test_the_rest_of_a_word_that_answered_is_no_key(
-    running: Driver, engine: FakeEngine, gap: float
-) -> None:
-    await running.press("f9", "1")
-    running.hand.gap = gap
-    await running.type("yes")
-    assert engine.acts[-1] == DeclareTimeout("the team gives up")
-    assert running.console.pane == "live"
-    assert not running.console.dialogs
-
-
-async def test_a_ruling_is_two_keys_also_when_the_sensors_find_the_step_meanwhile(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.press("1")
-    assert "passage sensors" in running.text
-    assert "Sensors: not done" in running.text
-    engine.do_step(Step.TOUCH)
-    running.hand.gap = MACHINE
-    await running.settle()
-    assert "Sensors: 1.000 s" in running.text
-    await running.press("d")
-    assert engine.acts[-1] == Rule(Step.TOUCH, confirmed=False, reason="seen by the referee")
-
-
-async def test_a_text_that_is_being_typed_survives_a_moment_in_which_it_is_not_possible(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.press("i", "n", *"cable")
-    engine.right = RightToAct(holder="bo@tent")
-    await running.settle()
-    assert "NOT POSSIBLE ANY MORE: bo@tent has the right to act" in running.text
-    await running.press("x", "y")
-    engine.right = RightToAct()
-    await running.settle()
-    await running.press("s", "enter")
-    assert engine.acts[-1] == AddNote("cables")
-
-
-async def test_a_note_goes_on_while_the_run_ends(running: Driver, engine: FakeEngine) -> None:
-    await running.press("i", "n", "a")
-    running.hand.gap = QUICK
-    await running.press("b")
-    await stop_the_run(running)
-    await running.press("c", "enter")
-    assert engine.acts[-1] == AddNote("abc")
 
 
 @pytest.mark.parametrize(
@@ -598,72 +141,419 @@ def test_enter_takes_what_does_nothing_or_can_be_taken_back_else_nothing_is_mark
     assert Pick("Why?", (Option("l", "later", None), *acts)).marked == 0
 
 
-async def test_an_incident_is_one_of_now_while_the_run_goes_on_and_asks_for_its_time_after_it(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.press("i", "c")
-    assert engine.run.incidents[-1].time == engine.now
-    await running.let_pass(20.0)
-    await stop_the_run(running)
-    acts = list(engine.acts)
-    await running.press("i", "f")
-    assert "When? Seconds from the start of the run" in running.text
-    await running.press("enter")
-    assert "its time is needed: the run has stopped" in running.text
-    await running.type("later")
-    await running.press("enter")
-    assert "'later' is no time" in running.text
-    assert engine.acts == acts
-    await running.press(*["backspace"] * 5)
-    await running.type("0:12.5")
-    await running.press("enter")
-    assert engine.acts[-1] == MarkIncident(IncidentKind.FALL, after_start=12.5)
-    start = engine.run.start
-    assert start is not None
-    assert engine.run.incidents[-1].time == start + 12.5
-    await running.press("i", "f")
-    await running.type("-60")
-    await running.press("enter")
-    assert "the recording began at -5.0 s" in running.console.status
+OTHER = IncidentKind.OTHER
+LEFT_OUT = says("is left out: the result has just come")
 
 
-async def test_a_console_whose_engine_has_ended_refuses_with_that_and_leaves_without_a_question(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.press("f8")
-    engine.failure = "the engine has ended"
-    await running.settle()
-    assert "NOT POSSIBLE ANY MORE: the engine has ended" in running.text
-    await running.press("enter", "i")
-    assert running.console.status == "Refused: mark an incident: the engine has ended"
-    assert engine.run.phase is Phase.RUNNING
-    await running.press("f10")
-    assert not running.app.is_running
+def clock_reads(text: str) -> Callable[[Driver], object]:
+    return lambda driver: (
+        clock_span(driver.engine.snapshot()).text == text
+        and any({"█", "▀"} & {*row} for row in driver.rows()[2:5])
+    )
 
 
-async def test_leaving_a_silent_engine_says_that_nobody_knows(
-    running: Driver, engine: FakeEngine
-) -> None:
-    engine.pulse = Pulse(server=4)
-    await running.press("f10")
-    assert "Nobody can say whether the run goes on" in running.text
-    await running.press("enter")
-    assert running.app.is_running
+def asks(title: str) -> Callable[[Driver], object]:
+    return lambda driver: [title in one.ask.title for one in driver.console.dialogs] == [True]
 
 
-async def test_a_field_is_typed_into_only_where_that_was_chosen(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await stop_the_run(running)
-    await running.press("x")
-    assert running.console.pane == "setup"
-    assert not isinstance(running.app.focused, Input)
-    await running.press("f2")
-    assert isinstance(running.app.focused, Input)
-    await running.press("f3", "enter", "n")
-    await running.type("ok")
-    await running.press("enter")
-    assert engine.acts[-1] == AddNote("ok")
-    assert not isinstance(running.app.focused, Input)
-    await running.press("f2", "escape", "enter")  # sets up, as the button says
-    assert running.console.query_one("#subject", Input).value == "1"
+def is_void(void: bool) -> Callable[[Driver], object]:
+    return lambda driver: (driver.engine.run.voided is not None) is void
+
+
+def incident_at(after_start: float) -> Callable[[Driver], object]:
+    return lambda driver: (
+        (start := driver.engine.run.start) is not None
+        and driver.engine.run.incidents[-1].time == start + after_start
+    )
+
+
+def field_holds(text: str) -> Callable[[Driver], object]:
+    return lambda driver: [d.query_one(Input).value for d in driver.console.dialogs] == [text]
+
+
+def no_answer(driver: Driver) -> object:
+    return [dialog.answers for dialog in driver.console.dialogs] == [[]]
+
+
+STORIES: Stories = {
+    "the clock stays in view and runs on under a dialog": [
+        (Driver.run, clock_reads("0:01.0")),
+        ("f8", clock_reads("0:01.0")),
+        (passes(2.0), clock_reads("0:03.0"), "4:57 left"),
+    ],
+    **{
+        f"an abort that came too late offers to void the run: {answer}": [
+            (Driver.run,),
+            ("f8 1",),
+            (lambda d: d.engine.finish(),),
+            ("y", asks("The run was over before the abort (robot unsafe)")),
+            ("", "run 1 of subject 1 Door Bots"),
+            (answer, no_question, is_void(void)),
+        ]
+        for answer, void in (("y", True), ("enter", False))
+    },
+    "who confirms an abort that came too late is asked about voiding the run": [
+        (Driver.run,),
+        ("f8 1",),
+        (stop_the_run,),
+        (remember,),
+        (types_every(QUICK),),
+        (lambda d: setattr(d.hand, "now", d.hand.now + SLOW),),
+        # the second y was typed before the question could be seen
+        ("y y", "The run was over before the abort (robot unsafe)", did_nothing),
+        (types_every(SLOW),),
+        ("y", Void("robot unsafe")),
+    ],
+    "leaving asks while a run goes on": [
+        (Driver.run,),
+        ("f10", "LEAVE the console while a run goes on"),
+        # who opened the client closes it
+        ("y", lambda d: not d.app.is_running, lambda d: not d.engine.closed),
+    ],
+    "leaving asks nothing after a run": [
+        (Driver.run,),
+        (Driver.finish,),
+        ("f10", lambda d: not d.app.is_running),
+    ],
+    "another incident is said in words and stands where its kind was chosen": [
+        (Driver.run,),
+        (passes(2.0),),
+        ("i o", "What happened?"),
+        (passes(3.0),),
+        ("enter", "say what happened"),
+        ("'=dog on the field' enter", MarkIncident(OTHER, "dog on the field", 3.0)),
+        ("", says("Done: other marked at +"), says("dog on the field")),
+        (Driver.finish,),
+        ("i o =lamp enter =1:05 enter", MarkIncident(OTHER, "lamp", 65.0)),
+    ],
+    "an incident is one of now while the run goes on and asks for its time after it": [
+        (Driver.run,),
+        ("i c", MarkIncident(IncidentKind.COLLISION), incident_at(1.0)),
+        (passes(20.0),),
+        (stop_the_run,),
+        (remember,),
+        ("i f", "When? Seconds from the start of the run"),
+        ("enter", "its time is needed: the run has stopped"),
+        ("=later enter", "'later' is no time", did_nothing),
+        (
+            "backspace*5 =0:12.5 enter",
+            MarkIncident(IncidentKind.FALL, after_start=12.5),
+            incident_at(12.5),
+        ),
+        ("i f =-60 enter", says("the recording began at -5.0 s")),
+    ],
+    **{
+        f"a refused start leaves the field so that no key is typed into it: {gap}": [
+            ("enter",),
+            (lambda d: d.console.set_focus(d.console.query_one("#team")),),
+            (types_every(gap),),
+            ("f5", says("Refused: start")),
+            ("n =robot enter f9 2 y", "Team (/ list) Door Bots"),
+            ("", lambda d: not any(isinstance(act, DeclareTimeout) for act in d.engine.acts)),
+        ]
+        for gap in (MACHINE, QUICK, SLOW)
+    },
+    **{
+        f"a key typed as the result comes is left out unless it could be seen: {gap}, {key}": [
+            (Driver.run,),
+            (remember,),
+            (stop_the_run,),
+            (types_every(gap),),
+            (key, did_nothing, *([LEFT_OUT, no_question] if gap < 0.3 else [])),
+        ]
+        for gap in (MACHINE, QUICK, SLOW)
+        for key in ("3", "y", "i", "enter")
+    },
+    **{
+        f"a text typed into a choice is no answer and no other text: {gap}, {text}": [
+            (Driver.run,),
+            (stop_the_run,),
+            (remember,),
+            (opens,),
+            (types_every(gap),),
+            (f"'={text}'", did_nothing, field_holds("")),
+            ("", *([] if text.startswith("a") else [no_answer])),  # "a" is an answer
+        ]
+        for gap in (MACHINE, QUICK)
+        for opens, text in (
+            ("enter f", "Team satisfied"),
+            ("4", "the robot did not cross"),
+            ("enter f", "absent bots"),
+            ("enter", "bots satisfied"),
+        )
+    },
+    "abort is confirmed by y after a reason": [
+        (Driver.run,),
+        ("f8", "ABORT the run", "> n no, the run goes on"),
+        ("1", "chosen: robot unsafe"),
+        ("y", Outcome.ABORTED, lambda d: d.engine.run.outcome_reason == "robot unsafe"),
+    ],
+    "the reason can be typed": [
+        (Driver.run,),
+        ("f8 o enter", "a reason is needed"),
+        ("'=smoke, [b]much[' enter y", Abort("smoke, [b]much[")),
+    ],
+    "abort comes before a note that is being typed": [
+        (Driver.run,),
+        ("i n a f8 1 y", Outcome.ABORTED),
+        ("b enter", AddNote("ab")),
+    ],
+    "other keys wait for the open question": [
+        (Driver.run,),
+        (
+            "i f9 f2",
+            says("A question is open"),
+            pane("live"),
+            lambda d: len(d.console.dialogs) == 1,
+        ),
+    ],
+    "an act that came too late is refused in words": [
+        (Driver.run,),
+        ("f8 1",),
+        (lambda d: d.engine.finish(),),
+        ("y", Outcome.COMPLETED, says("Refused: abort: the run has stopped")),
+    ],
+    "a void and a correction are made and taken back by keys": [
+        (Driver.run,),
+        (Driver.finish,),
+        (
+            "enter v 2",
+            lambda d: (void := d.engine.run.voided) and void.reason == "testbed fault",
+            says("z takes it back"),
+        ),
+        ("enter", "Not now: v void: the run is void already"),
+        ("c t 1", lambda d: setup_of(d.engine).condition.starting_side is Side.CW),
+        ("enter c s =12x enter", "subject '12x': use a number"),
+        (
+            "escape z 1 z 1",
+            lambda d: d.engine.run.valid,
+            lambda d: d.engine.run.setup == d.engine.run.set_up_as,
+            lambda d: len(d.engine.run.taken_back) == 2,
+        ),
+        ("z", says("Refused: take back: there is nothing to take back")),
+    ],
+    "among many runs the letter of void is theirs": [
+        (Driver.run,),
+        (Driver.finish,),
+        ("h v", no_question, lambda d: "Refused" not in d.console.status),
+    ],
+    "a ruling shows what the sensors and the referee say": [
+        (Driver.run,),
+        (lambda d: d.engine.do_step(Step.TOUCH),),
+        ("1", "Sensors: 1.000 s. Referee: nothing yet."),
+        (
+            "r o '=only brushed' enter down down enter",
+            Rule(Step.TOUCH, confirmed=False, reason="only brushed"),
+        ),
+    ],
+    "the next run says that the result before is not final": [
+        (Driver.run,),
+        (Driver.finish,),
+        ("x", says("the result before is not final: h opens it"), Phase.READY, pane("setup")),
+    ],
+    "after an abort the next run is one key away": [
+        (Driver.run,),
+        ("f8 1 y",),
+        (lambda d: d.engine.score(),),
+        (Driver.settle,),
+        (
+            "x",
+            Phase.READY,
+            lambda d: setup_of(d.engine).run_number == 2,
+        ),
+    ],
+    "finalising asks for the name where none was set": [
+        ("tab*7 enter shift+tab backspace",),
+        (Driver.run,),
+        (Driver.finish,),
+        ("enter f a enter enter", "finalising needs the referee's name"),
+        (
+            "=Bo enter",
+            lambda d: (closure := d.engine.run.closure) and closure.referee == "Bo",
+            "final: acknowledged by the team, signed Bo",
+        ),
+    ],
+    "what is undecided is seen before a result is final": [
+        (with_a_false_start,),
+        (
+            "enter f",
+            "Before it is final: completed, steps that count: 1, 2, 3, 4, 5, 6",
+            f"! {SIGNED_SO}",
+            "1 incident (fall)",
+            "> n no: decide first",
+        ),
+        (remember,),
+        ("a p b enter", did_nothing, no_question),
+        ("enter f y a enter", Finalise(TeamWord.ACKNOWLEDGED, "Ada", "", (SIGNED_SO,))),
+    ],
+    "with nothing undecided the list stands above the teams word": [
+        (in_sizes((80, 24), (120, 36), (60, 18)),),
+        (with_a_false_start,),
+        (
+            "enter a 1 5 d enter f",
+            "Before it is final: completed, steps that count:",
+            "- step 5 denied; 1 false start accepted; SIMULATED: not an official result;",
+            "1 incident (fall)",
+            "What does the team say?",
+            "> n nothing yet: do not finalise",
+            "b absent",
+        ),
+        ("a enter", Finalise(TeamWord.ACKNOWLEDGED, "Ada")),
+    ],
+    "with nothing to be seen signing asks no more than the team": [
+        (sets(kind=SourceKind.ROS),),
+        (Driver.run,),
+        (Driver.finish,),
+        ("enter f", no("Before it is final"), "What does the team say?"),
+    ],
+    "another subject is shown with its team before it is corrected": [
+        (Driver.run,),
+        (Driver.finish,),
+        (has(teams=TeamList({1: "Delft", 4: "Graz"})),),
+        ("enter c s 4 enter", "Correct the subject from 1 to 4, Graz"),
+        ("1", Correct(4, a_setup().condition, "typed wrongly")),
+    ],
+    "a text of a question that was closed does not come back": [
+        (Driver.run,),
+        (Driver.finish,),
+        (
+            "enter c s 9 9 enter escape enter c s",
+            field_holds(""),
+        ),
+        (
+            "3 enter*3",
+            lambda d: isinstance(act := d.engine.acts[-1], Correct) and act.subject == 3,
+        ),
+    ],
+    "the menu takes the keys that its first line names": [
+        (Driver.run,),
+        ("enter", "1-6 confirm or deny a step; i mark an incident", no("z take back")),
+        (
+            "4 d enter i c enter z enter",
+            lambda d: [type(act) for act in d.engine.acts[-3:]] == [Rule, MarkIncident, TakeBack],
+            lambda d: d.engine.run.incidents == (),
+        ),
+    ],
+    "a question leaves the footer the keys that work": [
+        (Driver.run,),
+        ("i", lambda d: d.rows()[-1] == "a question is open  F8 ABORT  F10 Leave"),
+        ("escape", lambda d: d.rows()[-1].startswith("F8 ABORT  F9 Timeout")),
+    ],
+    **{
+        f"an abort is answered as fast as it can be typed: {gap}": [
+            (Driver.run,),
+            (types_every(gap),),
+            ("f8 1 y", Abort("robot unsafe")),
+        ]
+        for gap in [MACHINE, QUICK, SLOW]
+    },
+    **{
+        f"what answers an abort is nothing else once the run is over: {gap}, {keys}": [
+            (Driver.run,),
+            (remember,),
+            ("f8",),
+            (stop_the_run, "NOT POSSIBLE ANY MORE: the run has stopped"),
+            (types_every(gap),),
+            (f"""{" ".join(keys)}""", did_nothing, Outcome.COMPLETED),
+        ]
+        for gap in [MACHINE, QUICK, SLOW]
+        for keys in [("1", "y"), ("2", "2", "y"), ("o", "x", "enter", "y")]
+    },
+    "the dialog over a run that has completed closes with enter": [
+        (Driver.run,),
+        ("f8",),
+        (stop_the_run,),
+        ("enter", no_question),
+        (Driver.settle, pane("results")),
+    ],
+    **{
+        f"a refused key never lets the next letters mean something else: {gap}": [
+            (Driver.run,),
+            (stop_the_run,),
+            (remember,),
+            ("escape",),
+            (types_every(gap),),
+            ("f9", says("Refused: declare timeout: the run has stopped")),
+            ("2", says("F9 was refused: the run has stopped")),
+            ("enter f9 2 y", did_nothing, no_question),
+        ]
+        for gap in [MACHINE, QUICK, SLOW]
+    },
+    "after a refusal and a pause letters are keys again": [
+        (Driver.run,),
+        (stop_the_run,),
+        ("f9 2", "Step 2"),
+        ("escape",),
+        (types_every(QUICK),),
+        ("f9 escape 2", "Step 2"),
+    ],
+    "the key that aborts counts whatever has just changed": [
+        (Driver.set_up,),
+        ("f5",),
+        (types_every(MACHINE),),
+        (passes(6.0),),
+        ("f8 1 y", Abort("robot unsafe")),
+    ],
+    **{
+        f"the rest of a word that answered is no key: {gap}": [
+            (Driver.run,),
+            ("f9 1",),
+            (types_every(gap),),
+            ("=yes", DeclareTimeout("the team gives up"), pane("live"), no_question),
+        ]
+        for gap in [MACHINE, QUICK]
+    },
+    "a ruling is two keys also when the sensors find the step meanwhile": [
+        (Driver.run,),
+        ("1", "passage sensors", "Sensors: not done"),
+        (lambda d: d.engine.do_step(Step.TOUCH),),
+        (types_every(MACHINE),),
+        (Driver.settle, "Sensors: 1.000 s"),
+        ("d", Rule(Step.TOUCH, confirmed=False, reason="seen by the referee")),
+    ],
+    "a text that is being typed survives a moment in which it is not possible": [
+        (Driver.run,),
+        ("i n c a b l e",),
+        (
+            has(right=RightToAct(holder="bo@tent")),
+            "NOT POSSIBLE ANY MORE: bo@tent has the right to act",
+        ),
+        ("x y",),
+        (has(right=RightToAct()),),
+        ("s enter", AddNote("cables")),
+    ],
+    "a note goes on while the run ends": [
+        (Driver.run,),
+        ("i n a",),
+        (types_every(QUICK),),
+        ("b",),
+        (stop_the_run,),
+        ("c enter", AddNote("abc")),
+    ],
+    "a console whose engine has ended refuses with that and leaves without a question": [
+        (Driver.run,),
+        ("f8",),
+        (has(failure="the engine has ended"), "NOT POSSIBLE ANY MORE: the engine has ended"),
+        ("enter i", says_only("Refused: mark an incident: the engine has ended"), Phase.RUNNING),
+        ("f10", lambda d: not d.app.is_running),
+    ],
+    "leaving a silent engine says that nobody knows": [
+        (Driver.run,),
+        (sets(pulse=Pulse(server=4)),),
+        ("f10", "Nobody can say whether the run goes on"),
+        ("enter", lambda d: d.app.is_running),
+    ],
+    "a field is typed into only where that was chosen": [
+        (Driver.run,),
+        (stop_the_run,),
+        ("x", pane("setup"), lambda d: not isinstance(d.app.focused, Input)),
+        ("f2", lambda d: isinstance(d.app.focused, Input)),
+        ("f3 enter n =ok enter", AddNote("ok"), lambda d: not isinstance(d.app.focused, Input)),
+        ("f2 escape enter", lambda d: d.console.query_one("#subject", Input).value == "1"),
+    ],
+}
+
+
+@pytest.mark.parametrize("story", STORIES)
+async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
+    await play(FakeEngine, STORIES[story])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +24,17 @@ from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import Indicator, Uncertainty
 from tests.madrob_console.run_folders import VALUES, summary, write
-from tests.madrob_console.ui.driver import LARGE, SMALL, Driver, showing
+from tests.madrob_console.ui.driver import (
+    LARGE,
+    SMALL,
+    Driver,
+    Stories,
+    in_sizes,
+    no,
+    play,
+    play_pane,
+    showing,
+)
 from tests.madrob_console.ui.fake_engine import FakeEngine, indicators
 from tests.madrob_console.ui.test_wall import hall
 
@@ -174,63 +185,6 @@ async def test_a_run_that_failed_or_is_void_is_compared_with_nothing(
         assert ("none: only completed runs that count" in text) is not words
 
 
-@pytest.mark.parametrize("size", [SMALL, LARGE])
-async def test_d_accepts_doubts_and_they_stay_beside_the_answer(
-    driver: Driver, engine: FakeEngine
-) -> None:
-    await doubted(driver)
-    await driver.press("enter", "d")
-    assert "a on all of them" in driver.text
-    assert "2 passage time: 2 doubts" in driver.text
-    await driver.press("1")
-    assert f"? {TOUCH}" in driver.text
-    await driver.press("1")
-    act = AcceptDoubts({HANDLE: (TOUCH,)}, "seen on video: right")
-    assert engine.acts[-1] == act
-    assert "doubted: passage time (2 doubts UNDECIDED)" in " ".join(driver.text.split())
-    assert "3.21?" in driver.text
-    await driver.press("enter", "d", "2")
-    assert "doubted:" not in driver.text
-    await driver.press("enter")
-    assert "no doubt waits for the referee" in driver.text
-    await driver.press("escape")
-    copied = driver.console.panes.results.copied
-    assert "time to handle: seen on video: right" in copied
-    await driver.press("z", "1")
-    assert "doubted: passage time (2 doubts UNDECIDED)" in " ".join(driver.text.split())
-
-
-async def test_a_result_all_of_which_is_doubted_is_asked_about_on_a_small_screen(
-    driver: Driver, engine: FakeEngine
-) -> None:
-    await doubted(driver)
-    assert engine.result is not None
-    words = "stamps of door and handle differ in delay by over one sampling interval, no {}"
-    doubts = tuple(words.format(number) for number in range(9))
-    everything = {name: replace(one, doubts=doubts) for name, one in measured().items()}
-    engine.result = replace(engine.result, indicators=everything)
-    await driver.settle()
-    await driver.press("enter", "d")
-    for name in IndicatorName:
-        assert f"{name.words}: 9 doubts" in driver.text
-    await driver.press("a")
-    assert "over one sampling interval," in driver.text
-    assert "? and 5 more: the result has all of them" in driver.text
-    assert "o other: type it" in driver.text
-    await driver.press("2")
-    assert engine.acts[-1] == AcceptDoubts(
-        dict.fromkeys(IndicatorName, doubts), "no effect on the ranking"
-    )
-
-
-async def test_before_a_result_is_doubted_the_key_says_why_not(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.finish()
-    await running.press("enter")
-    assert "Not now: d accept doubts: no doubt waits for the referee" in running.text
-
-
 async def test_the_history_marks_a_doubted_value_with_the_digits_that_it_has() -> None:
     run = summary(uncertainties=dict(KNOWN), doubts={TIME: 1, PASSAGE: 2}, values={
         name: value for name, value in VALUES.items() if name != PASSAGE
@@ -245,21 +199,6 @@ ALIKE = [
     summary(subject, values={**VALUES, TIME: time}, uncertainties=dict(KNOWN), doubts=doubts)
     for subject, time, doubts in ((1, 17.43, {}), (2, 17.44, {TIME: 1}), (3, 19.0, {}))
 ]
-
-
-async def test_the_standings_mark_teams_that_do_not_differ() -> None:
-    async with showing(StandingsPane(lambda: ALIKE, 0, "Autumn Cup")) as shown:
-        rows = [" ".join(row.split()) for row in shown.rows()]
-        assert any("17.43~ " in row and row.startswith("> 7 1 Team 1 6 ") for row in rows)
-        assert any("17.44?~ " in row for row in rows)
-        assert any("19.00 " in row for row in rows)
-        assert "? doubted ~ not distinguishable" in " ".join(rows)
-        assert "execution time ~ 2;" in " ".join(rows)
-
-
-async def test_without_a_sign_no_row_is_lost_to_their_meaning() -> None:
-    async with showing(StandingsPane(lambda: [summary()], 0, "Autumn Cup")) as shown:
-        assert "doubted" not in shown.text
 
 
 @pytest.mark.parametrize("size", [(60, 18), (80, 24), (160, 50)])
@@ -279,3 +218,66 @@ async def test_the_wall_shows_them_too(
         assert wall.size_of("2 Team 2") >= 0
         assert wall.size_of("17.44?~") >= 0
         assert "~ not distinguish" in wall.text
+
+
+WORDS = "stamps of door and handle differ in delay by over one sampling interval, no {}"
+DOUBTS = tuple(WORDS.format(number) for number in range(9))
+
+
+async def all_doubted(driver: Driver) -> None:
+    await doubted(driver)
+    assert driver.engine.result is not None
+    found = {name: replace(one, doubts=DOUBTS) for name, one in measured().items()}
+    driver.engine.result = replace(driver.engine.result, indicators=found)
+    await driver.settle()
+
+
+def copied(words: str) -> Callable[[Driver], object]:
+    return lambda driver: words in driver.console.panes.results.copied
+
+
+STORIES: Stories = {
+    "d accepts doubts and they stay beside the answer": [
+        (in_sizes(SMALL, LARGE),),
+        (doubted,),
+        ("enter d", "a on all of them", "2 passage time: 2 doubts"),
+        ("1", f"? {TOUCH}"),
+        ("1", AcceptDoubts({HANDLE: (TOUCH,)}, "seen on video: right")),
+        ("", "doubted: passage time (2 doubts UNDECIDED)", "3.21?"),
+        ("enter d 2", no("doubted:")),
+        ("enter", "no doubt waits for the referee"),
+        ("escape", copied("time to handle: seen on video: right")),
+        ("z 1", "doubted: passage time (2 doubts UNDECIDED)"),
+    ],
+    "a result all of which is doubted is asked about on a small screen": [
+        (all_doubted,),
+        ("enter d", *(f"{name.words}: 9 doubts" for name in IndicatorName)),
+        ("a", "over one sampling interval,", "? and 5 more: the result has all of them"),
+        ("", "o other: type it"),
+        ("2", AcceptDoubts(dict.fromkeys(IndicatorName, DOUBTS), "no effect on the ranking")),
+    ],
+    "before a result is doubted the key says why not": [
+        (Driver.run,),
+        (Driver.finish,),
+        ("enter", "Not now: d accept doubts: no doubt waits for the referee"),
+    ],
+}
+
+
+@pytest.mark.parametrize("story", STORIES)
+async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
+    await play(FakeEngine, STORIES[story])
+
+
+async def test_the_standings_mark_teams_that_do_not_differ() -> None:
+    await play_pane(
+        StandingsPane(lambda: ALIKE, 0, "Autumn Cup"),
+        ("", lambda shown: shown.marked.split()[:5] == [">", "7", "1", "Team", "1"]),
+        ("", "17.43~ ", "17.44?~ ", "19.00 "),
+        ("", "? doubted ~ not distinguishable", "execution time ~ 2;"),
+    )
+
+
+async def test_without_a_sign_no_row_is_lost_to_their_meaning() -> None:
+    pane = StandingsPane(lambda: [summary()], 0, "Autumn Cup")
+    await play_pane(pane, ("", lambda shown: "doubted" not in shown.text))

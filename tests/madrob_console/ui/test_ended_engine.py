@@ -32,10 +32,14 @@ async def test_the_screen_says_what_it_waits_for_until_the_engine_is_there() -> 
         driver = Driver(app, engine, pilot, Hand())
         await driver.settle()
         assert "Looking for the engine; one is started where none runs" in driver.text
+        await driver.press("f5")
+        why = "this screen is not attached to the engine yet"
+        assert driver.console.status == f"Refused: start: {why}"
         ready.set()
         await app.workers.wait_for_complete()
         await driver.settle()
         assert "Looking for the engine" not in driver.text
+        assert "SIMULATED nominal" in driver.rows()[0]
         assert "Opening side" in driver.text
 
 

@@ -1,10 +1,9 @@
 from __future__ import annotations
 
-import asyncio
 import math
 import threading
 from asyncio import to_thread
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -22,17 +21,8 @@ from madrob_console.engine.requests import Curve, Curves
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import Abort
 from madrob_console.ui.cells.lines import Line
-from madrob_console.ui.cells.plot import (
-    ASCII,
-    BRAILLE,
-    Axis,
-    Extreme,
-    Frame,
-    Ink,
-    Mark,
-    Plot,
-    Window,
-)
+from madrob_console.ui.cells.plot import EVENT, HIGH, TOP, Axis, Extreme, Frame, Mark, Plot, Window
+from madrob_console.ui.look.themes import to_ascii
 from madrob_console.ui.panes.figures_pane import FIGURES, FiguresPane, Sheet
 from scoring.indicator_table import IndicatorName, Quantity
 from scoring.protocol import EventName
@@ -70,24 +60,15 @@ class Viewer:
 
 
 @asynccontextmanager
-async def viewing(
-    load: Callable[[], Curves | None], snapshot: Snapshot, *, plain: bool = False
-) -> AsyncIterator[Viewer]:
+async def viewing(load: Callable[[], Curves | None], snapshot: Snapshot) -> AsyncIterator[Viewer]:
     pane = FiguresPane(partial(to_thread, load))
-    app = PaneApp(pane, plain=plain)
+    app = PaneApp(pane)
     async with app.run_test(size=(80, 19)) as pilot:
         viewer = Viewer(app, pilot, pane)
         pane.enter()
         pane.show(snapshot)
         await viewer.settle()
         yield viewer
-
-
-def run(drive: Callable[[], Awaitable[None]]) -> None:
-    async def main() -> None:
-        await drive()
-
-    asyncio.run(main())
 
 
 async def test_keys_turn_the_figures_and_move_and_zoom_in_time() -> None:
@@ -108,14 +89,6 @@ async def test_keys_turn_the_figures_and_move_and_zoom_in_time() -> None:
         assert (await viewer.press(*["plus"] * 14)).endswith("7.39 to 7.59 s, part")
         assert (await viewer.press("home")).endswith("0.00 to 14.98 s, all")
         assert (await viewer.press("left", "down")).endswith("0.00 to 14.98 s, all")
-
-
-@pytest.mark.parametrize("plain", [False, True])
-async def test_the_pane_draws_with_the_characters_that_the_terminal_has(plain: bool) -> None:
-    async with viewing(lambda: CURVES, finished().snapshot(), plain=plain) as viewer:
-        assert len(viewer.rows) == 19
-        assert "".join(viewer.rows).isascii() == plain
-        assert any((ASCII if plain else BRAILLE).top in row for row in viewer.rows)
 
 
 async def test_what_cannot_be_drawn_is_said_in_words() -> None:
@@ -206,10 +179,9 @@ def drawn(
     curves: Curves = CURVES,
     window: Window = WHOLE,
     size: tuple[int, int] = (78, 19),
-    ink: Ink = BRAILLE,
 ) -> list[str]:
     sheet = Sheet(number, curves, snapshot or finished().snapshot(), window)
-    return [text(line) for line in sheet.lines(*size, ink)]
+    return [text(line) for line in sheet.lines(*size)]
 
 
 def text(line: Line) -> str:
@@ -218,15 +190,10 @@ def text(line: Line) -> str:
 
 @pytest.mark.parametrize("number", range(len(FIGURES)))
 @pytest.mark.parametrize("size", [(58, 13), (78, 17), (78, 19), (116, 29), (158, 43)])
-@pytest.mark.parametrize("ink", [BRAILLE, ASCII])
-def test_a_figure_fills_the_rows_that_there_are(
-    number: int, size: tuple[int, int], ink: Ink
-) -> None:
-    rows = drawn(number, size=size, ink=ink)
+def test_a_figure_fills_the_rows_that_there_are(number: int, size: tuple[int, int]) -> None:
+    rows = drawn(number, size=size)
     assert len(rows) == size[1]
-    if size[0] >= 78:  # in fewer cells, words end with an ellipsis
-        assert max(map(cell_len, rows)) <= size[0]
-        assert ink is BRAILLE or all(row.isascii() for row in rows)
+    assert size[0] < 78 or max(map(cell_len, rows)) <= size[0]  # else words end with an ellipsis
 
 
 @pytest.mark.parametrize(
@@ -284,7 +251,7 @@ def test_a_maximum_out_of_sight_is_still_told() -> None:
     assert rows[0].endswith("8.00 to 12.00 s, part")
     heading = "low-passed acceleration, rad/s^2   max abs 0.6800 at 3.75 s, not in this part"
     assert heading in rows
-    assert not any(BRAILLE.top in row for row in rows)
+    assert not any(TOP in row for row in rows)
 
 
 def test_a_way_back_to_the_starting_side_is_no_crossing() -> None:
@@ -310,7 +277,6 @@ def test_the_finding_has_uncertainty_and_doubt() -> None:
 
 
 TEN_SECONDS = Window(0.0, 10.0)
-INKS = pytest.mark.parametrize("ink", [BRAILLE, ASCII])
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 
 
@@ -329,13 +295,12 @@ def sine(count: int = 500, height: float = 1.0) -> Curve:
 def plotted(
     plot: Plot,
     *marks: Mark,
-    ink: Ink = ASCII,
     window: Window = TEN_SECONDS,
     width: int = 46,
     height: int = 9,
 ) -> list[str]:
     """The rows right of the y axis."""
-    rows = texts(Frame(window, width, 5, marks, ink).plot(plot, height))
+    rows = texts(Frame(window, width, 5, marks).plot(plot, height))
     return [row[6:] for row in rows]
 
 
@@ -358,7 +323,6 @@ FRAMES = st.builds(
     st.integers(20, 150),
     st.just(0),
     st.lists(st.builds(Mark, st.floats(-10, 30), st.sampled_from("toxc")), max_size=8),
-    st.sampled_from([BRAILLE, ASCII]),
 )
 
 
@@ -374,8 +338,6 @@ def test_any_data_fill_exactly_the_cells_that_there_are(
     axis = texts(frame.time_axis())
     assert len(axis) == 2
     assert {cell_len(row) for row in rows + axis} == {frame.width}
-    if frame.ink is ASCII:
-        assert all(row.isascii() for row in rows + axis)
 
 
 @given(NUMBERS, NUMBERS, st.floats(0.01, 10), st.integers(3, 60))
@@ -390,11 +352,9 @@ def test_the_y_axis_has_three_round_labels_or_more_and_holds_the_data(
     assert axis.ticks[0] <= low + invisible
     assert axis.ticks[-1] >= high - invisible
     assert len(set(axis.labels)) == len(axis.labels)
-    for dots in (height * BRAILLE.high, height * ASCII.high):
-        rows = [axis.dot(tick, dots) * height // dots for tick in axis.ticks]
-        assert len(set(rows)) == len(rows)
-        assert rows[0] == 0
-        assert rows[-1] == height - 1
+    rows = [axis.dot(tick, height * HIGH) // HIGH for tick in axis.ticks]
+    assert len(set(rows)) == len(rows)
+    assert (rows[0], rows[-1]) == (0, height - 1)
 
 
 @pytest.mark.parametrize(
@@ -413,10 +373,9 @@ def test_labels_are_numbers_that_people_choose(
     assert Axis.over(low, high, 0.1, 5).labels == labels
 
 
-@INKS
-def test_the_largest_absolute_value_is_marked_where_it_is(ink: Ink) -> None:
-    rows = plotted(Plot((curve((0, 0), (5, -3), (7.5, 2), (10, 0)),), 1.0), ink=ink)
-    ((y, x),) = [(y, row.index(ink.top)) for y, row in enumerate(rows) if ink.top in row]
+def test_the_largest_absolute_value_is_marked_where_it_is() -> None:
+    rows = plotted(Plot((curve((0, 0), (5, -3), (7.5, 2), (10, 0)),), 1.0))
+    ((y, x),) = [(y, row.index(TOP)) for y, row in enumerate(rows) if TOP in row]
     assert x == 20
     assert y > len(rows) // 2
 
@@ -426,8 +385,8 @@ def test_the_largest_value_is_told_even_where_it_is_clipped_or_out_of_sight() ->
     assert plot.extreme() == Extreme(2.0, -30.0)
     assert plot.axis(9).ticks[-1] == 2.0
     rows = plotted(plot)
-    assert rows[0][8] == ASCII.top
-    assert not any(ASCII.top in row for row in plotted(plot, window=Window(3.0, 10.0)))
+    assert rows[0][8] == TOP
+    assert not any(TOP in row for row in plotted(plot, window=Window(3.0, 10.0)))
 
 
 def test_without_data_there_are_axes_and_no_curve() -> None:
@@ -435,20 +394,16 @@ def test_without_data_there_are_axes_and_no_curve() -> None:
     assert not "".join(plotted(Plot((), 1.0))).strip()
 
 
-@INKS
-def test_nothing_is_drawn_over_a_gap(ink: Ink) -> None:
+def test_nothing_is_drawn_over_a_gap() -> None:
     plot = Plot((curve((0, 1), (2.9, 1)), curve((7.1, 1), (10, 1))), 1.0)
-    columns = list(zip(*plotted(plot, ink=ink), strict=True))
+    columns = list(zip(*plotted(plot), strict=True))
     assert all(char == " " for column in columns[12:28] for char in column)
     assert all(any(char != " " for char in column) for column in columns[:12] + columns[28:])
 
 
-@INKS
 @pytest.mark.parametrize("window", [TEN_SECONDS, Window(4.0, 5.0), Window(4.001, 4.2)])
-def test_a_stretch_is_drawn_without_holes_however_far_one_zooms_in(
-    ink: Ink, window: Window
-) -> None:
-    rows = plotted(Plot((sine(60),), 0.1), ink=ink, window=window)
+def test_a_stretch_is_drawn_without_holes_however_far_one_zooms_in(window: Window) -> None:
+    rows = plotted(Plot((sine(60),), 0.1), window=window)
     columns = list(zip(*rows, strict=True))
     assert all(any(char != " " for char in column) for column in columns[:39])
 
@@ -461,24 +416,23 @@ def test_steep_flanks_join_what_lies_below_and_above() -> None:
 def test_one_peak_among_thousands_of_rows_is_seen() -> None:
     points = [(i / 600, 0.0) for i in range(6000)]
     points[3333] = (points[3333][0], 7.0)
-    rows = plotted(Plot((curve(*points),), 1.0), ink=BRAILLE)
+    rows = plotted(Plot((curve(*points),), 1.0))
     top = next(row for row in rows if row.strip())
-    assert top.index(BRAILLE.top) == int(3333 / 6000 * 40)
+    assert top.index(TOP) == int(3333 / 6000 * 40)
 
 
-@INKS
-def test_events_are_vertical_lines_with_a_letter_each(ink: Ink) -> None:
+def test_events_are_vertical_lines_with_a_letter_each() -> None:
     marks = [Mark(2.5, "t"), Mark(7.5, "o"), Mark(11.0, "c")]
-    rows = plotted(Plot((), 1.0), *marks, ink=ink)
-    assert {tuple(i for i, c in enumerate(row) if c == ink.event) for row in rows} == {(10, 30)}
-    letters = texts(Frame(TEN_SECONDS, 46, 5, marks, ink).time_axis())[0][6:]
+    rows = plotted(Plot((), 1.0), *marks)
+    assert {tuple(i for i, c in enumerate(row) if c == EVENT) for row in rows} == {(10, 30)}
+    letters = texts(Frame(TEN_SECONDS, 46, 5, marks).time_axis())[0][6:]
     assert (letters[10], letters[30]) == ("t", "o")
     assert "c" not in letters
 
 
 def test_letters_of_events_at_the_same_instant_stand_side_by_side() -> None:
     marks = [Mark(9.9, "c"), Mark(2.5, "t"), Mark(2.51, "o"), Mark(10.0, "x")]
-    letters = texts(Frame(TEN_SECONDS, 46, 5, marks, ASCII).time_axis())[0][6:]
+    letters = texts(Frame(TEN_SECONDS, 46, 5, marks).time_axis())[0][6:]
     assert letters[10:12] == "to"
     assert letters[39] == "c"
 
@@ -486,8 +440,8 @@ def test_letters_of_events_at_the_same_instant_stand_side_by_side() -> None:
 def test_the_closed_zone_is_dotted_behind_the_curve() -> None:
     plot = Plot((curve((0, 0), (5, 0), (5.02, 1), (10, 1)),), 0.1, zone=0.03)
     bottom = plotted(plot)[-1]
-    assert bottom[22:] == "." * 18
-    assert "." not in bottom[:20]
+    assert bottom[22:] == "·" * 18
+    assert "·" not in bottom[:20]
 
 
 def test_times_are_round_and_their_labels_apart() -> None:
@@ -499,31 +453,19 @@ def test_times_are_round_and_their_labels_apart() -> None:
     assert [label for _, label in TEN_SECONDS.ticks(72)] == [f"{t} s" for t in (0, 2, 4, 6, 8, 10)]
 
 
-@pytest.mark.parametrize(
-    ("ink", "picture"),
-    [
-        (
-            BRAILLE,
-            [
-                " 1┤ ⣠⠖⢲⡀        ⡴⠒⢦        ⢀⡴⠲⣄        ⣠",
-                "  │⢰⠃  ⠹⡄      ⡼⠁ ⠈⢧      ⢠⠏  ⠘⣆      ⣰⠃",
-                " 0┤⠏    ⢹⡀    ⣸⠁   ⠈⢧    ⢀⡞    ⠸⡄    ⢰⠃ ",
-                "  │      ⢳⡀  ⣰⠃     ⠘⣆   ⡼      ⠹⡄  ⢠⠏  ",
-                "-1┤       ⠳⣄⡴⠃       ⠘⢦⣠⠞⠁       ⠹●⣠⠏   ",
-            ],
-        ),
-        (
-            ASCII,
-            [
-                " 1+ _--_       _|'|_       _--_        _",
-                "  ||'  -_      |   |_     _-  '|      |'",
-                " 0+-    |_    |'    |    _|    -_    _- ",
-                "  |      |_  |'     '|  _|      -_  _-  ",
-                "-1+       -_|'       '|_|        -*_-   ",
-            ],
-        ),
-    ],
-)
-def test_a_curve_looks_like_itself(ink: Ink, picture: list[str]) -> None:
-    frame = Frame(TEN_SECONDS, 40, 2, (), ink)
-    assert texts(frame.plot(Plot((sine(),), 0.1), 5)) == picture
+def test_a_curve_looks_like_itself_also_in_ascii() -> None:
+    rows = texts(Frame(TEN_SECONDS, 40, 2).plot(Plot((sine(),), 0.1), 5))
+    assert rows == [
+        " 1┤ ⣠⠖⢲⡀        ⡴⠒⢦        ⢀⡴⠲⣄        ⣠",
+        "  │⢰⠃  ⠹⡄      ⡼⠁ ⠈⢧      ⢠⠏  ⠘⣆      ⣰⠃",
+        " 0┤⠏    ⢹⡀    ⣸⠁   ⠈⢧    ⢀⡞    ⠸⡄    ⢰⠃ ",
+        "  │      ⢳⡀  ⣰⠃     ⠘⣆   ⡼      ⠹⡄  ⢠⠏  ",
+        "-1┤       ⠳⣄⡴⠃       ⠘⢦⣠⠞⠁       ⠹●⣠⠏   ",
+    ]
+    assert [to_ascii(row) for row in rows] == [
+        " 1+ .::.        :':        .::.        .",
+        "  |:'  :.      :' ':      .:  ':      :'",
+        " 0+:    :.    :'   ':    .:    :.    :' ",
+        "  |      :.  :'     ':   :      :.  .:  ",
+        "-1+       :.:'       ':.:'       :O.:   ",
+    ]

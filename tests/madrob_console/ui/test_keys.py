@@ -44,7 +44,24 @@ from madrob_console.ui.panes.result_pane import ResultDetails
 from madrob_console.ui.panes.runs_pane import HistoryPane
 from scoring.protocol import Outcome, Side, Step
 from tests.madrob_console.run_folders import summary, write
-from tests.madrob_console.ui.driver import DEFAULTS, LARGE, SMALL, Driver, driving
+from tests.madrob_console.ui.driver import (
+    DEFAULTS,
+    LARGE,
+    SMALL,
+    Driver,
+    Stories,
+    acting,
+    driving,
+    has,
+    in_sizes,
+    pane,
+    passes,
+    play,
+    says,
+    sets,
+    setup_of,
+    types_every,
+)
 from tests.madrob_console.ui.fake_engine import FOLDER, FakeEngine, a_setup
 
 
@@ -205,32 +222,11 @@ async def test_a_key_that_is_not_possible_says_why_and_does_nothing(
         assert (engine.run, engine.acts) == (before, done)
 
 
-async def test_a_check_is_waived_only_where_one_fails(driver: Driver) -> None:
-    await pose_confirmed(driver)
-    await driver.press("enter")
-    assert "Not now: w waive: no check fails" in driver.text
-
-
-async def test_no_handle_data_no_zero(driver: Driver, engine: FakeEngine) -> None:
-    await after_set_up(driver)
-    engine.force = None
-    await driver.press("f7")
-    assert "no fresh handle force" in driver.console.status
-
-
-async def test_panes_have_keys_that_work_while_a_text_is_typed(driver: Driver) -> None:
-    for key, pane in (("f3", "live"), ("f4", "results"), ("f2", "setup"), ("f1", "help")):
-        await driver.press(key)
-        assert driver.console.pane == pane
-    await driver.press("f1")
-    assert driver.console.pane == "setup"
-
-
 def test_start_and_abort_are_separate_keys_and_no_two_keys_are_the_same() -> None:
     pressed = [key for entry in KEYS.values() for key in entry.keys.split(",") if key]
     assert len(pressed) == len(set(pressed))
-    for pane in ("live", "results", "history"):
-        letters = [entry.cap for entry in MENU if pane in entry.where]
+    for name in ("live", "results", "history"):
+        letters = [entry.cap for entry in MENU if name in entry.where]
         assert len(letters) == len(set(letters))
     assert KEYS["start"].keys == "f5"
     assert KEYS["abort"].keys == "f8"
@@ -244,42 +240,6 @@ def test_no_key_is_one_that_tmux_or_screen_keep_for_themselves() -> None:
 def test_no_screen_has_more_than_eighteen_keys() -> None:
     keys = [key for key in (*FUNCTION_KEYS, *LETTER_KEYS) if key.act != START_ENGINE]
     assert len([key for key in keys if key.name != "palette"]) == 18
-
-
-async def test_a_run_that_starts_shows_live_and_a_result_shows_itself(
-    driver: Driver, engine: FakeEngine
-) -> None:
-    await driver.set_up()
-    assert driver.console.pane == "setup"
-    await driver.press("f5")
-    assert driver.console.pane == "live"
-    await driver.let_pass(6.0)
-    assert engine.run.phase is Phase.RUNNING
-    await driver.finish()
-    assert driver.console.pane == "results"
-
-
-async def test_a_result_waits_until_the_referee_has_typed(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.press("i", "n", "a")
-    await running.finish()
-    assert running.console.pane == "live"
-    await running.press("b", "enter")
-    assert engine.acts[-1] == AddNote("ab")
-    assert running.console.pane == "results"
-
-
-async def test_keys_faster_than_the_screen_are_taken_in_their_order(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.pilot.press("i", "c", "i", "n", *"late", "enter", "f8", "4", "y")
-    await running.settle()
-    assert engine.acts[-3:] == [
-        MarkIncident(IncidentKind.COLLISION),
-        AddNote("late"),
-        Abort("the team asks for it"),
-    ]
 
 
 async def test_a_console_that_comes_back_to_a_run_shows_it(engine: FakeEngine) -> None:
@@ -315,58 +275,6 @@ async def press_button(driver: Driver, text: str) -> None:
         driver.app._driver.send_message(event)
         await driver.pilot.pause()
     await driver.pilot.pause()
-
-
-@pytest.mark.parametrize("size", [LARGE])
-async def test_the_keys_of_the_footer_are_clicked(driver: Driver) -> None:
-    await driver.press("f3")
-    await click(driver, "History")
-    assert driver.console.pane == "history"
-    await driver.run()
-    await driver.press("f3")
-    await click(driver, "6 ", "Step")
-    assert "Step 6: lock the door" in driver.text
-
-
-async def test_answers_are_clicked(running: Driver, engine: FakeEngine) -> None:
-    await click(running, "F8")
-    await click(running, "testbed fault")
-    await click(running, "no (also Enter, Escape)")
-    assert engine.run.phase is Phase.RUNNING
-    await click(running, "F8")
-    await click(running, "robot unsafe")
-    await click(running, "y yes")
-    assert engine.acts[-1] == Abort("robot unsafe")
-
-
-async def test_a_click_that_comes_as_the_question_changes_is_left_out(
-    running: Driver, engine: FakeEngine
-) -> None:
-    await running.press("f10")
-    engine.pulse = Pulse(server=4)
-    await running.settle()
-    assert "Nobody can say whether the run goes on" in running.text
-    running.hand.gap = 0.0
-    await press_button(running, "y yes")
-    assert running.app.is_running
-    assert "the click is left out" in running.text
-    running.hand.gap = 1.0
-    await press_button(running, "y yes")
-    assert not running.app.is_running
-
-
-async def test_the_form_is_filled_by_the_mouse(driver: Driver, engine: FakeEngine) -> None:
-    await driver.press("escape")
-    await click(driver, "Door Bots")
-    assert isinstance(driver.app.focused, Input)
-    await driver.press("escape")
-    await click(driver, "CCW >", "Opening side")
-    await click(driver, "Set up this run")
-    setup = engine.run.setup
-    assert setup is not None
-    assert setup.condition.opening_side is Side.CW
-    await click(driver, "F6 confirms the start pose", times=2)
-    assert "Waive 'start pose' for this run" in driver.text
 
 
 async def test_rows_are_marked_and_opened_and_heads_sort(
@@ -511,3 +419,87 @@ async def test_the_first_page_of_the_help_has_every_key_and_the_main_lines(
             assert f"{key.cap} {key.label}" in text
         for words in ("F8 aborts", "z takes it back", "Practice never counts"):
             assert words in text
+
+
+IN_ORDER = [
+    MarkIncident(IncidentKind.COLLISION),
+    AddNote("late"),
+    Abort("the team asks for it"),
+]
+
+STORIES: Stories = {
+    "panes have keys that work while a text is typed": [
+        ("f3", pane("live")),
+        ("f4", pane("results")),
+        ("f2", pane("setup")),
+        ("f1", pane("help")),
+        ("f1", pane("setup")),
+    ],
+    "keys faster than the screen are taken in their order": [
+        (Driver.run,),
+        ("i c i n =late enter f8 4 y", lambda d: d.engine.acts[-3:] == IN_ORDER),
+    ],
+    "a check is waived only where one fails": [
+        (pose_confirmed,),
+        ("enter", "Not now: w waive: no check fails"),
+    ],
+    "no handle data no zero": [
+        (after_set_up,),
+        (sets(force=None),),
+        ("f7", says("no fresh handle force")),
+    ],
+    "a run that starts shows live and a result shows itself": [
+        (Driver.set_up, pane("setup")),
+        ("f5", pane("live")),
+        (passes(6.0), Phase.RUNNING),
+        (Driver.finish, pane("results")),
+    ],
+    "a result waits until the referee has typed": [
+        (Driver.run,),
+        ("i n a",),
+        (Driver.finish, pane("live")),
+        ("b enter", AddNote("ab"), pane("results")),
+    ],
+    "the keys of the footer are clicked": [
+        (in_sizes(LARGE),),
+        ("f3",),
+        (acting(click, "History"), pane("history")),
+        (Driver.run,),
+        ("f3",),
+        (acting(click, "6 ", "Step"), "Step 6: lock the door"),
+    ],
+    "answers are clicked": [
+        (Driver.run,),
+        (acting(click, "F8"),),
+        (acting(click, "testbed fault"),),
+        (acting(click, "no (also Enter, Escape)"), Phase.RUNNING),
+        (acting(click, "F8"),),
+        (acting(click, "robot unsafe"),),
+        (acting(click, "y yes"), Abort("robot unsafe")),
+    ],
+    "a click that comes as the question changes is left out": [
+        (Driver.run,),
+        ("f10",),
+        (has(pulse=Pulse(server=4)), "Nobody can say whether the run goes on"),
+        (types_every(0.0),),
+        (acting(press_button, "y yes"), lambda d: d.app.is_running, "the click is left out"),
+        (types_every(1.0),),
+        (acting(press_button, "y yes"), lambda d: not d.app.is_running),
+    ],
+    "the form is filled by the mouse": [
+        ("escape",),
+        (acting(click, "Door Bots"), lambda d: isinstance(d.app.focused, Input)),
+        ("escape",),
+        (acting(click, "CCW >", "Opening side"),),
+        (
+            acting(click, "Set up this run"),
+            lambda d: setup_of(d.engine).condition.opening_side is Side.CW,
+        ),
+        (acting(click, "F6 confirms the start pose", times=2), "Waive 'start pose' for this run"),
+    ],
+}
+
+
+@pytest.mark.parametrize("story", STORIES)
+async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
+    await play(FakeEngine, STORIES[story])

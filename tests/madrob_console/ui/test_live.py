@@ -1,13 +1,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from madrob_console.common.formatting import format_size
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.snapshot import (
     EvidenceView,
@@ -22,9 +22,8 @@ from madrob_console.referee.journal import Origin
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.ui.cells.lines import Line, Tone, plain, width_of
 from madrob_console.ui.look.words import ROUGH
-from madrob_console.ui.panes.all_faults import EvidenceLine
 from madrob_console.ui.panes.live_pane import Provisional
-from madrob_console.ui.panes.run_status import clock_span, step_lines
+from madrob_console.ui.panes.run_status import EvidenceLine, clock_span, step_lines
 from madrob_console.ui.wall import step_cells
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
@@ -32,61 +31,28 @@ from scoring.protocol import Condition, Side, Step
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup
-from tests.madrob_console.ui.driver import DEFAULTS, LARGE, SMALL, Driver, driving
+from tests.madrob_console.ui.driver import (
+    DEFAULTS,
+    LARGE,
+    SMALL,
+    Driver,
+    Stories,
+    acting,
+    driving,
+    has,
+    in_sizes,
+    no,
+    no_question,
+    on_engine,
+    opened,
+    passes,
+    play,
+    says,
+    sets,
+)
 from tests.madrob_console.ui.fake_engine import FakeEngine
 
 SIZES = pytest.mark.parametrize("size", [SMALL, LARGE])
-
-
-@SIZES
-async def test_the_live_pane_shows_the_whole_run(running: Driver, engine: FakeEngine) -> None:
-    engine.angle, engine.force, engine.maximum = 0.31, 12.3, 15.2
-    engine.do_step(Step.TOUCH)
-    await running.let_pass(1.25)
-    engine.do_step(Step.UNLOCK)
-    engine.do_step(Step.OPEN)
-    engine.say("door opens")
-    engine.provisional = {"time_to_handle": 1.0}
-    for _ in range(3):  # the log waits for every third look
-        await running.settle()
-    for text in (
-        "RUNNING  4:58 left of 5:00",
-        "run 1 of subject 1 Door Bots",
-        "condition 1: pull, from CCW to CW, No Force",
-        "next: step 4 cross the threshold",
-        "✓ 1 touch the handle      1.000",
-        "✓ 3 open the door         2.250",
-        "> 4 cross the threshold      no",
-        "  6 lock the door            no",
-        "door +0.310 rad  +17.8 deg open",
-        "handle raw +12.30 zero +0.00 max 15.2N",
-        "touch at 1.96 N",
-        "so far  to handle 1.000 s occupation - passage -  6 of 6 fresh",
-        "   +2.25 sensor  door opens",
-    ):
-        assert text in running.text
-    assert "…" not in "".join(running.rows()[1:])
-
-
-async def test_the_clock_reads_the_time_in_large_digits(running: Driver) -> None:
-    await running.let_pass(63.0)  # 1:04.0
-    rows = [row[10:31].rstrip() for row in running.rows()[2:5]]
-    assert rows == [
-        "▀█  ▄ █▀█ █ █   █▀█",
-        " █  ▄ █ █ ▀▀█   █ █",
-        "▀▀▀   ▀▀▀   ▀ ▀ ▀▀▀",
-    ]
-
-
-@pytest.mark.parametrize(
-    ("size", "rows"), [((80, 24), 3), ((120, 36), 5), ((160, 50), 8), ((300, 80), 13)]
-)
-async def test_the_clock_grows_with_the_terminal(running: Driver, rows: int) -> None:
-    await running.let_pass(63.0)
-    drawn = [row for row in running.rows()[2 : 2 + rows + 2] if {"█", "▀"} & set(row[:60])]
-    assert len(drawn) == rows
-    assert "RUNNING" in running.text
-    assert "run 1 of subject 1" in running.text
 
 
 async def _resized(driver: Driver, size: tuple[int, int]) -> Sequence[str]:
@@ -124,149 +90,6 @@ async def test_no_column_touches_or_cuts_the_next(engine: FakeEngine, width: int
         assert "123.456" in rows[head + 2]  # a number is whole or not there
 
 
-async def test_a_ruled_step_tells_what_counts_the_ruling_and_what_the_sensors_say(
-    running: Driver, engine: FakeEngine
-) -> None:
-    engine.do_step(Step.TOUCH)
-    denied = Ruling(Step.TOUCH, False, engine.now, "brushed", "Ada")
-    first = replace(engine.steps[0], referee=denied, final=None)
-    engine.steps = (first, *engine.steps[1:])
-    await running.settle()
-    assert "x 1 touch the handle         no  denied (1.000)" in running.text
-
-
-@SIZES
-async def test_a_false_start_says_what_to_do(driver: Driver, engine: FakeEngine) -> None:
-    await driver.set_up()
-    await driver.press("f5")
-    await driver.let_pass(1.5)
-    assert "COUNTDOWN  starts in 0:04" in driver.text
-    engine.false_start()
-    await driver.settle()
-    shown = " ".join(driver.text.split())
-    assert "FALSE START: handle touched at -3.5 s: Enter, then r restarts the countdown" in shown
-    assert "a accepts it" in shown
-    await driver.press("enter", "r")
-    assert "FALSE START" not in driver.text
-    assert "starts in 0:05" in driver.text
-
-
-async def test_a_question_to_the_referee_is_shown(running: Driver, engine: FakeEngine) -> None:
-    engine.ask_referee = "the latch is silent: is the door locked?"
-    await running.settle()
-    assert "REFEREE: the latch is silent: is the door locked? (1-6 rules" in running.text
-
-
-async def test_sensors_show_their_state_by_symbol_in_their_place(
-    running: Driver, engine: FakeEngine
-) -> None:
-    engine.occupied = {(Side.CCW, 4), (Side.CW, 0), (Side.CCW, 1)}
-    await running.settle()
-    ccw, cw = "CCW   O   .   .   O   .", "CW    .   .   .   .   O"
-    assert ccw in running.text
-    assert cw in running.text
-    engine.angle = 0.1
-    await running.settle()
-    assert "CCW   M   m   m   M   m" in running.text
-    assert cw in running.text
-    engine.freshness = Freshness.STALE
-    await running.settle()
-    assert "CCW   s   s   s   s   s" in running.text
-    engine.freshness = Freshness.LOST
-    await running.settle()
-    assert "CW    ?   ?   ?   ?   ?" in running.text
-
-
-async def test_a_value_that_is_lost_is_a_word_and_no_number(
-    running: Driver, engine: FakeEngine
-) -> None:
-    engine.freshness = Freshness.STALE
-    await running.settle()
-    assert "+0.000 rad   +0.0 deg stale" in running.text
-    engine.angle, engine.force, engine.freshness = None, None, Freshness.LOST
-    for _ in range(3):
-        await running.settle()
-    assert "no angle: lost" in running.text
-    assert "no force: lost" in running.text
-    assert "0 of 6 fresh" in running.text
-    assert "/madrob/door/angle lost" in running.text
-    assert "●" not in running.text
-
-
-async def test_the_panel_is_where_it_is(engine: FakeEngine) -> None:
-    scales = {
-        0.0: "CW -------------[●]============= CCW",
-        0.029: "CW -------------[●]============= CCW",
-        0.031: "CW -------------[|]●============ CCW",
-        -0.031: "CW ------------●[|]============= CCW",
-        1.5708: "CW -------------[|]============● CCW",
-        -3.0: "CW ●------------[|]============= CCW",
-    }
-
-    async with driving(engine) as driver:
-        await driver.press("enter", "f3")
-        for angle, scale in scales.items():
-            engine.angle = angle
-            await driver.settle()
-            assert scale in driver.text
-
-
-async def test_the_source_cannot_be_mistaken(driver: Driver, engine: FakeEngine) -> None:
-    assert driver.rows()[0].startswith(" ~~ SIMULATED nominal ~~ ")
-    engine.kind, engine.label = SourceKind.ROS, "LIVE ros domain 0"
-    for _ in range(4):
-        await driver.settle()
-    assert driver.rows()[0].startswith(" LIVE ros domain 0 ")
-    assert "~" not in driver.rows()[0]
-
-
-@pytest.mark.parametrize("label", ["SIMULATED nominal", f"REPLAY subject_001_{'x' * 60}"])
-async def test_the_top_line_never_loses_recorder_and_clock(engine: FakeEngine, label: str) -> None:
-    engine.label = label
-    recorders = (
-        RecorderView("recording", 1234567, 987_654_321, 1234),
-        RecorderView("finished", 123456, 12_345_678),
-        RecorderView("failed", 12, 4_000, 5, "disk full"),
-    )
-
-    async with driving(engine) as driver:
-        assert "rec closed" in driver.rows()[0]
-        for engine.recorder in recorders:
-            for _ in range(4):
-                await driver.settle()
-            top = driver.rows()[0]
-            assert label.split(maxsplit=1)[0] in top
-            assert f" {format_size(engine.recorder.size)} " in top
-            dropped = engine.recorder.dropped
-            assert (f" {dropped} dropped" in top) is (dropped > 0)
-            assert top.endswith(":20")
-
-
-async def test_a_long_team_is_cut_before_what_says_that_nothing_counts(
-    engine: FakeEngine,
-) -> None:
-    defaults = replace(DEFAULTS, team="Delft Openers with a rather long team name e.V.")
-    async with driving(engine, defaults=defaults) as driver:
-        await driver.run()
-        assert "~~ SIMULATED nominal ~~  run 1 of team 1 Delft" in driver.rows()[0]
-
-
-async def test_faults_stay_until_they_are_gone(running: Driver, engine: FakeEngine) -> None:
-    assert "no faults" in running.rows()[1]
-    engine.faults = ("panel at -0.043 rad, against the opening side",)
-    await running.let_pass(60.0)
-    assert " FAULT panel at -0.043 rad, against the opening side" in running.rows()[1]
-    engine.faults = tuple(f"fault number {n} of the testbed" for n in range(5))
-    await running.settle()
-    assert "fault number 2 of the testbed (and 2 more below)" in running.rows()[3]
-    await running.press("f8")
-    assert "FAULT" in running.rows()[1]
-    await running.press("escape")
-    engine.faults = ()
-    await running.settle()
-    assert "no faults" in running.rows()[1]
-
-
 MANY_FAULTS = (
     "the journal cannot be written (Read-only file system): 5 lines wait for the disk of the hall",
     "the result is NOT on disk (/home/ref/madrob_runs/subject_001_cond_001_run_001): trying again",
@@ -299,131 +122,6 @@ async def test_the_live_pane_has_every_fault_with_all_its_words(
     engine.faults = ()
     await running.settle()
     assert "all faults" not in running.text
-
-
-@pytest.mark.parametrize("size", [(80, 24)])
-async def test_a_fault_that_is_cut_ends_with_a_word_and_says_so(
-    driver: Driver, engine: FakeEngine
-) -> None:
-    await driver.set_up()
-    first = "the journal cannot be written (Read-only file system, since 22:13): 5 lines wait"
-    engine.faults = (first, "another thing is wrong with the testbed", *MANY_FAULTS)
-    engine.right = RightToAct(holder="bo@tent")  # a row less for faults
-    await driver.settle()
-    rows = driver.rows()[2:4]
-    assert rows[0].endswith("(Read-only file system, since 22:13): 5 …")
-    assert rows[1].endswith("another thing is wrong with the testbed (and 14 more: F3)")
-    engine.faults = (f"{'w' * 50} then the stamps are 12.345678901234567890123 s late",)
-    await driver.settle()
-    assert driver.rows()[2].endswith("www then the … (more: F3)")
-    assert "FAULT" not in driver.rows()[3]
-
-
-async def test_an_engine_that_fails_is_a_fault_and_no_crash(
-    running: Driver, engine: FakeEngine
-) -> None:
-    engine.failure = "the engine has failed: disk full"
-    await running.settle()
-    assert "the engine has failed: disk full: what you see is old" in running.rows()[1]
-    await running.press("i")
-    assert "the engine has failed" in running.console.status
-    assert not running.console.dialogs
-
-
-async def test_an_engine_that_stands_still_is_called_silent(engine: FakeEngine) -> None:
-
-    times = iter([0.0, 0.0, *[10.0] * 1000])
-    async with driving(engine, monotonic=lambda: next(times)) as driver:
-        await driver.settle()
-        assert "the engine is silent for 10 s: what you see is old" in driver.text
-
-
-async def test_a_clock_that_may_have_gone_on_unseen_is_not_shown_as_fresh(
-    running: Driver, engine: FakeEngine
-) -> None:
-    assert "RUNNING  4:59 left of 5:00" in running.text
-    engine.pulse = Pulse(core=3)
-    await running.settle()
-    assert "the engine has not moved for 3 s: what you see is old" in running.rows()[1]
-    assert "RUNNING  as it was 3 s ago" in running.text
-    assert clock_span(engine.snapshot()) == ("0:01.?", Tone.DIM)
-    engine.pulse = Pulse()
-    await running.settle()
-    assert "RUNNING  4:59 left of 5:00" in running.text
-
-
-@SIZES
-async def test_a_silent_disk_is_named_with_what_still_works(
-    running: Driver, engine: FakeEngine
-) -> None:
-    engine.pulse = Pulse(disk=7, unwritten=2)
-    await running.settle()
-    words = "disk silent for 7 s: nothing new starts; the clock runs, abort works"
-    assert words in running.rows()[1]
-    assert "RUNNING  NOT ON DISK YET" in running.text
-    assert engine.act(Abort("robot unsafe")) is None
-    await running.settle()
-    assert "ABORTED  NOT ON DISK YET" in running.text
-    assert "abort works" not in running.text
-    engine.pulse = Pulse()
-    await running.settle()
-    assert "NOT ON DISK YET" not in running.text
-
-
-async def test_the_log_shows_its_newest_lines(engine: FakeEngine) -> None:
-    for number in range(50):
-        engine.say(f"line {number} [bold]x[/]", Origin.SYSTEM)
-
-    async with driving(engine) as driver:
-        await driver.press("f3")
-        assert "system  line 49 [bold]x[/]" in driver.text
-        assert "line 40" not in driver.text
-
-
-@pytest.mark.slow
-async def test_no_size_of_the_terminal_breaks_the_console(engine: FakeEngine) -> None:
-    engine.faults = ("a fault with some words in it",)
-
-    async with driving(engine) as driver:
-        await driver.run()
-        engine.finish()
-        for size in ((1, 1), (10, 4), (40, 12), (60, 18), (200, 60), SMALL):
-            await driver.pilot.resize_terminal(*size)
-            for key in ("f1", "f2", "f3", "n", "escape", "f4"):
-                await driver.press(key)
-        assert "COMPLETED" in driver.text
-
-
-@SIZES
-async def test_what_may_still_change_is_rough_and_marked(
-    running: Driver, engine: FakeEngine
-) -> None:
-    for step in (Step.TOUCH, Step.UNLOCK, Step.OPEN, Step.CROSS):
-        engine.do_step(step)
-    engine.provisional = {"time_to_handle": 1.0, "door_occupation_time": 2.345}
-    for _ in range(3):
-        await running.settle()
-    for words in (
-        "so far",
-        "✓ 3 open the door         1.000",
-        "✓ 4 cross the threshold    ~1.0",
-        "to handle 1.000 s occupation ~2.3 s",
-    ):
-        assert words in running.text
-    engine.provisional_doubts = {"time_to_handle": ("the touch rests on 1 sample",)}
-    for _ in range(3):
-        await running.settle()
-    assert "to handle 1.000 s? occupation ~2.3 s" in running.text
-    engine.provisional_doubts = {}
-    for step in (Step.CLOSE, Step.LOCK):
-        engine.do_step(step)
-    await running.finish()
-    await running.press("f3")
-    for _ in range(3):
-        await running.settle()
-    assert "✓ 4 cross the threshold   1.000" in running.text
-    assert "occupation 2.345 s" in running.text
-    assert "~" not in "".join(running.rows()[1:])
 
 
 def drawn(evidence: EvidenceView | None, width: int = 200) -> str:
@@ -634,3 +332,275 @@ def test_no_time_without_a_mark_changes_in_any_scenario(
     print("\n".join(["", *rows]))
     assert whole[0].shown
     assert whole[0].changed == 0
+
+
+CLOCK = ["▀█  ▄ █▀█ █ █   █▀█", " █  ▄ █ █ ▀▀█   █ █", "▀▀▀   ▀▀▀   ▀ ▀ ▀▀▀"]
+"""1:04.0"""
+RECORDING = RecorderView("recording", 1234567, 987_654_321, 1234)
+FAILED = RecorderView("failed", 12, 4_000, 5, "disk full")
+LONG_FAULT = "the journal cannot be written (Read-only file system, since 22:13): 5 lines wait"
+
+
+def say_lines(driver: Driver, count: int) -> None:
+    for number in range(count):
+        driver.engine.say(f"line {number} [bold]x[/]", Origin.SYSTEM)
+
+
+async def deny_touch(driver: Driver) -> None:
+    engine = driver.engine
+    engine.do_step(Step.TOUCH)
+    denied = Ruling(Step.TOUCH, False, engine.now, "brushed", "Ada")
+    engine.steps = (replace(engine.steps[0], referee=denied, final=None), *engine.steps[1:])
+    await driver.settle()
+
+
+def clock_rows(count: int) -> Callable[[Driver], object]:
+    return lambda driver: (
+        len([row for row in driver.rows()[2 : 4 + count] if {"█", "▀"} & {*row[:60]}]) == count
+    )
+
+
+def top_line(label: str, *words: str) -> Callable[[Driver], object]:
+    """Which source it is, what is recorded, and the time of day."""
+    seen = (label.split(maxsplit=1)[0], *words)
+    return lambda driver: (
+        all(word in driver.rows()[0] for word in seen) and driver.rows()[0].endswith(":20")
+    )
+
+
+def row_ends(number: int, words: str) -> Callable[[Driver], object]:
+    return lambda driver: driver.rows()[number].endswith(words)
+
+
+STORIES: Stories = {
+    "the clock reads the time in large digits": [
+        (Driver.run,),
+        (passes(63.0), lambda d: [row[10:31].rstrip() for row in d.rows()[2:5]] == CLOCK),
+    ],
+    **{
+        f"the clock grows with the terminal: {size}": [
+            (in_sizes(size),),
+            (Driver.run,),
+            (passes(63.0), clock_rows(rows), "RUNNING", "run 1 of subject 1"),
+        ]
+        for size, rows in (((80, 24), 3), ((120, 36), 5), ((160, 50), 8), ((300, 80), 13))
+    },
+    "a ruled step tells what counts the ruling and what the sensors say": [
+        (Driver.run,),
+        (deny_touch, "x 1 touch the handle         no  denied (1.000)"),
+    ],
+    "sensors show their state by symbol in their place": [
+        (Driver.run,),
+        (
+            has(occupied={(Side.CCW, 4), (Side.CW, 0), (Side.CCW, 1)}),
+            "CCW   O   .   .   O   .",
+            "CW    .   .   .   .   O",
+        ),
+        (has(angle=0.1), "CCW   M   m   m   M   m", "CW    .   .   .   .   O"),
+        (has(freshness=Freshness.STALE), "CCW   s   s   s   s   s"),
+        (has(freshness=Freshness.LOST), "CW    ?   ?   ?   ?   ?"),
+    ],
+    "the panel is where it is": [
+        ("enter f3",),
+        (has(angle=0.0), "CW -------------[●]============= CCW"),
+        (has(angle=0.029), "CW -------------[●]============= CCW"),
+        (has(angle=0.031), "CW -------------[|]●============ CCW"),
+        (has(angle=-0.031), "CW ------------●[|]============= CCW"),
+        (has(angle=1.5708), "CW -------------[|]============● CCW"),
+        (has(angle=-3.0), "CW ●------------[|]============= CCW"),
+    ],
+    **{
+        f"the top line never loses recorder and clock: {label[:9]}": [
+            (on_engine(label=label), lambda d: "rec closed" in d.rows()[0]),
+            (has(recorder=RECORDING), top_line(label, " 988 MB ", " 1234 dropped")),
+            (has(recorder=RecorderView("finished", 9, 12_345_678)), top_line(label, " 12.3 MB ")),
+            ("", lambda d: "dropped" not in d.rows()[0]),
+            (has(recorder=FAILED), top_line(label, " 4.0 kB ", " 5 dropped")),
+        ]
+        for label in ("SIMULATED nominal", f"REPLAY subject_001_{'x' * 60}")
+    },
+    "a fault that is cut ends with a word and says so": [
+        (Driver.set_up,),
+        (
+            has(
+                faults=(LONG_FAULT, "another thing is wrong with the testbed", *MANY_FAULTS),
+                right=RightToAct(holder="bo@tent"),  # a row less for faults
+            ),
+            row_ends(2, "(Read-only file system, since 22:13): 5 …"),
+            row_ends(3, "another thing is wrong with the testbed (and 14 more: F3)"),
+        ),
+        (
+            has(faults=(f"{'w' * 50} then the stamps are 12.345678901234567890123 s late",)),
+            row_ends(2, "www then the … (more: F3)"),
+            lambda d: "FAULT" not in d.rows()[3],
+        ),
+    ],
+    "the log shows its newest lines": [
+        (acting(say_lines, 50),),
+        ("f3", "system  line 49 [bold]x[/]", no("line 40")),
+    ],
+    "an engine that stands still is called silent": [
+        (opened(monotonic=partial(next, iter([0.0, 0.0, *[10.0] * 1000]))),),
+        (Driver.settle, "the engine is silent for 10 s: what you see is old"),
+    ],
+    "the live pane shows the whole run": [
+        (in_sizes(SMALL, LARGE),),
+        (Driver.run,),
+        (sets(angle=0.31, force=12.3, maximum=15.2),),
+        (lambda d: d.engine.do_step(Step.TOUCH),),
+        (passes(1.25),),
+        (lambda d: d.engine.do_step(Step.UNLOCK),),
+        (lambda d: d.engine.do_step(Step.OPEN),),
+        (lambda d: d.engine.say("door opens"),),
+        (sets(provisional={"time_to_handle": 1.0}),),
+        (
+            Driver.look_thrice,
+            "RUNNING  4:58 left of 5:00",
+            "run 1 of subject 1 Door Bots",
+            "condition 1: pull, from CCW to CW, No Force",
+            "next: step 4 cross the threshold",
+            "✓ 1 touch the handle      1.000",
+            "✓ 3 open the door         2.250",
+            "> 4 cross the threshold      no",
+            "  6 lock the door            no",
+            "door +0.310 rad  +17.8 deg open",
+            "handle raw +12.30 zero +0.00 max 15.2N",
+            "touch at 1.96 N",
+            "so far  to handle 1.000 s occupation - passage -  6 of 6 fresh",
+            "   +2.25 sensor  door opens",
+            lambda d: "…" not in "".join(d.rows()[1:]),
+        ),
+    ],
+    "a false start says what to do": [
+        (in_sizes(SMALL, LARGE),),
+        (Driver.set_up,),
+        ("f5",),
+        (passes(1.5), "COUNTDOWN  starts in 0:04"),
+        (lambda d: d.engine.false_start(),),
+        (
+            Driver.settle,
+            "FALSE START: handle touched at -3.5 s: Enter, then r restarts the countdown",
+            "a accepts it",
+        ),
+        ("enter r", no("FALSE START"), "starts in 0:05"),
+    ],
+    "a question to the referee is shown": [
+        (Driver.run,),
+        (
+            has(ask_referee="the latch is silent: is the door locked?"),
+            "REFEREE: the latch is silent: is the door locked? (1-6 rules",
+        ),
+    ],
+    "a value that is lost is a word and no number": [
+        (Driver.run,),
+        (has(freshness=Freshness.STALE), "+0.000 rad   +0.0 deg stale"),
+        (sets(angle=None, force=None, freshness=Freshness.LOST),),
+        (
+            Driver.look_thrice,
+            "no angle: lost",
+            "no force: lost",
+            "0 of 6 fresh",
+            "/madrob/door/angle lost",
+            no("●"),
+        ),
+    ],
+    "the source cannot be mistaken": [
+        ("", lambda d: d.rows()[0].startswith(" ~~ SIMULATED nominal ~~ ")),
+        (sets(kind=SourceKind.ROS, label="LIVE ros domain 0"),),
+        (
+            Driver.look_thrice,
+            lambda d: d.rows()[0].startswith(" LIVE ros domain 0 "),
+            lambda d: "~" not in d.rows()[0],
+        ),
+    ],
+    "a long team is cut before what says that nothing counts": [
+        (
+            opened(
+                defaults=replace(DEFAULTS, team="Delft Openers with a rather long team name e.V.")
+            ),
+        ),
+        (Driver.run, lambda d: "~~ SIMULATED nominal ~~  run 1 of team 1 Delft" in d.rows()[0]),
+    ],
+    "faults stay until they are gone": [
+        (Driver.run, lambda d: "no faults" in d.rows()[1]),
+        (sets(faults=("panel at -0.043 rad, against the opening side",)),),
+        (
+            passes(60.0),
+            lambda d: " FAULT panel at -0.043 rad, against the opening side" in d.rows()[1],
+        ),
+        (
+            has(faults=tuple(f"fault number {n} of the testbed" for n in range(5))),
+            lambda d: "fault number 2 of the testbed (and 2 more below)" in d.rows()[3],
+        ),
+        ("f8", lambda d: "FAULT" in d.rows()[1]),
+        ("escape",),
+        (has(faults=()), lambda d: "no faults" in d.rows()[1]),
+    ],
+    "an engine that fails is a fault and no crash": [
+        (Driver.run,),
+        (
+            has(failure="the engine has failed: disk full"),
+            lambda d: "the engine has failed: disk full: what you see is old" in d.rows()[1],
+        ),
+        ("i", says("the engine has failed"), no_question),
+    ],
+    "a clock that may have gone on unseen is not shown as fresh": [
+        (Driver.run, "RUNNING  4:59 left of 5:00"),
+        (
+            has(pulse=Pulse(core=3)),
+            lambda d: "the engine has not moved for 3 s: what you see is old" in d.rows()[1],
+            "RUNNING  as it was 3 s ago",
+            lambda d: clock_span(d.engine.snapshot()) == ("0:01.?", Tone.DIM),
+        ),
+        (has(pulse=Pulse()), "RUNNING  4:59 left of 5:00"),
+    ],
+    "a silent disk is named with what still works": [
+        (in_sizes(SMALL, LARGE),),
+        (Driver.run,),
+        (
+            has(pulse=Pulse(disk=7, unwritten=2)),
+            lambda d: (
+                "disk silent for 7 s: nothing new starts; the clock runs, abort works"
+                in d.rows()[1]
+            ),
+            "RUNNING  NOT ON DISK YET",
+            lambda d: d.engine.act(Abort("robot unsafe")) is None,
+        ),
+        (Driver.settle, "ABORTED  NOT ON DISK YET", no("abort works")),
+        (has(pulse=Pulse()), no("NOT ON DISK YET")),
+    ],
+    "what may still change is rough and marked": [
+        (in_sizes(SMALL, LARGE),),
+        (Driver.run,),
+        (lambda d: d.engine.do_step(Step.TOUCH),),
+        (lambda d: d.engine.do_step(Step.UNLOCK),),
+        (lambda d: d.engine.do_step(Step.OPEN),),
+        (lambda d: d.engine.do_step(Step.CROSS),),
+        (sets(provisional={"time_to_handle": 1.0, "door_occupation_time": 2.345}),),
+        (
+            Driver.look_thrice,
+            "so far",
+            "✓ 3 open the door         1.000",
+            "✓ 4 cross the threshold    ~1.0",
+            "to handle 1.000 s occupation ~2.3 s",
+        ),
+        (sets(provisional_doubts={"time_to_handle": ("the touch rests on 1 sample",)}),),
+        (Driver.look_thrice, "to handle 1.000 s? occupation ~2.3 s"),
+        (sets(provisional_doubts={}),),
+        (lambda d: d.engine.do_step(Step.CLOSE),),
+        (lambda d: d.engine.do_step(Step.LOCK),),
+        (Driver.finish,),
+        ("f3",),
+        (
+            Driver.look_thrice,
+            "✓ 4 cross the threshold   1.000",
+            "occupation 2.345 s",
+            lambda d: "~" not in "".join(d.rows()[1:]),
+        ),
+    ],
+}
+
+
+@pytest.mark.parametrize("story", STORIES)
+async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
+    await play(FakeEngine, STORIES[story])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +19,18 @@ from madrob_console.referee.records import ProtestEnd
 from madrob_console.ui.look.words import export_text
 from scoring.protocol import Step
 from tests.madrob_console.run_folders import EPOCH, summary, write
-from tests.madrob_console.ui.driver import DEFAULTS, LARGE, SMALL, Driver, driving
+from tests.madrob_console.ui.driver import (
+    DEFAULTS,
+    LARGE,
+    SMALL,
+    Driver,
+    Stories,
+    driving,
+    in_sizes,
+    no,
+    play,
+    says,
+)
 from tests.madrob_console.ui.fake_engine import FOLDER, FakeEngine
 from tests.madrob_console.ui.test_screens import compare
 
@@ -75,28 +86,6 @@ async def test_the_dialogs_and_the_result_are_as_they_were_looked_at(
     compare("protest_decided", size, driver.text, request)
 
 
-async def test_words_that_the_disk_refuses_are_there_again(
-    driver: Driver, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    await run_is_over(driver)
-    with monkeypatch.context() as full:
-        full.setattr(engine, "act", lambda _act: "No space left on device")
-        await driver.press("enter", "P", "4", "1")
-        await driver.type(TEXT)
-        await driver.press("enter")
-        assert "No space left on device" in driver.console.status
-        assert not engine.run.protests
-    await driver.press("enter", "P", "3", "1")
-    assert TEXT not in driver.text  # that is about another step
-    await driver.press("escape", "enter", "P", "4", "1")
-    assert TEXT in driver.text
-    await driver.press("enter")
-    assert [one.text for one in engine.run.protests] == [TEXT]
-    await driver.press("enter", "P", "a", "4", "1")
-    (dialog,) = driver.console.dialogs
-    assert dialog.query_one(Input).value == ""
-
-
 @pytest.mark.parametrize("size", SIZES, ids=IDS)
 async def test_lists_with_a_protest_are_as_they_were_looked_at(
     engine: FakeEngine, size: tuple[int, int], request: pytest.FixtureRequest, tmp_path: Path
@@ -121,27 +110,6 @@ def some_runs() -> Sequence[RunSummary]:
         summary(2, hour=2, protest_filed=EPOCH, protest_at=6.5, flags=(OPEN,)),
         summary(2, run_number=2, hour=3, final=True, team_word="acknowledged"),
     )
-
-
-@pytest.mark.parametrize("size", [LARGE])
-async def test_the_keys_file_decide_and_withdraw(driver: Driver, engine: FakeEngine) -> None:
-    await protested(driver)
-    filed = engine.acts[-1]
-    assert isinstance(filed, FileProtest)
-    assert (filed.text, filed.team) == (TEXT, "Door Bots")
-    assert filed.about == f"step 4: {Step.CROSS.text}"
-    await driver.press("enter", "P", "w", "1")
-    assert engine.acts[-1] == WithdrawProtest(1, "satisfied by the explanation")
-    await driver.press("enter", "P", "t")
-    await driver.type("2.5")
-    await driver.press("enter", "1")
-    await driver.type(TEXT)
-    await driver.press("enter", "enter", "P", "d", "r")
-    await driver.type("the video shows the foot")
-    await driver.press("enter")
-    assert engine.acts[-1:] == [
-        DecideProtest(2, ProtestEnd.REJECTED, "the video shows the foot", "Ada")
-    ]
 
 
 async def test_e_packs_the_dossier_of_the_marked_run_or_the_shown_one(
@@ -183,13 +151,59 @@ async def test_r_says_what_to_type_where_the_terminal_cannot_be_lent(
         assert f"{tmp_path}/{run.folder} --at=6.500" in words
 
 
-async def test_nothing_is_replayed_while_a_run_goes_on_and_where_there_is_none(
-    driver: Driver,
-) -> None:
-    await driver.press("f4", "enter")
-    assert "Replay" not in driver.text
-    await driver.press("escape")
-    await driver.run()
-    await driver.press("f4", "enter")
-    assert "Note" in driver.text
-    assert "Replay" not in driver.text
+def filed(text: str, team: str, about: str = "") -> Callable[[Driver], object]:
+    return lambda driver: (
+        isinstance(act := driver.engine.acts[-1], FileProtest)
+        and (act.text, act.team) == (text, team)
+        and about in act.about
+    )
+
+
+def refuses(why: str | None) -> Callable[[Driver], object]:
+    """The engine refuses each act, or none any more."""
+
+    def change(driver: Driver) -> None:
+        vars(driver.engine).pop("act", None)
+        if why is not None:
+            vars(driver.engine)["act"] = lambda _act: why
+
+    return change
+
+
+STORIES: Stories = {
+    "words that the disk refuses are there again": [
+        (run_is_over,),
+        (refuses("No space left on device"),),
+        (f"enter P 4 1 '={TEXT}' enter", says("No space left on device")),
+        ("", lambda d: not d.engine.run.protests),
+        (refuses(None),),
+        ("enter P 3 1", no(TEXT)),  # that is about another step
+        ("escape enter P 4 1", TEXT),
+        ("enter", lambda d: [one.text for one in d.engine.run.protests] == [TEXT]),
+        (
+            "enter P a 4 1",
+            lambda d: [one.query_one(Input).value for one in d.console.dialogs] == [""],
+        ),
+    ],
+    "the keys file, decide and withdraw": [
+        (in_sizes(LARGE),),
+        (protested, filed(TEXT, "Door Bots", f"step 4: {Step.CROSS.text}")),
+        ("enter P w 1", WithdrawProtest(1, "satisfied by the explanation")),
+        (f"enter P t =2.5 enter 1 '={TEXT}' enter", filed(TEXT, "Door Bots")),
+        (
+            "enter P d r '=the video shows the foot' enter",
+            DecideProtest(2, ProtestEnd.REJECTED, "the video shows the foot", "Ada"),
+        ),
+    ],
+    "nothing is replayed while a run goes on and where there is none": [
+        ("f4 enter", no("Replay")),
+        ("escape",),
+        (Driver.run,),
+        ("f4 enter", "Note", no("Replay")),
+    ],
+}
+
+
+@pytest.mark.parametrize("story", STORIES)
+async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
+    await play(FakeEngine, STORIES[story])

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -35,7 +35,26 @@ from scoring.procedure import Ruling
 from scoring.protocol import Outcome, Step
 from scoring.result import Indicator
 from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, summary
-from tests.madrob_console.ui.driver import LARGE, PANE, SMALL, Driver, Shown, driving, showing
+from tests.madrob_console.ui.driver import (
+    LARGE,
+    PANE,
+    SMALL,
+    Driver,
+    Shown,
+    Stories,
+    acting,
+    driving,
+    has,
+    in_sizes,
+    no,
+    on_engine,
+    passes,
+    play,
+    play_pane,
+    says,
+    sets,
+    showing,
+)
 from tests.madrob_console.ui.fake_engine import FOLDER, FakeEngine
 
 
@@ -53,32 +72,6 @@ async def whole_text(driver: Driver) -> str:
         await driver.press("pagedown")
         text += driver.text
     return text
-
-
-@pytest.mark.parametrize("size", [SMALL, LARGE])
-async def test_a_result_that_the_disk_refuses_is_called_so_wherever_it_is_met(
-    running: Driver, engine: FakeEngine
-) -> None:
-    engine.pulse = Pulse(refused="the result is NOT on disk: Read-only file system")
-    await running.finish()
-    text = " ".join(running.text.split())
-    assert "NOT ON DISK YET: only the engine has it, and goes on trying" in text
-    assert "The result is NOT ON DISK yet" in running.console.status
-    assert "Enter signs" not in text
-    await running.press("f10")
-    assert "only the engine has it" in " ".join(running.text.split())
-    await running.press("escape", "f3")
-    assert "NOT ON DISK YET" in running.text
-    engine.pulse = Pulse()
-    await running.press("f4")
-    await running.settle()
-    assert "NOT ON DISK" not in running.text
-    assert "Enter signs" in running.text
-    engine.pulse = Pulse(waiting=1)  # an earlier run
-    await running.settle()
-    assert "NOT ON DISK" not in running.text
-    await running.press("f10")
-    assert "A run is NOT ON DISK yet" in " ".join(running.text.split())
 
 
 @pytest.mark.parametrize("size", [SMALL, LARGE])
@@ -121,20 +114,6 @@ async def test_a_reason_stands_apart_from_the_name_of_its_indicator(
     assert "smoothness of door actuation none: " in driver.console.panes.results.copied
 
 
-async def test_the_first_screen_shows_outcome_and_all_indicators(driver: Driver) -> None:
-    await finished(driver)
-    assert "COMPLETED" in driver.text
-    assert "execution time" in driver.text
-    assert "capability level" in driver.text
-
-
-async def test_a_missing_indicator_says_why(driver: Driver) -> None:
-    await finished(driver, Outcome.TIMEOUT)
-    assert "TIMEOUT, valid (because)" in driver.text
-    reason = "passage time                 none: robot never reached the destination side"
-    assert reason in driver.text
-
-
 async def test_a_denied_step_is_told_as_the_referees_word_and_never_as_the_sensors(
     driver: Driver,
 ) -> None:
@@ -145,51 +124,6 @@ async def test_a_denied_step_is_told_as_the_referees_word_and_never_as_the_senso
     assert row.startswith(" x 4 cross the threshold      no  denied (1.000) by Ada: a wheel stayed")
     await driver.press("f3")
     assert "ENDED  3 of 6 steps count" in driver.text
-
-
-@pytest.mark.parametrize(
-    ("outcome", "words"),
-    [
-        (Outcome.ABORTED, "ABORTED: the run is invalid (because)"),
-        (Outcome.INTERRUPTED, "INTERRUPTED: the machine failed, left out of every aggregate"),
-    ],
-)
-async def test_an_outcome_that_does_not_count_says_so(
-    driver: Driver, outcome: Outcome, words: str
-) -> None:
-    await finished(driver, outcome)
-    assert words in driver.text
-
-
-async def test_a_live_result_is_not_marked_as_simulated(engine: FakeEngine) -> None:
-    engine.kind, engine.label = SourceKind.ROS, "LIVE ros domain 0"
-
-    async with driving(engine) as driver:
-        await finished(driver)
-        assert "not an official result" not in driver.text
-
-
-async def test_before_a_result_the_pane_says_so(driver: Driver) -> None:
-    await driver.press("f4")
-    assert "No result yet" in driver.text
-
-
-async def test_nothing_of_an_old_result_stays_behind_an_abort(driver: Driver) -> None:
-    await finished(driver)
-    await driver.press("x", "f4")
-    assert "No result yet" in driver.text
-    assert "execution time" not in driver.text
-
-
-async def test_another_result_begins_at_its_top(driver: Driver, engine: FakeEngine) -> None:
-    await finished(driver)
-    await driver.press("pagedown", "pagedown")
-    assert "COMPLETED" not in driver.text
-    await driver.press("x", "f6", "f5")
-    await driver.let_pass(6.0)
-    await driver.finish()
-    assert "COMPLETED" in driver.text
-    assert "run 2 of subject 1" in driver.text
 
 
 async def with_flags(driver: Driver) -> None:
@@ -215,25 +149,6 @@ async def with_flags(driver: Driver) -> None:
     await driver.finish(reason="all six steps done")
 
 
-@pytest.mark.parametrize("size", [(60, 18), SMALL, LARGE, (160, 50)])
-async def test_what_a_decision_hangs_on_is_seen_first(driver: Driver) -> None:
-    await with_flags(driver)
-    shown = " ".join(driver.text.split())
-    for words in (
-        "ENDED, valid (3 of 6 steps count: the referee denied step 4)",
-        "1 false start UNDECIDED (handle touched)",
-        "step 4 denied",
-        "1 testbed fault",
-    ):
-        assert words in shown
-    assert "1 incident (fall)" not in shown  # for information: among the marks
-    assert shown.index("UNDECIDED") < shown.index("run 1 of subject 1")
-    assert "not final: Enter decides; v details" in shown
-    assert "all six steps done" not in shown
-    await driver.press("f3")
-    assert "all six steps done" not in driver.text
-
-
 async def test_a_reason_that_all_indicators_have_stands_there_once(
     driver: Driver, engine: FakeEngine
 ) -> None:
@@ -245,15 +160,6 @@ async def test_a_reason_that_all_indicators_have_stands_there_once(
     assert driver.text.count("run aborted: invalid") == 1
     assert "values            none: run aborted: invalid" in driver.text
     assert "issue 1, counts nowhere: x is the next run; v details" in driver.text
-
-
-@pytest.mark.parametrize("size", [LARGE])
-async def test_a_result_that_was_signed_with_something_undecided_says_so(driver: Driver) -> None:
-    await with_flags(driver)
-    await driver.press("enter", "f", "y", "a", "enter")
-    assert "1 false start UNDECIDED (handle touched); step 4 denied" in driver.text
-    assert "acknowledged by the team, signed Ada with what is undecided" in driver.text
-    assert "Enter" not in " ".join(driver.rows()[:20])
 
 
 def toned(driver: Driver, width: int = 78) -> dict[str, Tone]:
@@ -438,34 +344,6 @@ def teams(shown: Shown) -> list[str]:
     return numbers
 
 
-@pytest.mark.parametrize("size", [PANE, WIDE])
-async def test_all_runs_are_shown_newest_first_and_marked_by_words(size: tuple[int, int]) -> None:
-    async with showing(HistoryPane(Results().load), size) as shown:
-        assert teams(shown) == ["5", "2", "4", "1", "1", "3", "2", "1"]
-        assert "unfinished" in shown.marked
-        for words in ("DAMAGED", "INVALID", "INTERRUPTED", "timeout", "completed !!"):
-            assert words in shown.text
-        (practice,) = (row for row in shown.rows() if " SIM " in row)
-        assert " 1 Delft " in practice
-        assert "門の騎士" in shown.text
-        assert "6   17.43" in shown.text
-        assert ("pull, from CW to CCW" in shown.text) == (size == WIDE)
-        assert ("P protest  * not final" in shown.text) == (size == WIDE)
-
-
-async def test_every_column_can_be_seen_on_a_small_screen() -> None:
-    async with showing(HistoryPane(Results().load)) as shown:
-        seen = ""
-        for _ in range(len(columns())):
-            seen += shown.text
-            await shown.press("right")
-        for column in columns():
-            assert column.title in seen
-        for words in ("12.25", "1.875", "0.062", "14.75", "protested", "protocol", "Wind Ramp"):
-            assert words in seen
-        assert "simulated" not in seen  # the mark is `SIM`, in a column that stays near
-
-
 def test_the_line_below_says_what_does_not_fit() -> None:
     assert about(RUNS[5]) == (
         "1 false start UNDECIDED (handle touched); "
@@ -485,44 +363,6 @@ def test_the_head_line_says_what_there_is() -> None:
     assert head_line(()) == "no runs in the results folder"
 
 
-async def test_v_shows_official_runs_then_practice_then_those_that_are_not_final() -> None:
-    async with showing(HistoryPane(Results().load)) as shown:
-        for view, numbers, following in (
-            ("official only", ["5", "2", "4", "1", "3", "2"], "practice only"),
-            ("practice only", ["1"], "not final"),
-            ("not final", ["5", "2", "1", "1", "2", "1"], "all runs"),
-        ):
-            assert f"v {view}" in shown.text
-            await shown.press("v")
-            assert teams(shown) == numbers
-            assert f"{len(numbers)} of 8 runs: {view} (Escape shows all)" in shown.text
-            assert f"v {following}" in shown.text
-        await shown.press("v")
-        assert len(teams(shown)) == 8
-
-
-async def test_a_filter_is_typed_kept_with_enter_and_cleared_with_escape() -> None:
-
-    pane = HistoryPane(Results().load)
-    async with showing(pane) as shown:
-        assert "/ filters: delft, cond:7" in shown.text
-        await shown.press("slash", *"delft")
-        assert teams(shown) == ["1", "1", "1"]
-        await shown.press("space", *"inval", "enter")
-        assert teams(shown) == ["1"]
-        assert " delft inval" in shown.text
-        assert "1 of 8 runs: filtered (Escape shows all)" in shown.text
-        await shown.press("slash", *"vo")
-        assert "no run passes the filter" in shown.text
-        assert pane.table.selected is None
-        await shown.press("escape", "slash", *"foo", "colon")
-        assert "no field foo: there are subject, sub, cond, run, team" in shown.text
-        await shown.press("escape")
-        assert len(teams(shown)) == 8
-        await shown.press("down")  # the table has the focus again
-        assert pane.table.selected == RUNS[6]
-
-
 async def test_enter_opens_the_marked_run() -> None:
 
     pane = HistoryPane(Results().load)
@@ -531,14 +371,6 @@ async def test_enter_opens_the_marked_run() -> None:
         (sent,) = shown.app.sent
         assert isinstance(sent, HistoryPane.Opened)
         assert sent.row == pane.table.selected == RUNS[5]
-
-
-async def test_an_empty_history_says_so_and_opens_nothing() -> None:
-    async with showing(HistoryPane(Results(()).load)) as shown:
-        assert "no runs in the results folder" in shown.text
-        assert "no runs yet" in shown.text
-        await shown.press("enter", "o", "o", "right", "end", "pagedown", "v")
-        assert shown.app.sent == []
 
 
 async def test_runs_of_a_team_can_be_asked_for() -> None:
@@ -659,3 +491,182 @@ def test_signs_say_what_must_be_decided_and_what_changed_a_score(
     (column,) = (one for one in columns() if one.title == "outcome")
     shown = column.fit(column.cell(run).text, column.width)
     assert shown.rstrip() == words
+
+
+STORIES: Stories = {
+    "a result that the disk refuses is called so wherever it is met": [
+        (in_sizes(SMALL, LARGE),),
+        (Driver.run,),
+        (sets(pulse=Pulse(refused="the result is NOT on disk: Read-only file system")),),
+        (
+            Driver.finish,
+            "NOT ON DISK YET: only the engine has it, and goes on trying",
+            says("The result is NOT ON DISK yet"),
+            no("Enter signs"),
+        ),
+        ("f10", "only the engine has it"),
+        ("escape f3", "NOT ON DISK YET"),
+        (sets(pulse=Pulse()),),
+        ("f4",),
+        (Driver.settle, no("NOT ON DISK"), "Enter signs"),
+        (has(pulse=Pulse(waiting=1)), no("NOT ON DISK")),
+        ("f10", "A run is NOT ON DISK yet"),
+    ],
+    "the first screen shows outcome and all indicators": [
+        (finished, "COMPLETED", "execution time", "capability level"),
+    ],
+    "a missing indicator says why": [
+        (
+            acting(finished, Outcome.TIMEOUT),
+            "TIMEOUT, valid (because)",
+            "passage time                 none: robot never reached the destination side",
+        ),
+    ],
+    **{
+        f"an outcome that does not count says so: {outcome}, {words}": [
+            (acting(finished, outcome), words),
+        ]
+        for outcome, words in [
+            (Outcome.ABORTED, "ABORTED: the run is invalid (because)"),
+            (Outcome.INTERRUPTED, "INTERRUPTED: the machine failed, left out of every aggregate"),
+        ]
+    },
+    "a live result is not marked as simulated": [
+        (on_engine(kind=SourceKind.ROS, label="LIVE ros domain 0"),),
+        (finished, no("not an official result")),
+    ],
+    "before a result the pane says so": [
+        ("f4", "No result yet"),
+    ],
+    "nothing of an old result stays behind an abort": [
+        (finished,),
+        ("x f4", "No result yet", no("execution time")),
+    ],
+    "another result begins at its top": [
+        (finished,),
+        ("pagedown pagedown", no("COMPLETED")),
+        ("x f6 f5",),
+        (passes(6.0),),
+        (Driver.finish, "COMPLETED", "run 2 of subject 1"),
+    ],
+    "what a decision hangs on is seen first": [
+        (in_sizes((60, 18), SMALL, LARGE, (160, 50)),),
+        (
+            with_flags,
+            "ENDED, valid (3 of 6 steps count: the referee denied step 4)",
+            "1 false start UNDECIDED (handle touched)",
+            "step 4 denied",
+            "1 testbed fault",
+            no("1 incident (fall)"),
+            lambda d: d.text.index("UNDECIDED") < d.text.index("run 1 of subject 1"),
+            "not final: Enter decides; v details",
+            no("all six steps done"),
+        ),
+        ("f3", no("all six steps done")),
+    ],
+    "a result that was signed with something undecided says so": [
+        (in_sizes(LARGE),),
+        (with_flags,),
+        (
+            "enter f y a enter",
+            "1 false start UNDECIDED (handle touched); step 4 denied",
+            "acknowledged by the team, signed Ada with what is undecided",
+            lambda d: "Enter" not in " ".join(d.rows()[:20]),
+        ),
+    ],
+}
+
+
+@pytest.mark.parametrize("story", STORIES)
+async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
+    await play(FakeEngine, STORIES[story])
+
+
+def numbered(*subjects: str) -> Callable[[Shown], object]:
+    """These subjects have the rows, from the top."""
+    return lambda shown: teams(shown) == [*subjects]
+
+
+def misses(words: str) -> Callable[[Shown], object]:
+    return lambda shown: words not in shown.text
+
+
+ALL = ("5", "2", "4", "1", "1", "3", "2", "1")
+
+
+def one_simulated(shown: Shown) -> object:
+    return [" 1 Delft " in row for row in shown.rows() if " SIM " in row] == [True]
+
+
+OF_WIDE = ("pull, from CW to CCW", "P protest  * not final")
+COLUMNS = {column.title for column in columns()}
+OF_COLUMNS = ("12.25", "1.875", "0.062", "14.75", "protested", "protocol", "Wind Ramp")
+HISTORY: dict[str, tuple[Sequence[RunSummary], tuple[int, int], Sequence[tuple[Any, ...]]]] = {
+    **{
+        f"all runs are shown newest first and marked by words: {size}": (
+            RUNS,
+            size,
+            [
+                ("", numbered(*ALL), lambda shown: "unfinished" in shown.marked),
+                ("", "DAMAGED", "INVALID", "INTERRUPTED", "timeout", "completed !!"),
+                ("", one_simulated, "6 17.43", "門の騎士"),
+                ("", *(seen if size == WIDE else misses(seen) for seen in OF_WIDE)),
+            ],
+        )
+        for size in (PANE, WIDE)
+    },
+    "v shows official runs, then practice, then those that are not final": (
+        RUNS,
+        PANE,
+        [
+            ("", "v official only"),
+            (
+                "v",
+                numbered("5", "2", "4", "1", "3", "2"),
+                "6 of 8 runs: official only",
+                "v practice",
+            ),
+            ("v", numbered("1"), "1 of 8 runs: practice only (Escape shows all)", "v not final"),
+            ("v", numbered("5", "2", "1", "1", "2", "1"), "6 of 8 runs: not final", "v all runs"),
+            ("v", numbered(*ALL)),
+        ],
+    ),
+    "a filter is typed, kept with Enter and cleared with Escape": (
+        RUNS,
+        PANE,
+        [
+            ("", "/ filters: delft, cond:7"),
+            ("slash d e l f t", numbered("1", "1", "1")),
+            ("space i n v a l enter", numbered("1"), "delft inval"),
+            ("", "1 of 8 runs: filtered (Escape shows all)"),
+            ("slash v o", "no run passes the filter", numbered()),
+            ("escape slash f o o colon", "no field foo: there are subject, sub, cond, run, team"),
+            ("escape", numbered(*ALL)),
+            ("down", lambda shown: "DAMAGED" in shown.marked),  # the table has the focus again
+        ],
+    ),
+    "an empty history says so and opens nothing": (
+        (),
+        PANE,
+        [
+            ("", "no runs in the results folder", "no runs yet"),
+            ("enter o o right end pagedown v", lambda shown: shown.app.sent == []),
+        ],
+    ),
+}
+
+
+@pytest.mark.parametrize("story", HISTORY)
+async def test_what_keys_do_in_the_history(story: str) -> None:
+    runs, size, rows = HISTORY[story]
+    await play_pane(HistoryPane(Results(runs).load), *rows, size=size)
+
+
+async def test_every_column_can_be_seen_on_a_small_screen() -> None:
+    seen = ""
+    async with showing(HistoryPane(Results().load)) as shown:
+        for _ in COLUMNS:
+            seen += shown.text
+            await shown.press("right")
+    assert [words for words in (*COLUMNS, *OF_COLUMNS) if words not in seen] == []
+    assert "simulated" not in seen  # the mark is `SIM`, in a column that stays near

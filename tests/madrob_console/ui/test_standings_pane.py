@@ -1,10 +1,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -23,7 +23,7 @@ from madrob_console.ui.panes.standings_pane import (
 )
 from scoring.protocol import Outcome
 from tests.madrob_console.run_folders import UNDECIDED_START, VALUES, summary, write
-from tests.madrob_console.ui.driver import DEFAULTS, driving, showing
+from tests.madrob_console.ui.driver import DEFAULTS, PANE, Shown, driving, play_pane, row, showing
 from tests.madrob_console.ui.fake_engine import FakeEngine
 
 TITLES = (
@@ -51,15 +51,6 @@ PRACTICE = (timed(1, 99.0, team="Delft", source="simulated"),)
 
 def pane_of(runs: Sequence[RunSummary], best: int = 0) -> StandingsPane:
     return StandingsPane(lambda: runs, best, "Autumn Cup")
-
-
-async def test_a_team_of_another_competition_is_another_team() -> None:
-    others = [timed(1, 1.0, team="Zebra", competition="Spring Cup")]
-
-    async with showing(pane_of((*OFFICIAL, *others))) as shown:
-        rows = [" ".join(row.split()) for row in shown.rows()]
-        assert "> 7 1 Delft 6 10.00 4" in rows
-        assert "1 not of this competition." in " ".join(rows)
 
 
 async def test_each_condition_begins_with_the_team_that_leads_it() -> None:
@@ -99,86 +90,121 @@ async def test_each_ruleset_has_a_leader_of_its_own_and_they_are_not_compared() 
         assert pane.table.strong == {"2/7/eurobench-2020", "1/7/protocol"}
 
 
-async def test_v_shows_counts_and_means_over_all_valid_runs() -> None:
-    async with showing(pane_of((*OFFICIAL, *PRACTICE)), (140, 30)) as shown:
-        await shown.press("v")
-        rows = [" ".join(row.split()) for row in shown.rows()]
-        assert "> 7 1 Delft 30.00 3.21 4.50 12.25 1.875 0.0625 14.75 6.00 3 1" in rows
-        assert "mean over all valid runs (exec s: completed ones)." in rows
-        assert "Delft: 3 completed, 1 timeout; push, from CCW to CW, Constant Force" in shown.text
+HALLS = [timed(1, 10.0, testbed="A", rate=50.0), timed(2, 20.0, testbed="B", rate=100.0)]
+SAME_RATE = [HALLS[0], timed(2, 20.0, testbed="B", rate=50.0)]
+OTHERS = [timed(1, 1.0, team="Zebra", competition="Spring Cup")]
+CAUTION = replace(UNDECIDED_START, weight=FlagWeight.CAUTION, undecided=False)
+FLAGGED = (
+    timed(1, 10.0, team="Delft", flags=(UNDECIDED_START,)),
+    timed(2, 15.0, team="Ghent", flags=(CAUTION,)),
+    timed(3, 9.0, team="Pisa"),
+    timed(4, 8.0, team="Turin", protest_filed=0.0),
+    timed(5, 8.0, team="Vienna", protest_filed=0.0, flags=(CAUTION,)),
+)
+DAMAGED = timed(3, 1.0, team="Ghent", problem="result.json is damaged")
 
 
-async def test_testbeds_that_differ_are_told_in_the_head_line() -> None:
-
-    halls = [timed(1, 10.0, testbed="A", rate=50.0), timed(2, 20.0, testbed="B", rate=100.0)]
-    async with showing(pane_of(halls)) as shown:
-        text = " ".join(shown.text.split())
-        assert "The testbeds differ: sampling rate 50 Hz (A), 100 Hz (B)." in text
-    async with showing(pane_of([*halls[:1], timed(2, 20.0, testbed="B", rate=50.0)])) as shown:
-        assert "differ" not in shown.text
+def misses(words: str) -> Callable[[Shown], object]:
+    return lambda shown: words not in shown.text
 
 
-async def test_a_team_with_flagged_runs_is_marked_and_the_line_below_counts_them() -> None:
-    waiting = timed(1, 10.0, team="Delft", flags=(UNDECIDED_START,))
-    caution = replace(UNDECIDED_START, weight=FlagWeight.CAUTION, undecided=False)
-    marked = timed(2, 15.0, team="Ghent", flags=(caution,))
-    protested = timed(4, 8.0, team="Turin", protest_filed=0.0)
-    both = timed(5, 8.0, team="Vienna", protest_filed=0.0, flags=(caution,))
-    runs = (waiting, marked, timed(3, 9.0, team="Pisa"), protested, both)
-
-    async with showing(pane_of(runs)) as shown:
-        rows = [" ".join(row.split()) for row in shown.rows()]
-        assert "> 7 4 Turin 6 8.00 1 P" in rows
-        assert "7 5 Vienna 6 8.00 1 P" in rows
-        assert "7 3 Pisa 6 9.00 1" in rows
-        assert "7 1 Delft 6 10.00 1 !!" in rows
-        assert "7 2 Ghent 6 15.00 1 !" in rows
-        assert "2 PROTESTS open: NOT FINAL." in " ".join(rows)
-        assert "Turin: 1 completed, NOT FINAL: 1 PROTEST open" in shown.text
+def marked(words: str) -> Callable[[Shown], object]:
+    return lambda shown: words in shown.marked
 
 
-async def test_v_goes_through_the_statistics() -> None:
-    async with showing(pane_of(OFFICIAL), (120, 30)) as shown:
-        for words, delft, knights in (
-            ("mean over", " 30.00 ", " 15.00 "),
-            ("median over", " 20.00 ", " 15.00 "),
-            ("std over", " 26.46 ", " - "),
-            ("min over", " 1.875 ", " 1.875 "),
-            ("max over", " 1.875 ", " 1.875 "),
-            ("best run", " 10.00 ", " 15.00 "),
-        ):
-            await shown.press("v")
-            assert words in shown.text
-            rows = [row for row in shown.rows() if "Delft " in row or "騎士" in row]
-            assert delft in rows[0]
-            assert knights in rows[1]
+def of_team(team: str, words: str) -> Callable[[Shown], object]:
+    return lambda shown: words in next(row for row in shown.rows() if team in row)
 
 
-async def test_so_many_best_runs_enter_as_the_settings_say() -> None:
-    async with showing(pane_of(OFFICIAL, best=2)) as shown:
-        await shown.press("v")
-        assert "mean over the best 2 valid runs" in shown.text
-        assert " 15.00 " in shown.marked
+class Story(NamedTuple):
+    """What is pressed and seen, with which runs, of which the `best` count."""
+
+    runs: Sequence[RunSummary]
+    rows: Sequence[tuple[Any, ...]]
+    best: int = 0
+    size: tuple[int, int] = PANE
 
 
-async def test_practice_runs_stand_there_only_where_there_are_no_others() -> None:
-    async with showing(pane_of((*OFFICIAL, *PRACTICE))) as shown:
-        assert PRACTICE_BANNER not in shown.text
-        assert " 10.00 " in shown.marked
-    async with showing(pane_of(PRACTICE)) as shown:
-        assert PRACTICE_BANNER in shown.text
-        assert " 99.00 " in shown.marked
-    async with showing(pane_of(())) as shown:
-        assert "no official runs yet" in shown.text
-        assert PRACTICE_BANNER not in shown.text
+STORIES = {
+    "a team of another competition is another team": Story(
+        (*OFFICIAL, *OTHERS),
+        rows=[("", row("> 7 1 Delft 6 10.00 4"), "1 not of this competition.")],
+    ),
+    "v shows counts and means over all valid runs": Story(
+        (*OFFICIAL, *PRACTICE),
+        size=(140, 30),
+        rows=[
+            (
+                "v",
+                row("> 7 1 Delft 30.00 3.21 4.50 12.25 1.875 0.0625 14.75 6.00 3 1"),
+                row("mean over all valid runs (exec s: completed ones)."),
+                "Delft: 3 completed, 1 timeout; push, from CCW to CW, Constant Force",
+            )
+        ],
+    ),
+    "testbeds that differ are told in the head line": Story(
+        HALLS,
+        rows=[("", "The testbeds differ: sampling rate 50 Hz (A), 100 Hz (B).")],
+    ),
+    "testbeds that do not differ are not": Story(SAME_RATE, [("", misses("differ"))]),
+    "a team with flagged runs is marked and the line below counts them": Story(
+        FLAGGED,
+        rows=[
+            (
+                "",
+                row("> 7 4 Turin 6 8.00 1 P"),
+                row("7 5 Vienna 6 8.00 1 P"),
+                row("7 3 Pisa 6 9.00 1"),
+                row("7 1 Delft 6 10.00 1 !!"),
+                row("7 2 Ghent 6 15.00 1 !"),
+                "2 PROTESTS open: NOT FINAL.",
+                "Turin: 1 completed, NOT FINAL: 1 PROTEST open",
+            )
+        ],
+    ),
+    "v goes through the statistics": Story(
+        OFFICIAL,
+        size=(120, 30),
+        rows=[
+            (key, words, of_team("Delft ", delft), of_team("騎士", knights))
+            for key, words, delft, knights in (
+                ("v", "mean over", " 30.00 ", " 15.00 "),
+                ("v", "median over", " 20.00 ", " 15.00 "),
+                ("v", "std over", " 26.46 ", " - "),
+                ("v", "min over", " 1.875 ", " 1.875 "),
+                ("v", "max over", " 1.875 ", " 1.875 "),
+                ("v", "best run", " 10.00 ", " 15.00 "),
+            )
+        ],
+    ),
+    "so many best runs enter as the settings say": Story(
+        OFFICIAL,
+        best=2,
+        rows=[("v", "mean over the best 2 valid runs", marked(" 15.00 "))],
+    ),
+    "official runs stand there without practice": Story(
+        (*OFFICIAL, *PRACTICE),
+        rows=[("", misses(PRACTICE_BANNER), marked(" 10.00 "))],
+    ),
+    "practice runs stand there where there are no others": Story(
+        PRACTICE,
+        rows=[("", PRACTICE_BANNER, marked(" 99.00 "))],
+    ),
+    "without runs it says so": Story(
+        (),
+        rows=[("", "no official runs yet", misses(PRACTICE_BANNER))],
+    ),
+    "damaged results are left out and counted": Story(
+        (*OFFICIAL, DAMAGED),
+        rows=[("", "1 DAMAGED left out.", misses("Ghent"))],
+    ),
+}
 
 
-async def test_damaged_results_are_left_out_and_counted() -> None:
-
-    runs = [*OFFICIAL, timed(3, 1.0, team="Ghent", problem="result.json is damaged")]
-    async with showing(pane_of(runs)) as shown:
-        assert "1 DAMAGED left out." in " ".join(shown.text.split())
-        assert "Ghent" not in shown.text
+@pytest.mark.parametrize("story", STORIES)
+async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
+    runs, rows, best, size = STORIES[story]
+    await play_pane(pane_of(runs, best), *rows, size=size)
 
 
 async def test_every_column_can_be_seen_and_sorted_by_on_a_small_screen() -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -19,6 +18,7 @@ from madrob_console.engine.requests import (
     Faster,
     GiveFrames,
     JumpTo,
+    PlaybackCommand,
     PlaybackView,
     PlayOrPause,
     Skip,
@@ -40,7 +40,17 @@ from madrob_console.ui.look.words import clock_text
 from madrob_console.ui.panes.result_pane import ResultHead
 from madrob_console.ui.panes.top_view import SCALES, TopView, top_view
 from scoring.protocol import BenchmarkType, Condition, Side, StartPose
-from tests.madrob_console.ui.driver import Driver, PaneApp, driving
+from tests.madrob_console.ui.driver import (
+    Driver,
+    PaneApp,
+    Stories,
+    driving,
+    no,
+    no_question,
+    on_engine,
+    play,
+    sets,
+)
 from tests.madrob_console.ui.fake_engine import FakeEngine, a_setup
 
 ARROWS = "↑↖←↙↓↘→↗"
@@ -60,12 +70,8 @@ def drawn(
     condition: Condition,
     pose: StartPose | None,
     size: tuple[int, int] = ROOMY,
-    *,
-    ascii: bool = False,  # noqa: A002 - what it is
 ) -> list[str]:
-    lines = top_view(condition, pose, *size, ascii)
-    rows = ["".join(span.text for span in line) for line in lines]
-    return [to_ascii(row) for row in rows] if ascii else rows
+    return ["".join(span.text for span in line) for line in top_view(condition, pose, *size)]
 
 
 def place(rows: list[str], signs: str) -> tuple[int, int]:
@@ -74,14 +80,13 @@ def place(rows: list[str], signs: str) -> tuple[int, int]:
     return y, x
 
 
-@given(CONDITIONS, POSES, st.integers(15, 60), st.integers(7, 30), st.booleans())
+@given(CONDITIONS, POSES, st.integers(15, 60), st.integers(7, 30))
 def test_any_set_up_fills_exactly_the_cells_that_there_are(
-    condition: Condition, pose: StartPose | None, width: int, height: int, plain: bool
+    condition: Condition, pose: StartPose | None, width: int, height: int
 ) -> None:
-    rows = drawn(condition, pose, (width, height), ascii=plain)
+    rows = drawn(condition, pose, (width, height))
     assert len(rows) == height
     assert {cell_len(row) for row in rows} == {width}
-    assert not plain or all(row.isascii() for row in rows)
     text = "\n".join(rows)
     assert ("no pose" in text) == (pose is None)
     wrong = pose is not None and pose.side is not condition.starting_side
@@ -135,7 +140,7 @@ def test_the_arrow_follows_the_yaw(eighth: int) -> None:
     ],
 )
 def test_in_ascii_every_direction_reads_differently(yaw: float, sign: str) -> None:
-    rows = drawn(starting(Side.CCW), StartPose(1.5, 0.0, yaw), ascii=True)
+    rows = [to_ascii(row) for row in drawn(starting(Side.CCW), StartPose(1.5, 0.0, yaw))]
     y, x = place(rows, sign.replace("o", "").strip())
     assert rows[y][x - 1 : x + 2] == sign
 
@@ -240,25 +245,21 @@ def text(playback: PlaybackView, width: int = 78) -> str:
     return "".join(span.text for span in playback_line(playback, width))
 
 
-def test_the_bar_says_replay_position_length_and_speed() -> None:
-    shown = text(VIEW)
-    assert shown.startswith(" REPLAY  playing 1x  0:12.34 / 1:05.00  [==|======●---")
-    assert len(shown) == 78
-
-
 @pytest.mark.parametrize(
     ("playback", "words"),
     [
+        (VIEW, " REPLAY  playing 1x  0:12.34 / 1:05.00  [==|======●---"),
         (replace(VIEW, paused=True, speed=0.5), "PAUSED 1/2x"),
         (replace(VIEW, jumping_to=61.0), "jumping to 1:01.00"),
         (replace(VIEW, ended=True, position=65.0), "at its end"),
         (replace(VIEW, speed=0.0), "playing max"),
     ],
 )
-def test_the_bar_tells_playing_from_paused_jumping_and_ended(
+def test_the_bar_says_position_length_and_speed_and_whether_it_plays(
     playback: PlaybackView, words: str
 ) -> None:
     assert words in text(playback)
+    assert len(text(playback)) == 78
 
 
 @given(
@@ -281,13 +282,8 @@ def test_a_step_of_one_sample_shows() -> None:
     assert [clock_text(t, 2) for t in (-0.02, 0.0, 1.98, 2.0, 60.0)] == [
         "-0:00.02", "0:00.00", "0:01.98", "0:02.00", "1:00.00",
     ]  # fmt: skip
-    assert [speed_text(s) for s in (0.0, 0.5, 1.0, 10.0, 2.5)] == [
-        "max",
-        "1/2x",
-        "1x",
-        "10x",
-        "2.5x",
-    ]
+    speeds = {0.0: "max", 0.5: "1/2x", 1.0: "1x", 10.0: "10x", 2.5: "2.5x"}
+    assert {speed: speed_text(speed) for speed in speeds} == speeds
 
 
 @pytest.mark.parametrize(
@@ -359,43 +355,35 @@ def test_the_result_says_how_it_compares_with_the_stored_one(words: str) -> None
     assert not any("f finalises" in row for row in rows)
 
 
-def run(engine: FakeEngine, what: Callable[[Driver], Awaitable[None]]) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await what(driver)
-
-    asyncio.run(drive())
+def commanded(command: PlaybackCommand) -> Callable[[Driver], object]:
+    return lambda driver: driver.engine.commands[-1] == command
 
 
-def test_the_keys_move_a_replay_and_nothing_else() -> None:
-    engine = replaying()
+STORIES: Stories = {
+    "the keys move a replay and nothing else": [
+        (on_engine(kind=SourceKind.REPLAY, playback=VIEW),),
+        ("f3", "REPLAY  playing 1x"),
+        (
+            "space full_stop comma less_than_sign plus minus",
+            lambda d: (
+                d.engine.commands
+                == [PlayOrPause(), Skip(0.02), Skip(-0.02), Skip(-1.0), Faster(), Slower()]
+            ),
+        ),
+        ("j =1:05 enter", commanded(JumpTo(65.0))),
+        ("j x enter", "'x' is no time"),
+        ("escape f1", "j  Jump"),
+        (lambda d: d.console.show_pane("figures"),),
+        ("plus", commanded(JumpTo(65.0))),  # it zooms
+        (sets(playback=None),),
+        ("f3 space full_stop plus j", commanded(JumpTo(65.0)), no_question, no("REPLAY  ")),
+    ],
+}
 
-    async def drive(driver: Driver) -> None:
-        await driver.press("f3")
-        assert "REPLAY  playing 1x" in driver.text
-        await driver.press("space", "full_stop", "comma", "less_than_sign", "plus", "minus")
-        assert engine.commands == [
-            PlayOrPause(), Skip(0.02), Skip(-0.02), Skip(-1.0), Faster(), Slower(),
-        ]  # fmt: skip
-        await driver.press("j")
-        await driver.type("1:05")
-        await driver.press("enter")
-        assert engine.commands[-1] == JumpTo(65.0)
-        await driver.press("j", "x", "enter")
-        assert "'x' is no time" in driver.text
-        await driver.press("escape")
-        await driver.press("f1")
-        assert "j  Jump" in driver.text
-        driver.console.show_pane("figures")
-        await driver.press("plus")  # zooms
-        assert engine.commands[-1] == JumpTo(65.0)
-        engine.playback = None
-        await driver.press("f3", "space", "full_stop", "plus", "j")
-        assert engine.commands[-1] == JumpTo(65.0)
-        assert driver.console.dialogs == []
-        assert "REPLAY  " not in driver.text
 
-    run(engine, drive)
+@pytest.mark.parametrize("story", STORIES)
+async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
+    await play(FakeEngine, STORIES[story])
 
 
 async def test_o_has_the_cameras_frames_of_the_shown_instant_written_and_y_copies_where() -> None:
