@@ -248,7 +248,8 @@ def _tally_lines(tally: Tally) -> Iterator[str]:
     yield from counts(tally)
     if isinstance(tally, Overall):
         yield f"in {len(tally.conditions)} of {len(CONDITION_NUMBERS)} conditions"
-    yield from (f"on {name}" for name in tally.testbeds)
+    if tally.testbeds:
+        yield f"on {', '.join(tally.testbeds)}"
 
 
 def _means(tally: Tally) -> Iterator[tuple[str, bool, list[str]]]:
