@@ -12,10 +12,9 @@ from typing import NamedTuple
 from msgspec.structs import replace
 
 from madrob_console.archive.folders import (
-    PRACTICE_FOLDER,
     RESULT_FILE,
     RunPath,
-    all_runs_at,
+    listed_at,
     named_by_recording,
     parse_folder_name,
 )
@@ -58,12 +57,11 @@ def collected(paths: Sequence[Path], testbed: str | None = None) -> Collection:
     for path in paths:
         if not path.exists():
             raise MadrobError(f"{path}: no such folder; name a folder with runs")
-    for run in all_runs_at([_with_name(path) for path in paths]):
-        if not run.path.is_file() and parse_folder_name(run.path.name) is not None:
-            root, name = _place(run.path)
-            of_root.setdefault(root, set()).add(name)
+    for one in listed_at([_with_name(path) for path in paths]):
+        if parse_folder_name(one.folder) is not None and not one.is_file:
+            of_root.setdefault(one.root, set()).add(one.name)
         else:
-            unlisted.append(Unlisted(run.name, _why_unlisted(run)))
+            unlisted.append(Unlisted(one.run.name, _why_unlisted(one.run)))
     alone = len(of_root) == 1 and [*map(_with_name, paths)] == list(of_root)
     runs = []
     for root, names in of_root.items():
@@ -147,13 +145,6 @@ def _why_unlisted(run: RunPath) -> str:
     if run.prefix or any(name.endswith((".mcap", ".db3")) for name in names):
         return f"has no {RESULT_FILE} of a run folder: name folders with runs"
     return "holds no run: name folders with runs"
-
-
-def _place(run: Path) -> tuple[Path, str]:
-    within = run.parent if run.parent.name else Path(os.path.abspath(run.parent))  # noqa: PTH100
-    if within.name == PRACTICE_FOLDER:
-        return within.parent, f"{PRACTICE_FOLDER}/{run.name}"
-    return run.parent, run.name
 
 
 # The filter that a person types over a list of runs.

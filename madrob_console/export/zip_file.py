@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import html
 import os
 import re
 import time
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 from typing import BinaryIO, NamedTuple, Self
+from urllib.parse import quote, unquote
 
 from madrob_console.archive.folders import REPORT_FILE
 from madrob_console.common.files import open_plain, refusal, stamp_of
@@ -347,3 +349,25 @@ def size_of(run: Path, bag: PackedBag) -> tuple[int, int]:
             total += size
             evidence += size if is_evidence(name) else 0
     return total, evidence
+
+
+# Links of a report, rewritten for another place.
+
+
+_LINK = re.compile(r'<a href="([^"#][^"]*)">([^<]*</a>)?')
+
+
+def led_elsewhere(page: str, place: Callable[[str], str | None], nowhere: str = "") -> str:
+    """Replaces a page's links by `place`; links to places on the page itself stay.
+
+    `place` takes a relative path; None = no link. `nowhere` then follows the words.
+    """
+
+    def led(found: re.Match[str]) -> str:
+        target = place(unquote(html.unescape(found[1])))
+        words = found[2] or ""
+        if target is None:
+            return f"<a>{words}{words and nowhere}"
+        return f'<a href="{quote(target)}">{words}'
+
+    return _LINK.sub(led, page)
