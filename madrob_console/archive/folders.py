@@ -107,6 +107,15 @@ def parse_folder_name(name: str) -> tuple[RunName, datetime] | None:
     return RunName(subject, condition, run), started
 
 
+def is_run_name(name: str) -> bool:
+    """As `parse_folder_name`, for the many names of a list."""
+    match = _FOLDER.fullmatch(name)
+    try:
+        return match is not None and datetime.fromisoformat(match[4]) is not None
+    except ValueError:
+        return False
+
+
 def named_by_recording(names: Iterable[str]) -> str | None:
     """The run folder's name at recording time, from its files' `names`; None = unknown."""
     stems = (name.removesuffix("_0.mcap") for name in names if name.endswith("_0.mcap"))
@@ -390,22 +399,12 @@ class FoundRun(NamedTuple):
         return RunPath(self.within / self.folder, self.prefix)
 
     @property
-    def root(self) -> Path:
-        """The results folder."""
-        return self.within.parent if self._is_practice else self.within
-
-    @property
-    def name(self) -> str:
-        """The run's folder as seen from the results folder."""
-        return f"{_IN_PRACTICE}{self.folder}" if self._is_practice else self.folder
-
-    @property
-    def is_file(self) -> bool:
-        return self.run.path.is_file()
-
-    @property
-    def _is_practice(self) -> bool:
-        return self.within.name == PRACTICE_FOLDER
+    def place(self) -> tuple[Path, str]:
+        """The results folder of a run, and the run's folder as seen from there."""
+        within = self.within if self.within.name else Path(os.path.abspath(self.within))  # noqa: PTH100
+        if within.name == PRACTICE_FOLDER:
+            return within.parent, f"{_IN_PRACTICE}{self.folder}"
+        return self.within, self.folder
 
 
 def _found_at(paths: Iterable[Path], *, by_name: bool) -> Iterator[FoundRun]:
@@ -426,7 +425,7 @@ def _runs_below(top: FoundRun, *, by_name: bool) -> Iterator[FoundRun]:
     places = [top]
     while places:
         place = places.pop()
-        named = place is not top and parse_folder_name(place.folder) is not None
+        named = place is not top and is_run_name(place.folder)
         if named and by_name:
             yield place
             continue

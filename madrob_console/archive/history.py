@@ -120,7 +120,7 @@ def packed_indicators(
 
 NO_INDICATORS = packed_indicators()
 
-_cached = lru_cache(maxsize=4096)
+_cached = lru_cache(maxsize=1024)
 
 
 @_cached

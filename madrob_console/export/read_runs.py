@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby, islice
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -67,7 +66,7 @@ class ReadRuns:
 
     def add_runs(self, runs: Iterable[FoundRun]) -> Iterator[str | None]:
         """Reads the result of each run that the index does not have; why it cannot, in words."""
-        for root, within in groupby(runs, key=attrgetter("root")):
+        for root, within in groupby(runs, key=lambda run: run.place[0]):
             index = HistoryIndex(root, f"table_{self._table.name}", software_version())
             while some := list(islice(within, _AT_ONCE)):
                 yield from self._add_some(root, index, some)
@@ -75,7 +74,7 @@ class ReadRuns:
     def _add_some(
         self, root: Path, index: HistoryIndex, runs: Sequence[FoundRun]
     ) -> Iterator[str | None]:
-        folders = [run.name for run in runs]
+        folders = [run.place[1] for run in runs]
         kept = {folder: (stamps, rows) for folder, stamps, rows in index.read(folders)}
         fresh = []
         for run, folder, now in zip(runs, folders, run_stamps(root, folders), strict=True):
