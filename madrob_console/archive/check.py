@@ -13,17 +13,18 @@ from typing import Any
 
 import msgspec
 
+from madrob_console.archive.file_digests import lists_evidence
 from madrob_console.archive.folders import RESULT_FILE, RunPath
+from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.result_files import document_of
 from madrob_console.archive.result_reader import UnusableResultError, read_result, read_whole_result
-from madrob_console.archive.result_summary import IndicatorPart, ListedResult, lists_evidence
 from madrob_console.archive.scored import Scored, score_recording
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from recorder.bag import METADATA_FILE
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import Libraries, libraries_here
-from scoring.result import Indicator, Result
+from scoring.result import Result
 
 # Grades of agreement between two computations of one result (section 11).
 
@@ -300,17 +301,17 @@ class Comparison:
         return self.grade in {Grade.SAME, Grade.CLOSE}
 
 
-def stored_result(path: Path) -> ListedResult | str:
+def stored_result(path: Path) -> ResultDocument | str:
     """A bag alone has none; then why, in words."""
     try:
-        return read_result(str(path))[0]
+        return read_result(str(path))
     except FileNotFoundError:
         return "no stored result lies beside the recording"
     except UnusableResultError as error:
         return terminal_safe(str(error))
 
 
-def compared(stored: ListedResult | str, result: Result) -> Comparison:
+def compared(stored: ResultDocument | str, result: Result) -> Comparison:
     """With enough digits to tell two values apart."""
     if isinstance(stored, str):
         return Comparison(stored)
@@ -321,16 +322,15 @@ def compared(stored: ListedResult | str, result: Result) -> Comparison:
         case Grade.SAME:
             return Comparison(EQUAL, grade)
         case Grade.CLOSE:
-            told = terminal_safe(libraries_told(stored.libraries, libraries_here()))
+            told = terminal_safe(libraries_told(stored.libraries or None, libraries_here()))
             return Comparison(f"equals the stored result to 1e-9: {values} ({told})", grade)
         case Grade.DIFFERS:
             return Comparison(f"differs from the stored result: {values}", grade)
 
 
-def _appealed(result: ListedResult | Result) -> dict[str, Any]:
+def _appealed(result: Result) -> dict[str, Any]:
     """What an appeal is about; the same of a stored result as of a fresh one."""
-    indicators: Mapping[Any, IndicatorPart | Indicator] = result.indicators
-    known = {name: indicators.get(name) for name in IndicatorName}
+    known = {name: result.indicators.get(name) for name in IndicatorName}
     return {
         "ruleset": result.ruleset,
         "outcome": result.outcome,

@@ -12,12 +12,11 @@ from typing import NamedTuple
 from msgspec.structs import replace
 
 from madrob_console.archive.folders import (
-    PRACTICE_FOLDER,
     RESULT_FILE,
     RunPath,
-    all_runs_at,
+    is_run_name,
+    listed_at,
     named_by_recording,
-    parse_folder_name,
 )
 from madrob_console.archive.history import History, RunSummary, twins_told
 from madrob_console.common.errors import MadrobError
@@ -58,15 +57,18 @@ def collected(paths: Sequence[Path], testbed: str | None = None) -> Collection:
     for path in paths:
         if not path.exists():
             raise MadrobError(f"{path}: no such folder; name a folder with runs")
-    for run in all_runs_at([_with_name(path) for path in paths]):
-        if not run.path.is_file() and parse_folder_name(run.path.name) is not None:
-            root, name = _place(run.path)
+        if path.is_file():
+            unlisted.append(Unlisted(str(path), "is no run folder: name folders with runs"))
+    for one in listed_at([_with_name(path) for path in paths if not path.is_file()]):
+        if is_run_name(one.folder):
+            root, name = one.place
             of_root.setdefault(root, set()).add(name)
         else:
-            unlisted.append(Unlisted(run.name, _why_unlisted(run)))
+            unlisted.append(Unlisted(one.run.name, _why_unlisted(one.run)))
     alone = len(of_root) == 1 and [*map(_with_name, paths)] == list(of_root)
-    runs = []
-    for root, names in of_root.items():
+    runs: list[RunSummary] = []
+    for root in list(of_root):
+        names = of_root.pop(root)
         try:
             history = History(root).refresh()
         except MadrobError as error:
@@ -74,10 +76,11 @@ def collected(paths: Sequence[Path], testbed: str | None = None) -> Collection:
             continue
         found = {run.folder: run for run in history if run.folder in names}
         unlisted += [Unlisted(str(root / name), _LINK) for name in sorted(names - {*found})]
-        runs += [
-            run if alone else replace(run, folder=str(root / name), twin="")
-            for name, run in found.items()
-        ]
+        if alone:
+            runs += found.values()
+            continue
+        within = str(root / "_")[:-1]  # joining a hundred thousand Paths takes too long
+        runs += [replace(run, folder=f"{within}{name}", twin="") for name, run in found.items()]
     wanted = runs if testbed is None else of_testbed(runs, testbed)
     ordered = sorted(wanted, key=lambda run: (run.started, run.folder))
     root = _with_name(paths[0]) if alone else Path()
@@ -136,8 +139,6 @@ def _with_name(path: Path) -> Path:
 
 
 def _why_unlisted(run: RunPath) -> str:
-    if run.path.is_file():
-        return "is no run folder: name folders with runs"
     try:
         names = os.listdir(run.path)  # noqa: PTH208  of the names only
     except OSError as error:
@@ -147,13 +148,6 @@ def _why_unlisted(run: RunPath) -> str:
     if run.prefix or any(name.endswith((".mcap", ".db3")) for name in names):
         return f"has no {RESULT_FILE} of a run folder: name folders with runs"
     return "holds no run: name folders with runs"
-
-
-def _place(run: Path) -> tuple[Path, str]:
-    within = run.parent if run.parent.name else Path(os.path.abspath(run.parent))  # noqa: PTH100
-    if within.name == PRACTICE_FOLDER:
-        return within.parent, f"{PRACTICE_FOLDER}/{run.name}"
-    return run.parent, run.name
 
 
 # The filter that a person types over a list of runs.

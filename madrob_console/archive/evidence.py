@@ -11,9 +11,9 @@ from pathlib import Path
 
 import msgspec
 
+from madrob_console.archive.file_digests import listed_in
 from madrob_console.archive.folders import JOURNAL_FILE, run_folder_names
 from madrob_console.archive.history import History, RunSummary
-from madrob_console.archive.result_summary import listed_in
 from madrob_console.archive.run_journal import (
     RunJournal,
     UnusableJournalError,

@@ -14,8 +14,11 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cache
+from operator import attrgetter
 from pathlib import Path
-from typing import Final
+from struct import Struct
+from typing import Final, NamedTuple
 
 import msgspec
 
@@ -55,6 +58,7 @@ _LARGEST = 16_000_000  # bytes of the numbers file: some 300,000 runs
 _TIME_FORMAT = "%Y%m%d_%H%M%S"
 _IN_PRACTICE = f"{PRACTICE_FOLDER}/"
 _FOLDER = re.compile(r"subject_([0-9]{3})_cond_([0-9]{3})_run_([0-9]{3})_([0-9]{8}_[0-9]{6})")
+_STAMPS = Struct("<6q")
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,10 +101,19 @@ def parse_folder_name(name: str) -> tuple[RunName, datetime] | None:
         return None
     subject, condition, run = map(int, match.groups()[:3])
     try:
-        started = datetime.strptime(match[4], _TIME_FORMAT).astimezone()
+        started = datetime.fromisoformat(match[4]).astimezone()
     except (ValueError, OverflowError):
         return None
     return RunName(subject, condition, run), started
+
+
+def is_run_name(name: str) -> bool:
+    """As `parse_folder_name`, for the many names of a list."""
+    match = _FOLDER.fullmatch(name)
+    try:
+        return match is not None and datetime.fromisoformat(match[4]) is not None
+    except ValueError:
+        return False
 
 
 def named_by_recording(names: Iterable[str]) -> str | None:
@@ -142,6 +155,26 @@ def _folder_names(root: Path) -> list[str]:
         return []
     except OSError as error:
         raise _unusable(root, error) from None
+
+
+def run_stamps(root: Path, names: Iterable[str]) -> Iterator[bytes]:
+    """Of each run folder in a results folder, what changes with its result or its journal."""
+    try:
+        place = os.open(root, _OPEN_FOLDER)
+    except OSError as error:
+        raise _unusable(root, error) from None
+    try:
+        for name in names:
+            told: list[int] = []
+            for file in (RESULT_FILE, JOURNAL_FILE):
+                try:
+                    found = os.stat(f"{name}/{file}", dir_fd=place, follow_symlinks=False)
+                    told += (found.st_mtime_ns, found.st_ctime_ns, found.st_size)
+                except OSError:
+                    told += (0, 0, -1)
+            yield _STAMPS.pack(*told)
+    finally:
+        os.close(place)
 
 
 def next_run_number(root: Path, subject: int, condition: int, *, practice: bool = False) -> int:
@@ -341,39 +374,84 @@ def runs_at(path: Path) -> list[RunPath]:
     which may be unreadable. In a folder with a bag, the bag is the run. Links and hidden folders
     are not followed.
     """
-    return list(_runs_below(path)) or [RunPath(path)]
+    return list(all_runs_at([path]))
 
 
 def all_runs_at(paths: Iterable[Path]) -> list[RunPath]:
     """Without the duplicates of overlapping paths, in their order."""
-    found: dict[tuple[str, str], RunPath] = {}
+    return [found.run for found in _found_at(paths, by_name=False)]
+
+
+def listed_at(paths: Iterable[Path]) -> Iterator[FoundRun]:
+    """As `all_runs_at`, for lists: a folder called like a run is one, whatever it holds."""
+    return _found_at(paths, by_name=True)
+
+
+class FoundRun(NamedTuple):
+    """A run behind a path, in less memory than a `RunPath` takes; `within` is shared by many."""
+
+    within: Path
+    folder: str
+    prefix: str = ""
+
+    @property
+    def run(self) -> RunPath:
+        return RunPath(self.within / self.folder, self.prefix)
+
+    @property
+    def place(self) -> tuple[Path, str]:
+        """The results folder of a run, and the run's folder as seen from there."""
+        within = self.within if self.within.name else Path(os.path.abspath(self.within))  # noqa: PTH100
+        if within.name == PRACTICE_FOLDER:
+            return within.parent, f"{_IN_PRACTICE}{self.folder}"
+        return self.within, self.folder
+
+
+def _found_at(paths: Iterable[Path], *, by_name: bool) -> Iterator[FoundRun]:
+    real = cache(os.path.realpath)
+    known: set[tuple[str, str, str]] = set()
     for path in paths:
-        for run in runs_at(path):
-            found.setdefault((os.path.realpath(run.path), run.prefix), run)
-    return list(found.values())
+        top = FoundRun(path.parent, path.name)
+        for found in list(_runs_below(top, by_name=by_name)) or [top]:
+            place, folder = real(found.within), found.folder
+            if found.within is top.within:  # what was named may be a link
+                place, folder = os.path.split(real(path))
+            if (key := (place, folder, found.prefix)) not in known:
+                known.add(key)
+                yield found
 
 
-def _runs_below(top: Path) -> Iterator[RunPath]:
-    folders = [top]
-    while folders:
-        path = folders.pop()
+def _runs_below(top: FoundRun, *, by_name: bool) -> Iterator[FoundRun]:
+    places = [top]
+    while places:
+        place = places.pop()
+        named = place is not top and is_run_name(place.folder)
+        if named and by_name:
+            yield place
+            continue
+        path = place.within / place.folder
         try:
-            names = os.listdir(path)  # noqa: PTH208  ten thousand Paths take too long
+            with os.scandir(path) as entries:
+                found = sorted(entries, key=attrgetter("name"), reverse=True)
         except NotADirectoryError:
             continue
-        except OSError:  # reading it says why; the path that was named is looked at by `runs_at`
-            if path is not top:
-                yield RunPath(path)
+        except OSError:  # reading it says why; the path that was named is looked at by the caller
+            if place is not top:
+                yield place
             continue
+        names = [entry.name for entry in found]
         if _is_bag(names):
-            yield RunPath(path)
+            yield place
         elif prefixes := run_prefixes(names):
-            yield from (RunPath(path, prefix) for prefix in prefixes)
-        elif path is not top and parse_folder_name(path.name) is not None:
-            yield RunPath(path)  # its recording is missing
+            yield from (place._replace(prefix=prefix) for prefix in prefixes)
+        elif named:
+            yield place  # its recording is missing
         else:
-            below = (path / name for name in sorted(names, reverse=True) if name[0] != ".")
-            folders += [folder for folder in below if not folder.is_symlink()]
+            places += [
+                FoundRun(path, entry.name)
+                for entry in found
+                if entry.name[0] != "." and entry.is_dir(follow_symlinks=False)
+            ]
 
 
 def _is_bag(names: Iterable[str]) -> bool:

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from operator import attrgetter
 from pathlib import Path
-from struct import Struct
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import msgspec
@@ -29,16 +29,19 @@ from madrob_console.archive.folders import (
     parse_folder_name,
     places_that_count,
     run_folder_names,
+    run_stamps,
     why_twin,
 )
 from madrob_console.archive.history_index import HistoryIndex
+from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.result_reader import (
     DamagedResultError,
+    Name,
+    StartTime,
     UnusableResultError,
     read_result,
     read_setup,
 )
-from madrob_console.archive.result_summary import ListedResult, Name, StartTime
 from madrob_console.archive.run_journal import (
     UnusableJournalError,
     disagreement,
@@ -47,7 +50,6 @@ from madrob_console.archive.run_journal import (
     out_of_date,
     read_run_journal,
 )
-from madrob_console.common.files import Stamp, stamp_of
 from madrob_console.common.formatting import time_words
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.flags import Flag
@@ -95,56 +97,48 @@ def condition_words(number: int) -> ConditionWords:
     return ConditionWords(found.way, found.benchmark_type.value)
 
 
-class RunDetails(NamedTuple):
-    """The larger part of a summary.
-
-    Attributes:
-        values, uncertainties: by indicator file name, where known.
-        doubts: their number by indicator file name; those without are missing.
-        flags: open questions, the most serious first.
-        thresholds: those of the testbed that are not the protocol's; None = not known.
-    """
-
-    values: Mapping[str, int | float] = {}
-    uncertainties: Mapping[str, Uncertainty] = {}
-    doubts: Mapping[str, int] = {}
-    flags: tuple[Flag, ...] = ()
-    thresholds: Mapping[str, Any] | None = None
-
-    def packed(self) -> bytes:
-        """In few bytes, so that a hundred thousand summaries fit in memory."""
-        indicators = [
-            (
-                self.values.get(name),
-                None
-                if (known := self.uncertainties.get(name)) is None
-                else (known.u, known.expanded),
-                self.doubts.get(name, 0),
-            )
-            for name in IndicatorName
-        ]
-        return msgspec.msgpack.encode((indicators, self.flags, self.thresholds))
-
-    @classmethod
-    def unpacked(cls, packed: bytes) -> RunDetails:
-        indicators, flags, thresholds = _details.decode(packed)
-        found = list(zip(IndicatorName, indicators, strict=True))
-        return cls(
-            {name: value for name, (value, _, _) in found if value is not None},
-            {name: Uncertainty(*known) for name, (_, known, _) in found if known is not None},
-            {name: number for name, (_, _, number) in found if number},
-            flags,
-            thresholds,
-        )
-
-
-_Indicator = tuple[int | float | None, tuple[float, float] | None, int]
-_details = msgspec.msgpack.Decoder(
-    tuple[tuple[_Indicator, ...], tuple[Flag, ...], dict[str, Any] | None]
+_NAMES = tuple(IndicatorName)
+_columns = msgspec.msgpack.Decoder(
+    tuple[tuple[int | float | None, ...], tuple[tuple[float, float] | None, ...], tuple[int, ...]]
 )
-_unpacked = lru_cache(maxsize=4096)(RunDetails.unpacked)
 
-NO_DETAILS = RunDetails().packed()
+
+def packed_indicators(
+    values: Mapping[str, int | float] = MappingProxyType({}),
+    uncertainties: Mapping[str, Uncertainty] = MappingProxyType({}),
+    doubts: Mapping[str, int] = MappingProxyType({}),
+) -> bytes:
+    """What a summary tells of them, in few bytes: a hundred thousand have to fit in memory."""
+    known = [uncertainties.get(name) for name in _NAMES]
+    columns = (
+        [values.get(name) for name in _NAMES],
+        [one and (one.u, one.expanded) for one in known],
+        [doubts.get(name, 0) for name in _NAMES],
+    )
+    return msgspec.msgpack.encode(columns)
+
+
+NO_INDICATORS = packed_indicators()
+
+_cached = lru_cache(maxsize=1024)
+
+
+@_cached
+def _values_in(packed: bytes) -> Mapping[str, int | float]:
+    values, _, _ = _columns.decode(packed)
+    return {name: one for name, one in zip(_NAMES, values, strict=True) if one is not None}
+
+
+@_cached
+def _uncertainties_in(packed: bytes) -> Mapping[str, Uncertainty]:
+    _, known, _ = _columns.decode(packed)
+    return {name: Uncertainty(*one) for name, one in zip(_NAMES, known, strict=True) if one}
+
+
+@_cached
+def _doubts_in(packed: bytes) -> Mapping[str, int]:
+    _, _, doubts = _columns.decode(packed)
+    return {name: number for name, number in zip(_NAMES, doubts, strict=True) if number}
 
 
 class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True, array_like=True):
@@ -155,7 +149,9 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True, array_lik
         started: s since the epoch; without a result, from the folder's name.
         outcome: None = no result yet: the run goes on, or it was cut off.
         reason: why it does not count, in the referee's words (shortened); empty if valid.
-        packed: the `RunDetails`.
+        indicators: the packed values, uncertainties and doubts.
+        flags: open questions, the most serious first.
+        thresholds: those of the testbed that are not the protocol's; None = not known.
         issue: of the result; 0 = none yet.
         protest_filed: when the first open protest was, s since the epoch; None = none is open.
         protest_at: the instant in question of that or the last protest, s from the start.
@@ -181,7 +177,9 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True, array_lik
     team: Name = ""
     outcome: Outcome | None = None
     reason: str = ""
-    packed: bytes = NO_DETAILS
+    indicators: bytes = NO_INDICATORS
+    flags: tuple[Flag, ...] = ()
+    thresholds: Mapping[str, Any] | None = None
     issue: int = 0
     final: bool = False
     team_word: str | None = None
@@ -203,23 +201,18 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True, array_lik
 
     @property
     def values(self) -> Mapping[str, int | float]:
-        return _unpacked(self.packed).values
+        """By indicator file name, where there is one."""
+        return _values_in(self.indicators)
 
     @property
     def uncertainties(self) -> Mapping[str, Uncertainty]:
-        return _unpacked(self.packed).uncertainties
+        """Likewise, where one is known."""
+        return _uncertainties_in(self.indicators)
 
     @property
     def doubts(self) -> Mapping[str, int]:
-        return _unpacked(self.packed).doubts
-
-    @property
-    def flags(self) -> tuple[Flag, ...]:
-        return _unpacked(self.packed).flags
-
-    @property
-    def thresholds(self) -> Mapping[str, Any] | None:
-        return _unpacked(self.packed).thresholds
+        """The number of doubts, where there are any."""
+        return _doubts_in(self.indicators)
 
     @property
     def valid(self) -> bool:
@@ -299,10 +292,10 @@ class History:
         self._root = root
         self._place = str(root)
         self._lock = threading.Lock()
-        self._index = HistoryIndex(root, _VERSION)
+        self._index = HistoryIndex(root, "history", _VERSION)
         self._known: dict[str, tuple[bytes, RunSummary]] | None = None
         self._changed: set[str] = set()
-        self._open: dict[str, tuple[Stamp, RunSummary]] = {}
+        self._open: dict[str, tuple[bytes, RunSummary]] = {}
 
     def refresh(self) -> tuple[RunSummary, ...]:
         """Every run, oldest first; only a `result.json` that changed is read.
@@ -320,8 +313,11 @@ class History:
         if self._known is None:
             self._known = dict(self._indexed(names))
         known = self._known
-        for name in names:
-            if (run := self._summary(name, known)) is not None:
+        for name, stamps in zip(names, run_stamps(self._root, names), strict=False):
+            kept = known.get(name) or self._open.get(name)
+            if kept is not None and kept[0] == stamps:
+                yield kept[1]
+            elif (run := self._read(name, stamps)) is not None:
                 yield run
         gone = [name for name in known if name not in names]
         for name in gone:
@@ -332,16 +328,21 @@ class History:
 
     def _indexed(self, names: Mapping[str, str]) -> Iterator[tuple[str, tuple[bytes, RunSummary]]]:
         """The summaries in the index, with one copy of each text in memory."""
-        for stamps, packed in self._index.read():
+        decode, intern, put = _summaries.decode, sys.intern, force_setattr
+        for found, stamps, packed in self._index.read():
             try:
-                run = _summaries.decode(packed)
+                run = decode(packed)
             except msgspec.MsgspecError:
                 continue
-            folder = names.get(run.folder, run.folder)
-            force_setattr(run, "folder", folder)
-            for field in _TOLD_BY_MANY:
-                if text := getattr(run, field):
-                    force_setattr(run, field, sys.intern(text))
+            folder = names.get(found, found)
+            put(run, "folder", folder)
+            if not run.thresholds:
+                put(run, "thresholds", None if run.thresholds is None else _AS_PROTOCOL)
+            put(run, "team", intern(run.team))
+            put(run, "testbed", intern(run.testbed))
+            put(run, "ruleset", intern(run.ruleset))
+            put(run, "source", run.source and intern(run.source))
+            put(run, "competition", run.competition and intern(run.competition))
             yield folder, (stamps, run)
 
     def _row_of(self, name: str) -> tuple[str, bytes, bytes]:
@@ -349,12 +350,8 @@ class History:
         stamps, run = self._known[name]
         return name, stamps, msgspec.msgpack.encode(run)
 
-    def _summary(self, name: str, known: dict[str, tuple[bytes, RunSummary]]) -> RunSummary | None:
+    def _read(self, name: str, stamps: bytes) -> RunSummary | None:
         folder = f"{self._place}/{name}"
-        stamps = (stamp_of(f"{folder}/{RESULT_FILE}"), stamp_of(f"{folder}/{JOURNAL_FILE}"))
-        kept = known.get(name)
-        if kept is not None and kept[0] == _stamps(*stamps):
-            return kept[1]
         parsed = parse_folder_name(name)
         if parsed is None:  # a date that does not exist
             return None
@@ -369,7 +366,7 @@ class History:
             competition=None,
         )
         try:
-            result, stamp = read_result(folder)
+            result = read_result(folder)
             if (why := misplaced(result, named)) is not None:
                 return _unusable(unread, folder, why)
             if (why := disagreement(result, Path(folder))) is not None:
@@ -377,44 +374,28 @@ class History:
                     return self._told(unread, result)  # it is about to be written
                 return _unusable(unread, folder, out_of_date(why), repairable=True)
         except FileNotFoundError:
-            return self._without_result(unread)
+            run = _of_journal(unread, Path(folder))
+            self._open[name] = (stamps, run)
+            return run
         except (UnusableResultError, UnusableJournalError) as problem:
             damaged = isinstance(problem, DamagedResultError)
             return _unusable(unread, folder, str(problem), repairable=damaged)
         run = self._told(unread, result)
-        known[name] = (_stamps(stamp, stamps[1]), run)
+        assert self._known is not None
+        self._known[name] = (stamps, run)
         self._changed.add(name)
         return run
 
-    def _told(self, unread: RunSummary, result: ListedResult) -> RunSummary:
+    def _told(self, unread: RunSummary, result: ResultDocument) -> RunSummary:
         """Adds the result; an earlier issue of it may have been protested."""
         run = _of_result(unread, result)
         if run.protested or run.issue <= 1:
             return run
         return replace(run, protested=ever_protested(self._root / unread.folder))
 
-    def _without_result(self, unread: RunSummary) -> RunSummary:
-        """An unchanged journal is not read again."""
-        folder = self._root / unread.folder
-        stamp = stamp_of(str(folder / JOURNAL_FILE))
-        known = self._open.get(unread.folder)
-        if known is not None and stamp is not None and known[0] == stamp:
-            return known[1]
-        run = _of_journal(unread, folder)
-        if stamp is not None:
-            self._open[unread.folder] = (stamp, run)
-        return run
 
-
+_AS_PROTOCOL: Mapping[str, Any] = {}
 _summaries = msgspec.msgpack.Decoder(RunSummary)
-_NO_FILE = Stamp(0, 0, -1)
-_six_numbers = Struct("<6q").pack
-_TOLD_BY_MANY = "team", "source", "competition", "ruleset", "testbed"
-"""Texts of which a hundred thousand summaries share one copy."""
-
-
-def _stamps(result: Stamp | None, journal: Stamp | None) -> bytes:
-    return _six_numbers(*(result or _NO_FILE), *(journal or _NO_FILE))
 
 
 def twins_told(runs: Sequence[RunSummary]) -> tuple[RunSummary, ...]:
@@ -504,14 +485,12 @@ def _of_journal(unread: RunSummary, folder: Path) -> RunSummary:
     )
 
 
-def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
-    found = result.told
-    details = RunDetails(
+def _of_result(unread: RunSummary, result: ResultDocument) -> RunSummary:
+    found = result.indicators
+    indicators = packed_indicators(
         {name: one.value for name, one in found.items() if one.value is not None},
         {name: one.uncertainty for name, one in found.items() if one.uncertainty is not None},
         {name: len(one.doubts) for name, one in found.items()},
-        result.flags or (),
-        _unlike_protocol(result.thresholds),
     )
     closure, waiting = result.closure, result.open_protest
     signed_so = closure is not None and closure.team_word == TeamWord.PROTESTED
@@ -525,17 +504,19 @@ def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
         outcome=result.outcome,
         reason=result.why_invalid[:_LONGEST_REASON],
         voided=result.voided is not None,
-        packed=details.packed(),
+        indicators=indicators,
+        flags=result.known_flags,
+        thresholds=_unlike_protocol(result.thresholds or None),
         issue=result.issue,
         final=closure is not None,
-        team_word=None if closure is None else closure.team_word,
+        team_word=None if closure is None else closure.team_word.value,
         protest_filed=None if waiting is None else waiting.time,
         protest_at=result.instant_in_question,
         protested=bool(result.protests) or signed_so,
-        source=result.source,
+        source=result.source.value,
         practice=unread.practice or result.practice,
         competition=result.competition,
-        ruleset=result.ruleset,
+        ruleset=result.ruleset.value,
         run_id=result.run_id,
         testbed=result.testbed,
         rate=result.rate,
@@ -550,7 +531,7 @@ def _unlike_protocol(thresholds: Thresholds | None) -> dict[str, Any] | None:
     return {name: value for name, value in found.items() if value != usual[name]}
 
 
-def misplaced(result: ListedResult, folder: RunName) -> str | None:
+def misplaced(result: ResultDocument, folder: RunName) -> str | None:
     """Why a result is in the wrong folder, where it would count twice or for another team."""
     run = RunName(result.subject, result.condition_number, result.run_number)
     if result.corrections:  # the folder is named after what was set up first

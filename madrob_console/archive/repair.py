@@ -12,19 +12,18 @@ from pathlib import Path
 from uuid import UUID
 
 from madrob_console.archive.check import Difference, Grade, compare
-from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
-from madrob_console.archive.result_files import has_content, result_files, write_result
-from madrob_console.archive.result_reader import (
-    UnusableResultError,
-    read_file_digests,
-    read_result,
-    read_whole_result,
-)
-from madrob_console.archive.result_summary import (
+from madrob_console.archive.file_digests import (
     identity_record,
     kept_run_id,
     lists_evidence,
     run_id_at,
+)
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
+from madrob_console.archive.result_files import has_content, result_files, write_result
+from madrob_console.archive.result_reader import (
+    UnusableResultError,
+    read_sound_result,
+    read_whole_result,
 )
 from madrob_console.archive.run_journal import Details, is_held, journal_held, written_details
 from madrob_console.archive.run_record import RECORD_NAME, RunRecord
@@ -71,12 +70,12 @@ def _identity(path: Path) -> dict[str, dict[str, str]]:
 
 def _told_run_id(path: Path) -> str:
     """The run id in the result beside a recording: that may be older than the damage."""
-    folder = path.parent if path.is_file() else path
-    if path.is_file() and path.name not in read_file_digests(str(folder)):
+    result = read_sound_result(str(path.parent if path.is_file() else path))
+    if result is None or (path.is_file() and path.name not in result.files):
         return ""  # of another run
     try:
-        return str(UUID(read_result(str(folder))[0].run_id))
-    except (FileNotFoundError, UnusableResultError, ValueError):
+        return str(UUID(result.run_id))
+    except ValueError:
         return ""
 
 
@@ -119,7 +118,8 @@ def _note_written(folder: Path, hold: Hold, details: Details) -> None:
 
 
 def _has_all_files(folder: Path) -> bool:
-    sizes = {name: digest.bytes for name, digest in read_file_digests(str(folder)).items()}
+    result = read_sound_result(str(folder))
+    sizes = {} if result is None else {name: one.bytes for name, one in result.files.items()}
     for name, size in sizes.items():
         if name.endswith(".mcap") or "/" in name:
             continue  # the recording itself: `recover` sees to it

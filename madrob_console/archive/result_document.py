@@ -15,8 +15,8 @@ from typing import Any, Literal
 import msgspec
 from msgspec import UNSET, UnsetType
 
+from madrob_console.archive.file_digests import FileDigest
 from madrob_console.archive.folders import RESULT_FORMAT
-from madrob_console.archive.result_summary import FileDigest
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.flags import Flag
@@ -35,11 +35,13 @@ from madrob_console.referee.records import (
     TakenBack,
     Voiding,
     Waiver,
+    open_protests,
 )
+from madrob_console.referee.run import VALID_OUTCOMES
 from scoring.indicator_table import WITH_THE_START, IndicatorName
 from scoring.libraries import Libraries
 from scoring.procedure import Ruling
-from scoring.protocol import Thresholds
+from scoring.protocol import Signal, Step, Thresholds
 from scoring.rest import HandleRest
 from scoring.result import Result
 
@@ -147,6 +149,46 @@ class ResultDocument(Result, Heading):
     zero_samples: HandleRest | None = None
     robot_start: float | None = None
     libraries: Libraries | UnsetType = UNSET
+
+    @property
+    def known_flags(self) -> tuple[Flag, ...]:
+        return () if self.flags is UNSET else self.flags
+
+    @property
+    def steps_done(self) -> dict[Step, float]:
+        return {one.step: one.final for one in self.steps if one.final is not None}
+
+    @property
+    def rate(self) -> float | None:
+        """Sampling rate of the door's angle, Hz; None where it does not say."""
+        return next((one.rate for one in self.quality.signals if one.signal is Signal.DOOR), None)
+
+    @property
+    def open_protest(self) -> Protest | None:
+        return next(iter(open_protests(self.protests)), None)
+
+    @property
+    def instant_in_question(self) -> float | None:
+        """The instant of the open protest, else of the last one, s from the start."""
+        of = self.open_protest or (self.protests[-1] if self.protests else None)
+        return None if of is None or of.at is None else of.at - self.start
+
+    @property
+    def valid(self) -> bool:
+        """Whether its indicators count (protocol section 2)."""
+        return self.outcome in VALID_OUTCOMES and self.voided is None
+
+    @property
+    def why_invalid(self) -> str:
+        """The referee's or the machine's reason; empty where it is valid."""
+        if self.voided is not None:
+            return self.voided.reason
+        return "" if self.valid else self.outcome_reason
+
+    @property
+    def practice(self) -> bool:
+        """Whether it counts for nothing; all runs of a simulated testbed do."""
+        return self.setup.practice or self.source is SourceKind.SIMULATED
 
 
 def result_schema() -> dict[str, Any]:

@@ -6,11 +6,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import msgspec
 from msgspec import UNSET
 
+from madrob_console.archive.file_digests import digests_of, kept_run_id, run_id_of
 from madrob_console.archive.folders import (
     ISSUE_FILE,
     PRACTICE_FOLDER,
@@ -22,24 +23,19 @@ from madrob_console.archive.folders import (
 )
 from madrob_console.archive.history import misplaced
 from madrob_console.archive.result_document import MANUAL_START, ResultDocument
-from madrob_console.archive.result_reader import (
-    LARGEST_RESULT,
-    UnusableResultError,
-    decoded_result,
-    read_file_digests,
-    read_result,
-)
-from madrob_console.archive.result_summary import ListedResult, digests_of, kept_run_id, run_id_of
+from madrob_console.archive.result_reader import LARGEST_RESULT, UnusableResultError, read_result
 from madrob_console.archive.run_journal import UnusableJournalError, disagreement, out_of_date
 from madrob_console.archive.run_record import RunLabel
 from madrob_console.archive.scored import Scored
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import atomic_write, atomic_writes, read_all, refusal
+from madrob_console.common.names import SourceKind
 from madrob_console.referee.flags import FlagKind, undecided
+from madrob_console.referee.records import RunSetup
 from scoring.eurobench.run_files import Wrench, run_files
 from scoring.eurobench.run_info import RunInfo
 from scoring.libraries import libraries_here
-from scoring.protocol import Condition, Event, Outcome, ScoringError, Thresholds
+from scoring.protocol import Condition, Event, Outcome, ScoringError, StartPose, Thresholds
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 
@@ -188,10 +184,14 @@ def has_content(path: Path, content: bytes | memoryview) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class StoredRun:
-    """A run with its result, as stored or freshly scored; `folder` may be a bag file."""
+    """A run with its result, as stored or freshly scored; `folder` may be a bag file.
+
+    `published`: it was scored from EUROBENCH's files, which do not tell its source.
+    """
 
     folder: Path
-    result: ListedResult
+    result: ResultDocument
+    published: bool = False
 
     @property
     def label(self) -> RunLabel:
@@ -211,6 +211,10 @@ class StoredRun:
         return self.result.practice or self.folder.parent.name == PRACTICE_FOLDER
 
     @property
+    def source(self) -> str:
+        return "" if self.published else self.result.source
+
+    @property
     def condition(self) -> Condition:
         return Condition.from_number(self.result.condition_number)
 
@@ -219,23 +223,24 @@ class StoredRun:
 
     @property
     def undecided(self) -> int:
-        return len(undecided(self.result.flags or ()))
+        return len(undecided(self.result.known_flags))
 
     @property
     def libraries(self) -> str:
-        told = {} if self.result.libraries is None else asdict(self.result.libraries)
+        given = self.result.libraries
+        told = {} if given is UNSET else asdict(given)
         return "; ".join(f"{name} {version}" for name, version in told.items())
 
     @property
     def thresholds_changed(self) -> Iterator[str]:
         """The testbed's numbers that are not the protocol's."""
         given = self.result.thresholds
-        return iter(()) if given is None else _changed(given, Thresholds())
+        return iter(()) if given is UNSET else _changed(given, Thresholds())
 
     @property
     def recording_digest(self) -> str:
         """As the result has it; empty where it has none."""
-        files = read_file_digests(str(self.folder))
+        files = self.result.files
         return next((files[name].sha256 for name in sorted(files) if name.endswith(".mcap")), "")
 
 
@@ -258,7 +263,7 @@ def stored_places(runs: Iterable[RunPath]) -> Iterator[RunPlace]:
 def stored_run(run: RunPath) -> StoredRun:
     folder = run.path
     try:
-        result = read_result(str(folder))[0]
+        result = read_result(str(folder))
         named = parse_folder_name(folder.name)
         why = None if named is None else misplaced(result, named[0])
         if why is None and (differing := disagreement(result, folder)) is not None:
@@ -279,25 +284,47 @@ def fresh_runs(run: RunPath, rules: Sequence[RulesetName | None]) -> list[Stored
     from madrob_console.archive.scored import score_recording, score_run
 
     if run.prefix:
-        documents = [_published_content(one) for one in score_run(run, rules)]
-    else:
-        scored = score_recording(run.path, rules)
-        documents = [msgspec.to_builtins(document_of(one, run.path, {})) for one in scored]
-    return [
-        StoredRun(run.path, decoded_result(str(run.path), msgspec.json.encode(document)))
-        for document in documents
-    ]
+        found = (_published_document(one) for one in score_run(run, rules))
+        return [StoredRun(run.path, document, published=True) for document in found]
+    scored = score_recording(run.path, rules)
+    return [StoredRun(run.path, document_of(one, run.path, {})) for one in scored]
 
 
-def _published_content(scored: ScoredPath) -> dict[str, Any]:
-    label = scored.label
-    return {
-        **msgspec.to_builtins(scored.result),
-        "subject": label.subject,
-        "condition_number": label.condition,
-        "run_number": label.run,
-        "team": label.team,
-        "issue": 0,
-        "flags": msgspec.to_builtins(scored.flags),
-        "setup": {"practice": any(flag.kind == FlagKind.PRACTICE for flag in scored.flags)},
-    }
+def _published_document(scored: ScoredPath) -> ResultDocument:
+    """What EUROBENCH's files tell of a run; the rest of its set-up is empty."""
+    label, result = scored.label, scored.result
+    subject, number = label.subject or 0, label.run or 0
+    setup = RunSetup(
+        subject=subject,
+        team=label.team,
+        run_number=number,
+        condition=scored.condition,
+        start_pose=StartPose(0.0, 0.0, 0.0),
+        referee="",
+        timeout=0.0,
+        countdown=0.0,
+        ruleset=result.ruleset,
+        lock_detection=result.lock_detection,
+        practice=any(flag.kind == FlagKind.PRACTICE for flag in scored.flags),
+    )
+    return ResultDocument(
+        format=RESULT_FORMAT,
+        software="",
+        competition="",
+        source=SourceKind.ROS,
+        issue=0,
+        subject=subject,
+        team=label.team,
+        run_number=number,
+        condition_number=label.condition,
+        setup=setup,
+        **{each.name: getattr(result, each.name) for each in fields(Result)},
+        waivers=(),
+        false_starts=(),
+        incidents=(),
+        rulings=(),
+        notes=(),
+        closure=None,
+        remark="",
+        flags=scored.flags,
+    )

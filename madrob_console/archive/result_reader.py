@@ -4,27 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import msgspec
-from msgspec.structs import replace
+from msgspec import UNSET, Meta
 
-from madrob_console.archive.folders import ISSUE_FILE, JOURNAL_FILE, RESULT_FILE, RESULT_FORMAT
-from madrob_console.archive.result_document import ResultDocument
-from madrob_console.archive.result_summary import (
-    FileDigest,
-    ListedResult,
-    SetupPart,
-    run_id_at,
-    run_id_of,
+from madrob_console.archive.file_digests import run_id_at, run_id_of
+from madrob_console.archive.folders import (
+    ISSUE_FILE,
+    JOURNAL_FILE,
+    LARGEST_NUMBER,
+    RESULT_FILE,
+    RESULT_FORMAT,
 )
-from madrob_console.archive.run_journal import was_changed
+from madrob_console.archive.result_document import ResultDocument
+from madrob_console.archive.run_journal import is_noted, was_changed
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import Stamp, read_bounded, refusal
+from madrob_console.common.files import read_bounded, refusal
 from madrob_console.referee.flags import Flag, flags
 from madrob_console.referee.records import Reissuing, TestbedFault
 from madrob_console.referee.run import Run
+from scoring.libraries import Libraries
+from scoring.protocol import ScoringError
 from scoring.quality import Quality
 
 LARGEST_RESULT = 10_000_000
@@ -37,11 +40,65 @@ _FAULT = "fault at ", "fault: "
 """How `Run.remarks` begins a fault of the testbed."""
 
 _FIRST_LINE = 65_536
-_DAMAGED = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
+_DAMAGED = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, ScoringError)
+
+Number = Annotated[int, Meta(ge=1, le=LARGEST_NUMBER)]
+Name = Annotated[str, Meta(max_length=200)]
+StartTime = Annotated[float, Meta(ge=0, le=1e11)]
+"""s since the epoch, within the range of calendars."""
+
+_Whole = Annotated[int, Meta(ge=-(2**53), le=2**53)]
+"""As many digits as every reader of JSON keeps."""
 
 
 class _Format(msgspec.Struct):
     format: int
+
+
+class _IndicatorBounds(msgspec.Struct):
+    value: _Whole | float | None
+
+
+class _ProtestBounds(msgspec.Struct):
+    due: StartTime
+    at: StartTime | None = None
+
+
+class _StepBounds(msgspec.Struct):
+    sensors: StartTime | None = None
+    final: StartTime | None = None
+
+
+class _Bounds(msgspec.Struct):
+    """The values that a result can have beyond the types of its document."""
+
+    subject: Number
+    condition_number: Annotated[int, Meta(ge=1, le=20)]
+    run_number: Number
+    team: Name
+    start: StartTime
+    indicators: dict[str, _IndicatorBounds]
+    issue: Annotated[int, Meta(ge=0, le=2**53)]
+    stop: StartTime | None = None
+    competition: Name = ""
+    testbed: Name = ""
+    run_id: Name = ""
+    flags: Annotated[tuple[msgspec.Raw, ...], Meta(max_length=50)] = ()
+    protests: Annotated[tuple[_ProtestBounds, ...], Meta(max_length=50)] = ()
+    steps: tuple[_StepBounds, ...] = ()
+    libraries: Libraries | None = None
+
+
+class SetupPart(msgspec.Struct, frozen=True):
+    """The part of a set-up that is read from the journal."""
+
+    subject: Number
+    team: Name
+    ruleset: Name
+    practice: bool = False
+    run_id: Name = ""
+    testbed: Name = ""
+    competition: Name | None = None
 
 
 class _Details(msgspec.Struct):
@@ -54,7 +111,7 @@ class _FirstEntry(msgspec.Struct):
 
 _formats = msgspec.json.Decoder(_Format)
 _anything: msgspec.json.Decoder[Any] = msgspec.json.Decoder()
-_results = msgspec.json.Decoder(ListedResult)
+_bounds = msgspec.json.Decoder(_Bounds)
 _documents = msgspec.json.Decoder(ResultDocument)
 _first_entries = msgspec.json.Decoder(_FirstEntry)
 
@@ -67,86 +124,79 @@ class DamagedResultError(UnusableResultError):
     """A damaged `result.json`, which can be made again."""
 
 
-def read_result(folder: str) -> tuple[ListedResult, Stamp]:
+def read_result(folder: str) -> ResultDocument:
     """The `result.json` of a run folder.
 
     Raises:
         FileNotFoundError: there is none.
         UnusableResultError: the message says why and what to do.
     """
-    data, stamp = _read(folder)
-    result = _decoded(_results, data)
+    data = _read(folder)
     if was_changed(data, Path(folder)):
         raise DamagedResultError(f"{RESULT_FILE} was changed after it was written: {_AGAIN}")
-    return _completed(result, folder, data), stamp
-
-
-def decoded_result(folder: str, data: bytes) -> ListedResult:
-    """As `read_result`, of a `result.json` in memory; `folder` may be its bag."""
-    return _completed(_decoded(_results, data), folder, data)
-
-
-def _completed(result: ListedResult, folder: str, data: bytes) -> ListedResult:
-    """Adds what results of earlier versions lack."""
-    if result.flags is None:
-        result = replace(result, flags=_flags_of(data))
+    result = _document(data, folder)
+    if result.flags is UNSET:
+        result = replace(result, flags=_flags_of(result))
     if not result.run_id:
         result = replace(result, run_id=run_id_of(result.files) or run_id_at(Path(folder)))
     return result
 
 
-def _flags_of(data: bytes) -> tuple[Flag, ...]:
-    """The flags of a result of 0.1.0; its faults are among the remarks."""
+def _document(data: bytes, folder: str) -> ResultDocument:
     try:
-        document = _documents.decode(data)
-    except _DAMAGED:
-        return ()
-    remarks = document.quality.remarks
+        _decoded(_bounds, data)
+        return _decoded(_documents, data)
+    except DamagedResultError:
+        if not is_noted(data, Path(folder)):
+            raise
+        raise UnusableResultError(
+            f"{RESULT_FILE} has values that this program does not know: use the madrob-console "
+            "that wrote it"
+        ) from None
+
+
+def _flags_of(result: ResultDocument) -> tuple[Flag, ...]:
+    """The flags of a result of 0.1.0; its faults are among the remarks."""
+    remarks = result.quality.remarks
     run = Run(
-        outcome=document.outcome,
-        false_starts=document.false_starts,
-        incidents=document.incidents,
-        waivers=document.waivers,
-        rulings=document.rulings,
-        closure=document.closure,
+        outcome=result.outcome,
+        false_starts=result.false_starts,
+        incidents=result.incidents,
+        waivers=result.waivers,
+        rulings=result.rulings,
+        closure=result.closure,
         faults=tuple(TestbedFault(0.0, text) for text in remarks if text.startswith(_FAULT)),
     )
-    return flags(run, document.steps, document.source, Quality(remarks=remarks))
+    return flags(run, result.steps, result.source, Quality(remarks=remarks))
 
 
-def earlier_issues(folder: Path, reissues: Iterable[Reissuing]) -> tuple[ListedResult, ...]:
+def earlier_issues(folder: Path, reissues: Iterable[Reissuing]) -> tuple[ResultDocument, ...]:
     """The earlier issues of a result; those that cannot be read are missing."""
     found = []
     for number in {one.issue - 1 for one in reissues}:
         with suppress(OSError, *_DAMAGED):
             data, _ = read_bounded(str(folder / ISSUE_FILE.format(number)), LARGEST_RESULT)
-            found.append(_results.decode(data))
+            found.append(_documents.decode(data))
     return tuple(found)
 
 
 def read_whole_result(folder: str) -> dict[str, Any]:
-    """All of `result.json` as JSON values; raises as `read_result`."""
-    data, _ = _read(folder)
-    _decoded(_results, data)  # refuses what is no result
+    """All of `result.json` as JSON values, which need not be a document's; raises likewise."""
+    data = _read(folder)
+    _decoded(_bounds, data)
     whole: dict[str, Any] = _decoded(_anything, data)
     return whole
 
 
-def read_sound_result(folder: str) -> ListedResult | None:
+def read_sound_result(folder: str) -> ResultDocument | None:
     """As `read_result`; None where the result is missing or cannot be used."""
     try:
-        return read_result(folder)[0]
+        return read_result(folder)
     except (FileNotFoundError, UnusableResultError):
         return None
 
 
-def read_file_digests(folder: str) -> dict[str, FileDigest]:
-    """Empty where the result is missing, damaged or older."""
-    result = read_sound_result(folder)
-    return {} if result is None else result.files
-
-
-def _read(folder: str) -> tuple[bytes, Stamp]:
+def _read(folder: str) -> bytes:
     try:
         data, stamp = read_bounded(f"{folder}/{RESULT_FILE}", LARGEST_RESULT)
     except FileNotFoundError:
@@ -166,7 +216,7 @@ def _read(folder: str) -> tuple[bytes, Stamp]:
             f"{RESULT_FILE} has format {version}, this program knows {RESULT_FORMAT}: use a "
             "newer madrob-console"
         )
-    return data, stamp
+    return data
 
 
 def _decoded(decoder: msgspec.json.Decoder[_Item], data: bytes) -> _Item:

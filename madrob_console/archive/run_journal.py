@@ -17,7 +17,7 @@ from madrob_console.archive.folders import (
     lies_in_practice,
     run_folder_names,
 )
-from madrob_console.archive.result_summary import ListedResult
+from madrob_console.archive.result_document import ResultDocument
 from madrob_console.common import files
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold, open_plain, read_all, refusal, stamp_of
@@ -141,31 +141,39 @@ def written_details(result: bytes | memoryview, issue: int) -> Details:
     return {"issue": issue, "lines": lines, _DIGEST: hashlib.sha256(result).hexdigest()}
 
 
+def is_noted(data: bytes, folder: Path) -> bool:
+    """Whether the journal has the digest of a `result.json`: it is as it was written."""
+    digest = hashlib.sha256(data).hexdigest().encode()
+    try:
+        return digest in read_all(folder / JOURNAL_FILE, LARGEST_JOURNAL)
+    except OSError:
+        return False
+
+
 def was_changed(data: bytes, folder: Path) -> bool:
     """Whether a `result.json` differs from the one that the journal says was written.
 
     The journal's line follows the file, and a kill can come between. So a result of more lines
     than the last one noted waits for its line. A journal of an earlier version has no digests,
     and one that cannot be used says nothing here.
-
-    Raises:
-        msgspec.MsgspecError: it is no JSON.
     """
-    path = folder / JOURNAL_FILE
+    if is_noted(data, folder):
+        return False
     try:
-        if hashlib.sha256(data).hexdigest().encode() in read_all(path, LARGEST_JOURNAL):
-            return False
-        entries, _ = read_journal(path)
+        entries, _ = read_journal(folder / JOURNAL_FILE)
     except OSError:
         return False
     noted = [entry.details for entry in entries if entry.what == Change.RESULT_WRITTEN]
     if not noted or _DIGEST not in noted[-1]:
         return False
-    mark = msgspec.json.decode(data, type=_Marked).journal
+    try:
+        mark = msgspec.json.decode(data, type=_Marked).journal
+    except msgspec.MsgspecError:
+        return True
     return mark != mark_of(entries) or noted[-1].get("lines") == mark.lines
 
 
-def disagreement(result: ListedResult, folder: Path) -> str | None:
+def disagreement(result: ResultDocument, folder: Path) -> str | None:
     """Why a result does not agree with its journal; None = it does, or there is none."""
     try:
         run = read_run_journal(folder).run
@@ -174,7 +182,7 @@ def disagreement(result: ListedResult, folder: Path) -> str | None:
     return ", ".join(disagreements(result, run)) or None
 
 
-def disagreements(result: ListedResult, run: Run) -> Iterator[str]:
+def disagreements(result: ResultDocument, run: Run) -> Iterator[str]:
     """The differences between a result and the state of its run; cheap, numbers left out.
 
     `result` may be of a version without the journal's mark; `run` has all lines and the mark.
@@ -190,8 +198,9 @@ def disagreements(result: ListedResult, run: Run) -> Iterator[str]:
         yield f"{result.outcome}, in the journal {run.ending.outcome}"
     if (result.voided is None) is not (run.voided is None):
         yield "void, in the journal it counts" if result.voided else "void in the journal only"
-    if result.journal is not None and result.journal != run.journal and run.journal is not None:
-        yield f"made of {result.journal.lines} lines of the journal, which has {run.journal.lines}"
+    made_of = result.journal or None
+    if made_of and run.journal and made_of != run.journal:
+        yield f"made of {made_of.lines} lines of the journal, which has {run.journal.lines}"
 
 
 def out_of_date(why: str) -> str:

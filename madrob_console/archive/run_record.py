@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import msgspec
 
-from madrob_console.archive.result_summary import run_id_at
+from madrob_console.archive.file_digests import run_id_at
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import seconds_of
 from madrob_console.common.names import SourceKind, terminal_safe

@@ -344,7 +344,7 @@ def open_run(folder: Path, rules: RulesetName | None = None) -> OpenedRun:
 
 def _out_of_date(folder: Path, run: Run) -> bool:
     try:
-        result, _ = read_result(str(folder))
+        result = read_result(str(folder))
     except FileNotFoundError:
         return True
     except UnusableResultError as error:

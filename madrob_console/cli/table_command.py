@@ -77,7 +77,7 @@ def _of_runs(table: TidyTable) -> MadrobCommand:
 
 
 def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
-    from madrob_console.archive.folders import all_runs_at
+    from madrob_console.archive.folders import listed_at
     from madrob_console.common.files import whole_file
     from madrob_console.config import load_settings
     from madrob_console.export.read_runs import ReadRuns
@@ -96,13 +96,11 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
         bad = stack.enter_context(Complaints())
         read = ReadRuns(table, stack.enter_context(TemporaryFile()))
         with progress("runs") as tell:
-            runs = all_runs_at(paths)
-            for number, run in enumerate(runs):
+            runs = list(listed_at(paths))
+            for number, (run, problem) in enumerate(zip(runs, read.add_runs(runs), strict=True)):
                 tell(number, len(runs))
-                try:
-                    read.add_run(run)
-                except MadrobError as error:
-                    bad.add_complaint(error, run.name)
+                if problem is not None:
+                    bad.add_complaint(problem, run.run.name)
         chosen = read.chosen(arguments.testbed_name, arguments.competition)
         file: Sink = _StandardOutput() if to_terminal else stack.enter_context(whole_file(output))
         writer = stack.enter_context(closing(TableWriter(file, table, arguments.format)))

@@ -24,9 +24,8 @@ from madrob_console.archive.folders import (
     RunPath,
 )
 from madrob_console.archive.history import VOID
-from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
+from madrob_console.archive.result_document import SCHEMA_FILE, ResultDocument, schema_text
 from madrob_console.archive.result_reader import UnusableResultError, read_result, read_setup
-from madrob_console.archive.result_summary import ListedResult
 from madrob_console.archive.run_journal import evidence_removed
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import stamp_of, whole_file
@@ -429,7 +428,7 @@ class KnownRun:
         """Reads result and journal in its folder; what is wrong with them stands in `words`."""
         folder, practice = str(run), run.parent.name == PRACTICE_FOLDER
         try:
-            result, _ = read_result(folder)
+            result = read_result(folder)
         except FileNotFoundError:
             setup = read_setup(f"{folder}/{JOURNAL_FILE}")
             words = "no result, it was cut off"
@@ -441,14 +440,14 @@ class KnownRun:
         return cls(result.team, _outcome(result), practice or result.practice, _zero(result))
 
 
-def _zero(result: ListedResult) -> HandleZero | None:
+def _zero(result: ResultDocument) -> HandleZero | None:
     if result.zero_samples is None:
         return None
     whose = f"run {result.run_number} of condition {result.condition_number}"
     return HandleZero(result.zero_samples.mean, whose)
 
 
-def _outcome(result: ListedResult) -> str:
+def _outcome(result: ResultDocument) -> str:
     final = "not final" if result.closure is None else f"final, {result.closure.team_word}"
     unofficial = [words for kind, words in _UNOFFICIAL.items() if result.source == kind]
     if not unofficial and result.practice:
@@ -456,6 +455,6 @@ def _outcome(result: ListedResult) -> str:
     condition = f"condition {result.condition_number}, run {result.run_number}"
     void = [f"{VOID} ({result.why_invalid})"] if result.voided else []
     told = (FlagKind.VOID, FlagKind.PROTEST)  # by the words before them
-    flagged = [flag.words for flag in weighty(result.flags or ()) if flag.kind not in told]
+    flagged = [flag.words for flag in weighty(result.known_flags) if flag.kind not in told]
     words = ", ".join([f"{condition}: {result.outcome}", *void, final, *unofficial, *flagged])
     return "; ".join(filter(None, (words, result.testbed, result.run_id)))

@@ -226,7 +226,7 @@ RUNS = TidyTable(
             CellKind.TEXT,
             "",
             "ros, simulated or replay",
-            lambda run, _: run.result.source or "",
+            lambda run, _: run.source,
         ),
         PRACTICE,
         _RULESET,

@@ -66,7 +66,8 @@ def _testbed_facts(runs: Sequence[RunSummary]) -> Iterator[tuple[str, str]]:
     rates = [run.rate for run in runs if run.rate is not None]
     if rates:
         yield "sampling rate", f"{statistics.median(rates):.0f} Hz"
-    unlike = [run.thresholds for run in runs if run.thresholds is not None]
+    every = (run.thresholds for run in runs if run.thresholds is not None)
+    unlike = {msgspec.json.encode(one): one for one in every}.values()
     if unlike:
         for name, usual in msgspec.to_builtins(Thresholds()).items():
             values = {_text(one.get(name, usual), usual) for one in unlike}

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from markupsafe import Markup
 
 from madrob_console.archive.history import OUTCOME_WORDS, VOID
-from madrob_console.archive.result_summary import ListedResult
+from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.run_pictures import NO_PICTURES, RunPictures
 from madrob_console.archive.scored import Scored
 from madrob_console.pages.camera_pictures import Anchors, anchors, definitions_of, pictures
@@ -150,7 +150,7 @@ def _events(result: Result, pictured: Anchors) -> list[tuple[str, str, str | Non
 
 
 def _issued(
-    reissues: Sequence[Reissuing], earlier: Sequence[ListedResult]
+    reissues: Sequence[Reissuing], earlier: Sequence[ResultDocument]
 ) -> list[tuple[Reissuing, str]]:
     """The latest re-issues, newest first, each with what the result was before."""
     known = {one.issue: one for one in earlier}
@@ -160,11 +160,11 @@ def _issued(
     ]
 
 
-def _value_words(result: ListedResult | None) -> Iterator[str]:
+def _value_words(result: ResultDocument | None) -> Iterator[str]:
     if result is None:
         return
-    level = result.told.get(IndicatorName.CAPABILITY_LEVEL)
-    time = result.told.get(IndicatorName.EXECUTION_TIME)
+    level = result.indicators.get(IndicatorName.CAPABILITY_LEVEL)
+    time = result.indicators.get(IndicatorName.EXECUTION_TIME)
     if level is not None and level.value is not None:
         yield f"level {value_text(level.value)}{level.sign}"
     if result.outcome is not Outcome.COMPLETED:

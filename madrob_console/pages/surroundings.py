@@ -15,13 +15,13 @@ from markupsafe import Markup
 
 from madrob_console.archive.folders import REPORT_FILE, parse_folder_name, results_folder_of
 from madrob_console.archive.history import History, RunSummary
+from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.result_reader import (
     UnusableResultError,
     earlier_issues,
     read_result,
     read_sound_result,
 )
-from madrob_console.archive.result_summary import ListedResult
 from madrob_console.archive.scored import Scored
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import read_bounded, stamp_of
@@ -53,7 +53,7 @@ def report_is_old(folder: Path) -> bool:
     """Whether there is a report that names another journal than the result."""
     try:
         told = made_of(_head(folder))
-        result, _ = read_result(str(folder))
+        result = read_result(str(folder))
     except (OSError, UnusableResultError):
         return False
     return None not in (told, result.journal) and told != result.journal
@@ -111,7 +111,7 @@ class PagePlace:
     team_shortened: bool = False
     field: tuple[ComparedRun, ...] = ()
     itself: RunSummary | None = None
-    earlier: tuple[ListedResult, ...] = ()
+    earlier: tuple[ResultDocument, ...] = ()
     digest: str = ""
     ways: Markup = NOTHING
 

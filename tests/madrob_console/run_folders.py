@@ -10,10 +10,10 @@ from typing import Any
 import msgspec
 
 from madrob_console.archive.folders import RESULT_FILE, RunName
-from madrob_console.archive.history import RunDetails, RunSummary
+from madrob_console.archive.history import RunSummary, packed_indicators
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Outcome
+from scoring.protocol import Condition, Outcome, Signal, Thresholds
 
 EPOCH = 1_700_000_000.0
 HOUR = 3600.0
@@ -29,10 +29,21 @@ VALUES: Mapping[str, float] = {
 }
 
 
+_SAID = "waivers", "false_starts", "incidents", "rulings", "notes"
+_VOIDED = {"time": EPOCH, "reason": "the floor was wet", "referee": "R"}
+_THRESHOLDS: dict[str, Any] = msgspec.to_builtins(Thresholds())
+_DOOR: dict[str, Any] = {
+    **dict.fromkeys(("samples", "gaps", "dropped", "shifted", "no_reading"), 0),
+    **dict.fromkeys(("largest_gap", "jitter", "skew")),
+    "signal": Signal.DOOR.value,
+}
+
+
 def document(run: RunSummary) -> dict[str, Any]:
     """What `result.json` says of a run."""
     return {
         "format": 1,
+        "software": "madrob-console 0.1.0",
         "competition": run.competition,
         "source": run.source,
         "issue": run.issue,
@@ -40,11 +51,28 @@ def document(run: RunSummary) -> dict[str, Any]:
         "team": run.team,
         "run_number": run.run_number,
         "condition_number": run.condition,
-        "setup": {"team": "of the set-up", "practice": run.practice},
+        "setup": {
+            "subject": run.subject,
+            "team": "of the set-up",
+            "run_number": run.run_number,
+            "condition": msgspec.to_builtins(Condition.from_number(run.condition)),
+            "start_pose": {"x": 1.5, "y": 0.0, "yaw": 180.0},
+            "referee": "R",
+            "timeout": 300.0,
+            "countdown": 5.0,
+            "ruleset": run.ruleset,
+            "lock_detection": "auto",
+            "practice": run.practice,
+        },
+        "handle_zero": 0.0,
         "ruleset": run.ruleset,
         "outcome": run.outcome,
         "outcome_reason": "all six steps done" if run.valid else run.reason,
         "start": run.started,
+        "stop": None,
+        "lock_detection": "settle",
+        **{key: [] for key in ("steps", "events", *_SAID)},
+        "remark": "",
         "indicators": {
             name: {
                 "value": run.values.get(name),
@@ -57,10 +85,10 @@ def document(run: RunSummary) -> dict[str, Any]:
         },
         "run_id": run.run_id,
         "testbed": run.testbed,
-        "quality": {"signals": [{"signal": "door angle", "rate": run.rate}]},
-        **({} if run.thresholds is None else {"thresholds": run.thresholds}),
-        **({"voided": {"reason": "the floor was wet"}} if run.voided else {}),
-        **({"flags": msgspec.to_builtins(run.flags)} if run.flags else {}),
+        "quality": {"signals": [_DOOR | {"rate": run.rate}]},
+        **({} if run.thresholds is None else {"thresholds": {**_THRESHOLDS, **run.thresholds}}),
+        **({"voided": _VOIDED} if run.voided else {}),
+        "flags": msgspec.to_builtins(run.flags),
         **({} if run.protest_filed is None else {"protests": [_open_protest(run)]}),
         "closure": {"time": 0.0, "referee": "R", "team_word": run.team_word, "note": ""}
         if run.final
@@ -70,7 +98,8 @@ def document(run: RunSummary) -> dict[str, Any]:
 
 def _open_protest(run: RunSummary) -> dict[str, Any]:
     at = None if run.protest_at is None else run.started + run.protest_at
-    return {"time": run.protest_filed, "at": at, "answer": None}
+    told = {"number": 1, "team": run.team, "text": "too dark", "about": "run"}
+    return {**told, "time": run.protest_filed, "at": at, "referee": "R", "answer": None}
 
 
 UNDECIDED_START = Flag(
@@ -102,7 +131,8 @@ def summary(
         "ruleset": "protocol",
     }
     told.update(fields)
-    details = {name: told.pop(name) for name in RunDetails._fields if name in told}
+    kinds = "values", "uncertainties", "doubts"
+    indicators = {name: told.pop(name) for name in kinds if name in told}
     told.setdefault("practice", told["source"] == "simulated")
     return RunSummary(
         folder=RunName(subject, condition, run_number).folder_name(started),
@@ -110,7 +140,7 @@ def summary(
         condition=condition,
         run_number=run_number,
         started=started,
-        packed=RunDetails(**details).packed(),
+        indicators=packed_indicators(**indicators),
         **told,
     )
 

@@ -18,15 +18,15 @@ from hypothesis import strategies as st
 
 from madrob_console.archive.check import Grade, check_run
 from madrob_console.archive.collection import collected, collected_in, filter_problem, matches
-from madrob_console.archive.folders import RunPath, all_runs_at, runs_at
-from madrob_console.archive.history import History, RunSummary
-from madrob_console.archive.repair import recover_recording, repair
-from madrob_console.archive.result_summary import (
+from madrob_console.archive.file_digests import (
     IDENTITY_RECORD,
     identity_record,
     kept_run_id,
     run_id_at,
 )
+from madrob_console.archive.folders import RunPath, all_runs_at, runs_at
+from madrob_console.archive.history import History, RunSummary
+from madrob_console.archive.repair import recover_recording, repair
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.archive.scored import read_recorded_run, score_run
 from madrob_console.cli.main import main

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import json
 import os
 import shutil
@@ -29,11 +30,12 @@ from madrob_console.archive.folders import (
     next_run_number,
 )
 from madrob_console.archive.history import History, RunSummary, earlier_runs
-from madrob_console.archive.history_index import INDEX_FILE
+from madrob_console.archive.history_index import INDEX_FILE, HistoryIndex
 from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.archive.run_journal import MOST_READ, find_unfinished, is_held
 from madrob_console.archive.scored import open_run
 from madrob_console.cli.batch import tried
+from madrob_console.cli.main import main
 from madrob_console.cli.score_command import describe_run
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import open_plain, stamp_of
@@ -48,6 +50,7 @@ from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import copy_run
 from tests.madrob_console.run_folders import EPOCH, document, summary, write
+from tests.madrob_console.small_disk import memory_disk
 
 NUMBERS = st.integers(1, 999)
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=60)
@@ -221,6 +224,22 @@ def test_a_result_that_cannot_be_used_says_why_and_what_to_do(
     assert (run.outcome_word, run.valid) == ("DAMAGED", False)
 
 
+def test_a_result_that_another_version_wrote_is_not_called_damaged(
+    drive: Drive, tmp_path: Path
+) -> None:
+    drive.whole_run(make_setup())
+    drive.engine.close()
+    result, journal = drive.folder / RESULT_FILE, drive.folder / JOURNAL_FILE
+    before = hashlib.sha256(result.read_bytes()).hexdigest()
+    result.write_text(result.read_text().replace('"outcome": "completed"', '"outcome": "won"'))
+    after = hashlib.sha256(result.read_bytes()).hexdigest()
+    journal.write_text(journal.read_text().replace(before, after))
+    (run,) = History(tmp_path).refresh()
+    assert run.problem is not None
+    assert "use the madrob-console that wrote it" in run.problem
+    assert (run.repairable, run.valid) == (False, False)
+
+
 def test_a_result_of_no_sane_size_is_not_read(tmp_path: Path) -> None:
     path = write(tmp_path, summary())
     with path.open("ab") as file:
@@ -360,7 +379,7 @@ FALSE_INDEXES: dict[str, Callable[[Path], object]] = {
     "a page missing": lambda index: os.truncate(index, index.stat().st_size - 4096),
     "zeros after the head": lambda index: index.write_bytes(index.read_bytes()[:100] + bytes(9999)),
     "a changed byte": bytes_changed,
-    "of another version": lambda index: with_index(index, "ALTER TABLE {} RENAME TO runs_0_1"),
+    "renamed": lambda index: with_index(index, "ALTER TABLE {} RENAME TO history_0_1"),
     "with another table": lambda index: with_index(index, "CREATE TABLE more (x)"),
     "a view without end": lambda index: with_index(
         index,
@@ -385,6 +404,58 @@ def test_a_damaged_or_foreign_index_is_made_again(
     assert History(tmp_path).refresh() == (run,)
     assert refreshed(History(tmp_path), monkeypatch) == ((run,), 0)
     assert sorted(path.name for path in tmp_path.iterdir()) == [INDEX_FILE, run.folder]
+
+
+def test_tables_of_another_version_go_and_those_of_other_lists_stay(tmp_path: Path) -> None:
+    def kept(kind: str, version: str) -> list[tuple[str, bytes, bytes]]:
+        return list(HistoryIndex(tmp_path, kind, version).read())
+
+    for kind, version in (("history", "1"), ("table_runs", "0.1.0+c1"), ("history", "2")):
+        HistoryIndex(tmp_path, kind, version).store([("a", b"stamps", version.encode())])
+    assert kept("history", "1") == []
+    assert kept("history", "2") == [("a", b"stamps", b"2")]
+    assert kept("table_runs", "0.1.0+c1") == [("a", b"stamps", b"0.1.0+c1")]
+    HistoryIndex(tmp_path, "history", "2").store([("b", b"", b"b"), ("c", b"", bytes(10**6))], "a")
+    assert [folder for folder, _, _ in kept("history", "2")] == ["b"]  # no value is too large
+    assert kept("table_runs", "0.1.0+c1")
+
+
+def remount(folder: Path, how: str) -> None:
+    subprocess.run(["mount", "-o", f"remount,{how}", str(folder)], check=True)
+
+
+@pytest.mark.machine
+def test_a_folder_that_cannot_be_written_needs_no_index_and_uses_one_that_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with memory_disk(tmp_path / "disk") as disk:
+        first, second = summary(), summary(run_number=2, hour=1)
+        write(disk.folder, first)
+        remount(disk.folder, "ro")
+        assert History(disk.folder).refresh() == (first,)
+        assert not (disk.folder / INDEX_FILE).exists()
+        remount(disk.folder, "rw")
+        assert History(disk.folder).refresh() == (first,)
+        remount(disk.folder, "ro")
+        assert refreshed(History(disk.folder), monkeypatch) == ((first,), 0)
+        remount(disk.folder, "rw")
+        write(disk.folder, second)
+        remount(disk.folder, "ro")
+        assert History(disk.folder).refresh() == (first, second)
+
+
+@pytest.mark.machine
+def test_a_full_disk_keeps_no_index_and_no_list_waits_for_one(tmp_path: Path) -> None:
+    with memory_disk(tmp_path / "disk") as disk:
+        runs = tuple(summary(run_number=number, hour=number) for number in range(1, 40))
+        for run in runs:
+            write(disk.folder, run)
+        disk.fill()
+        for _ in range(2):
+            assert History(disk.folder).refresh() == runs
+            assert main(["table", "runs", str(disk.folder), "--output", str(tmp_path / "t")]) == 0
+        disk.make_room()
+        assert History(disk.folder).refresh() == History(disk.folder).refresh() == runs
 
 
 def test_an_index_of_several_pages_may_be_cut_off_anywhere(tmp_path: Path) -> None:

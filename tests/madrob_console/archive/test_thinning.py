@@ -61,9 +61,14 @@ def place(root: Path, source: Path, age: float, *, number: int = 1, practice: bo
         start=started,
         source="ros",
         run_id="",
-        setup={"practice": practice, "team": "Delft"},
+        setup=stored_setup(folder) | {"practice": practice, "team": "Delft"},
     )
     return folder
+
+
+def stored_setup(folder: Path) -> dict[str, Any]:
+    setup: dict[str, Any] = json.loads((folder / RESULT_FILE).read_text())["setup"]
+    return setup
 
 
 def change(folder: Path, **values: Any) -> None:  # noqa: ANN401  JSON

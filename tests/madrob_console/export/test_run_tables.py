@@ -80,9 +80,14 @@ def test_runs_tells_which_numbers_of_the_testbed_are_not_the_protocols(
     assert changed == "lintel_height 2.2; doubt.gap_reach 0.5"
 
 
-def test_a_table_reads_each_result_once(
-    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_a_table_reads_each_result_once_and_not_again_while_it_stays(
+    archive: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    shutil.copytree(archive, tmp_path / "archive")
+    archive = tmp_path / "archive"
     read: list[str] = []
 
     def noted(path: str, largest: int) -> object:
@@ -90,8 +95,23 @@ def test_a_table_reads_each_result_once(
         return read_bounded(path, largest)
 
     monkeypatch.setattr("madrob_console.archive.result_reader.read_bounded", noted)
-    table(capsys, "indicators", archive)
-    assert sorted(read) == sorted(map(str, archive.rglob("result.json")))
+    results = sorted(map(str, archive.rglob("result.json")))
+    for one in RUN_TABLES:
+        first = table(capsys, one.name, archive)
+        assert sorted(read) == results
+        read.clear()
+        pd.testing.assert_frame_equal(table(capsys, one.name, archive), first)
+        assert read == []
+    archive.rename(tmp_path / "moved")
+    place = table(capsys, "runs", tmp_path / "moved").place.tolist()
+    assert sorted(f"{folder}/result.json" for folder in place) == [
+        path.replace(str(archive), str(tmp_path / "moved")) for path in results
+    ]
+    read.clear()
+    for path in (tmp_path / "moved").rglob("result.json"):
+        path.with_name("journal.jsonl").unlink()
+    table(capsys, "runs", tmp_path / "moved")
+    assert len(read) == len(results)
 
 
 def test_indicators_events_and_steps_have_what_the_results_have(

@@ -636,7 +636,9 @@ def test_a_slow_publisher_writes_no_older_pages_over_newer_ones(
 
     def slow(content: SiteContent) -> object:
         monkeypatch.undo()
-        change(results, 0, voided={"reason": "unsafe"})  # after this one has read the runs
+        change(
+            results, 0, voided={"time": 1.0, "reason": "unsafe", "referee": "R"}
+        )  # after this one has read the runs
         codes.append(publish_code(results))
         return site_files(content)
 

@@ -531,7 +531,7 @@ def test_a_page_in_its_folder_knows_files_team_and_field(folder: Path, scored: S
     def put(name: str, run: RunSummary, *, steps: bool = True) -> RunSummary:
         path = write(results, run)
         document = json.loads(path.read_text())
-        done = [{"step": step, "final": run.started + step} for step in Step]
+        done = [{"step": step, "name": "", "final": run.started + step} for step in Step]
         document |= {"stop": run.started + 6, "steps": done} if steps else {}
         path.write_text(json.dumps(document))
         (path.parent / "report.html").write_text(name)

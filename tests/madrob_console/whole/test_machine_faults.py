@@ -127,7 +127,7 @@ def check_flag(machine: Machine) -> None:
         return
     words = f"the recording lacks {lacking} messages: the result cannot be made again from it"
     assert flagged == [Flag(FlagKind.RECORDING, words, FlagWeight.CAUTION)]
-    assert flagged[0] in (read_result(str(machine.folder))[0].flags or ())
+    assert flagged[0] in read_result(str(machine.folder)).known_flags
     if machine.fault not in DELETED:  # no bag to score again
         kept = (machine.folder / "result.json").read_bytes()
         (machine.folder / "result.json").write_bytes(b"{")

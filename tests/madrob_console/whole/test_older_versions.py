@@ -144,7 +144,9 @@ def test_a_result_without_flags_is_flagged_by_what_stands_in_it(older: Path) -> 
     ]
     path.write_text(json.dumps({**result, "incidents": [{"kind": "of a later version"}]}))
     run = listed(older)[EUROBENCH]
-    assert (run.problem, run.flags) == (None, ())
+    assert run.problem is not None
+    assert "result.json is damaged (Invalid enum value 'of a later version'" in run.problem
+    assert (run.valid, run.values) == (False, {})
 
 
 @pytest.mark.parametrize("name", EXIT_CODES)

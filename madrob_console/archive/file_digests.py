@@ -1,0 +1,143 @@
+"""Checksums that tie the files of a run to the result that was computed from them."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from uuid import UUID
+
+from madrob_console.common.files import open_plain, refusal
+from madrob_console.referee.records import Sha256, derived_run_id
+
+LARGEST_DIGESTED = 4_000_000_000
+"""Larger files have no digest, bytes: it would take a minute. A run of 3 h takes half of that."""
+
+IDENTITY_RECORD = "madrob_identity"
+"""The metadata record of a repaired recording, whose digest has changed since."""
+
+_RUN_ID = "run_id"
+_RECORDING = ".mcap"
+_METADATA = "metadata.yaml"
+_DATA = (_RECORDING, ".yaml", ".csv")
+
+
+@dataclass(frozen=True, slots=True)
+class FileDigest:
+    """A file of the run as it was when the result was written.
+
+    Attributes:
+        sha256: its digest.
+        bytes: its size.
+    """
+
+    sha256: Sha256
+    bytes: int
+
+
+def digests_of(
+    folder: Path, new: Mapping[str, bytes] | None = None
+) -> tuple[dict[str, FileDigest], tuple[str, ...]]:
+    """Digests of recording and data files, `new` ones included; then why others have none."""
+    digests, left_out, new = {}, [], new or {}
+    names = {f"{folder.name}_0.mcap", _METADATA, *_data_files(folder), *new}
+    if lists_evidence(folder):
+        names.discard(_METADATA)
+    for name in sorted(names):
+        try:
+            digests[name] = _digest_of(new[name]) if name in new else _digest(folder / name)
+        except OSError as error:
+            left_out.append(f"{name}: cannot be read ({refusal(error)})")
+    return digests, tuple(left_out)
+
+
+def lists_evidence(folder: Path) -> bool:
+    """Whether a bag has or had evidence: then its `metadata.yaml` has no digest.
+
+    Evidence may be finished after the result, and is thinned later. Both change `metadata.yaml`.
+    """
+    from recorder.bag import is_evidence
+
+    return any(map(is_evidence, _names(folder))) or any(map(is_evidence, listed_in(folder)))
+
+
+def listed_in(folder: Path) -> list[str]:
+    """The files in a bag's `metadata.yaml`; none where that is missing or damaged."""
+    from recorder.bag import YAML_PROBLEMS
+    from recorder.mcap_reader import DamageError
+    from recorder.reader import bag_information, listed_names
+
+    try:
+        return listed_names(bag_information(folder))
+    except (DamageError, OSError, *YAML_PROBLEMS):
+        return []
+
+
+def run_id_of(files: Mapping[str, FileDigest]) -> str:
+    """The run id of a run of an earlier version, from its files; empty without a recording.
+
+    An empty recording, as from a sync that keeps names only, identifies no run.
+    """
+    named = (name for name, of in files.items() if name.endswith(_RECORDING) and of.bytes)
+    recordings = sorted(named)
+    return derived_run_id(files[recordings[0]].sha256) if recordings else ""
+
+
+def run_id_at(path: Path) -> str:
+    """As `run_id_of`, on disk; empty where its recording cannot be read."""
+    if kept := kept_run_id(path):
+        return kept
+    names = [path.name] if path.is_file() else _data_files(path)
+    folder = path.parent if path.is_file() else path
+    recordings = sorted(name for name in names if name.endswith(_RECORDING))
+    try:
+        return run_id_of({name: _digest(folder / name) for name in recordings[:1]})
+    except OSError:
+        return ""
+
+
+def identity_record(run_id: str) -> dict[str, dict[str, str]]:
+    return {IDENTITY_RECORD: {_RUN_ID: run_id}}
+
+
+def kept_run_id(path: Path) -> str:
+    from recorder.errors import RecorderError  # lists of runs do without the recorder
+    from recorder.reader import read_bag
+
+    try:
+        return str(UUID(read_bag(path).records[IDENTITY_RECORD][_RUN_ID]))
+    except (RecorderError, KeyError, ValueError):
+        return ""
+
+
+def _data_files(folder: Path) -> list[str]:
+    return [name for name in _names(folder) if _is_data(name)]
+
+
+def _names(folder: Path) -> list[str]:
+    try:
+        return os.listdir(folder)  # noqa: PTH208  of the names only
+    except OSError:
+        return []  # the files that must be there tell why
+
+
+def _is_data(name: str) -> bool:
+    """Evidence is not: the result takes nothing from it, and its digest takes long."""
+    from recorder.bag import is_evidence  # lists of runs do without the recorder
+
+    return name.endswith(_DATA) and not name.startswith(".") and not is_evidence(name)
+
+
+def _digest(path: Path) -> FileDigest:
+    with os.fdopen(open_plain(path), "rb") as file:
+        if (size := os.fstat(file.fileno()).st_size) > LARGEST_DIGESTED:
+            raise OSError(errno.EFBIG, f"{size / 1e9:.1f} GB, too much for a digest")
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        return FileDigest(sha256=digest, bytes=file.tell())
+
+
+def _digest_of(content: bytes) -> FileDigest:
+    return FileDigest(sha256=hashlib.sha256(content).hexdigest(), bytes=len(content))
