@@ -60,7 +60,7 @@ class _IndicatorBounds(msgspec.Struct):
 
 
 class _ProtestBounds(msgspec.Struct):
-    due: StartTime
+    time: StartTime
     at: StartTime | None = None
 
 
