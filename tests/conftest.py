@@ -40,19 +40,25 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """What only computes takes a process for each core; screens and DDS mostly wait."""
+    """What only computes takes a process for each core; what needs the machine mostly waits."""
     cores = len(os.sched_getaffinity(0))
-    return cores if config.getoption("-m") == "pure" else max(6, cores)
+    return max(6, cores) if "machine" in str(config.getoption("-m")) else cores
 
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` picks
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Each test is in a ring; the slow ones run when `-m` asks for them."""
+    """Each test is in a ring.
+
+    Slow ones run when `-m` asks for them. Without `-m` and without a path none needs the machine.
+    """
     rings.mark(items, config.getoption("--runs"))
-    if "slow" not in str(config.getoption("-m")):
-        slow = {item for item in items if item.get_closest_marker("slow") is not None}
-        config.hook.pytest_deselected(items=slow)
-        items[:] = [item for item in items if item not in slow]
+    asked = str(config.getoption("-m"))
+    left_out = set() if "slow" in asked else {"slow"}
+    if not asked and config.args_source is pytest.Config.ArgsSource.TESTPATHS:
+        left_out.add("machine")
+    others = [item for item in items if any(map(item.get_closest_marker, left_out))]
+    config.hook.pytest_deselected(items=others)
+    items[:] = [item for item in items if item not in set(others)]
 
 
 @pytest.hookimpl(tryfirst=True)  # before what a fixture starts

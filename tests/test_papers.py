@@ -345,7 +345,10 @@ def test_the_guide_has_the_keys_and_words_that_the_referee_publishes() -> None:
     types = MessageTypes()
     topics = {topic.name: topic.type for topic in referee_topics(types)}
     topics[ROBOT_STARTED_TOPIC] = ROBOT_STARTED_TYPE
-    assert {row[0]: row[1] for row in rows(section("robots", "Topics"))} == topics
+    told_topics = {
+        row[0]: re.split("[,:] ", row[1])[0] for row in rows(section("robots", "Topics"))
+    }
+    assert told_topics == topics
     told = [row[0] for row in rows(section("robots", "The state"))]
     assert told == [*state_schema()["$defs"]["PublishedState"]["properties"], *Phase]
     text = section("robots", "Events")
