@@ -18,6 +18,7 @@ from msgspec import UNSET, UnsetType
 from madrob_console.archive.file_digests import FileDigest
 from madrob_console.archive.folders import RESULT_FORMAT
 from madrob_console.common.names import SourceKind
+from madrob_console.messages.topic_mapping import TopicMapping
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.flags import Flag
 from madrob_console.referee.records import (
@@ -124,6 +125,7 @@ class ResultDocument(Result, Heading):
             files, but never of a final result: the journal has that. null = no evidence was wanted.
         zero_samples: those behind `handle_zero`, by the time of reception; null where it was never
             set, or by an earlier version.
+        mappings: where the testbed published each signal, and how its messages were read.
         libraries: what computed it; the last digits hang on them (section 11).
     """
 
@@ -148,6 +150,7 @@ class ResultDocument(Result, Heading):
     evidence: EvidenceAccount | None = None
     zero_samples: HandleRest | None = None
     robot_start: float | None = None
+    mappings: tuple[TopicMapping, ...] | UnsetType = UNSET
     libraries: Libraries | UnsetType = UNSET
 
     @property

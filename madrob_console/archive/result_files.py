@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, is_dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -43,6 +44,9 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     from madrob_console.archive.scored import ScoredPath
+
+_SHORT = 16
+"""Digits of a digest that people compare."""
 
 ResultFiles = Mapping[str, bytes | memoryview]
 
@@ -94,6 +98,7 @@ def document_of(scored: Scored, folder: Path, data: Mapping[str, bytes]) -> Resu
         evidence=run.evidence if run.closure is None else run.signed_evidence,
         zero_samples=record.zero_samples,
         robot_start=run.robot_start,
+        mappings=record.mappings,
         libraries=libraries_here(),
     )
 
@@ -236,6 +241,15 @@ class StoredRun:
         """The testbed's numbers that are not the protocol's."""
         given = self.result.thresholds
         return iter(()) if given is UNSET else _changed(given, Thresholds())
+
+    @property
+    def mapping_digest(self) -> str:
+        """Equal where all signals were read alike; empty where the result does not tell."""
+        given = self.result.mappings
+        if given is UNSET:
+            return ""
+        told = msgspec.json.encode(sorted(given, key=lambda one: one.signal.value))
+        return sha256(told).hexdigest()[:_SHORT]
 
     @property
     def recording_digest(self) -> str:

@@ -40,7 +40,7 @@ _FAULT = "fault at ", "fault: "
 """How `Run.remarks` begins a fault of the testbed."""
 
 _FIRST_LINE = 65_536
-_DAMAGED = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, ScoringError)
+_DAMAGED = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, ScoringError, MadrobError)
 
 Number = Annotated[int, Meta(ge=1, le=LARGEST_NUMBER)]
 Name = Annotated[str, Meta(max_length=200)]

@@ -19,7 +19,7 @@ from madrob_console.archive.file_digests import run_id_at
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import seconds_of
 from madrob_console.common.names import SourceKind, terminal_safe
-from madrob_console.messages.codec import TopicMapping
+from madrob_console.messages.topic_mapping import TopicMapping
 from madrob_console.referee.records import RunSetup, open_protests
 from madrob_console.referee.run import Run
 from scoring.evaluate import Assessment

@@ -45,11 +45,11 @@ from madrob_console.config.tables import (
     text_words,
     type_at,
 )
+from madrob_console.messages.topic_mapping import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.checks import SensorLimits
 from scoring.protocol import DoubtLimits, Side, Signal, StartPose, Thresholds
 
 if TYPE_CHECKING:
-    from madrob_console.messages.codec import TopicMapping
     from madrob_console.testbeds.simulated.geometry import DoorGeometry
 
 # Errors of a settings file, in words.
@@ -169,8 +169,6 @@ class Settings(SettingsTable, frozen=True):
         Raises:
             MadrobError: a field path is malformed, or two signals share a topic.
         """
-        from madrob_console.messages.codec import DEFAULT_MAPPINGS
-
         settings = {topic.signal: topic for topic in self.topics}
         return tuple(_mapping(m, settings.get(m.signal)) for m in DEFAULT_MAPPINGS)
 

@@ -326,6 +326,13 @@ RUNS = TidyTable(
             lambda run, _: "; ".join(run.thresholds_changed),
         ),
         TidyColumn(
+            "mapping_sha256",
+            CellKind.TEXT,
+            "",
+            "equal: all signals were read alike; 16 digits; empty: not known",
+            lambda run, _: run.mapping_digest,
+        ),
+        TidyColumn(
             "recording_sha256",
             CellKind.TEXT,
             "",

@@ -10,7 +10,6 @@ import math
 import struct
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
 
 from rosbags.interfaces import Nodetype
 
@@ -26,10 +25,10 @@ from madrob_console.messages.message_types import (
     Wanted,
     find_field,
     find_stamp,
-    parse_path,
 )
+from madrob_console.messages.topic_mapping import DEFAULT_MAPPINGS, STRIPS, TopicMapping
 from recorder.bag import Durability, Qos, RawMessage, Topic
-from scoring.protocol import SENSORS_PER_STRIP, Signal, StartPose, Strip
+from scoring.protocol import SENSORS_PER_STRIP, Signal, StartPose
 from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 
 # The stamp of a message, read from its first bytes.
@@ -58,14 +57,6 @@ def header_stamp(data: bytes) -> float | None:
     return float(sec + nanosec / _NS)
 
 
-LARGEST_READ = 65_536
-"""Bytes of a message that is read without a limit of its topic's own.
-
-Reading takes time: 500,000 names, 4 MB, take 0.2 s. What decides about a run may not wait for that.
-A scan of 4096 ranges with intensities has 33 kB.
-"""
-
-
 __all__ = [
     "DEFAULT_MAPPINGS",
     "REFEREE_EVENT_TOPIC",
@@ -74,6 +65,7 @@ __all__ = [
     "ROBOT_STARTED_TOPIC",
     "ROBOT_STARTED_TYPE",
     "START_POSE_FRAME",
+    "STRIPS",
     "Decoder",
     "Message",
     "MessageError",
@@ -95,7 +87,6 @@ ROBOT_STARTED_TYPE = "std_msgs/msg/Empty"
 
 _STRING = "std_msgs/msg/String"
 _POSE = "geometry_msgs/msg/PoseStamped"
-STRIPS = {Signal.of_strip(strip): strip for strip in Strip}
 _MEASURED: dict[Signal, Callable[[float, float, float], Sample]] = {
     Signal.DOOR: DoorSample,
     Signal.HANDLE: HandleSample,
@@ -105,53 +96,6 @@ _STAMP = (Wanted(("header", "stamp", "sec")), Wanted(("header", "stamp", "nanose
 _MOST_MISSES = 20
 """After so many layout misses in a row, no new layout is tried."""
 
-
-@dataclass(frozen=True, slots=True)
-class TopicMapping:
-    """Where the testbed publishes one signal (protocol section 3).
-
-    A sample's value is `field * scale + offset`, in rad, N or m. For strips it applies to each
-    range and to the limits; a latch, like any switch, is on from 0.5 upwards. The `field` is a
-    path with dots and optional [index]. A message of more than `largest` bytes is recorded but
-    not read.
-    """
-
-    signal: Signal
-    topic: str
-    type: str
-    field: str
-    scale: float = 1.0
-    offset: float = 0.0
-    largest: int | None = None
-
-    def __post_init__(self) -> None:
-        parse_path(self.field)
-        if self.scale == 0 or not math.isfinite(self.scale):
-            raise MadrobError(f"{self.topic}: scale {self.scale} loses the signal; use another")
-        if not math.isfinite(self.offset):
-            raise MadrobError(f"{self.topic}: offset {self.offset} is no number; use another")
-
-    def limited(self) -> TopicMapping:
-        return replace(self, largest=self.largest or LARGEST_READ)
-
-
-DEFAULT_MAPPINGS: tuple[TopicMapping, ...] = (
-    TopicMapping(
-        Signal.DOOR, "/madrob/door/angle", "sensor_msgs/msg/JointState", field="position[0]"
-    ),
-    TopicMapping(
-        Signal.HANDLE,
-        "/madrob/handle/force",
-        "geometry_msgs/msg/WrenchStamped",
-        field="wrench.force.x",
-    ),
-    *(
-        TopicMapping(signal, f"/madrob/passage/{strip}", "sensor_msgs/msg/LaserScan", "ranges")
-        for signal, strip in STRIPS.items()
-    ),
-    TopicMapping(Signal.LATCH, "/madrob/door/locked", "std_msgs/msg/Bool", field="data"),
-)
-"""The topics of protocol section 3."""
 
 _Build = Callable[[float, float, Sequence[Numbers]], Sample]
 """(time, log time, the numbers of the value and of its limits) -> sample."""

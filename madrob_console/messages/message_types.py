@@ -7,7 +7,6 @@ start, every other type is registered at run time with its `ros2msg` definition.
 from __future__ import annotations
 
 import keyword
-import re
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 from madrob_console.common.errors import MadrobError
+from madrob_console.messages.topic_mapping import Steps, parse_path
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc, Typesdict
@@ -193,20 +193,10 @@ def types_of(topics: Iterable[Topic]) -> MessageTypes:
     return types
 
 
-# Paths to a field of a message: `position[0]`, `wrench.force.x`, `ranges`.
+# Fields of a message, by their paths.
 
-
-_PATH = re.compile(r"[A-Za-z]\w*(\[\d+\])?(\.[A-Za-z]\w*(\[\d+\])?)*", re.ASCII)
-_STEP = re.compile(r"[A-Za-z]\w*|\d+", re.ASCII)
 
 Getter: TypeAlias = Callable[[Message], Any]
-Steps: TypeAlias = tuple[str | int, ...]
-
-
-def parse_path(path: str) -> Steps:
-    if not _PATH.fullmatch(path):
-        raise MadrobError(f"{path!r} is no field: write names with dots, for example position[0]")
-    return tuple(int(s) if s.isdigit() else s for s in _STEP.findall(path))
 
 
 @dataclass(frozen=True, slots=True)

@@ -180,6 +180,9 @@ def test_a_run_that_was_cut_off_is_known_by_its_folder_and_its_journal(tmp_path:
 # ---------------------------------------------------------------- what is wrong
 
 
+NO_MAPPING = {"signal": "latch", "topic": "/t", "type": "std_msgs/msg/Bool", "field": "a b"}
+
+
 def changed(**fields: object) -> bytes:
     return json.dumps(document(summary()) | fields).encode()
 
@@ -206,6 +209,7 @@ def changed(**fields: object) -> bytes:
         (changed(issue=2**70), "damaged"),
         (changed(closure={"team_word": 3}), "damaged"),
         (changed(condition_number=21), "damaged"),
+        (changed(mappings=[NO_MAPPING]), "damaged ('a b' is no field"),
         (changed(format=RESULT_FORMAT + 1, outcome=7), "use a newer madrob-console"),
         (changed(subject=4), "is of subject 4, condition 7, run 1: put it back"),
     ],

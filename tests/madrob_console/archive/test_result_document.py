@@ -7,7 +7,7 @@ import json
 import os
 import platform
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import asdict, fields, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -20,12 +20,14 @@ from msgspec import UNSET
 from madrob_console.archive.file_digests import digests_of
 from madrob_console.archive.folders import RESULT_FORMAT
 from madrob_console.archive.result_document import ResultDocument, result_schema
+from madrob_console.archive.result_files import result_files
 from madrob_console.archive.result_reader import read_result
 from madrob_console.cli.main import main
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.referee.acts import Abort, AddNote, Finalise, MarkIncident, Reissue, Rule
 from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.testbeds.simulated import Scenario
-from scoring.protocol import LockDetection, Step
+from scoring.protocol import LockDetection, Signal, Step
 from tests.madrob_console.engine.drive import Drive, make_setup
 
 STORED = Path(__file__).parent / "result_schema_1.json"
@@ -125,14 +127,37 @@ def test_a_result_names_what_computed_it(folders: dict[str, Path]) -> None:
         }
 
 
-def test_a_result_of_a_version_that_named_no_libraries_is_read(
-    folders: dict[str, Path], tmp_path: Path
+@pytest.mark.parametrize(
+    "otherwise", [{}, {"topic": "/lab/handle", "scale": 0.5, "offset": 3.0}], ids=str
+)
+def test_a_result_says_how_its_signals_were_read_live_and_in_a_rescoring(
+    otherwise: dict[str, Any], tmp_path: Path
+) -> None:
+    mappings = [
+        replace(one, **otherwise) if one.signal is Signal.HANDLE else one
+        for one in DEFAULT_MAPPINGS
+    ]
+    drive = Drive(tmp_path, Scenario.TOUCH_ONLY, mappings=mappings)
+    drive.whole_run(make_setup(timeout=4.0))
+    folder = close(drive)
+    assert document(folder)["mappings"] == [
+        asdict(one.limited()) | {"signal": one.signal.value} for one in mappings
+    ]
+    again = result_files(folder, drive.scored())
+    assert again["result.json"] == (folder / "result.json").read_bytes()
+
+
+@pytest.mark.parametrize("key", ["libraries", "mappings"])
+def test_a_result_of_a_version_that_had_not_this_key_is_read_and_says_no_more(
+    folders: dict[str, Path], tmp_path: Path, key: str
 ) -> None:
     older = document(folders["completed"])
-    del older["libraries"]
+    del older[key]
     jsonschema.validate(older, result_schema())
     (tmp_path / "result.json").write_text(json.dumps(older))
-    assert read_result(str(tmp_path)).libraries is UNSET
+    read = read_result(str(tmp_path))
+    assert getattr(read, key) is UNSET
+    assert msgspec.json.decode(msgspec.json.encode(read)) == older
 
 
 @pytest.mark.parametrize(

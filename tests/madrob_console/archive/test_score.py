@@ -463,6 +463,7 @@ EDITS: dict[str, Callable[[Document], object]] = {
     "steps[3].referee.reason": lambda d: d["steps"][3]["referee"].update(reason="no"),
     "quality.signals[0].samples": lambda d: d["quality"]["signals"][0].update(samples=7),
     "rulings": lambda d: d["rulings"].pop(),
+    "mappings[1].scale": lambda d: d["mappings"][1].update(scale=2.0),
     "closure": lambda d: d.update(closure={"team_word": "acknowledged"}),
     "team": lambda d: d.update(team="Nova"),
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import count
 from pathlib import Path
 from random import Random
@@ -15,7 +15,7 @@ from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.engine_config import EngineConfig
 from madrob_console.engine.scorer import Scorer
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Act, ConfirmPose, Finalise, SetUp, Start, ZeroHandle
 from madrob_console.referee.flags import undecided
@@ -56,14 +56,15 @@ class Drive:
         testbed: str = "Hall A",
         disk_needed: int = 0,
         competition: str = "",
+        mappings: Sequence[TopicMapping] = DEFAULT_MAPPINGS,
     ) -> None:
         self.clock = VirtualClock(EPOCH_NS)
         types = MessageTypes()
         simulated = SimulatedTestbed(scenario, seed, sensors=SensorSettings(latch=latch))
-        self.source = self.SOURCE(simulated, self.clock, types)
+        self.source = self.SOURCE(simulated, self.clock, types, mappings)
         config = EngineConfig(
             results,
-            DEFAULT_MAPPINGS,
+            tuple(mappings),
             lossless=True,
             disk_needed=disk_needed,
             testbed=testbed,

@@ -80,6 +80,27 @@ def test_runs_tells_which_numbers_of_the_testbed_are_not_the_protocols(
     assert changed == "lintel_height 2.2; doubt.gap_reach 0.5"
 
 
+def test_runs_of_halls_that_read_a_signal_otherwise_have_another_digest(
+    archive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (first, _) = results_below(archive)
+    del first["journal"]
+    told = first.pop("mappings")
+    scaled = [one | {"scale": 2.0} if one["signal"] == "handle force" else one for one in told]
+    halls = {"A": told, "B": told[::-1], "C": scaled, "D": None}
+    for number, (hall, mappings) in enumerate(halls.items(), start=1):
+        folder = tmp_path / f"subject_003_cond_001_run_001_2023111{number}_221323"
+        folder.mkdir()
+        key = {} if mappings is None else {"mappings": mappings}
+        result = first | key | {"testbed": hall, "run_id": hall}
+        (folder / "result.json").write_text(json.dumps(result))
+    for _ in range(2):  # the second time from the index
+        digests = table(capsys, "runs", tmp_path).set_index("testbed").mapping_sha256
+        assert digests.A == digests.B != digests.C
+        assert digests.map(len, na_action="ignore").tolist()[:3] == [16, 16, 16]
+        assert pd.isna(digests.D)
+
+
 def test_a_table_reads_each_result_once_and_not_again_while_it_stays(
     archive: Path,
     tmp_path: Path,

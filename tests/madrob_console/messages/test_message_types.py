@@ -11,7 +11,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
-    LARGEST_READ,
     Decoder,
     TopicMapping,
     decode_text,
@@ -27,6 +26,7 @@ from madrob_console.messages.message_types import (
     standard_types,
     types_of,
 )
+from madrob_console.messages.topic_mapping import LARGEST_READ
 from recorder.bag import Durability, RawMessage, Topic
 from scoring.protocol import Signal, StartPose, Strip
 from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample, Sample

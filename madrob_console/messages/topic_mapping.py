@@ -1,0 +1,94 @@
+"""Where a testbed publishes which signal.
+
+Lists of results read it, so it needs neither numpy nor rosbags.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+from madrob_console.common.errors import MadrobError
+from scoring.protocol import Signal, Strip
+
+# Paths to a field of a message: `position[0]`, `wrench.force.x`, `ranges`.
+
+
+_PATH = re.compile(r"[A-Za-z]\w*(\[\d+\])?(\.[A-Za-z]\w*(\[\d+\])?)*", re.ASCII)
+_STEP = re.compile(r"[A-Za-z]\w*|\d+", re.ASCII)
+
+Steps: TypeAlias = tuple[str | int, ...]
+
+
+def parse_path(path: str) -> Steps:
+    if not _PATH.fullmatch(path):
+        raise MadrobError(f"{path!r} is no field: write names with dots, for example position[0]")
+    return tuple(int(s) if s.isdigit() else s for s in _STEP.findall(path))
+
+
+# Which topic carries a signal, and how its value is read.
+
+
+STRIPS = {Signal.of_strip(strip): strip for strip in Strip}
+
+LARGEST_READ = 65_536
+"""Bytes of a message that is read without a limit of its topic's own.
+
+Reading takes time: 500,000 names, 4 MB, take 0.2 s. What decides about a run may not wait for that.
+A scan of 4096 ranges with intensities has 33 kB.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class TopicMapping:
+    """Where the testbed publishes one signal (protocol section 3).
+
+    Attributes:
+        signal: which one.
+        topic: the topic that carries it.
+        type: of its messages.
+        field: the value's path in a message, with dots and optional [index].
+        scale, offset: a sample's value is `field * scale + offset`, in rad, N or m. For strips
+            this applies to each range and to the limits; a latch, like any switch, is on from 0.5
+            upwards.
+        largest: a larger message, in bytes, is recorded but not read; null = any is read.
+    """
+
+    signal: Signal
+    topic: str
+    type: str
+    field: str
+    scale: float = 1.0
+    offset: float = 0.0
+    largest: int | None = None
+
+    def __post_init__(self) -> None:
+        parse_path(self.field)
+        if self.scale == 0 or not math.isfinite(self.scale):
+            raise MadrobError(f"{self.topic}: scale {self.scale} loses the signal; use another")
+        if not math.isfinite(self.offset):
+            raise MadrobError(f"{self.topic}: offset {self.offset} is no number; use another")
+
+    def limited(self) -> TopicMapping:
+        return replace(self, largest=self.largest or LARGEST_READ)
+
+
+DEFAULT_MAPPINGS: tuple[TopicMapping, ...] = (
+    TopicMapping(
+        Signal.DOOR, "/madrob/door/angle", "sensor_msgs/msg/JointState", field="position[0]"
+    ),
+    TopicMapping(
+        Signal.HANDLE,
+        "/madrob/handle/force",
+        "geometry_msgs/msg/WrenchStamped",
+        field="wrench.force.x",
+    ),
+    *(
+        TopicMapping(signal, f"/madrob/passage/{strip}", "sensor_msgs/msg/LaserScan", "ranges")
+        for signal, strip in STRIPS.items()
+    ),
+    TopicMapping(Signal.LATCH, "/madrob/door/locked", "std_msgs/msg/Bool", field="data"),
+)
+"""The topics of protocol section 3."""
