@@ -24,7 +24,7 @@ from madrob_console.archive.run_journal import (
 )
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import free_space, locked_by_another, open_plain, opened_folder
-from madrob_console.common.formatting import time_words
+from madrob_console.common.formatting import format_size, time_words
 from madrob_console.referee.evidence_account import CUT_OFF, EvidenceAccount
 from madrob_console.referee.journal import Entry, Origin, refusal_words
 from madrob_console.referee.rebuild import Change
@@ -34,26 +34,37 @@ from recorder.errors import RecorderError
 from recorder.reader import natural_order
 from recorder.survey import listing, put_listing, remove_metadata_parts
 
+_LEFT_FREE = 1_000_000_000
+"""Room that a repair leaves to the score, bytes: twice what `checks.disk_space` asks for."""
+
 
 def repair_evidence(folder: Path) -> bool:
     """Repair the evidence of a run that was cut off; returns whether it wrote.
 
-    A run that goes on is left alone. Evidence that `metadata.yaml` lists is not opened. A repair
-    copies the file: nothing is repaired where the copy would take half of the room that is left.
+    A run that goes on is left alone. Evidence that `metadata.yaml` lists is not opened.
+
+    Raises:
+        MadrobError: it cannot be repaired: the copy of a file would take room that the score needs.
     """
     try:
         names = [name for name in os.listdir(folder) if is_evidence(name)]  # noqa: PTH208
     except OSError:
         return False  # the history says what is wrong with it
-    if not names or set(names) <= set(listed_in(folder)) or is_held(folder / JOURNAL_FILE):
+    torn = set(names) - set(listed_in(folder))
+    if not torn or is_held(folder / JOURNAL_FILE):
         return False
     from recorder.recovery import recover_evidence  # few runs need it
 
     try:
-        size = max((folder / name).stat().st_size for name in names)
-        if (free_space(folder) or 0) < 2 * size:
-            return False
+        needed = max((folder / name).stat().st_size for name in torn) + _LEFT_FREE
+        if (free_space(folder) or 0) < needed:
+            raise MadrobError(
+                f"{folder.name}: its evidence was cut off: free {format_size(needed)} on the disk, "
+                "then `madrob recover` repairs it"
+            )
         return any(file.changed for file in recover_evidence(folder))
+    except OSError as error:
+        raise MadrobError(f"{folder.name}: its evidence cannot be read: {error.strerror}") from None
     except RecorderError as error:
         raise MadrobError(str(error)) from None
 

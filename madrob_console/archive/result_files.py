@@ -97,7 +97,7 @@ def document_of(scored: Scored, folder: Path, data: Mapping[str, bytes]) -> Resu
         flags=scored.flags,
         evidence=run.evidence if run.closure is None else run.signed_evidence,
         zero_samples=record.zero_samples,
-        robot_start=run.robot_start,
+        robot_start=run.answered_at,
         mappings=record.mappings,
         libraries=libraries_here(),
     )

@@ -18,7 +18,6 @@ from contextlib import redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 from select import select
 from subprocess import DEVNULL, PIPE, STDOUT, Popen, TimeoutExpired
-from typing import NoReturn
 
 import msgspec
 
@@ -44,8 +43,12 @@ COMMAND_TIME = 60.0
 """The command of [results] and all that it starts may take this long, s."""
 
 _AGAIN = 0.5  # s
-_MOST_OUTPUT = 20_000  # bytes of a command in the log
+_MOST_OUTPUT = 20_000  # last bytes of a command, in the log
 _MOST_TOLD = 100  # characters of its last line on the screens
+
+
+_starts = False
+"""A command is being started: only then can it be ended."""
 
 
 class _Terminated(BaseException):
@@ -150,20 +153,24 @@ def run_command(command: Sequence[str], limit: float = COMMAND_TIME) -> int:
     """Run a command for `limit` s at most; its exit code. Its output goes to this process's log."""
     from madrob_console.cli.output import BAD_INPUT, complain
 
+    global _starts  # noqa: PLW0603  so is the signal handler that reads it
     end, output, why = time.monotonic() + limit, b"", ""
+    _starts = True
     try:
         process = Popen(command, stdin=DEVNULL, stdout=PIPE, stderr=STDOUT, start_new_session=True)
     except OSError as error:
+        _starts = False
         complain(f"{command[0]}: {error.strerror}")
         return BAD_INPUT
     with process:
         assert process.stdout is not None
         pipe = process.stdout.fileno()
         try:
+            _starts = False
             while (left := end - time.monotonic()) > 0 and select([pipe], (), (), left)[0]:
                 if not (data := os.read(pipe, 65536)):
                     break
-                output = (output + data)[:_MOST_OUTPUT]
+                output = (output + data)[-_MOST_OUTPUT:]
             code = process.wait(max(0.0, end - time.monotonic()))
         except TimeoutExpired:
             code, why = BAD_INPUT, f"was killed after {limit:g} s"
@@ -182,9 +189,10 @@ def run_command(command: Sequence[str], limit: float = COMMAND_TIME) -> int:
     return code
 
 
-def _end(_number: int, _frame: object) -> NoReturn:
+def _end(_number: int, _frame: object) -> None:
     signal.setitimer(signal.ITIMER_REAL, _AGAIN)  # an import may have swallowed it
-    raise _Terminated
+    if not _starts:
+        raise _Terminated
 
 
 if __name__ == "__main__":

@@ -93,6 +93,7 @@ COMES_BACK = 4.0
 """Time for a new process to receive all earlier topics again, s."""
 
 _MOST_REASONS = 3
+_MOST_GAPS = 20
 
 NOTHING = EvidenceNews()
 
@@ -182,7 +183,10 @@ class EvidenceRecording:
         if self.gaps:
             begin = max(begin, self.gaps[-1].end or 0.0)
         self._awaited = {one.topic for one in self._news.topics if one.rate and not one.kept}
-        self.gaps = *self.gaps, EvidenceGap(begin, None, why)
+        earlier = self.gaps
+        if len(earlier) == _MOST_GAPS:  # the last one takes in all later ones
+            begin, earlier = earlier[-1].begin, earlier[:-1]
+        self.gaps = *earlier, EvidenceGap(begin, None, why)
 
     @property
     def _gap_is_open(self) -> bool:

@@ -74,7 +74,10 @@ class ChoreQueue:
     def put(self, chore: Chore) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)
         part = self._folder / f"{time.time_ns()}.part"
-        part.write_bytes(msgspec.json.encode(chore))
+        with part.open("wb") as file:
+            file.write(msgspec.json.encode(chore))
+            file.flush()
+            os.fsync(file.fileno())  # else a power cut tears it
         part.replace(part.with_suffix(".json"))
 
     def hold(self) -> None:
@@ -274,7 +277,13 @@ class Reporting(Worker):
             self._submit("publish", ChoreKind.PUBLISH, *self._wanted.publish)
 
     def repair(self) -> None:
-        """Make results and reports again that a power cut left out of date, then the pages."""
+        """Make results and reports again that a power cut left out of date, then the pages.
+
+        What an earlier engine left in the queues goes on, too.
+        """
+        if self._hook is not None:
+            self._hook._due = 0.0
+            self._hook.ring()
         self._submit("repair", ChoreKind.REPAIR, str(self._results))
         self.publish()
 

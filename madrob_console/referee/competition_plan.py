@@ -354,6 +354,10 @@ _CONDITIONS = {
 }
 
 
+_FIRST_YEAR = 1970
+"""Earlier ones are typing errors, which no clock can tell from now."""
+
+
 def _planned_time(text: str) -> str:
     """As in `PlanLine`, of `HH:MM` or an ISO date with time; MadrobError if it is neither."""
     if not text:
@@ -363,5 +367,7 @@ def _planned_time(text: str) -> str:
     with suppress(ValueError):
         if ":" in text:
             moment = datetime.fromisoformat(text)
-            return (moment.astimezone() if moment.tzinfo else moment).strftime("%Y-%m-%d %H:%M")
+            local = moment.astimezone() if moment.tzinfo else moment
+            if local.year >= _FIRST_YEAR:
+                return local.strftime("%Y-%m-%d %H:%M")
     raise MadrobError(f"time {quoted(text)} is none: write 14:30 or 2026-11-25T14:30")

@@ -197,11 +197,17 @@ class Run:
         return f"removed by tidy on {date(self.removed_evidence[-1].time)}"
 
     @property
+    def answered_at(self) -> float | None:
+        """When the robot answered to the start; an answer after the stop is none."""
+        late = self.stop is not None and (self.robot_start or 0.0) > self.stop
+        return None if late else self.robot_start
+
+    @property
     def answer(self) -> str:
         """What the robot said to the start, in words; empty when it said nothing."""
-        if self.start is None or self.robot_start is None:
+        if self.start is None or self.answered_at is None:
             return ""
-        return f"the robot answered to the start {self.robot_start - self.start:.3f} s after it"
+        return f"the robot answered to the start {self.answered_at - self.start:.3f} s after it"
 
     def remarks(self) -> list[str]:
         waived, false_start = DECISION_REMARKS
