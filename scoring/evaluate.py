@@ -33,8 +33,6 @@ _MOST_PROBLEMS = 20
 """Limit of different problems that are listed; random bytes make a new one each time."""
 _OTHER_PROBLEMS = "other problems with the recording"
 
-_OF_THE_DOOR = frozenset({EventName.DOOR_OPENS, EventName.DOOR_CLOSES})
-
 
 def completed_by_settling(ending: Ending, procedure: Procedure) -> bool:
     """Whether the run was completed by a door that stayed closed (section 5)."""

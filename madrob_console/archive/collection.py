@@ -17,6 +17,7 @@ from madrob_console.archive.folders import (
     is_run_name,
     listed_at,
     named_by_recording,
+    with_name,
 )
 from madrob_console.archive.history import History, RunSummary, twins_told
 from madrob_console.common.errors import MadrobError
@@ -59,13 +60,13 @@ def collected(paths: Sequence[Path], testbed: str | None = None) -> Collection:
             raise MadrobError(f"{path}: no such folder; name a folder with runs")
         if path.is_file():
             unlisted.append(Unlisted(str(path), "is no run folder: name folders with runs"))
-    for one in listed_at([_with_name(path) for path in paths if not path.is_file()]):
+    for one in listed_at(path for path in paths if not path.is_file()):
         if is_run_name(one.folder):
             root, name = one.place
             of_root.setdefault(root, set()).add(name)
         else:
             unlisted.append(Unlisted(one.run.name, _why_unlisted(one.run)))
-    alone = len(of_root) == 1 and [*map(_with_name, paths)] == list(of_root)
+    alone = len(of_root) == 1 and [*map(with_name, paths)] == list(of_root)
     runs: list[RunSummary] = []
     for root in list(of_root):
         names = of_root.pop(root)
@@ -83,7 +84,7 @@ def collected(paths: Sequence[Path], testbed: str | None = None) -> Collection:
         runs += [replace(run, folder=f"{within}{name}", twin="") for name, run in found.items()]
     wanted = runs if testbed is None else of_testbed(runs, testbed)
     ordered = sorted(wanted, key=lambda run: (run.started, run.folder))
-    root = _with_name(paths[0]) if alone else Path()
+    root = with_name(paths[0]) if alone else Path()
     return Collection(root, twins_told(ordered), tuple(unlisted))
 
 
@@ -131,11 +132,6 @@ def _demand_known(option: str, name: str, known: Iterable[str]) -> None:
 
 def _listed(names: Iterable[str]) -> str:
     return ", ".join(f"'{terminal_safe(one)}'" for one in sorted(names))
-
-
-def _with_name(path: Path) -> Path:
-    """Resolves `.` and `..`, which have no name."""
-    return path if path.name not in ("", "..") else Path(os.path.abspath(path))  # noqa: PTH100
 
 
 def _why_unlisted(run: RunPath) -> str:

@@ -157,12 +157,17 @@ def _folder_names(root: Path) -> list[str]:
         raise _unusable(root, error) from None
 
 
+NO_FILES = _STAMPS.pack(0, 0, -1, 0, 0, -1)
+"""The stamps of a run folder that holds neither a result nor a journal, as far as is seen."""
+
+
 def run_stamps(root: Path, names: Iterable[str]) -> Iterator[bytes]:
     """Of each run folder in a results folder, what changes with its result or its journal."""
     try:
-        place = os.open(root, _OPEN_FOLDER)
-    except OSError as error:
-        raise _unusable(root, error) from None
+        place = os.open(root, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError:  # reading the results says why
+        yield from (NO_FILES for _ in names)
+        return
     try:
         for name in names:
             told: list[int] = []
@@ -384,7 +389,12 @@ def all_runs_at(paths: Iterable[Path]) -> list[RunPath]:
 
 def listed_at(paths: Iterable[Path]) -> Iterator[FoundRun]:
     """As `all_runs_at`, for lists: a folder called like a run is one, whatever it holds."""
-    return _found_at(paths, by_name=True)
+    return _found_at(map(with_name, paths), by_name=True)
+
+
+def with_name(path: Path) -> Path:
+    """Resolves `.` and `..`, which have no name."""
+    return path if path.name not in ("", "..") else Path(os.path.abspath(path))  # noqa: PTH100
 
 
 class FoundRun(NamedTuple):

@@ -274,22 +274,33 @@ def stored_places(runs: Iterable[RunPath]) -> Iterator[RunPlace]:
             yield stored_run(run).place(run.name)
 
 
+def valid_result(folder: Path) -> ResultDocument:
+    """The result of a run, if its journal and its folder agree with it.
+
+    Raises:
+        FileNotFoundError: there is none.
+        MadrobError: it cannot be used; says why.
+    """
+    result = read_result(str(folder))
+    named = parse_folder_name(folder.name)
+    why = None if named is None else misplaced(result, named[0])
+    if why is None and (differing := disagreement(result, folder)) is not None:
+        why = out_of_date(differing)
+    if why is not None:
+        raise UnusableResultError(why)
+    return result
+
+
 def stored_run(run: RunPath) -> StoredRun:
     folder = run.path
     try:
-        result = read_result(str(folder))
-        named = parse_folder_name(folder.name)
-        why = None if named is None else misplaced(result, named[0])
-        if why is None and (differing := disagreement(result, folder)) is not None:
-            why = out_of_date(differing)
+        return StoredRun(folder, valid_result(folder))
     except FileNotFoundError:
         why = f"has no {RESULT_FILE}: name folders with runs; the console decides on one cut off"
         why = why if folder.exists() else "no such folder; name folders with runs"
     except (UnusableResultError, UnusableJournalError) as error:
         why = str(error)
-    if why is not None:
-        raise MadrobError(f"{run.name}: {why}")
-    return StoredRun(folder, result)
+    raise MadrobError(f"{run.name}: {why}")
 
 
 def fresh_runs(run: RunPath, rules: Sequence[RulesetName | None]) -> list[StoredRun]:

@@ -9,6 +9,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -72,9 +73,15 @@ def verdict(findings: Sequence[Finding]) -> str:
     return f"usable, {counted(warnings, 'warning')}" if warnings else "usable"
 
 
+_OF_REPORTS = {"matplotlib": "matplotlib", "Pillow": "PIL"}
+
+
 def look_at_python() -> Iterator[Finding]:
     version = ".".join(map(str, sys.version_info[:3]))
     yield Finding(Severity.OK, "python", f"{version}, {sys.prefix}")
+    if missing := [name for name, module in _OF_REPORTS.items() if find_spec(module) is None]:
+        text = f"no {' and '.join(missing)}: reports lack figures or pictures of cameras"
+        yield Finding(Severity.WARNING, "python", f"{text}; install the extra `report`")
 
 
 def look_at_results(folder: Path, disk_space: int) -> Iterator[Finding]:

@@ -158,6 +158,8 @@ def _refuse_contradictions(arguments: argparse.Namespace) -> None:
         parser.error("--ruleset: not allowed with --check")
     if issues is None and (arguments.dry_run or arguments.settings):
         parser.error(f"{'--dry-run' if arguments.dry_run else '--settings'}: only with --reissue")
+    if arguments.write is not None and arguments.write.name in [*RulesetName]:
+        raise MadrobError("--write takes a folder: name the rules with --ruleset")
     if arguments.ruleset == _ALL and (issues is not None or arguments.write is not None):
         parser.error(
             f"{'--write' if issues is None else '--reissue'}: with one ruleset, not {_ALL}"

@@ -25,8 +25,9 @@ from madrob_console.archive.folders import (
 )
 from madrob_console.archive.history import VOID
 from madrob_console.archive.result_document import SCHEMA_FILE, ResultDocument, schema_text
-from madrob_console.archive.result_reader import UnusableResultError, read_result, read_setup
-from madrob_console.archive.run_journal import evidence_removed
+from madrob_console.archive.result_files import valid_result
+from madrob_console.archive.result_reader import UnusableResultError, read_setup
+from madrob_console.archive.run_journal import UnusableJournalError, evidence_removed
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import stamp_of, whole_file
 from madrob_console.common.names import SourceKind, terminal_safe
@@ -428,14 +429,14 @@ class KnownRun:
         """Reads result and journal in its folder; what is wrong with them stands in `words`."""
         folder, practice = str(run), run.parent.name == PRACTICE_FOLDER
         try:
-            result = read_result(folder)
+            result = valid_result(run)
         except FileNotFoundError:
             setup = read_setup(f"{folder}/{JOURNAL_FILE}")
             words = "no result, it was cut off"
             if setup is None:
                 return cls("", words, practice)
             return cls(setup.team, words, practice or setup.practice)
-        except UnusableResultError as problem:
+        except (UnusableResultError, UnusableJournalError) as problem:
             return cls("", str(problem), practice, damaged=True)
         return cls(result.team, _outcome(result), practice or result.practice, _zero(result))
 

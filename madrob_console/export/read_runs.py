@@ -12,9 +12,11 @@ import msgspec
 
 from madrob_console.archive.collection import demand_competition, demand_testbed
 from madrob_console.archive.folders import (
+    NO_FILES,
     FoundRun,
     RunPath,
     RunPlace,
+    is_run_name,
     places_that_count,
     run_stamps,
 )
@@ -80,9 +82,10 @@ class ReadRuns:
         for run, folder, now in zip(runs, folders, run_stamps(root, folders), strict=True):
             stamps, packed = kept.get(folder, (b"", b""))
             try:
-                if stamps != now:
+                if now == NO_FILES or stamps != now:
                     packed = self._packed(run.run)
-                    fresh.append((folder, now, packed))
+                    if now != NO_FILES and is_run_name(run.folder):
+                        fresh.append((folder, now, packed))
                 self._add_rows(run, packed)
                 yield None
             except MadrobError as error:

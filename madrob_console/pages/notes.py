@@ -28,8 +28,6 @@ BIAS_NOTE = (
     "jerk, so that the smoothness of a smooth door is too low."
 )
 
-DOUBTS_NOTE = "? marks a value that is doubted, and says of no value that it is wrong:"
-
 INVALID: Mapping[Outcome, str] = {
     Outcome.ABORTED: (
         "INVALID: the referee aborted this run. It has no indicators and counts for nothing; it "

@@ -23,6 +23,7 @@ from madrob_console.cli.main import main
 from madrob_console.cli.repairing import repair_all
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold
+from madrob_console.export.pack import KnownRun
 from madrob_console.pages.competition import competition_standings
 from madrob_console.pages.surroundings import made_of
 from madrob_console.referee.acts import Act, AddNote, Finalise, MarkIncident, Reissue, Rule, Start
@@ -234,6 +235,7 @@ def test_a_cut_between_journal_and_result_ends_in_what_the_journal_says(
         assert run.repairable
         assert "is not what the journal says" in (run.problem or "")
         assert not run.valid
+        assert KnownRun.of(folder).damaged  # in a zip
         standings = competition_standings([run], made=0.0, official=False)
         assert not standings.groups
         found = {difference.what for difference in check_run(RunPath(folder)).found}

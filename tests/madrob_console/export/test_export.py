@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -29,7 +28,7 @@ from madrob_console.archive.folders import run_folder_names
 from madrob_console.cli.main import main
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import open_plain
+from madrob_console.common.files import Hold, open_plain
 from madrob_console.export import pack, zip_file
 from madrob_console.export.dossier import protest_lines
 from madrob_console.export.foxglove_layout import HandleZero, foxglove_layout
@@ -53,6 +52,7 @@ from madrob_console.referee.evidence_account import (
     EvidenceLoss,
     RecordedTopic,
 )
+from madrob_console.referee.journal import HOLD_FILE
 from madrob_console.referee.records import Protest, RemovedEvidence
 from madrob_console.referee.run import Run
 from madrob_console.testbeds.simulated import Scenario
@@ -93,7 +93,6 @@ def root(tmp_path: Path) -> Path:
     for hour, (subject, number) in enumerate([(3, 1), (4, 1), (3, 2), (3, 3)]):
         run = summary(subject, run_number=number, hour=hour, team=f"Team {subject}")
         folder = write(root, run).parent
-        (folder / "journal.jsonl").write_text("{}\n")
         (folder / f"{folder.name}_0.mcap").write_bytes(os.urandom(300))
         (folder / "metadata.yaml").write_text("bag\n")
         (folder / f"{folder.name[:28]}_jointState.csv").write_text("time,position\n1,2\n")
@@ -131,8 +130,7 @@ def unpacked(path: Path, target: Path) -> Path:
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
     """An engine works on the run."""
-    with (folder / "journal.jsonl").open("ab") as journal:
-        fcntl.flock(journal, fcntl.LOCK_EX)
+    with Hold(folder / HOLD_FILE):
         yield
 
 
@@ -472,8 +470,9 @@ def test_damaged_run_folders_are_packed_as_they_are(root: Path, tmp_path: Path) 
     (third / "bag_1.mcap").write_bytes(b"")
     os.utime(third / "bag_1.mcap", (0, 0))
     made = export(root)
-    (problem,) = made.problems
-    assert problem.startswith(f"{first.name}: result.json is damaged")
+    damaged, told = made.problems
+    assert damaged.startswith(f"{first.name}: result.json is damaged")
+    assert told.startswith(f"{third.name}: result.json is not what the journal says")
     with zipfile.ZipFile(made.path) as packed:
         assert "result.json is damaged" in packed.read("README.txt").decode()
     home = unpacked(made.path, tmp_path / "home")

@@ -135,6 +135,22 @@ def test_a_table_reads_each_result_once_and_not_again_while_it_stays(
     assert len(read) == len(results)
 
 
+def test_the_folder_one_is_in_is_read_again_when_its_result_changes(
+    archive: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    run = tmp_path / recorded(Scenario.TOUCH_ONLY).name
+    shutil.copytree(next(archive.glob("hall_0/practice/*")), run)
+    monkeypatch.chdir(run)
+    assert len(table(capsys, "runs", ".")) == 1
+    (run / "result.json").unlink()
+    assert main(["table", "runs", "."]) == 2
+    assert "has no result.json" in capsys.readouterr().err
+    assert not (run / ".history.sqlite").exists()
+
+
 def test_indicators_events_and_steps_have_what_the_results_have(
     archive: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

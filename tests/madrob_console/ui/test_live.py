@@ -437,7 +437,8 @@ STORIES: Stories = {
     ],
     "the log shows its newest lines": [
         (acting(say_lines, 50),),
-        ("f3", "system  line 49 [bold]x[/]", no("line 40")),
+        ("f3",),
+        (Driver.look_thrice, "system  line 49 [bold]x[/]", no("line 40")),
     ],
     "an engine that stands still is called silent": [
         (opened(monotonic=partial(next, iter([0.0, 0.0, *[10.0] * 1000]))),),
