@@ -229,6 +229,8 @@ def _differences(where: str, stored: object, recomputed: object) -> Iterator[Dif
             for key, value in recomputed.items():
                 if key in stored:
                     yield from _differences(f"{where}.{key}".lstrip("."), stored[key], value)
+                elif where == "indicators":  # every version stored all of them
+                    yield Difference(f"indicators.{key}.value", None, value["value"])
         case list(), list() if len(stored) == len(recomputed):
             for index, pair in enumerate(zip(stored, recomputed, strict=True)):
                 yield from _differences(f"{where}[{index}]", *pair)

@@ -21,6 +21,7 @@ from madrob_console.referee.journal import Origin
 from madrob_console.referee.run import Phase
 from madrob_console.ui.link import EngineLink
 from scoring.indicator_table import IndicatorName
+from scoring.procedure import UNSETTLED
 from scoring.protocol import Outcome
 
 if TYPE_CHECKING:
@@ -127,7 +128,8 @@ def _run_events(before: Snapshot, now: Snapshot) -> Iterator[tuple[float, str]]:
     run, was = now.run, before.run
     for old, new in zip(before.steps, now.steps, strict=True) if was.active else ():
         if new.final is not None and not old.done:
-            yield new.final, f"step {new.step}, {new.step.text}, is done"
+            so_far = " so far" if new.step in UNSETTLED and now.result is None else ""
+            yield new.final, f"step {new.step}, {new.step.text}, is done{so_far}"
         elif old.done and not new.done:
             yield now.time, f"step {new.step}, {new.step.text}, is open again: {new.reason}"
     if now.result is not None and now.result != before.result:

@@ -14,7 +14,7 @@ from madrob_console.referee.acts import ACTS
 from madrob_console.referee.flags import undecided
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.records import FaultKind
+from madrob_console.referee.records import FaultKind, open_protests
 from madrob_console.referee.run import Phase, Run
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import UNSETTLED
@@ -124,7 +124,7 @@ class PublicResult(msgspec.Struct, frozen=True):
 
     Attributes:
         issue: its number, from 1.
-        final: whether it is signed.
+        final: whether it is signed, and no protest is open.
         valid: whether it counts, for an official run.
         values: of the indicators, in their units; null = there is none.
         doubted: the indicators whose values may be wrong.
@@ -143,7 +143,7 @@ class PublicResult(msgspec.Struct, frozen=True):
         run = snapshot.run
         return cls(
             run.issue,
-            run.phase is Phase.FINAL,
+            run.phase is Phase.FINAL and not open_protests(run.protests),
             run.valid,
             {name: one.value for name, one in result.indicators.items()},
             tuple(name for name, one in result.indicators.items() if one.doubts),

@@ -69,7 +69,7 @@ class ChoreQueue:
     def __init__(self, folder: Path, pause: float = PAUSE) -> None:
         self._folder = folder
         self._pause = pause
-        self._taken: list[Path] = []
+        self._taken: Path | None = None
 
     def put(self, chore: Chore) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -98,24 +98,25 @@ class ChoreQueue:
                 path.unlink()
                 continue
             waiting.setdefault(chore.name, []).append((path, chore))
-        for same in waiting.values():
-            path, chore = same[-1]
+        for *superseded, (path, chore) in waiting.values():
+            for earlier, _ in superseded:
+                earlier.unlink()
             if self._rest(path) == 0:
                 self._set_due(path, self._pause)
-                self._taken = [path for path, _ in same]
+                self._taken = path
                 return chore
         return None
 
     def finish(self) -> None:
         """The chore that was taken is done; what was put meanwhile stays."""
-        for path in self._taken:
-            path.unlink()
-        self._taken = []
+        if self._taken is not None:
+            self._taken.unlink()
+        self._taken = None
 
     def give_back(self) -> None:
         """The chore that was taken, if one was, is due at once."""
-        for path in self._taken:
-            self._set_due(path, 0.0)
+        if self._taken is not None:
+            self._set_due(self._taken, 0.0)
 
     @property
     def rest(self) -> float:

@@ -450,6 +450,8 @@ def _zero(result: ResultDocument) -> HandleZero | None:
 
 def _outcome(result: ResultDocument) -> str:
     final = "not final" if result.closure is None else f"final, {result.closure.team_word}"
+    if result.open_protest is not None:
+        final = "NOT FINAL, a PROTEST is open"
     unofficial = [words for kind, words in _UNOFFICIAL.items() if result.source == kind]
     if not unofficial and result.practice:
         unofficial = ["PRACTICE"]

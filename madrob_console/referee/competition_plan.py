@@ -311,9 +311,12 @@ class _Reader(ListReader):
             )
         if len(self.lines) == MOST_LINES:
             raise MadrobError(f"a plan has {MOST_LINES} lines at most, this one is left out")
-        time = _planned_time(entry.get("time", ""))
+        time = ""
+        try:
+            time = _planned_time(entry.get("time", ""))
+        except MadrobError as error:
+            yield f"{error}; the line counts without it"
         self.lines.append(PlanLine(Task(subject, condition), int(attempts[1]), time))
-        yield from ()
 
 
 def delay(planned: str, at: float) -> float:

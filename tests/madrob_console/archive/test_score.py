@@ -477,6 +477,11 @@ def test_whatever_is_changed_in_a_result_is_found(run: Path) -> None:
     assert set(found(run)) == set(EDITS)
 
 
+def test_indicators_that_are_missing_are_found(run: Path) -> None:
+    change(run, lambda document: document["indicators"].clear())
+    assert set(found(run)) == {f"indicators.{name}.value" for name in IndicatorName}
+
+
 def test_a_difference_is_told_with_both_values(
     run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

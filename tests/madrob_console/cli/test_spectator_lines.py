@@ -117,6 +117,9 @@ def test_a_run_is_told_from_its_set_up_to_its_signature(tmp_path: Path) -> None:
         assert [one.errors for one in (plain, states)] == ["madrob: stopped\n"] * 2
 
     told = [re.sub(r"\d+(?:[.:]\d+)+", "#", line) for line in plain.lines]
+    # a step that can still change is told as one so far, unless the result came with it
+    assert any(line.endswith("step 4, cross the threshold, is done so far") for line in told)
+    told = [line.removesuffix(" so far") for line in told]
     expected = [
         "# watching SIMULATED nominal: no run is set up",
         f"# {WHO} is set up in condition 1: pull, from CCW to CW, No Force",

@@ -385,6 +385,11 @@ def test_a_queue_holds_each_chore_once_the_latest_and_what_comes_meanwhile(tmp_p
     assert queue.take_next() is None
     assert 3590 < queue.rest <= 3600
     assert ChoreQueue(tmp_path / "queue", pause=1.0).take_next() == chore("zip", "2")  # clock set
+    other = ChoreQueue(tmp_path / "other", pause=3600.0)
+    for argument in ("1", "2"):
+        other.put(chore("report", argument))
+    assert other.take_next() == chore("report", "2")
+    assert other.rest > 3590  # the earlier one is superseded
 
 
 @pytest.mark.machine

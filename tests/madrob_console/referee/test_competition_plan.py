@@ -314,11 +314,11 @@ def test_what_goes_on_is_not_what_comes_next() -> None:
         assert [(one.task, one.number) for one in found.upcoming(running)] == following
 
 
-@pytest.mark.parametrize("text", ["soon", "25:00", "14", "2026-11-25"])
-def test_what_is_no_time_is_named(file: Path, text: str) -> None:
+@pytest.mark.parametrize("text", ["soon", "25:00", "14", "2026-11-25", "0226-11-25T14:30"])
+def test_what_is_no_time_is_named_and_its_line_counts_without(file: Path, text: str) -> None:
     found = read(file, f"3,1,2\n4,1,1,{text}\n")
-    assert found.lines == plan((A, 2)).lines
-    why = f"time '{text}' is none: write 14:30 or 2026-11-25T14:30"
+    assert found.lines == plan((A, 2), (Task(4, 1), 1)).lines
+    why = f"time '{text}' is none: write 14:30 or 2026-11-25T14:30; the line counts without it"
     assert found.problems == (f"plan.csv line 2: {why}",)
 
 
