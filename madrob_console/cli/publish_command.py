@@ -53,6 +53,7 @@ def publish(arguments: argparse.Namespace) -> int:
         from madrob_console.config import load_settings
         from madrob_console.pages.publish import (
             SiteNotWrittenError,
+            runs_without_report,
             site_files,
             site_held,
             write_site,
@@ -65,14 +66,14 @@ def publish(arguments: argparse.Namespace) -> int:
         with site_held(site):  # before the runs are read: nobody's older pages come after newer
             found = options.collection(arguments, settings)
             content = _content(arguments, settings, found)
-            files, without = site_files(content)
             with progress("files") as tell:
-                written = write_site(site, files, tell)
+                written = write_site(site, site_files(content), tell)
     except SiteNotWrittenError as error:
         complain(error)
         return os.EX_TEMPFAIL
     made = "no report of its result to show; `madrob report` makes it"
-    name_some([f"{run.folder}: {made}" for run in without], "runs without a report")
+    without = [run.folder for run in runs_without_report(content)]
+    name_some([f"{folder}: {made}" for folder in without], "runs without a report")
     batch.name_practice_alone(content.standings, found)
     with Complaints() as complaints:
         complaints.add_each(found.unlisted)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import groupby, islice
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -21,7 +22,7 @@ from madrob_console.archive.folders import (
     run_stamps,
 )
 from madrob_console.archive.history_index import HistoryIndex
-from madrob_console.archive.result_files import stored_run
+from madrob_console.archive.result_files import StoredRun, stored_run
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.version import software_version
 from madrob_console.export.table_columns import Row, TidyTable, rows_of
@@ -53,6 +54,60 @@ class _ReadRun(NamedTuple):
         return RunPlace(self.found.run.name, told.run_id, told.practice, told.issue)
 
 
+_decoder = msgspec.msgpack.Decoder(_Rows)
+
+
+def read_rows(
+    table: TidyTable, runs: Iterable[FoundRun], read: Callable[[RunPath], StoredRun] = stored_run
+) -> Iterator[bytes | MadrobError]:
+    """The rows of each run, packed, or why there are none; `read`: a result the index has not."""
+    rest = iter(runs)
+    while some := list(islice(rest, _AT_ONCE)):
+        of_root: dict[Path, list[str]] = defaultdict(list)
+        for root, folder in (run.place for run in some):
+            of_root[root].append(folder)
+        stamps: dict[Path, dict[str, bytes]] = {}
+        kept: dict[Path, dict[str, bytes]] = {}
+        fresh: dict[Path, list[tuple[str, bytes, bytes]]] = defaultdict(list)
+        for root, folders in of_root.items():
+            now = stamps[root] = dict(zip(folders, run_stamps(root, folders), strict=True))
+            known = _index_of(root, table).read(folders)
+            kept[root] = {
+                folder: rows for folder, stamp, rows in known if NO_FILES != stamp == now[folder]
+            }
+        for run in some:
+            root, folder = run.place
+            try:
+                if (rows := kept[root].get(folder)) is None:
+                    rows = _packed(table, read(run.run), run.run.name)
+                    if is_run_name(run.folder) and stamps[root][folder] != NO_FILES:
+                        fresh[root].append((folder, stamps[root][folder], rows))
+                yield rows
+            except MadrobError as error:
+                yield error
+        for root, some_rows in fresh.items():
+            _index_of(root, table).store(some_rows)
+
+
+def _index_of(root: Path, table: TidyTable) -> HistoryIndex:
+    return HistoryIndex(root, f"table_{table.name}", software_version())
+
+
+def _packed(table: TidyTable, stored: StoredRun, name: str) -> bytes:
+    place, label = stored.place(name), stored.label
+    cells = tuple(tuple(row.values()) for row in rows_of(table, stored))
+    told = (place.run_id, place.practice, place.issue, label.testbed, label.competition, cells)
+    return msgspec.msgpack.encode(told)
+
+
+def unpacked_rows(table: TidyTable, packed: bytes, place: str) -> Iterator[Row]:
+    """The index does not know by which path, `place`, somebody names its folder."""
+    names = [column.name for column in table.columns]
+    for cells in _decoder.decode(packed).cells:
+        row = dict(zip(names, cells, strict=True))
+        yield {**row, "place": place} if "place" in row else row
+
+
 class ReadRuns:
     """The runs of a table, whose rows wait in a (temporary) file.
 
@@ -61,47 +116,20 @@ class ReadRuns:
 
     def __init__(self, table: TidyTable, file: BinaryIO) -> None:
         self._table = table
-        self._names = [column.name for column in table.columns]
         self._file = file
         self._runs: list[_ReadRun] = []
-        self._decoder = msgspec.msgpack.Decoder(_Rows)
 
-    def add_runs(self, runs: Iterable[FoundRun]) -> Iterator[str | None]:
+    def add_runs(self, runs: Sequence[FoundRun]) -> Iterator[str | None]:
         """Reads the result of each run that the index does not have; why it cannot, in words."""
-        for root, within in groupby(runs, key=lambda run: run.place[0]):
-            index = HistoryIndex(root, f"table_{self._table.name}", software_version())
-            while some := list(islice(within, _AT_ONCE)):
-                yield from self._add_some(root, index, some)
-
-    def _add_some(
-        self, root: Path, index: HistoryIndex, runs: Sequence[FoundRun]
-    ) -> Iterator[str | None]:
-        folders = [run.place[1] for run in runs]
-        kept = {folder: (stamps, rows) for folder, stamps, rows in index.read(folders)}
-        fresh = []
-        for run, folder, now in zip(runs, folders, run_stamps(root, folders), strict=True):
-            stamps, packed = kept.get(folder, (b"", b""))
-            try:
-                if now == NO_FILES or stamps != now:
-                    packed = self._packed(run.run)
-                    if now != NO_FILES and is_run_name(run.folder):
-                        fresh.append((folder, now, packed))
-                self._add_rows(run, packed)
-                yield None
-            except MadrobError as error:
-                yield str(error)
-        if fresh:
-            index.store(fresh)
-
-    def _packed(self, run: RunPath) -> bytes:
-        stored = stored_run(run)
-        place, label = stored.place(run.name), stored.label
-        cells = tuple(tuple(row.values()) for row in rows_of(self._table, stored))
-        told = (place.run_id, place.practice, place.issue, label.testbed, label.competition, cells)
-        return msgspec.msgpack.encode(told)
+        for run, packed in zip(runs, read_rows(self._table, runs), strict=True):
+            if isinstance(packed, MadrobError):
+                yield str(packed)
+                continue
+            self._add_rows(run, packed)
+            yield None
 
     def _add_rows(self, run: FoundRun, packed: bytes) -> None:
-        rows = self._decoder.decode(packed)
+        rows = _decoder.decode(packed)
         texts = sys.intern(rows.testbed), sys.intern(rows.competition)
         told = _Rows(rows.run_id, rows.practice, rows.issue, *texts)
         self._runs.append(_ReadRun(run, told, self._file.tell(), len(packed)))
@@ -132,10 +160,7 @@ class ReadRuns:
             wanted = testbed in (None, told.testbed) and competition in (None, told.competition)
             if counts and wanted:
                 self._file.seek(run.begin)
-                packed = self._decoder.decode(self._file.read(run.size))
-                rows = (dict(zip(self._names, cells, strict=True)) for cells in packed.cells)
-                # the index does not know by which path somebody names its folder
-                yield [{**row, "place": place} if "place" in row else row for row in rows]
+                yield list(unpacked_rows(self._table, self._file.read(run.size), place))
 
     def _counting(self) -> dict[str, str]:
         known = [run.told.run_id for run in self._runs if run.told.run_id]

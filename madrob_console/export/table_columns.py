@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from enum import Enum, StrEnum
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from madrob_console.common.names import valid_text
+
 if TYPE_CHECKING:
     from madrob_console.archive.result_files import StoredRun
 
@@ -216,10 +218,14 @@ RUNS = TidyTable(
             CellKind.TEXT,
             "",
             "name of its folder; tables of samples call it run",
-            lambda run, _: run.folder.name,
+            lambda run, _: valid_text(run.folder.name),
         ),
         TidyColumn(
-            "place", CellKind.TEXT, "", "path of its folder", lambda run, _: str(run.folder)
+            "place",
+            CellKind.TEXT,
+            "",
+            "path of its folder",
+            lambda run, _: valid_text(str(run.folder)),
         ),
         TidyColumn(
             "source",

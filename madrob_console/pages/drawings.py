@@ -1,43 +1,20 @@
 """What `templates/drawings.html` draws: scales, boxes of teams, curves over a day.
 
 A drawing is as wide as its place: widths are in percent of it, letters and heights in pixels, on a
-phone and on a wide screen alike. Figures by matplotlib get the page's colours.
+phone and on a wide screen alike.
 """
 
 from __future__ import annotations
 
 import math
-import re
 import statistics
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby, pairwise
 from operator import attrgetter
-from typing import NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
-from markupsafe import Markup
-
-from scoring.figures.run_drawings import BAND, BLUE, GREY, ORANGE, RED, Interval
-
-_NAMES: Mapping[str, str] = {
-    "#ffffff": "paper",
-    "#000000": "ink",
-    BAND: "band",
-    ORANGE: "orange",
-    BLUE: "blue",
-    RED: "red",
-    GREY: "grey",
-}
-"""As `report.css` calls them."""
-
-_COLOUR = re.compile("|".join(_NAMES))
-_NAMESPACE = re.compile(r' xmlns(:xlink)?="[^"]*"')
-
-
-def themed(figure: str) -> Markup:
-    """A figure as a part of a page, with the page's colours, which may be dark."""
-    part = _NAMESPACE.sub("", figure)
-    return Markup(_COLOUR.sub(lambda found: f"var(--{_NAMES[found[0]]})", part))
-
+if TYPE_CHECKING:
+    from scoring.figures.run_drawings import Interval
 
 FAILED = "\N{MULTIPLICATION SIGN}"
 
@@ -46,6 +23,9 @@ FEWEST_FOR_A_BOX = 5
 
 MOST_POINTS = 20
 """Of one team: more values are drawn as a box alone."""
+
+MOST_TEAMS = 20
+"""On one page with all that is told of them; of more teams a box has no points."""
 
 _ROOM = 0.08
 _NARROWEST = 230.0  # px: on a phone, beside the names of the lanes

@@ -99,7 +99,12 @@ def standings_csv(found: CompetitionStandings) -> str:
 
 
 def standings_json(found: CompetitionStandings, software: str) -> bytes:
-    document = {
+    document = msgspec.json.encode(standings_document(found, software))
+    return msgspec.json.format(document, indent=2) + b"\n"
+
+
+def standings_document(found: CompetitionStandings, software: str) -> dict[str, Any]:
+    return {
         "format": FORMAT,
         "software": f"madrob-console {software}",
         "made": found.made,
@@ -164,7 +169,6 @@ def standings_json(found: CompetitionStandings, software: str) -> bytes:
             for run, why in found.left_out
         ],
     }
-    return msgspec.json.format(msgspec.json.encode(document), indent=2) + b"\n"
 
 
 def _rows(

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, cached_property, lru_cache, partial
 from hashlib import sha256
 from io import BytesIO
 from itertools import zip_longest
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from tempfile import TemporaryFile
 from typing import BinaryIO
 
@@ -24,10 +25,9 @@ from madrob_console.archive.folders import (
     PICTURES_FOLDER,
     PICTURES_INDEX,
     RESULT_FILE,
-    RunPath,
+    FoundRun,
 )
 from madrob_console.archive.history import RunSummary
-from madrob_console.archive.result_files import stored_run
 from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import (
@@ -40,19 +40,18 @@ from madrob_console.common.files import (
     refusal,
     stamp_of,
 )
-from madrob_console.export.table_columns import RUN_TABLES, TableFormat, TidyTable, rows_of
+from madrob_console.export.table_columns import RUN_TABLES, TableFormat, TidyTable
 from madrob_console.pages.competition import plan_json
-from madrob_console.pages.outputs import standings_csv, standings_json
+from madrob_console.pages.outputs import standings_csv, standings_document, standings_json
 from madrob_console.pages.site_content import (
     ListPage,
     SiteContent,
     beside,
-    condition_place,
     team_place,
 )
 from madrob_console.pages.site_pages import (
     Links,
-    condition_page,
+    condition_pages,
     overview_page,
     plan_pages,
     sources_of_day,
@@ -164,7 +163,7 @@ def write_site(
     the files that others link to first; raises as `site_held`.
     """
     try:
-        return _write(folder, {file.name: file for file in files}, tell)
+        return _write(folder, files, tell)
     except OSError as error:
         raise _refused(folder, error) from None
     except SiteRefusedError:
@@ -179,24 +178,29 @@ def _refused(folder: Path, error: OSError) -> SiteNotWrittenError:
     )
 
 
-def _write(
-    folder: Path, files: Mapping[str, SiteFile], tell: Callable[[int, int], None]
-) -> Written:
-    before = _known(folder)
-    _refuse_links(folder, {*before, *files})
-    for name in files:
-        if name not in before and (folder / name).exists():
-            raise SiteRefusedError(f"{folder / name}: is not of `madrob publish`; move it away")
-    changed = [
-        file for file in files.values() if before.get(file.name) != _as_written(folder, file)
-    ]
+def _write(folder: Path, files: Iterable[SiteFile], tell: Callable[[int, int], None]) -> Written:
+    before = _known(folder)  # in the end what is to be removed
+    _refuse_links(folder, before)
+    known: dict[str, str] = {}
+    changed: deque[SiteFile] = deque()
+    for file in files:  # of an unchanged one no more than this is kept in memory
+        was = before.pop(file.name, None)
+        if was is None and (folder / file.name).exists():
+            raise SiteRefusedError(
+                f"{folder / file.name}: is not of `madrob publish`; move it away"
+            )
+        known[file.name] = was or ""
+        if was != _as_written(folder, file):
+            changed.append(file)
+    _refuse_links(folder, (file.name for file in changed))
     written, unread = 0, []
-    gone = [name for name in before if name not in files]
-    if changed or gone:  # first whose the files are: one that is cut off leaves none to nobody
-        known = {**before, **{file.name: "" for file in changed}}
-        _note(folder, known)
-        for number, file in enumerate(changed):
-            tell(number, len(changed))
+    if changed or before:  # first whose the files are: one that is cut off leaves none to nobody
+        known.update((file.name, "") for file in changed)
+        _note(folder, {**before, **known})
+        total = len(changed)
+        while changed:  # nor of a written one
+            tell(total - len(changed), total)
+            file = changed.popleft()
             try:
                 written += _put(folder, file.name, file.make())
             except SourceUnreadError as error:
@@ -204,12 +208,11 @@ def _write(
                 _remove(folder, file.name)  # it is older than what it is made of
                 continue
             known[file.name] = _as_written(folder, file) if file.whole() else ""
-        tell(len(changed), len(changed))
-        for name in gone:
+        tell(total, total)
+        for name in before:
             _remove(folder, name)
-            del known[name]
         _note(folder, known)
-    return Written(len(files), written, len(gone), unread)
+    return Written(len(known), written, len(before), unread)
 
 
 def _as_written(folder: Path, file: SiteFile) -> str:
@@ -223,10 +226,15 @@ def _digest(text: str) -> str:
 
 def _refuse_links(folder: Path, names: Iterable[str]) -> None:
     """Refuse links, which could lead a page, or its removal, out of the site."""
-    within = {parent for name in names for parent in PurePosixPath(name).parents if parent.name}
-    for parent in sorted(folder / parent for parent in within):
-        if parent.is_symlink():
-            raise SiteRefusedError(f"{parent}: is a link, which leads out of the site; remove it")
+    within: set[str] = set()
+    for name in names:
+        while (name := name.rpartition("/")[0]) and name not in within:
+            within.add(name)
+    for parent in sorted(within):
+        if os.path.islink(f"{folder}/{parent}"):  # noqa: PTH114  of a hundred thousand
+            raise SiteRefusedError(
+                f"{folder / parent}: is a link, which leads out of the site; remove it"
+            )
 
 
 def _put(folder: Path, name: str, content: bytes | BinaryIO) -> bool:
@@ -277,8 +285,8 @@ def _known(folder: Path) -> dict[str, str]:
     return {name: one for name, one in found.files.items() if _NAME.fullmatch(name)}
 
 
-def _note(folder: Path, files: Mapping[str, str]) -> None:
-    atomic_write(folder / MANIFEST_FILE, msgspec.json.encode(_Manifest(dict(files))) + b"\n")
+def _note(folder: Path, files: dict[str, str]) -> None:
+    atomic_write(folder / MANIFEST_FILE, msgspec.json.encode(_Manifest(files)) + b"\n")
 
 
 def _remove(folder: Path, name: str) -> None:
@@ -303,7 +311,7 @@ class RunTables:
         self._content = content
         self._files: dict[str, BinaryIO] = {}
 
-    @property
+    @cached_property
     def key(self) -> str:
         content, told = self._content, sha256(self._content.software.encode())
         for run in content.with_result:
@@ -317,7 +325,10 @@ class RunTables:
         return self._files.pop(table.name)
 
     def _write(self) -> None:
-        from madrob_console.export.rows import TableWriter  # it loads pandas
+        # they load numpy, which a site without new runs does without
+        from madrob_console.archive.result_files import stored_run
+        from madrob_console.export.read_runs import read_rows, unpacked_rows
+        from madrob_console.export.rows import TableWriter
 
         self._files = {table.name: TemporaryFile() for table in RUN_TABLES}  # noqa: SIM115
         with ExitStack() as stack:
@@ -325,42 +336,51 @@ class RunTables:
                 stack.enter_context(closing(TableWriter(file, table, TableFormat.CSV)))
                 for table, file in zip(RUN_TABLES, self._files.values(), strict=True)
             ]
-            for run in self._content.with_result:
-                try:
-                    stored = stored_run(RunPath(self._content.source(run)))
-                    found = [list(rows_of(table, stored)) for table in RUN_TABLES]
-                except MadrobError:
+            read = lru_cache(maxsize=1)(stored_run)  # of all tables, which go on together
+            rows = [read_rows(table, self._found, read) for table in RUN_TABLES]
+            for run, *found in zip(self._content.with_result, *rows, strict=True):
+                whole = [packed for packed in found if isinstance(packed, bytes)]
+                if len(whole) < len(found):
                     self.whole = False  # it changes just now: the next time it is there
                     continue
                 place = self._content.folder_of(run)  # no path of this machine
-                for writer, rows in zip(writers, found, strict=True):
-                    writer.write_rows({**row, "place": place} for row in rows)
+                for writer, table, packed in zip(writers, RUN_TABLES, whole, strict=True):
+                    writer.write_rows(unpacked_rows(table, packed, place))
+
+    @property
+    def _found(self) -> Iterator[FoundRun]:
+        within = cache(Path)
+        for run in self._content.with_result:
+            folder, name = os.path.split(self._content.source(run))
+            yield FoundRun(within(folder), name)
 
 
-def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
-    """All files, those that others link to first; and the runs without a report to show."""
-    files: list[SiteFile] = []
+def runs_without_report(content: SiteContent) -> list[RunSummary]:
+    return [run for run in content.with_result if run.folder not in content.places]
+
+
+def site_files(content: SiteContent) -> Iterator[SiteFile]:
+    """All files, those that others link to first."""
     around = Surroundings()
     for run in content.with_result:
-        files += _of_run(content, run, around)
-    files += _tables(content)
+        yield from _of_run(content, run, around)
+    yield from _tables(content)
     for subject in content.of_team:
         days = team_days(content, subject)
         for day in days:
             key = _key(content.software, *sources_of_day(content, subject, day))
-            files.append(SiteFile(day.place, key, partial(_day, content, subject, day)))
-        files.append(SiteFile.of(team_place(subject), team_page(content, subject, days)))
-    files += [
-        SiteFile.of(condition_place(one), condition_page(content, one))
-        for one in content.conditions
-    ]
+            yield SiteFile(day.place, key, partial(_day, content, subject, day))
+        yield SiteFile.of(team_place(subject), team_page(content, subject, days))
+    for number in content.conditions:
+        for place, text in condition_pages(content, number):
+            yield SiteFile.of(place, text)
     if content.plan is not None:
-        files += [SiteFile.of(place, text) for place, text in plan_pages(content, content.plan)]
+        for place, text in plan_pages(content, content.plan):
+            yield SiteFile.of(place, text)
     written = date_text(content.standings.made)
     # that it is later now is alone no reason to write it again
     pages = overview_page(content, written), overview_page(content, "")
-    files.append(SiteFile.of(INDEX_PAGE, *pages))
-    return files, [run for run in content.with_result if run.folder not in content.places]
+    yield SiteFile.of(INDEX_PAGE, *pages)
 
 
 def _day(content: SiteContent, subject: int, day: ListPage[RunSummary]) -> bytes:
@@ -400,7 +420,7 @@ def _report(content: SiteContent, run: RunSummary, around: Surroundings) -> byte
     from madrob_console.archive.scored import score_once
     from madrob_console.pages.report import report_html
 
-    folder, page = content.source(run), partial(_page_of, content, run)
+    folder, page = Path(content.source(run)), partial(_page_of, content, run)
     try:
         scored = score_once(folder)
         place = around.among(content.root, run.folder, content.runs, scored, page)
@@ -411,7 +431,7 @@ def _report(content: SiteContent, run: RunSummary, around: Surroundings) -> byte
 
 
 def _result(content: SiteContent, run: RunSummary) -> bytes:
-    path = content.source(run) / RESULT_FILE
+    path = Path(content.source(run), RESULT_FILE)
     try:
         return read_all(path, LARGEST_RESULT)
     except OSError as error:  # it may be gone since the runs were listed
@@ -426,11 +446,9 @@ def _tables(content: SiteContent) -> Iterator[SiteFile]:
         yield SiteFile(f"data/{table.name}.csv", tables.key, make, lambda: tables.whole)
     yield SiteFile.of("data/standings.csv", standings_csv(content.standings))
     undated = replace(content.standings, made=0.0)
-    yield SiteFile.of(
-        "data/standings.json",
-        standings_json(content.standings, content.software).decode(),
-        standings_json(undated, content.software).decode(),
-    )
+    told = msgspec.json.encode(standings_document(undated, content.software))
+    write = partial(standings_json, content.standings, content.software)
+    yield SiteFile("data/standings.json", sha256(told).hexdigest(), write)
     if content.plan is not None:
         competition = content.standings.title
         made = plan_json(content.plan, competition, content.names, content.software)

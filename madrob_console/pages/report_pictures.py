@@ -10,9 +10,17 @@ from markupsafe import Markup, escape
 
 from madrob_console.archive.scored import Scored
 from madrob_console.common.names import terminal_safe
-from madrob_console.pages.drawings import Scale, rows_of_words, themed
+from madrob_console.pages.drawings import Scale, rows_of_words
 from madrob_console.pages.templates import render
-from scoring.figures.run_drawings import PassageFigure, passage_figure
+from scoring.figures.run_drawings import (
+    BAND,
+    BLUE,
+    GREY,
+    ORANGE,
+    RED,
+    PassageFigure,
+    passage_figure,
+)
 from scoring.indicator_table import FigureName, IndicatorName, Quantity
 
 NO_MATPLOTLIB = "they need matplotlib: install madrob-console with its extra `report`"
@@ -67,3 +75,24 @@ def inline(document: str, number: int, alternative: str) -> Markup:
     picture = picture.replace("xlink:href=", "href=")
     spoken = escape(terminal_safe(alternative))
     return themed(picture.replace("<svg", f'<svg role="img" aria-label="{spoken}"', 1))
+
+
+_NAMES: Mapping[str, str] = {
+    "#ffffff": "paper",
+    "#000000": "ink",
+    BAND: "band",
+    ORANGE: "orange",
+    BLUE: "blue",
+    RED: "red",
+    GREY: "grey",
+}
+"""As `report.css` calls them."""
+
+_COLOUR = re.compile("|".join(_NAMES))
+_NAMESPACE = re.compile(r' xmlns(:xlink)?="[^"]*"')
+
+
+def themed(figure: str) -> Markup:
+    """A figure as a part of a page, with the page's colours, which may be dark."""
+    part = _NAMESPACE.sub("", figure)
+    return Markup(_COLOUR.sub(lambda found: f"var(--{_NAMES[found[0]]})", part))

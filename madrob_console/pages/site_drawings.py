@@ -11,6 +11,7 @@ from madrob_console.pages.drawings import (
     FAILED,
     FEWEST_FOR_A_BOX,
     MOST_POINTS,
+    MOST_TEAMS,
     BoxRow,
     DayCurve,
     DayPoint,
@@ -23,7 +24,8 @@ from scoring.protocol import Outcome
 from scoring.result import value_text
 
 BOXES_NOTE = (
-    f"Circles: completed runs, of a team with up to {MOST_POINTS}. "
+    f"Circles: completed runs, of a team with up to {MOST_POINTS}; of more than {MOST_TEAMS} teams "
+    "only where there is no box. "
     f"From {FEWEST_FOR_A_BOX} of them on a box has their middle half, its "
     "thick line is the median, the thin one goes from the smallest to the largest. "
     f"{FAILED}: runs that failed, in no box and, where they lie beyond the scale, at its edge. "

@@ -21,6 +21,7 @@ from madrob_console.pages.competition import (
     summary_words,
     why_left_out,
 )
+from madrob_console.pages.drawings import MOST_TEAMS
 from madrob_console.pages.notes import MANUAL_START_NOTE, NO_UNCERTAINTY_NOTE, UNCERTAINTY_NOTE
 from madrob_console.pages.outputs import MEANS, NOTES_OF_PAGES
 from madrob_console.pages.site_content import (
@@ -67,6 +68,9 @@ DOWNLOADS = {
 }
 
 _LATEST, _NEXT = 8, 3
+
+_SECTIONS = {".": "The best run of each team", "_runs.": "All valid runs", "_means.": "Means"}
+"""Of a condition's page; by the end of the name of the page that each has if they are long."""
 
 _MOST_CELLS = 240
 """Teams times conditions in one table: a larger one is too wide for any screen."""
@@ -245,17 +249,29 @@ def _plan_page(
     )
 
 
-def condition_page(content: SiteContent, number: int) -> str:
-    """All teams in a condition beside each other."""
+def condition_pages(content: SiteContent, number: int) -> Iterator[tuple[str, str]]:
+    """Places and pages: all teams in a condition beside each other; many on a page a section."""
     place, condition = condition_place(number), Condition.from_number(number)
-    links = Links(content, place)
-    groups = [
-        _group(content, links, group, condition)
-        for group in content.standings.groups
-        if condition in group.conditions
-    ]
-    tab = f"Condition {number}, {condition.benchmark_type}"
-    return _page("condition.html", content, place, tab, condition=condition, groups=groups)
+    name = f"Condition {number}, {condition.benchmark_type}"
+    groups = [group for group in content.standings.groups if condition in group.conditions]
+    told = [_group(content, Links(content, place), group, condition) for group in groups]
+    many = max(len(group.conditions[condition]) for group in groups) > MOST_TEAMS
+    found = [ListPage(place.replace(".", end), words, [words]) for end, words in _SECTIONS.items()]
+    for sheet in found if many else [ListPage(place, "", [*_SECTIONS.values()])]:
+        yield (
+            sheet.place,
+            _page(
+                "condition.html",
+                content,
+                sheet.place,
+                ", ".join(filter(None, (name, sheet.words))),
+                condition=condition,
+                name=name,
+                groups=told,
+                shown=sheet.items,
+                sheets=found if many else [],
+            ),
+        )
 
 
 def _group(
@@ -276,7 +292,7 @@ def _group(
             (run, [links.team(run.subject), links.run(run, f"run {run.run_number}")])
             for run in having
         ],
-        "boxes": list(boxes({one.subject: runs[one.subject] for one in ordered}, content.who)),
+        "boxes": boxes({one.subject: runs[one.subject] for one in ordered}, content.who),
     }
 
 
@@ -302,11 +318,10 @@ def sources_of_day(
     links = Links(content, day.place)
     yield from (content.title, content.standings.title, day.words, links.ways())
     yield links.team(subject)
-    yield _testbeds(content, subject)
+    yield from (_testbeds(content, subject), content.conditions)
     for run in day.items:
         yield msgspec.msgpack.encode(run)
         yield content.places.get(run.folder)
-        yield links.condition(run.condition)
 
 
 def _best_of_each(runs: Sequence[RunSummary]) -> list[RunSummary]:

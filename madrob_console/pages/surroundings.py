@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
@@ -22,12 +23,14 @@ from madrob_console.archive.result_reader import (
     read_result,
     read_sound_result,
 )
-from madrob_console.archive.scored import Scored
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import read_bounded, stamp_of
 from madrob_console.pages.templates import NOTHING
 from madrob_console.referee.records import JournalMark
-from scoring.figures.run_drawings import PhaseTimes, phases_of
+
+if TYPE_CHECKING:
+    from madrob_console.archive.scored import Scored
+    from scoring.figures.run_drawings import PhaseTimes
 
 # Whether a report is of the result that lies beside it.
 
@@ -203,6 +206,8 @@ class Surroundings:
         return self._runs[root]
 
     def _phases_of(self, folder: Path) -> PhaseTimes | None:
+        from scoring.figures.run_drawings import phases_of  # it loads numpy
+
         if folder not in self._phases:
             result = read_sound_result(str(folder))
             phases: PhaseTimes | None = None

@@ -13,7 +13,7 @@ from markupsafe import Markup, escape
 
 from madrob_console.archive.history import condition_words
 from madrob_console.common.names import terminal_safe
-from madrob_console.pages.drawings import FAILED
+from madrob_console.pages.drawings import FAILED, MOST_TEAMS
 from madrob_console.referee.acts.during import RULED
 from scoring.indicator_table import unit_text
 from scoring.protocol import Condition
@@ -74,6 +74,7 @@ _FILTERS: Mapping[str, Any] = {
 _GLOBALS: Mapping[str, Any] = {
     "condition_words": condition_words,
     "failed_mark": FAILED,
+    "most_teams": MOST_TEAMS,
     "ruled": RULED,
     "uncertainty_text": uncertainty_text,
     "unit_text": unit_text,

@@ -14,6 +14,7 @@ from madrob_console.pages.drawings import (
     FAILED,
     FEWEST_FOR_A_BOX,
     MOST_POINTS,
+    MOST_TEAMS,
     BoxRow,
     DayCurve,
     DayPoint,
@@ -102,6 +103,8 @@ def test_few_values_are_points_and_many_a_box(
     assert (svg.count("<circle"), svg.count("<rect")) == (points, boxes_drawn)
     if boxes_drawn:
         assert 'x1="50.0%" x2="50.0%"' in svg  # the median
+    many = boxes(*[BoxRow("", values)] * (MOST_TEAMS + 1))
+    assert many.count("<circle") == (0 if boxes_drawn else points * (MOST_TEAMS + 1))
 
 
 def test_where_nobody_completed_the_failed_ones_make_the_scale() -> None:

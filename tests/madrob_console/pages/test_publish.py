@@ -19,6 +19,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import madrob_console.archive.result_files
 import madrob_console.archive.scored
 import madrob_console.pages.publish
 import madrob_console.pages.site_pages
@@ -31,11 +32,13 @@ from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import read_all
 from madrob_console.pages.competition import competition_standings
+from madrob_console.pages.drawings import FEWEST_FOR_A_BOX, MOST_TEAMS
 from madrob_console.pages.publish import (
     SiteFile,
     SiteNotWrittenError,
     SiteRefusedError,
     Written,
+    runs_without_report,
     site_files,
     site_held,
     write_site,
@@ -287,6 +290,21 @@ def test_many_runs_of_a_team_are_on_pages_of_their_days_and_none_is_lost(results
     assert sum(after[f"teams/{day.name}"] != before[f"teams/{day.name}"] for day in days) <= 1
 
 
+def test_many_teams_of_a_condition_have_a_page_a_section_and_none_is_lost(results: Path) -> None:
+    for subject in range(100, 100 + 3 * MOST_TEAMS):
+        for number in range(1, FEWEST_FOR_A_BOX + 1):
+            write(results, of(subject, number, own={TIME: 100.0 + number}, team=f"Team {subject}"))
+    site = publish(results)
+    sections = [site / f"conditions/07{end}.html" for end in ("", "_runs", "_means")]
+    for section, title in zip(sections, ("The best run", "All valid runs", "Means"), strict=True):
+        text = section.read_text()
+        assert re.findall("<h2>(.*?)</h2>", text)[0].startswith(title)
+        assert {other.name for other in sections} <= set(Page(section).found("href"))
+        assert len(re.sub("(?s)<svg.*?</svg>", "", text).encode()) <= 100_000
+        for subject in range(100, 100 + 3 * MOST_TEAMS):
+            assert f"Team {subject}" in text
+
+
 def test_a_long_plan_is_on_pages_of_its_days_and_none_of_its_lines_is_lost(results: Path) -> None:
     write(results, of(2, 2, protest_filed=EPOCH))
     lines = [f"{n},7,1,2026-11-{25 + n % 2}T10:00" for n in range(1, MOST_LINES + 2)]
@@ -453,9 +471,8 @@ def test_whatever_results_say_there_are_pages(runs: list[RunSummary]) -> None:
         names={},
         software="1",
     )
-    files, without = site_files(content)
-    assert without == list(runs)
-    names = {file.name for file in files}
+    names = {file.name for file in site_files(content)}
+    assert runs_without_report(content) == list(runs)
     assert {team_place(run.subject) for run in runs} <= names
     assert {condition_place(run.condition) for run in runs} <= names
     assert set(content.places.values()) <= names
@@ -700,7 +717,7 @@ def test_a_run_that_could_not_be_read_once_is_in_the_tables_the_next_time(
         return len((results.parent / "site/data/runs.csv").read_text().splitlines()) - 1
 
     with monkeypatch.context() as patched:
-        patched.setattr(madrob_console.pages.publish, "stored_run", read)
+        patched.setattr(madrob_console.archive.result_files, "stored_run", read)
         publish(results)
         assert rows() == len(RUNS) - 2  # without practice and this one
     publish(results)
