@@ -40,9 +40,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """What only computes takes a process for each core; what needs the machine mostly waits."""
+    """What computes takes a process for each core; screens wait, and the machine waits more."""
     cores = len(os.sched_getaffinity(0))
-    return max(6, cores) if "machine" in str(config.getoption("-m")) else cores
+    asked = str(config.getoption("-m"))
+    return cores if asked == "pure" else max(6 if "machine" in asked else 4, cores)
 
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` picks

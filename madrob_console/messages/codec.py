@@ -247,9 +247,8 @@ def _passage_builder(mapping: TopicMapping) -> _Build:
 
 
 def describe_topic(types: MessageTypes, name: str, type_name: str, qos: Qos | None = None) -> Topic:
-    return Topic(
-        name, type_name, types.definition(type_name), types.type_hash(type_name), qos or Qos()
-    )
+    definition = types.definition(type_name) or "\n"  # some readers of bags refuse an empty one
+    return Topic(name, type_name, definition, types.type_hash(type_name), qos or Qos())
 
 
 def referee_topics(types: MessageTypes) -> tuple[Topic, ...]:

@@ -87,13 +87,11 @@ class MessageTypes:
             ) from None
 
     def definition(self, type_name: str) -> str:
-        """The type's `ros2msg` text with every nested definition appended.
-
-        That of a type without fields is a line break: readers of bags refuse an empty one.
-        """
+        """The type's `ros2msg` text with every nested definition appended."""
         self.fields(type_name)
-        given = self._given.get(type_name)
-        return given or self._store.generate_msgdef(type_name, ros_version=2)[0] or "\n"
+        return (
+            self._given.get(type_name) or self._store.generate_msgdef(type_name, ros_version=2)[0]
+        )
 
     def type_hash(self, type_name: str) -> str:
         """The type's `RIHS01_...` hash; empty where rosbags would compute a wrong one."""
