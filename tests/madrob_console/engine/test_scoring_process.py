@@ -369,8 +369,13 @@ def test_a_process_without_memory_leaves_the_run_safe_and_the_engine_alive(
             drive.verify()
         else:
             drive.start(make_setup(timeout=2.0, run_number=2))
-            unfinished = [run.folder for run in drive.engine.snapshot().unfinished]
-            assert unfinished == [f"practice/{folder.name}"]
+
+            def is_named() -> bool:  # once the results folder was looked through
+                drive.look()
+                unfinished = [run.folder for run in drive.engine.snapshot().unfinished]
+                return unfinished == [f"practice/{folder.name}"]
+
+            until(is_named, 60.0)
             assert next(score(folder)).result.outcome == "timeout"
             poor.unlink()
             drive.finish()
