@@ -115,7 +115,7 @@ def low_pass(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> Arr
                 sections = _sections(ruleset, interval)
                 for stretch in _filtered_stretches(joint, ruleset, thresholds):
                     filtered[stretch] = signal.sosfiltfilt(sections, joint.acceleration[stretch])
-    return _or_nan(filtered)
+    return or_nan(filtered)
 
 
 def low_pass_problem(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> str | None:
@@ -244,7 +244,7 @@ class _Filters:
             mode="constant",  # the edges are dropped: fit nothing there
         )
         half = self.savgol // 2
-        return _or_nan(values[half : smooth.size - half])
+        return or_nan(values[half : smooth.size - half])
 
 
 def _readings(time: Array, position: Array) -> tuple[Array, Array]:
@@ -378,7 +378,7 @@ def _low_pass_design(ruleset: Ruleset, interval: float) -> dict[str, Any]:
     }
 
 
-def _or_nan(values: Array) -> Array:
+def or_nan(values: Array) -> Array:
     return np.where(np.isfinite(values), values, np.nan)
 
 

@@ -20,7 +20,7 @@ class Described(StrEnum):
 
 @command(
     "schema",
-    "the JSON schema of result.json, or of what the referee publishes",
+    "the JSON schema of a result, or of the referee's messages",
     "The events and states are those of /madrob/referee/event and /madrob/referee/state.",
     options=(
         Argument(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from markupsafe import Markup
-
 from madrob_console.archive.history import OUTCOME_WORDS, VOID
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.run_pictures import NO_PICTURES, RunPictures
@@ -35,7 +33,6 @@ from madrob_console.referee.flags import (
     weighty,
 )
 from madrob_console.referee.records import Reissuing
-from madrob_console.referee.run import Run
 from scoring.figures.run_drawings import TimedPhase
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
@@ -109,14 +106,6 @@ def report_html(
         **phases(scored, place),
         **_top(scored),
     )
-
-
-def decisions(run: Run) -> Markup:
-    return render("decisions.html", run=run)
-
-
-def protests(run: Run) -> Markup:
-    return render("protests.html", run=run)
 
 
 def _indicators(found: Mapping[IndicatorName, Indicator]) -> dict[str, object]:

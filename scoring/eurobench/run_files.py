@@ -28,7 +28,7 @@ from scoring.eurobench.run_info import (
     numbers_of,
 )
 from scoring.indicator_table import IndicatorName
-from scoring.kinematics import JointState
+from scoring.kinematics import JointState, or_nan
 from scoring.protocol import Condition, Event, EventName, ScoringError, Thresholds
 from scoring.result import Indicator
 from scoring.rulesets import Ruleset, ruleset
@@ -262,12 +262,12 @@ def run_files(
         f"{prefix}_jointState.csv": _csv(
             {
                 "time": joint.time,
-                "position": _or_nan(joint.position),
-                "velocity": _or_nan(joint.velocity),
-                "acceleration": _or_nan(joint.acceleration),
+                "position": or_nan(joint.position),
+                "velocity": or_nan(joint.velocity),
+                "acceleration": or_nan(joint.acceleration),
             }
         ),
-        f"{prefix}_wrench.csv": _csv({"time": wrench.time, "force_x": _or_nan(wrench.force)}),
+        f"{prefix}_wrench.csv": _csv({"time": wrench.time, "force_x": or_nan(wrench.force)}),
     }
     encoded = {name: text.encode() for name, text in files.items()}
     return encoded | indicator_files(indicators, ruleset(info.ruleset))
@@ -420,7 +420,3 @@ def _cells(values: Sequence[object] | NDArray[np.float64]) -> Sequence[object]:
     if isinstance(values, np.ndarray):
         return ["" if math.isnan(value) else value for value in values.tolist()]
     return values
-
-
-def _or_nan(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.where(np.isfinite(values), values, np.nan)

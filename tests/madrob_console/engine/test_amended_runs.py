@@ -32,7 +32,7 @@ from madrob_console.export.pack import README_FILE, BagParts
 from madrob_console.export.team import export_team
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.pages.competition import competition_standings
-from madrob_console.pages.report import decisions
+from madrob_console.pages.templates import render
 from madrob_console.referee.acts import (
     Abort,
     AcceptDoubts,
@@ -295,7 +295,7 @@ def test_a_corrected_run_is_packed_for_its_team(desk: Desk) -> None:
 def test_the_report_tells_what_was_put_right(desk: Desk) -> None:
     desk.act(Correct(4, PULL, "typed wrongly"), Void("unsafe"), MarkIncident(IncidentKind.FALL))
     desk.take_back()
-    text = re.sub("</?bdi>", "", str(decisions(desk.engine.run)))
+    text = re.sub("</?bdi>", "", render("decisions.html", run=desk.engine.run))
     assert "the run is void: unsafe" in text
     assert "corrected after the stop: subject from 3 to 4; typed wrongly" in text
     assert "fall</del> taken back: my mistake" in text

@@ -34,7 +34,7 @@ from madrob_console.pages.outputs import (
     standings_html,
     standings_json,
 )
-from madrob_console.pages.report import protests
+from madrob_console.pages.templates import render
 from madrob_console.referee.acts import (
     DecideProtest,
     FileProtest,
@@ -158,12 +158,12 @@ def test_a_journal_that_cannot_be_used_is_taken_for_a_protested_one(desk: Desk) 
 
 def test_the_report_tells_who_protested_and_what_was_decided(desk: Desk) -> None:
     desk.act(replace(CROSSED, text="<b>earlier</b>"))
-    told = str(protests(desk.engine.run))
+    told = render("protests.html", run=desk.engine.run)
     assert "&lt;b&gt;earlier&lt;/b&gt;" in told
     assert "OPEN" in told
     assert "6.500 s from the start" in told
     desk.act(UPHELD)
-    told = str(protests(desk.engine.run))
+    told = render("protests.html", run=desk.engine.run)
     assert "UPHELD" in told
     assert "seen on video" in told
 
