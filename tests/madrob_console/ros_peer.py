@@ -83,6 +83,14 @@ class Peer(Connection):
         )
         return heard
 
+    def reaches(self, taker: Taker, topic: str, publishers: int = 1) -> bool:
+        """Both have found each other: what is published before that may be lost."""
+        return taker.matched(topic, publishers) and all(
+            publisher.get_subscription_count()
+            for publisher in self.own.publishers
+            if publisher.topic_name != "/parameter_events"
+        )
+
     def until(self, condition: Callable[[], object], seconds: float = PATIENCE) -> None:
         """Spin until something holds; fails when it never does."""
         ends = time.monotonic() + seconds

@@ -178,7 +178,7 @@ def test_a_launch_file_moves_topics_into_its_namespace_and_gives_them_other_name
     moved = RosSource((latch(),), MessageTypes(), SystemClock(), ros_args=ros_args)
     publisher = peer.publisher("/lab/latch", BOOL)
     with Taker(moved) as taker:
-        peer.until(lambda: taker.matched("/madrob/door/locked"))
+        peer.until(lambda: peer.reaches(taker, "/madrob/door/locked"))
         publisher.publish(truth(True))
         peer.until(lambda: taker.has(1))
         assert taker.taken[0].topic == "/madrob/door/locked"  # as the settings call it

@@ -58,7 +58,7 @@ LOCKED = "/madrob/door/locked"
 def test_messages_arrive_byte_for_byte_with_the_times_of_sending_and_arrival(peer: Peer) -> None:
     publisher = peer.publisher(LOCKED, BOOL)
     with Taker(source()) as taker:
-        peer.until(lambda: taker.matched(LOCKED))
+        peer.until(lambda: peer.reaches(taker, LOCKED))
         before = time.time_ns()
         publisher.publish(truth(True))
         peer.until(lambda: taker.has(1))
@@ -100,7 +100,7 @@ def test_nothing_is_lost_of_ten_topics_at_3000_messages_a_second() -> None:
 def test_a_topic_that_appears_late_is_picked_up(taker: Taker, peer: Peer) -> None:
     assert not taker.matched(LOCKED)
     publisher = peer.publisher(LOCKED, BOOL)
-    peer.until(lambda: taker.matched(LOCKED))
+    peer.until(lambda: peer.reaches(taker, LOCKED))
     publisher.publish(truth(False))
     peer.until(lambda: taker.has(1))
 
@@ -120,7 +120,7 @@ def test_a_topic_of_another_type_is_named_with_both_types(peer: Peer) -> None:
 def test_every_quality_of_service_is_received_and_noted_for_the_bag(peer: Peer, qos: Qos) -> None:
     publisher = peer.publisher(LOCKED, BOOL, qos)
     with Taker(source(latch())) as taker:
-        peer.until(lambda: taker.matched(LOCKED))
+        peer.until(lambda: peer.reaches(taker, LOCKED))
         publisher.publish(truth(True))
         peer.until(lambda: taker.has(1))
         assert taker.source.topics()[0].qos == qos
@@ -136,13 +136,13 @@ def test_the_last_value_of_a_transient_local_topic_is_received_late(peer: Peer) 
 def test_two_publishers_on_one_topic_are_visible_and_make_the_loss_unknown(peer: Peer) -> None:
     publishers = [peer.publisher(LOCKED, BOOL) for _ in range(2)]
     with Taker(source(latch())) as taker:
-        peer.until(lambda: taker.matched(LOCKED, publishers=2))
+        peer.until(lambda: peer.reaches(taker, LOCKED, publishers=2))
         for publisher in publishers:
             publisher.publish(truth(True))
         peer.until(lambda: taker.has(2))
         assert taker.source.status()[0].lost is None
         peer.own.destroy_publisher(publishers[0])
-        peer.until(lambda: taker.matched(LOCKED, publishers=1))
+        peer.until(lambda: peer.reaches(taker, LOCKED, publishers=1))
         peer.until(lambda: taker.source.status()[0].lost == 0)
 
 
@@ -158,12 +158,14 @@ def test_nothing_is_lost_or_doubled_when_a_publisher_with_other_qos_joins(peer: 
             sent += 1
 
     with Taker(source(latch())) as taker:
-        peer.until(lambda: taker.matched(LOCKED))
+        peer.until(lambda: peer.reaches(taker, LOCKED))
         thread = threading.Thread(target=publish)
         thread.start()
         peer.until(lambda: taker.has(1))
         second = peer.publisher(LOCKED, BOOL, BEST_EFFORT)
-        peer.until(lambda: taker.source.topics()[0].qos == BEST_EFFORT and taker.matched(LOCKED, 2))
+        peer.until(
+            lambda: taker.source.topics()[0].qos == BEST_EFFORT and peer.reaches(taker, LOCKED, 2)
+        )
         second.publish(truth(False))
         time.sleep(1.0)  # until only the new subscription is left
         enough.set()
@@ -179,12 +181,12 @@ def test_a_restarted_publisher_is_no_loss(peer: Peer) -> None:
     with Taker(source(latch())) as taker:
         for count in (5, 10):
             publisher = peer.publisher(LOCKED, BOOL)
-            peer.until(lambda: taker.matched(LOCKED))
+            peer.until(lambda: peer.reaches(taker, LOCKED))
             for _ in range(5):
                 publisher.publish(truth(True))
             peer.until(lambda count=count: taker.has(count))  # type: ignore[misc]
             peer.own.destroy_publisher(publisher)
-            peer.until(lambda: taker.matched(LOCKED, publishers=0))
+            peer.until(lambda: peer.reaches(taker, LOCKED, publishers=0))
         assert taker.source.status()[0].lost == 0
 
 
@@ -197,7 +199,7 @@ def test_a_type_that_is_not_installed_is_a_problem_of_its_topic_only(peer: Peer)
             "madrob_msgs/msg/Handle is not installed here: "
             "source the workspace that has madrob_msgs"
         )
-        peer.until(lambda: taker.matched(LOCKED))
+        peer.until(lambda: peer.reaches(taker, LOCKED))
         publisher.publish(truth(True))
         peer.until(lambda: taker.has(1))
 
@@ -257,7 +259,7 @@ def test_a_want_of_memory_is_shown_and_what_comes_later_is_received(
         return True
 
     with Taker(source()) as taker:
-        peer.until(lambda: taker.matched(LOCKED))
+        peer.until(lambda: peer.reaches(taker, LOCKED))
         with monkeypatch.context() as short:
             short.setattr(ros_source, "arrivals", fail)
             peer.until(lambda: published() and any(s.problem for s in taker.source.status()))
@@ -269,7 +271,7 @@ def test_a_want_of_memory_is_shown_and_what_comes_later_is_received(
 def test_what_arrived_before_the_end_can_still_be_taken(peer: Peer) -> None:
     publisher = peer.publisher(LOCKED, BOOL)
     with Taker(source()) as taker:
-        peer.until(lambda: taker.matched(LOCKED))
+        peer.until(lambda: peer.reaches(taker, LOCKED))
         for _ in range(50):
             publisher.publish(truth(True))
         peer.until(lambda: len(taker.source._mailbox._messages) == 50)
@@ -338,12 +340,12 @@ def test_history_that_comes_again_with_another_subscription_is_no_news(peer: Pee
     kept = peer.publisher(LOCKED, BOOL, KEPT)
     other = peer.publisher(LOCKED, BOOL, BEST_EFFORT)
     with Taker(source(latch())) as taker:
-        peer.until(lambda: taker.matched(LOCKED, publishers=2))
+        peer.until(lambda: peer.reaches(taker, LOCKED, publishers=2))
         for value in (True, False, True):
             kept.publish(truth(value))
         peer.until(lambda: taker.has(3))
         peer.own.destroy_publisher(other)
-        peer.until(lambda: taker.source.topics()[0].qos == KEPT and taker.matched(LOCKED))
+        peer.until(lambda: taker.source.topics()[0].qos == KEPT and peer.reaches(taker, LOCKED))
         kept.publish(truth(False))
         peer.until(lambda: taker.has(4))
         time.sleep(1.0)  # whatever comes twice comes now
@@ -356,7 +358,7 @@ def test_qualities_are_those_that_all_publishers_offer(peer: Peer) -> None:
     peer.publisher(LOCKED, BOOL, KEPT)
     peer.publisher(LOCKED, BOOL, RELIABLE)
     with Taker(source(latch())) as taker:
-        peer.until(lambda: taker.matched(LOCKED, publishers=2))
+        peer.until(lambda: peer.reaches(taker, LOCKED, publishers=2))
         assert taker.source.topics()[0].qos == Qos(Reliability.RELIABLE, Durability.VOLATILE)
 
 
