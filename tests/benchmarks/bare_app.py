@@ -1,51 +1,38 @@
-"""The least that Textual can do: one text with a clock, ten times a second, and one key."""
+"""The least that Textual can do: a clock, ten times a second; `--widgets`: in many widgets."""
 
 from __future__ import annotations
 
 import sys
 from datetime import datetime
-from typing import ClassVar
 
 from textual.app import App, ComposeResult
-from textual.binding import BindingType
 from textual.widgets import Static
 
 PERIOD = 0.1
+WIDGETS = 20
 
 
 class BareApp(App[None]):
-    """A clock and the number of times that `k` was pressed."""
+    """So many texts with a clock."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [("k", "count", "count")]
-
-    def __init__(self) -> None:
+    def __init__(self, widgets: int) -> None:
         super().__init__()
-        self._pressed = 0
-        self._text = Static()
+        self._texts = [Static() for _ in range(widgets)]
 
     def compose(self) -> ComposeResult:
-        """One text."""
-        yield self._text
+        yield from self._texts
 
     def on_mount(self) -> None:
-        """Go on."""
         self.show()
         self.set_interval(PERIOD, self.show)
 
     def show(self) -> None:
-        """The time with tenths."""
         now = datetime.now().astimezone()
-        self._text.update(
-            f"clock {now:%H:%M:%S}.{now.microsecond // 100_000} keys {self._pressed}."
-        )
-
-    def action_count(self) -> None:
-        """One more."""
-        self._pressed += 1
-        self.show()
+        for number, text in enumerate(self._texts):
+            text.update(f"clock {now:%H:%M:%S}.{now.microsecond // 100_000}  view {number:2}")
 
 
 if __name__ == "__main__":
-    app = BareApp()
+    app = BareApp(WIDGETS if "--widgets" in sys.argv else 1)
     app.run(mouse=False)
     sys.exit(app.return_code or 0)

@@ -1,42 +1,37 @@
-"""How long a command of a shell makes people wait, beside what its imports take."""
+"""Programs run from their launch to their end, in turns, so that a busy machine hits all alike."""
 
 from __future__ import annotations
 
+import subprocess
 import sys
-import tempfile
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from tests.benchmarks.bags import simulated_run
-from tests.benchmarks.programs import MADROB, in_turns
-from tests.benchmarks.report import Baseline, Figure, Goal
+from tests.benchmarks.report import Figure
 
-PACKAGES = ("numpy", "pandas", "scipy", "msgspec")
-
-LIBRARIES = (sys.executable, "-c", "import numpy, pandas, scipy.signal")
-STANDARD = (sys.executable, "-c", "import argparse, dataclasses, pathlib, typing")
-HELP = Goal(times=4)
-SCORE = Goal(times=1.3)
+ROOT = Path(__file__).parents[2]
+MADROB = (sys.executable, "-m", "madrob_console.cli.main")
+ARGPARSE = (sys.executable, "-c", "import argparse, dataclasses, pathlib, typing")
 
 
-def helps(repeats: int) -> list[Figure]:
-    """How long `--help` takes."""
-    commands = {"madrob --help": ("--help",), "madrob score --help": ("score", "--help")}
+def in_turns(programs: Mapping[str, Sequence[str]], repeats: int) -> dict[str, list[float]]:
+    """How long each of several programs runs, s."""
+    took: dict[str, list[float]] = {name: [] for name in programs}
+    for _ in range(1 + repeats):
+        for name, argv in programs.items():
+            began = time.perf_counter()
+            subprocess.run(argv, cwd=ROOT, capture_output=True, check=True)
+            took[name].append(time.perf_counter() - began)
+    # the first time files come into memory and are compiled
+    return {name: times[1:] for name, times in took.items()}
+
+
+def help_text(repeats: int) -> list[Figure]:
+    """How long `--help` takes, beside what argparse takes to start."""
     programs: dict[str, Sequence[str]] = {
-        name: (*MADROB, *words) for name, words in commands.items()
+        "madrob --help": (*MADROB, "--help"),
+        "madrob score --help": (*MADROB, "score", "--help"),
     }
-    took = in_turns({"": STANDARD, **programs}, repeats)
-    beside = Baseline("import argparse, dataclasses, ...", took[""])
-    return [Figure(name, "s", took[name], HELP, beside) for name in commands]
-
-
-def cold_score(repeats: int) -> list[Figure]:
-    """`madrob score` of one run, from its launch to its end."""
-    with tempfile.TemporaryDirectory(prefix="madrob-") as folder:
-        run = simulated_run(Path(folder))
-        took = in_turns({"ours": (*MADROB, "score", str(run)), "libraries": LIBRARIES}, repeats)
-    beside = Baseline("import numpy, pandas, scipy.signal", took["libraries"])
-    return [Figure("madrob score of a run of 20 s, cold", "s", took["ours"], SCORE, beside)]
-
-
-BENCHMARKS = (helps, cold_score)
+    took = in_turns({"argparse": ARGPARSE, **programs}, repeats)
+    return [Figure(name, "s", took[name], "argparse", took["argparse"], 4) for name in programs]

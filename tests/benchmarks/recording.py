@@ -1,4 +1,9 @@
-"""What recording costs a message, and what it loses."""
+"""What taking messages from DDS and writing them costs, beside rclpy and the library of MCAP.
+
+    python -m tests.benchmarks.recording ours|executor <messages>
+
+receives a flood of topics from another process, and prints messages and CPU time of each, us.
+"""
 
 from __future__ import annotations
 
@@ -8,110 +13,135 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
+from collections.abc import Callable
 from itertools import count
-from pathlib import Path
 
 from mcap.writer import Writer
 
-from recorder.bag import RawMessage, Topic
-from recorder.writer import BagWriter
-from tests.benchmarks import receiver
-from tests.benchmarks.report import Baseline, Figure, Goal
-from tests.benchmarks.wire import ROOT
+from madrob_console.messages.codec import TopicMapping
+from madrob_console.testbeds.ros_domain import domain_id
+from recorder.mcap_writer import CHUNK_BYTES, McapWriter
+from scoring.protocol import Signal
+from tests.benchmarks.commands import ROOT
+from tests.benchmarks.report import Figure
 from tests.madrob_console import ros_peer
-
-PACKAGES = ("mcap", "ros-jazzy-rclpy")
+from tests.madrob_console.ros_peer import FLOOD, Peer, Taker, source
 
 MESSAGES = 100_000
-PAYLOAD = 100  # bytes
-WRITER = Goal(times=1.5)
-
 DURATION = 5.0  # s
-CHEAPER = Goal(times=1 / 5)
-NONE_LOST = Goal(None)
-MOST = {300: 2, 3_000: 6, 30_000: 2}
-"""Messages/s on all topics together, and repeats: each takes half a minute. One pair by itself gave
-anything from a sixth to a fourth where there is a goal."""
+RATES = 3_000, 30_000
+"""Messages/s on all topics together."""
+TOPICS = 10
+HEADER = "std_msgs/msg/Header"
+NAMES = [f"{FLOOD}_{number}" for number in range(TOPICS)]
+PATIENCE = 4.0
+"""So long without a message the flood is over, s."""
 _domains = count(100)
 
 
-def writer_alone(repeats: int) -> list[Figure]:
-    """The recorder's queue, thread and file, beside `mcap.Writer` in a loop."""
-    ours: list[float] = []
-    bare: list[float] = []
-    topic = Topic("/load", "std_msgs/msg/String", "string data\n", "")
-    data = bytes(PAYLOAD)
-    messages = [
-        RawMessage(topic.name, topic.type, data, number, number) for number in range(MESSAGES)
-    ]
+def mcap_writer(repeats: int) -> list[Figure]:
+    """CPU of 100,000 small messages in one file, beside the library's own writer."""
+    took = defaultdict[type, list[float]](list)
     for _ in range(repeats):
-        with tempfile.TemporaryDirectory(prefix="madrob-") as folder:
-            ours.append(_recorded(Path(folder), topic, messages))
-            bare.append(_written(Path(folder), topic, messages))
-    beside = Baseline("mcap.Writer", bare)
-    return [Figure("writer alone, CPU a message", "us", ours, WRITER, beside)]
+        for writer in (McapWriter, Writer):
+            with tempfile.TemporaryFile() as file:
+                ours = McapWriter(file.write) if writer is McapWriter else None
+                took[writer].append(_written(ours or Writer(file, chunk_size=CHUNK_BYTES)))
+    return [Figure("a message written", "us", took[McapWriter], "mcap.Writer", took[Writer], 0.5)]
 
 
-def _recorded(folder: Path, topic: Topic, messages: list[RawMessage]) -> float:
-    began = time.process_time()
-    with BagWriter(folder / "bag", [topic], {}, block_when_full=True) as writer:
-        for message in messages:
-            writer.put_message(message)
-    return 1e6 * (time.process_time() - began) / len(messages)
+def _written(writer: McapWriter | Writer) -> float:
+    data, began = bytes(100), time.process_time()
+    writer.start("ros2", "")
+    schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data\n")
+    channel = writer.register_channel("/load", "cdr", schema, {})
+    for number in range(MESSAGES):
+        writer.add_message(channel, number, data, number)
+    writer.finish()
+    return 1e6 * (time.process_time() - began) / MESSAGES
 
 
-def _written(folder: Path, topic: Topic, messages: list[RawMessage]) -> float:
-    began = time.process_time()
-    with (folder / "bare.mcap").open("wb") as file:
-        writer = Writer(file, chunk_size=768 * 1024)
-        writer.start(profile="ros2")
-        schema = writer.register_schema(topic.type, "ros2msg", topic.definition.encode())
-        channel = writer.register_channel(topic.name, "cdr", schema)
-        for message in messages:
-            writer.add_message(channel, message.receive_ns, message.data, message.publish_ns)
-        writer.finish()  # type: ignore[no-untyped-call]
-    return 1e6 * (time.process_time() - began) / len(messages)
-
-
-def over_dds(repeats: int) -> list[Figure]:
-    """Ten topics from another process: CPU a message and messages lost, at three rates."""
-    cost = defaultdict[tuple[str, int], list[float]](list)
-    lost = defaultdict[tuple[str, int], list[float]](list)
-    for rate, most in MOST.items():
-        for _ in range(min(repeats, most)):
-            for which in ("ours", "rclpy"):
-                received, microseconds, sent = _flooded(which, rate)
-                cost[which, rate].append(microseconds)
-                lost[which, rate].append(100 * (1 - received / sent))
+def take_loop(repeats: int) -> list[Figure]:
+    """Ten topics from another process: CPU of a message, and how many arrive."""
     figures: list[Figure] = []
-    for rate in MOST:
-        beside = Baseline("rclpy executor", cost["rclpy", rate])
-        goal = CHEAPER if rate >= 3_000 else None
-        name = f"{rate} messages/s"
-        figures.append(Figure(f"{name}: CPU a message", "us", cost["ours", rate], goal, beside))
-        beside = Baseline("rclpy executor", lost["rclpy", rate])
-        figures.append(Figure(f"{name}: lost", "%", lost["ours", rate], NONE_LOST, beside))
+    for rate in RATES:
+        runs = [(_flooded("ours", rate), _flooded("executor", rate)) for _ in range(repeats)]
+        ours, theirs = ([pair[side] for pair in runs] for side in range(2))
+        sent = [_sent(rate)] * repeats
+        figures += [
+            Figure(
+                f"a message of {rate}/s",
+                "us",
+                [cost for _, cost in ours],
+                "rclpy executor",
+                [cost for _, cost in theirs],
+                1 / 5,
+            ),
+            Figure(
+                f"arrived of {rate}/s", "", [n for n, _ in ours], "sent", sent, 1, at_least=True
+            ),
+        ]
     return figures
 
 
-def _flooded(which: str, rate: int) -> tuple[int, float, int]:
-    """Messages received, CPU time a message in us, messages sent."""
-    each = round(DURATION * rate / receiver.TOPICS)
-    sent = each * receiver.TOPICS
+def _sent(rate: int) -> int:
+    return TOPICS * round(DURATION * rate / TOPICS)
+
+
+def _flooded(which: str, rate: int) -> tuple[int, float]:
     env = os.environ | {"ROS_DOMAIN_ID": str(100 + next(_domains) % 100)}
-    flood = [sys.executable, "-m", ros_peer.__name__, str(receiver.TOPICS), str(each)]
-    flood.append(str(rate / receiver.TOPICS))
-    with (
-        tempfile.TemporaryDirectory(prefix="madrob-") as folder,
-        subprocess.Popen(flood, cwd=ROOT, env=env, stderr=subprocess.DEVNULL) as sender,
-    ):
+    flood = [str(TOPICS), str(_sent(rate) // TOPICS), str(rate / TOPICS)]
+    with subprocess.Popen(
+        [sys.executable, "-m", ros_peer.__name__, *flood],
+        cwd=ROOT,
+        env=env,
+        stderr=subprocess.DEVNULL,
+    ) as sender:
         try:
-            received, microseconds = receiver.record(
-                which, folder, sent, receiver.HEADER, receiver.NAMES, env
+            done = subprocess.run(
+                [sys.executable, "-m", __name__, which, str(_sent(rate))],
+                cwd=ROOT,
+                env=env,
+                capture_output=True,
+                text=True,
+                timeout=120,
+                check=True,
             )
         finally:
             sender.kill()
-    return received, microseconds, sent
+    received, cost = done.stdout.splitlines()[-1].split()
+    return int(received), float(cost)
 
 
-BENCHMARKS = (writer_alone, over_dds)
+def _receive(which: str, wanted: int) -> tuple[int, float]:
+    """Messages, and the CPU time of all threads, s."""
+    if which == "ours":
+        mappings = [TopicMapping(Signal.DOOR, name, HEADER, "stamp.sec") for name in NAMES]
+        with Taker(source(*mappings)) as taker:
+            return _until_over(lambda: len(taker.source.take_messages(0.02)), wanted)
+    with Peer(domain_id(None, os.environ)) as peer:
+        heard = [peer.listen_raw(name, HEADER) for name in NAMES]
+
+        def take() -> int:
+            before = sum(map(len, heard))
+            peer.spin(0.02)
+            return sum(map(len, heard)) - before
+
+        return _until_over(take, wanted)
+
+
+def _until_over(take: Callable[[], int], wanted: int) -> tuple[int, float]:
+    """Take until all is there, or nothing comes any more; what that cost from the first one on."""
+    got, began, newest = 0, 0.0, time.monotonic() + 30.0
+    while got < wanted and time.monotonic() < newest + PATIENCE:
+        before = time.process_time()
+        if taken := take():
+            began = began or before
+            got += taken
+            newest = time.monotonic()
+    return got, time.process_time() - began
+
+
+if __name__ == "__main__":
+    received, used = _receive(sys.argv[1], int(sys.argv[2]))
+    print(received, 1e6 * used / max(1, received))
