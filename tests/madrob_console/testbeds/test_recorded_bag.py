@@ -1,14 +1,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 
 from madrob_console.common.clock import NS, TICK, RecordedClock, VirtualClock, nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, describe_topic, referee_topics
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, describe_topic, referee_topics
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds import recorded_bag
 from madrob_console.testbeds.recorded_bag import RecordedBag
@@ -22,48 +22,50 @@ from tests.madrob_console import said
 START_NS = 1_700_000_000_000_000_000
 CONDITION = Condition.from_number(1)
 RECORDS = {"madrob_run": {"run": "{}"}}
-
-
-@pytest.fixture
-def types() -> MessageTypes:
-    return MessageTypes()
+TYPES = MessageTypes()
+DOOR = DEFAULT_MAPPINGS[0]
+OWN = "own_msgs/msg/Angle"
 
 
 @pytest.fixture(scope="module")
 def recorded() -> list[RawMessage]:
+    """Two seconds of a run, with what its referee says."""
     clock = VirtualClock(START_NS)
-    source = SimulatedSource(SimulatedTestbed(Scenario.NOMINAL), clock, MessageTypes())
+    source = SimulatedSource(SimulatedTestbed(Scenario.NOMINAL), clock, TYPES)
     source.open()
-    start = seconds(START_NS) + 1.0
     messages = [
         said.start_pose(StartPose(1.5, 0.0, 180.0), START_NS),
-        said.state("countdown", start, CONDITION, START_NS),
+        said.state("countdown", seconds(START_NS) + 1.0, CONDITION, START_NS),
     ]
     for message in messages:
         source.publish(message)
-    for number in range(100):
+    for number in range(40):
         messages += source.take_messages(0.05)
-        if number % 25 == 0:
+        if number % 10 == 0:
             messages.append(said.event(json.dumps({"line": number}), clock.now_ns()))
     return messages
 
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory, recorded: list[RawMessage]) -> Path:
-    types = MessageTypes()
-    topics = [describe_topic(types, m.topic, m.type) for m in DEFAULT_MAPPINGS]
-    return write(tmp_path_factory.mktemp("bags") / "run", recorded, topics, types)
+    topics = [describe_topic(TYPES, m.topic, m.type) for m in DEFAULT_MAPPINGS]
+    return write(tmp_path_factory.mktemp("bags") / "run", recorded, topics)
 
 
-def write(
-    folder: Path, messages: list[RawMessage], topics: list[Topic], types: MessageTypes
-) -> Path:
-    with BagWriter(folder, [*topics, *referee_topics(types)], RECORDS) as writer:
+def write(folder: Path, messages: list[RawMessage], topics: Sequence[Topic] = ()) -> Path:
+    with BagWriter(folder, [*topics, *referee_topics(TYPES)], RECORDS) as writer:
         assert all(writer.put_message(message) for message in messages)
     return folder
 
 
-def replay(path: Path, speed: float = 0) -> RecordedBag:
+def doors(folder: Path, *instants: int) -> Path:
+    """A bag of nothing but door angles."""
+    data = TYPES.encode(DOOR.type, TYPES.make(DOOR.type))
+    messages = [RawMessage(DOOR.topic, DOOR.type, data, at, at) for at in instants]
+    return write(folder, messages, [describe_topic(TYPES, DOOR.topic, DOOR.type)])
+
+
+def replay(path: Path, speed: float = 0, types: MessageTypes | None = None) -> RecordedBag:
     now = 0.0
 
     def monotonic() -> float:
@@ -73,7 +75,7 @@ def replay(path: Path, speed: float = 0) -> RecordedBag:
         nonlocal now
         now += duration
 
-    source = RecordedBag(path, MessageTypes(), speed, monotonic, wait)
+    source = RecordedBag(path, types or MessageTypes(), speed, monotonic, wait)
     source.open()
     return source
 
@@ -106,87 +108,54 @@ def test_what_the_testbed_sent_comes_again_unchanged(
     assert source.take_messages(0.02) == []
 
 
-def test_it_begins_anew_as_often_as_it_is_opened(bag: Path, recorded: list[RawMessage]) -> None:
-    source = replay(bag)
-    for _ in range(50):
-        source.take_messages(0.02)
-    source.clock.go_to(0)
-    source.open()
-    assert all_of(source) == of_the_testbed(recorded)
-
-
-def test_a_bag_too_long_for_the_memory_is_read_again(
-    bag: Path, recorded: list[RawMessage], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("kept", [recorded_bag.MOST_KEPT, 10])
+def test_it_begins_anew_as_often_as_it_is_opened_however_long_it_is(
+    bag: Path, recorded: list[RawMessage], kept: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(recorded_bag, "MOST_KEPT", 10)
+    monkeypatch.setattr(recorded_bag, "MOST_KEPT", kept)
     source = replay(bag)
+    for _ in range(20):
+        source.take_messages(0.02)
     for _ in range(2):
-        assert all_of(source) == of_the_testbed(recorded)
         source.clock.go_to(0)
         source.open()
+        assert all_of(source) == of_the_testbed(recorded)
 
 
-def test_what_the_console_said_is_kept_aside(bag: Path, recorded: list[RawMessage]) -> None:
+def test_what_the_console_said_is_kept_aside(bag: Path) -> None:
     source = replay(bag)
-    said = [m for m in recorded if m.topic == "/madrob/referee/event"]
-    assert len(source.journal_lines) == len(said)
-    assert [json.loads(line)["line"] for line in source.journal_lines] == [0, 25, 50, 75]
+    assert [json.loads(line)["line"] for line in source.journal_lines] == [0, 10, 20, 30]
     assert source.records["madrob_run"] == RECORDS["madrob_run"]
     assert source.problems == ()
 
 
-def test_status_tells_what_the_recording_holds(bag: Path) -> None:
-    source = replay(bag)
-    source.expect(DEFAULT_MAPPINGS)
-    by_topic = {status.topic: status for status in source.status()}
-    assert set(by_topic) == {mapping.topic for mapping in DEFAULT_MAPPINGS}
-    assert all(status.publishers == 1 for status in by_topic.values())
-    assert all(status.problem is None for status in by_topic.values())
-    source.close()
-    source.close()
-    assert all_of(source) == []
-
-
-def test_a_topic_that_was_not_recorded_is_named(types: MessageTypes, tmp_path: Path) -> None:
-    door = describe_topic(types, DEFAULT_MAPPINGS[0].topic, DEFAULT_MAPPINGS[0].type)
-    data = types.encode(door.type, types.make(door.type))
-    message = RawMessage(door.name, door.type, data, START_NS, START_NS)
-    path = write(tmp_path / "door", [message], [door], types)
-    source = replay(path)
-    source.expect(DEFAULT_MAPPINGS)
-    problems = {s.topic: s.problem for s in source.status()}
+def test_status_tells_what_the_recording_holds_and_what_it_lacks(bag: Path, tmp_path: Path) -> None:
+    whole, door = replay(bag), replay(doors(tmp_path / "door", START_NS))
+    for source, publishers in ((whole, 7), (door, 1)):
+        source.expect(DEFAULT_MAPPINGS)
+        assert {s.topic for s in source.status()} == {m.topic for m in DEFAULT_MAPPINGS}
+        assert sum(s.publishers for s in source.status()) == publishers
+    assert all(status.problem is None for status in whole.status())
+    problems = {s.topic: s.problem for s in door.status()}
     assert problems["/madrob/door/angle"] is None
     assert problems["/madrob/handle/force"] == "not in the recording"
     assert problems["/madrob/door/locked"] is None  # not every testbed has a latch sensor
+    whole.close()
+    whole.close()
+    assert all_of(whole) == []
 
 
-def test_types_come_with_the_bag(types: MessageTypes, tmp_path: Path) -> None:
-    types.register("own_msgs/msg/Angle", "float64 angle\n")
-    topic = describe_topic(types, "/own", "own_msgs/msg/Angle")
-    data = types.encode(topic.type, types.make(topic.type, angle=0.5))
-    path = write(
-        tmp_path / "own", [RawMessage("/own", topic.type, data, START_NS, START_NS)], [topic], types
-    )
-    others = MessageTypes()
-    source = RecordedBag(path, others)
-    source.open()
-    (message,) = all_of(source)
-    assert others.decode(message.type, message.data).angle == 0.5
-
-
-def test_a_type_that_is_another_here_is_a_problem_of_its_topic(
-    types: MessageTypes, tmp_path: Path
+def test_types_come_with_the_bag_and_one_that_is_another_here_is_a_problem_of_its_topic(
+    tmp_path: Path,
 ) -> None:
-    types.register("own_msgs/msg/Angle", "float64 angle\n")
-    topic = describe_topic(types, "/own", "own_msgs/msg/Angle")
-    path = write(
-        tmp_path / "own",
-        [RawMessage("/own", topic.type, bytes(12), START_NS, START_NS)],
-        [topic],
-        types,
-    )
-    others = MessageTypes()
-    others.register("own_msgs/msg/Angle", "float32 angle\n")
+    own, others, same = MessageTypes(), MessageTypes(), MessageTypes()
+    own.register(OWN, "float64 angle\n")
+    others.register(OWN, "float32 angle\n")
+    data = own.encode(OWN, own.make(OWN, angle=0.5))
+    message = RawMessage("/own", OWN, data, START_NS, START_NS)
+    path = write(tmp_path / "own", [message], [describe_topic(own, "/own", OWN)])
+    assert all_of(replay(path, types=same)) == [message]
+    assert same.decode(OWN, data).angle == 0.5
     (status,) = RecordedBag(path, others).status()
     assert "known with other fields" in (status.problem or "")
 
@@ -203,46 +172,25 @@ def test_a_torn_bag_is_played_as_far_as_it_goes(
     assert messages == of_the_testbed(recorded)[: len(messages)]
 
 
-def test_a_journal_line_that_cannot_be_read_is_set_aside(
-    types: MessageTypes, tmp_path: Path
-) -> None:
+def test_a_journal_line_that_cannot_be_read_is_set_aside(tmp_path: Path) -> None:
     line = RawMessage("/madrob/referee/event", "std_msgs/msg/String", b"\xff", START_NS, START_NS)
-    source = RecordedBag(write(tmp_path / "bag", [line], [], types), types)
+    source = RecordedBag(write(tmp_path / "bag", [line]), TYPES)
     assert source.journal_lines == []
     assert any("/madrob/referee/event" in problem for problem in source.problems)
 
 
-def test_what_is_no_bag_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_what_is_no_bag_or_no_run_is_refused_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "notes.mcap").write_text("no bag")
-    for path in (tmp_path / "notes.mcap", tmp_path / "missing"):
-        with pytest.raises(MadrobError) as refused:
+    refused = {
+        tmp_path / "notes.mcap": "notes.mcap",
+        tmp_path / "missing": "missing",
+        write(tmp_path / "empty", []): "holds no messages",
+        doors(tmp_path / "odd", 0, START_NS): "19676 days apart",
+    }
+    for path, words in refused.items():
+        with pytest.raises(MadrobError, match=words) as told:
             RecordedBag(path, MessageTypes())
-        assert "\n" not in str(refused.value)
-        assert path.name in str(refused.value)
-
-
-def test_a_bag_without_messages_is_refused(tmp_path: Path) -> None:
-    path = write(tmp_path / "empty", [], [], MessageTypes())
-    with pytest.raises(MadrobError, match="holds no messages"):
-        RecordedBag(path, MessageTypes())
-
-
-def test_a_bag_whose_times_make_no_sense_is_refused(types: MessageTypes, tmp_path: Path) -> None:
-    door = describe_topic(types, DEFAULT_MAPPINGS[0].topic, DEFAULT_MAPPINGS[0].type)
-    data = types.encode(door.type, types.make(door.type))
-    messages = [RawMessage(door.name, door.type, data, at, at) for at in (0, START_NS)]
-    with pytest.raises(MadrobError, match="19676 days apart"):
-        RecordedBag(write(tmp_path / "odd", messages, [door], types), MessageTypes())
-
-
-def test_a_replayed_bag_decodes_to_the_same_samples(bag: Path, recorded: list[RawMessage]) -> None:
-    live = Decoder(DEFAULT_MAPPINGS, MessageTypes())
-    types = MessageTypes()
-    source = RecordedBag(bag, types)
-    source.open()
-    again = Decoder(DEFAULT_MAPPINGS, types)
-    samples = [live.decode(message) for message in of_the_testbed(recorded)]
-    assert [again.decode(message) for message in all_of(source)] == samples
+        assert "\n" not in str(told.value)
 
 
 BEGIN_NS = 1_700_000_000_000_000_000
