@@ -5,12 +5,14 @@ python -m tests.madrob_console.ros_peer <topics> <messages a topic> <messages/s 
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from madrob_console.common.clock import SystemClock
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
@@ -28,6 +30,9 @@ from recorder.bag import Durability, Qos, RawMessage, Reliability
 from scoring.protocol import Signal
 from tests.watching import PATIENCE
 
+if TYPE_CHECKING:
+    import pytest
+
 RELIABLE = Qos()
 BEST_EFFORT = Qos(Reliability.BEST_EFFORT)
 KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)
@@ -35,6 +40,7 @@ FLOOD = "/madrob/flood"
 MATCHED = 0.5
 """The other side has found this one so long after this one has found it, s."""
 BOOL = "std_msgs/msg/Bool"
+LOCKED = "/madrob/door/locked"
 TYPES = MessageTypes()
 
 
@@ -91,6 +97,21 @@ class Peer(Connection):
             if publisher.topic_name != "/parameter_events"
         )
 
+    def say(
+        self,
+        taker: Taker,
+        publisher: RosObject,
+        *values: bool,
+        topic: str = LOCKED,
+        publishers: int = 1,
+    ) -> None:
+        """Publish values once both have found each other, and wait until they have come."""
+        self.until(lambda: self.reaches(taker, topic, publishers))
+        wanted = len(taker.taken) + len(values)
+        for value in values:
+            publisher.publish(truth(value))
+        self.until(lambda: taker.has(wanted))
+
     def until(self, condition: Callable[[], object], seconds: float = PATIENCE) -> None:
         """Spin until something holds; fails when it never does."""
         ends = time.monotonic() + seconds
@@ -121,6 +142,10 @@ class Taker:
     def matched(self, topic: str, publishers: int = 1) -> bool:
         return any(s.topic == topic and s.publishers == publishers for s in self.source.status())
 
+    def problem(self, topic: str = LOCKED) -> str:
+        """What is wrong with a topic, in words; empty = nothing."""
+        return next(s.problem or "" for s in self.source.status() if s.topic == topic)
+
     def has(self, count: int) -> bool:
         self.taken += self.source.take_messages(0.01)
         return len(self.taken) >= count
@@ -130,12 +155,26 @@ def source(*mappings: TopicMapping, speaks: bool = True) -> RosSource:
     return RosSource(mappings or DEFAULT_MAPPINGS, MessageTypes(), SystemClock(), speaks=speaks)
 
 
-def latch(topic: str = "/madrob/door/locked", type_name: str = BOOL) -> TopicMapping:
+def latch(topic: str = LOCKED, type_name: str = BOOL) -> TopicMapping:
     return TopicMapping(Signal.LATCH, topic, type_name, "data")
 
 
 def truth(value: bool) -> bytes:
     return TYPES.encode(BOOL, TYPES.make(BOOL, data=value))
+
+
+def install_first(
+    folder: Path, type_name: str, definition: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A workspace before all others, in which a type has this definition and another hash."""
+    package, _, name = type_name.split("/")
+    place = folder / "share" / package / "msg"
+    place.mkdir(parents=True)
+    (place / f"{name}.msg").write_text(definition)
+    hashes = [{"type_name": type_name, "hash_string": "RIHS01_00"}]
+    (place / f"{name}.json").write_text(json.dumps({"type_hashes": hashes}))
+    own = os.environ.get("AMENT_PREFIX_PATH", sys.prefix)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{folder}{os.pathsep}{own}")
 
 
 def flood(topics: int, messages: int, rate: float) -> None:
