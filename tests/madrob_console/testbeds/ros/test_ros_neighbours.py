@@ -30,7 +30,7 @@ from scoring.protocol import Outcome
 from tests.madrob_console import said
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.held_disk import HeldDisk
-from tests.madrob_console.ros_peer import BOOL, KEPT, Peer, Taker, latch, truth
+from tests.madrob_console.ros_peer import BOOL, KEPT, Peer, Taker, latch
 from tests.watching import until
 
 GUIDE = Path(__file__).parents[4] / "madrob_console" / "guide" / "robots.md"
@@ -49,7 +49,9 @@ class Hall:
         keepers = DiskThreads(self.disk, DiskJobs(), monotonic=time.monotonic)
         self.engine = LocalEngine(Engine(self.source, clock, config, types, keepers=keepers))
         self.source.offer_abort(self.begin_abort)
-        self._client: RosObject = None
+        trigger = load_module("std_srvs.srv").Trigger
+        name = f"{self.source._console.get_fully_qualified_name()}/abort"
+        self._client = peer.own.create_client(trigger, name)
         self._number = 0
 
     def begin_abort(self) -> LookForAnswer:
@@ -60,7 +62,8 @@ class Hall:
         return self.engine.snapshot().run.phase
 
     def make_ready(self) -> None:
-        """A run is set up, and what no testbed says is waived."""
+        """A run is set up, what no testbed says is waived, and the service is found."""
+        self.peer.until(self._client.service_is_ready)
         self._number += 1
         setup = make_setup(run_number=self._number, countdown=0.3)
         assert self.engine.send_request(Perform.of(SetUp(setup))) is None
@@ -75,11 +78,7 @@ class Hall:
 
     def call(self) -> RosObject:
         """A call, and the answer to come."""
-        if self._client is None:
-            trigger = load_module("std_srvs.srv").Trigger
-            name = f"{self.source._console.get_fully_qualified_name()}/abort"
-            self._client = self.peer.own.create_client(trigger, name)
-            self.peer.until(self._client.service_is_ready)
+        self.peer.until(self._client.service_is_ready)
         return self._client.call_async(self._client.srv_type.Request())
 
     def answer(self) -> tuple[bool, str]:
@@ -178,15 +177,17 @@ def test_a_launch_file_moves_topics_into_its_namespace_and_gives_them_other_name
     moved = RosSource((latch(),), MessageTypes(), SystemClock(), ros_args=ros_args)
     publisher = peer.publisher("/lab/latch", BOOL)
     with Taker(moved) as taker:
-        peer.until(lambda: peer.reaches(taker, "/madrob/door/locked"))
-        publisher.publish(truth(True))
-        peer.until(lambda: taker.has(1))
+        peer.say(taker, publisher, True)
         assert taker.taken[0].topic == "/madrob/door/locked"  # as the settings call it
         states = peer.listen("/hall2/referee/state", "std_msgs/msg/String", KEPT)
         taker.source.publish(said.state("idle"))
         peer.until(lambda: states)
-        infos = peer.own.get_publishers_info_by_topic("/hall2/referee/state")
-        assert [(i.node_namespace, i.node_name) for i in infos] == [("/hall2", "referee")]
+
+        def speakers() -> list[tuple[str, str]]:
+            infos = peer.own.get_publishers_info_by_topic("/hall2/referee/state")
+            return [(info.node_namespace, info.node_name) for info in infos]
+
+        peer.until(lambda: speakers() == [("/hall2", "referee")])
         assert not peer.own.get_publishers_info_by_topic(REFEREE_STATE_TOPIC)
         assert taker.source.other_referee is None  # not even itself, by another name
 
