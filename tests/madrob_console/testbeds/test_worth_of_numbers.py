@@ -66,14 +66,15 @@ NETWORKS = {
     "jitter of 60 ms": _jittery(0.06),
     "jitter of 100 ms": _jittery(0.1),
 }
+WORST = ("door 100 ms late", "strips 100 ms late", "jitter of 100 ms")
 
 
 @pytest.mark.parametrize("rules", RULES, ids=lambda rules: rules.name)
 def test_a_network_that_is_late_changes_no_value_and_no_outcome(rules: Ruleset) -> None:
     plan = plan_of(Scenario.SLAM, condition=16)
     prompt = scored(sampled(plan, 1), plan, rules)[0]
-    for name, network in NETWORKS.items():
-        late = scored(sampled(plan, 1, network=network), plan, rules)[0]
+    for name in WORST:
+        late = scored(sampled(plan, 1, network=NETWORKS[name]), plan, rules)[0]
         assert late.outcome is prompt.outcome, name
         assert values(late) == values(prompt), name
 
