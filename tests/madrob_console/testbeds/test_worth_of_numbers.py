@@ -9,8 +9,9 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from random import Random
+from typing import Any
 
 import numpy as np
 import pytest
@@ -151,103 +152,63 @@ def test_the_roughness_of_a_sudden_ramp_is_the_plain_maximum_of_the_recorded_for
 
 # ------------------------------------------------------------------------------ bad samples
 
-Spoil = Callable[[list[Sample], Random, float, float], list[Sample]]
+Change = Callable[[Any, float], Sample]
+BAD: Mapping[str, tuple[type[Sample], tuple[float, ...], Change]] = {
+    "force": (
+        HandleSample,
+        (5, 50, 150, -5, -50, -150),
+        lambda s, by: replace(s, force=s.force + by),
+    ),
+    "force of nothing": (HandleSample, (0,), lambda s, _: replace(s, force=0.0)),
+    "angle": (
+        DoorSample,
+        (6 * COUNT, 0.05, 0.3, 0.5, -6 * COUNT, -0.05, -0.3, -0.5),
+        lambda s, by: replace(s, angle=s.angle + by),
+    ),
+    "impossible angle": (DoorSample, (3.0,), lambda s, angle: replace(s, angle=angle)),
+    "strip sees": (PassageSample, (0.8, 2.0), lambda s, r: replace(s, ranges=(r, *s.ranges[1:]))),
+}
+"""What becomes bad, by how much, and how."""
 
 
-def _one(kind: type[Sample], change: Callable[[Sample, float], Sample]) -> Spoil:
-    def spoil(samples: list[Sample], random: Random, size: float, end: float) -> list[Sample]:
-        inside = [i for i, s in enumerate(samples) if isinstance(s, kind) and START < s.time < end]
-        place = random.choice(inside)
-        return [change(s, size) if i == place else s for i, s in enumerate(samples)]
-
-    return spoil
+def spoilt(samples: list[Sample], place: int, change: Change, size: float) -> list[Sample]:
+    return [change(s, size) if i == place else s for i, s in enumerate(samples)]
 
 
-def _frozen(samples: list[Sample], random: Random, size: float, end: float) -> list[Sample]:
-    """The angle repeats for so long; negative: one angle of so long ago."""
-    door = [s for s in samples if isinstance(s, DoorSample) and START < s.time < end]
-    first = random.choice(door)
-    if size < 0:
-        old = next(s for s in reversed(door) if s.time < max(door[1].time, first.time + size))
-        return [replace(s, angle=old.angle) if s is first else s for s in samples]
-    return [
-        replace(s, angle=first.angle)
-        if isinstance(s, DoorSample) and first.time <= s.time <= first.time + size
-        else s
-        for s in samples
-    ]
-
-
-def _strip(there: float) -> Spoil:
-    def change(sample: Sample, _: float) -> Sample:
-        assert isinstance(sample, PassageSample)
-        return replace(sample, ranges=(there, *sample.ranges[1:]))
-
-    return _one(PassageSample, change)
-
-
-BAD: dict[str, tuple[Spoil, tuple[float, ...]]] = {
-    "force up": (_one(HandleSample, lambda s, by: replace(s, force=s.force + by)), (5, 50, 150)),  # type: ignore[union-attr]
-    "force down": (_one(HandleSample, lambda s, by: replace(s, force=s.force - by)), (5, 50, 150)),  # type: ignore[union-attr]
-    "force of nothing": (_one(HandleSample, lambda s, _: replace(s, force=0.0)), (0,)),
-    "angle up": (_one(DoorSample, lambda s, by: replace(s, angle=s.angle + by)), (6 * COUNT, 0.05, 0.3, 0.5)),  # type: ignore[union-attr] # noqa: E501
-    "angle down": (_one(DoorSample, lambda s, by: replace(s, angle=s.angle - by)), (6 * COUNT, 0.05, 0.3, 0.5)),  # type: ignore[union-attr] # noqa: E501
-    "impossible angle": (_one(DoorSample, lambda s, _: replace(s, angle=3.0)), (0,)),
-    "old angle": (_frozen, (-0.2, -0.4)),
-    "freeze": (_frozen, (0.1, 0.2)),
-    "strip sees something": (_strip(0.8), (0,)),
-    "strip sees nothing": (_strip(2.0), (0,)),
-}  # fmt: skip
-MISSED = {"freeze", "old angle"}
-"""Where a panel trembles, an angle that repeats cannot always be told from one that came back."""
-
-
-def moved(plain: Result, spoilt: Result) -> set[Name]:
-    """The indicators that a fault moved by more than their uncertainty."""
+def moved(plain: Result, other: Result) -> set[Name]:
+    """The indicators that differ by more than their uncertainty."""
     found = set()
     for name, one in plain.indicators.items():
-        other = spoilt.indicators[name]
-        if one.value is None or other.value is None:
-            if one.value is not other.value:
+        value = other.indicators[name].value
+        if one.value is None or value is None:
+            if one.value is not value:
                 found.add(name)
-        elif abs(one.value - other.value) > worth(one) + 1e-9:
+        elif abs(one.value - value) > worth(one) + 1e-9:
             found.add(name)
     return found
 
 
 @pytest.mark.slow
-def test_one_bad_sample_that_moves_a_value_is_doubted_and_repaired_by_the_robust_rules(
-    request: pytest.FixtureRequest,
-) -> None:
+def test_one_bad_sample_moves_no_value_of_the_robust_rules(request: pytest.FixtureRequest) -> None:
+    """Wherever it is; that it is doubted by all rules is told by the tests of doubts."""
     runs = request.config.getoption("--runs")
-    counts: Counter[tuple[str, float, str]] = Counter()
+    moves: Counter[tuple[str, float]] = Counter()
     for seed in range(runs):
         random = Random(seed)
         plan = plan_of(SCENARIOS[seed % 5], random.choice((1, 2, 6, 8, 11, 16)), seed)
         samples = sampled(plan, seed)
-        zero = zero_of(samples)
-        plain = {rules.name: scored(samples, plan, rules)[0] for rules in (PROTOCOL, ROBUST_2026)}
-        for rules in (PROTOCOL, ROBUST_2026):
-            clean = plain[rules.name].indicators
-            assert not [one.doubts for one in clean.values() if one.doubts], (seed, rules.name)
-        end = plain[PROTOCOL.name].stop or START + plan.end
-        for kind, (spoil, sizes) in BAD.items():
+        zero, plain = zero_of(samples), scored(samples, plan, ROBUST_2026)[0]
+        assert not plain.doubts, seed
+        end = plain.stop or START + plan.end
+        for what, (kind, sizes, change) in BAD.items():
+            of_kind = [
+                i for i, s in enumerate(samples) if isinstance(s, kind) and START < s.time < end
+            ]
             for size in sizes:
-                spoilt = spoil(samples, random, size, end)
-                result = scored(spoilt, plan, PROTOCOL, zero)[0]
-                found = moved(plain[PROTOCOL.name], result)
-                told = all(result.indicators[name].doubts for name in found)
-                counts[kind, size, "moved"] += bool(found)
-                counts[kind, size, "undoubted"] += bool(found) and not told
-                robust = scored(spoilt, plan, ROBUST_2026, zero)[0]
-                counts[kind, size, "robust"] += bool(moved(plain[ROBUST_2026.name], robust))
-    for kind, (_, sizes) in BAD.items():
-        for size in sizes:
-            of = {what: counts[kind, size, what] for what in ("moved", "undoubted", "robust")}
-            print(f"{kind:22} {size:8.4g} of {runs}: {of}")
-            if kind not in MISSED:
-                assert of["undoubted"] <= runs / 100, (kind, size)
-                assert of["robust"] <= 1 + runs / 50, (kind, size)
+                bad = spoilt(samples, random.choice(of_kind), change, size)
+                moves[what, size] += bool(moved(plain, scored(bad, plan, ROBUST_2026, zero)[0]))
+    print(f"moved, of {runs}: {dict(moves)}")
+    assert max(moves.values()) <= 1 + runs / 50
 
 
 # ------------------------------------------------------------------------------ the truth
