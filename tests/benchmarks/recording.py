@@ -85,12 +85,13 @@ def take_loop(repeats: int) -> list[Figure]:
 
 
 def _sent(rate: int) -> int:
-    return TOPICS * round(DURATION * rate / TOPICS)
+    """The numbered messages, and one before them on each topic."""
+    return TOPICS * (1 + round(DURATION * rate / TOPICS))
 
 
 def _flooded(which: str, rate: int) -> tuple[int, float]:
     env = os.environ | {"ROS_DOMAIN_ID": str(100 + next(_domains) % 100)}
-    flood = [str(TOPICS), str(_sent(rate) // TOPICS), str(rate / TOPICS)]
+    flood = [str(TOPICS), str(_sent(rate) // TOPICS - 1), str(rate / TOPICS)]
     with subprocess.Popen(
         [sys.executable, "-m", ros_peer.__name__, *flood],
         cwd=ROOT,

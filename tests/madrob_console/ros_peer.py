@@ -178,12 +178,17 @@ def install_first(
 
 
 def flood(topics: int, messages: int, rate: float) -> None:
-    """Publish numbered messages on many topics, once all of them are subscribed."""
+    """Publish one message without a number and then numbered ones on many topics that are heard."""
     header = "std_msgs/msg/Header"
     with Peer(domain_id(None, os.environ)) as peer:
         publishers = [peer.publisher(f"{FLOOD}_{i}", header) for i in range(topics)]
         peer.until(lambda: all(p.get_subscription_count() for p in publishers), 30)
-        time.sleep(MATCHED)
+        # DDS may take its heartbeat of 3 s to send again what was lost under way
+        patience = load_module("rclpy.duration").Duration(seconds=20)
+        for publisher in publishers:
+            publisher.publish(TYPES.encode(header, TYPES.make(header)))
+        # who has acknowledged it has found this side, too
+        assert all(publisher.wait_for_all_acked(patience) for publisher in publishers)
         begin = time.monotonic()
         for number in range(messages):
             message = TYPES.make(header, frame_id=str(number))
@@ -191,8 +196,6 @@ def flood(topics: int, messages: int, rate: float) -> None:
             for publisher in publishers:
                 publisher.publish(data)
             time.sleep(max(0.0, begin + (number + 1) / rate - time.monotonic()))
-        # DDS may take its heartbeat of 3 s to send again what was lost under way
-        patience = load_module("rclpy.duration").Duration(seconds=20)
         assert all(publisher.wait_for_all_acked(patience) for publisher in publishers)
 
 
