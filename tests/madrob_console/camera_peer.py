@@ -38,7 +38,7 @@ from tests.madrob_console.ros_peer import MATCHED, Peer
 
 _ROOT = Path(__file__).parents[2]
 _TYPES = MessageTypes()
-_FRAMES = 4
+_FRAMES = 12
 """Messages of a topic that are made; then they begin anew."""
 _NEVER = 1e9  # s
 _OTHER_TYPE = "std_msgs/msg/Header"

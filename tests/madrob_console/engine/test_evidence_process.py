@@ -247,7 +247,7 @@ def test_in_every_phase_a_spoilt_process_is_told_within_3_s_and_another_one_goes
         assert WHY[how] in problem
         times = sorted(message.receive_ns / NS - START for message in here.recorded())
         pause = max(itertools.pairwise(times), key=lambda two: two[1] - two[0])
-        assert gap.begin <= pause[0]
+        assert gap.begin <= pause[0] + 0.005  # it is told in hundredths
         assert gap.end is not None
         assert gap.end >= pause[1] - 0.2  # until all cameras are back
         assert (here.folder / evidence_file_name("run", 1)).is_file()
