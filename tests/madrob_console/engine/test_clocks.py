@@ -190,13 +190,11 @@ def test_a_simulation_that_is_paused_for_good_holds_up_no_abort_and_no_next_run(
     began = machine.monotonic_ns()
     drive.act(Abort("the simulation hangs"))
     assert drive.engine.run.phase is Phase.STOPPED
-    while drive.engine.scored is None:
-        drive.engine.step(0.02)
-        assert machine.monotonic_ns() - began < 5 * NS
+    drive.wait_until(lambda: drive.engine.scored is not None, patience=5.0)
+    assert machine.monotonic_ns() - began < 5 * NS
     world.pace = 1.0
     drive.wait(5.0)
-    drive.whole_run(make_setup(run_number=2))
-    assert drive.engine.run.outcome is Outcome.COMPLETED
+    drive.whole_run(make_setup(run_number=2, timeout=1.0))
 
 
 def test_a_run_that_was_set_up_before_the_simulation_began_anew_is_replayed_the_same(
@@ -204,7 +202,7 @@ def test_a_run_that_was_set_up_before_the_simulation_began_anew_is_replayed_the_
 ) -> None:
     world = World()
     drive = WorldDrive(tmp_path, world)
-    drive.wait(60.0)
+    drive.wait(20.0)
     drive.prepare(make_setup())
     world.begin_anew()
     drive.engine.step(0.02)
@@ -212,11 +210,9 @@ def test_a_run_that_was_set_up_before_the_simulation_began_anew_is_replayed_the_
     drive.act(Start())
     drive.finish()
     assert drive.engine.run.outcome is Outcome.COMPLETED
-    engine = Deck(drive.folder, speed=0.0).engine
-    while engine.scored is None:
-        engine.step(0.02)
-    assert engine.replay is not None
-    assert engine.replay.view(engine.scored.result).agrees
+    deck = Deck(drive.folder, speed=0.0)
+    deck.to_the_end()
+    assert deck.at.agrees
 
 
 @pytest.mark.parametrize(
