@@ -75,10 +75,9 @@ class FaultySource(SimulatedSource):
 
     def take_messages(self, timeout: float) -> list[RawMessage]:
         for message in super().take_messages(timeout):
-            spoil = self._spoils.get(message.topic, lambda came: [came])
-            self._coming += spoil(
-                structs.replace(message, receive_ns=self._deliver(message.receive_ns))
-            )
+            came = structs.replace(message, receive_ns=self._deliver(message.receive_ns))
+            spoil = self._spoils.get(message.topic)
+            self._coming += [came] if spoil is None else spoil(came)
         self._coming.sort(key=lambda message: message.receive_ns)
         now = self._clock.now_ns()
         taken = [m for m in self._coming if m.receive_ns <= now]

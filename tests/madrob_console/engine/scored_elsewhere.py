@@ -36,6 +36,15 @@ class Referee(Drive):
         self.engine.step(0.0)
         self.faults |= set(self.engine.snapshot().all_faults)
 
+    def until_told(self, words: str) -> None:
+        """Until screens show this fault."""
+
+        def told() -> bool:
+            self.look()
+            return any(words in fault for fault in self.faults)
+
+        until(told, 60.0)
+
     def settle(self, patience: float = 60.0) -> None:
         """Until there is the result that was asked for."""
 

@@ -99,7 +99,10 @@ def test_what_finds_no_room_is_refused_and_what_is_first_or_cancelled_goes_befor
 
 
 def test_settling_waits_for_what_answers_ask_for_too(hall: Hall) -> None:
-    hall.thread.submit_job(lambda: None, lambda _: hall.ask(lambda: "second"))
+    def again(_answer: Future[None]) -> None:
+        hall.ask(lambda: "second")
+
+    hall.thread.submit_job(lambda: None, again)
     hall.settle()
     assert hall.told == [f"second {here()}"]
 

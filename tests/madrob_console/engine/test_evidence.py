@@ -573,7 +573,7 @@ def test_what_all_processes_counted_is_in_the_account(run: Told) -> None:
     lost = {EvidenceLoss.BEHIND: 2}
     run.told(20.0, told_topic(LEFT, 13.9, messages=10, bytes=100, lost=lost), size=1000)
     run.is_killed()
-    news = {"messages": 5, "bytes": 50, "left_out": 1, "lost": lost}
+    news: dict[str, Any] = {"messages": 5, "bytes": 50, "left_out": 1, "lost": lost}
     both = run.told(23.0, told_topic(**news), size=600)
     (one,) = both.recorded
     assert (one.messages, one.bytes, one.left_out, one.lost) == (15, 150, 1, {"behind": 4})

@@ -116,7 +116,7 @@ def test_its_bytes_are_those_that_are_made_here(tmp_path: Path, ruleset: Ruleset
         assert len(twins.pairs) >= 4
         for here, there in twins.pairs:
             assert (here.result, here.past, here.run) == (there.result, there.past, there.run)
-            assert [*here.files.items()] == [(n, bytes(each)) for n, each in there.files.items()]
+            assert {**here.files} == {name: bytes(each) for name, each in there.files.items()}
             assert here.curves == there.curves
         assert any(DOOR in remark for remark in there.result.quality.remarks)
         drive.engine.close()
@@ -358,7 +358,7 @@ def test_an_ailing_process_is_named_and_the_result_comes_when_it_is_well(
     monkeypatch.setattr(scoring_process, "SOON", 0.5)
     with ailing(tmp_path, ill, monkeypatch) as (drive, heal):
         for words in told:
-            until(lambda words=words: (drive.look(), words in str(drive.faults))[1], 60.0)  # type: ignore[misc]
+            drive.until_told(words)
         assert drive.engine.scored is None
         refused = drive.engine.perform(Finalise(TeamWord.ABSENT, "R. Eferee"))
         assert refused == "the result is being written"
@@ -371,7 +371,7 @@ def test_a_run_whose_result_does_not_come_is_named_and_scored_after_the_next_one
 ) -> None:
     with ailing(tmp_path, POOR, monkeypatch) as (drive, heal):
         first = drive.folder
-        until(lambda: (drive.look(), "`madrob score" in str(drive.faults))[1], 60.0)
+        drive.until_told("`madrob score")
         drive.start(make_setup(timeout=2.0, run_number=2))
 
         def is_named() -> bool:  # once the results folder was looked through

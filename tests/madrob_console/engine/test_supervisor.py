@@ -146,8 +146,17 @@ def test_each_worker_that_is_killed_or_stopped_is_named_and_another_one_works(
 ) -> None:
     worker, lost, working = make(tmp_path, ros_domain), list[str](), list[int | None]()
     lose, take = worker.lose, worker.take
-    monkeypatch.setattr(worker, "lose", lambda why: (lost.append(why), lose(why)))
-    monkeypatch.setattr(worker, "take", lambda data: (working.append(worker.pid), take(data)))
+
+    def losing(why: str) -> None:
+        lost.append(why)
+        lose(why)
+
+    def taking(data: memoryview) -> None:
+        working.append(worker.pid)
+        take(data)
+
+    monkeypatch.setattr(worker, "lose", losing)
+    monkeypatch.setattr(worker, "take", taking)
     with closing(Supervisor(worker)):
         first = until(lambda: worker.pid)
         assert first is not None
