@@ -301,25 +301,6 @@ main()
 )
 
 
-def test_a_topic_whose_type_is_not_installed_is_named_and_no_other_pays(
-    ros_domain: int, tmp_path: Path
-) -> None:
-    pose = Stream(Kind.POSE, "/camera/pose", reliable=True)
-    with cameras(CAMERAS, pose), hall(tmp_path, ros_domain, command=WITHOUT_POSES) as here:
-        here.comes(*CAMERAS.topics)
-        here.until(lambda status: any(one.topic == pose.topic for one in status.topics))
-        with here.recording():
-            here.until(lambda _: here.topic().messages >= 40)
-        account = here.account
-        counts = Counter(message.topic for message in here.recorded())
-    (named,) = (one for one in account.topics if one.topic == pose.topic)
-    assert "not recorded: geometry_msgs/msg/PoseStamped is not installed here: " in named.problem
-    assert "source the workspace that has geometry_msgs" in named.problem
-    assert counts == {one.topic: one.messages for one in account.topics if one.messages}
-    assert set(counts) == set(CAMERAS.topics)
-    assert all(one.lost == {} and not one.problem for one in account.topics if one != named)
-
-
 def test_of_publishers_that_go_wrong_each_is_named_and_no_other_topic_pays(
     ros_domain: int, tmp_path: Path
 ) -> None:
@@ -331,25 +312,31 @@ def test_of_publishers_that_go_wrong_each_is_named_and_no_other_topic_pays(
         stream("flood", Misbehaviour.FLOOD),
         stream("gone", Misbehaviour.VANISHES),
     )
+    pose = Stream(Kind.POSE, "/camera/pose", reliable=True)
     huge = Stream(Kind.JPEG, "/camera/huge", 1, 10, 400_000, reliable=True)
     good = stream("good")
     limit = TopicLimit("/camera/flood", most_rate=20.0)
     with (
-        cameras(*small, huge, good),
-        hall(tmp_path, ros_domain, limits=(limit,), largest=200_000) as here,
+        cameras(*small, pose, huge, good),
+        hall(tmp_path, ros_domain, command=WITHOUT_POSES, limits=(limit,), largest=200_000) as here,
     ):
         here.comes(*(stream.topic for stream in (*small, good)))
         with here.recording():
             here.until(lambda _: "left alone" in here.topic("/camera/huge").problem)
             here.until(lambda _: "std_msgs/msg/Header" in here.topic("/camera/changed").problem)
             here.until(lambda _: here.topic("/camera/flood").left_out > 300)
+            here.until(lambda _: "is not installed here" in here.topic(pose.topic).problem)
             before = here.topic("/camera/good").messages
             here.until(lambda _: here.topic("/camera/good").messages >= before + 20)
         topics = {one.topic.removeprefix("/camera/"): one for one in here.account.topics}
         counts = Counter(message.topic for message in here.recorded())
     assert topics["huge"].lost[EvidenceLoss.TOO_LARGE] >= 3
     assert "messages of 0.4 MB are not recorded, the limit is 0.2 MB" in topics["huge"].problem
+    assert (
+        "geometry_msgs/msg/PoseStamped is not installed here: source the " in topics["pose"].problem
+    )
     assert topics["good"].lost == {}
+    assert topics["good"].problem == ""
     assert topics["flood"].left_out > 2 * topics["flood"].messages
     assert counts == {f"/camera/{name}": n for name, one in topics.items() if (n := one.messages)}
 

@@ -41,7 +41,7 @@ from madrob_console.referee.acts import (
     ZeroHandle,
 )
 from madrob_console.referee.acts.correct import last_decision
-from madrob_console.referee.journal import HOLD_FILE, read_journal
+from madrob_console.referee.journal import read_journal
 from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
@@ -121,17 +121,6 @@ def test_robot_and_bag_hear_of_every_set_up_and_of_every_countdown(drive: Drive)
     assert phases == ["ready", "countdown", "countdown", "running", "stopped"]
     starts = [json.loads(data[8:].rstrip(b"\0"))["start_time"] for data in states]
     assert starts[2] == pytest.approx(starts[1] + 1.0, abs=0.05)
-
-
-def test_a_used_run_number_is_refused_and_nothing_is_overwritten(drive: Drive) -> None:
-    drive.whole_run(make_setup(timeout=1.0))
-    first = drive.folder
-    before = {p.name: p.stat().st_size for p in first.iterdir()}
-    assert before.pop(HOLD_FILE) == 0  # while the engine has the run
-    drive.prepare(make_setup())
-    assert "use run 2" in str(drive.engine.perform(Start()))
-    assert drive.engine.run.phase is Phase.READY
-    assert {p.name: p.stat().st_size for p in first.iterdir()} == before
 
 
 def replayed(folder: Path) -> Result:
