@@ -18,6 +18,7 @@ from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, Start, Waive
 from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
+from madrob_console.testbeds.ros.intake import arrivals
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from recorder.bag import RawMessage
@@ -143,6 +144,31 @@ def test_whatever_a_simulation_says_a_held_clock_never_goes_back(
             machine.sleep(pause)
             read.append(clock.now_ns())
     assert all(earlier <= later for earlier, later in pairwise(read))
+
+
+PERIOD = NS // 50
+
+
+@given(
+    count=st.integers(1, 20),
+    begin=st.integers(0, 5),
+    stepped=st.integers(0, 25),
+    jump=st.integers(-2 * NS, 2 * NS),
+    wait=st.integers(1, 5 * PERIOD),
+)
+def test_arrivals_are_steady_whenever_the_clock_that_notes_them_is_stepped(
+    count: int, begin: int, stepped: int, jump: int, wait: int
+) -> None:
+    """Of a topic without a header they are its samples' times."""
+    times = [BEGIN + (begin + number) * PERIOD for number in range(count)]
+    before, now = times[0] - PERIOD, times[-1] + wait
+    ahead = [jump * (at >= BEGIN + stepped * PERIOD) for at in (*times, now)]
+    noted = [at + by for at, by in zip(times, ahead, strict=False)]
+    found = arrivals(noted, before, now, now, now + ahead[-1])
+    assert all(earlier < later for earlier, later in pairwise((before, *found)))
+    assert found[-1] <= now
+    errors = [abs(one - at) for one, at in zip(found, times, strict=True)]
+    assert max(errors) <= (max(wait, PERIOD) if len({*ahead}) > 1 else 0)
 
 
 class InWorld(SimulatedSource):
