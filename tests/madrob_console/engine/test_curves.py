@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import subprocess
-import sys
 from itertools import pairwise
 
 import msgspec
@@ -149,16 +147,6 @@ def test_a_long_run_is_thinned_and_keeps_its_extremes(
         assert after.time[0] - before.time[-1] > 0.1
     recorded = dict(zip(START + time - START, value, strict=True))
     assert all(recorded[at] == height for at, height in zip(times, kept, strict=True))
-
-
-@pytest.mark.machine
-def test_the_shapes_come_without_the_numbers_machinery() -> None:
-    code = (
-        "import sys, madrob_console.engine.requests\n"
-        "print([name for name in ('numpy', 'scipy', 'pandas') if name in sys.modules])"
-    )
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ran.stdout.strip() == "[]"
 
 
 def test_rows_before_the_start_and_after_the_stop_are_within_the_extent() -> None:

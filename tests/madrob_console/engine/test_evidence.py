@@ -109,7 +109,7 @@ class Watched(Drive):
 
     def ended_while_it_was_written(self) -> dict[str, Any]:
         """A run whose evidence was not all in its file when its result was made; what is told."""
-        self.start(make_setup())
+        self.start(make_setup(timeout=1.0))
         self.evidence.counted = {"recorded": (replace(RECORDED, messages=5),), "unwritten": 3}
         self.finish()
         assert told_in(self.folder)["unwritten"] == 3
@@ -202,7 +202,7 @@ def test_what_is_told_of_evidence_is_said_once_stands_in_the_result_and_doubts_n
     lines: Sequence[str],
     topics: Sequence[tuple[int, dict[str, int], str]],
 ) -> None:
-    drive.start(make_setup())
+    drive.start(make_setup(timeout=5.0))
     (place,) = drive.evidence.places
     assert place.folder == str(drive.folder)
     assert place.steady_ns >= drive.engine.run.countdown_began * 1e9 - 1e8  # type: ignore[operator]
@@ -234,7 +234,7 @@ def test_what_is_wrong_with_evidence_is_a_fault_before_in_and_after_a_run_and_st
     quiet = replace(COMES, topic="/camera/quiet", rate=0.0, byte_rate=0.0)
     dead = replace(quiet, topic="/camera/dead")
     drive.evidence.tell(topics=(COMES, dead, quiet), unseen=("/camera/front",))
-    drive.start(make_setup())
+    drive.start(make_setup(timeout=5.0))
     start = drive.engine.run.start
     assert start is not None
     drive.evidence.tell(topics=(COMES, replace(dead, silent_since=start + 3.9), quiet))
