@@ -116,7 +116,7 @@ def test_clean_runs_are_seldom_doubted(
     count = len(range(part, runs, 2)) - beyond
     print(f"{doubted} of {count} clean runs are doubted: {dict(fired)}; beyond 20 kgf: {beyond}")
     for kind, times in fired.items():
-        assert times <= max(1, 0.01 * count), kind
+        assert times <= max(2, 0.01 * count), kind  # two of a few may be
 
 
 def kind_of(words: str) -> str:

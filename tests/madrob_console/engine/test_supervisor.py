@@ -109,13 +109,13 @@ def test_a_process_that_ends_hangs_or_says_nonsense_is_started_again(
     until(lambda: echo.heard[2:] == ["one"])
 
 
-def scorer(_folder: Path, _domain: int) -> Worker:
+def scorer(_request: pytest.FixtureRequest, _folder: Path) -> Worker:
     worker = ScoringProcess()
     worker.warm()
     return worker
 
 
-def reports(folder: Path, _domain: int) -> Worker:
+def reports(_request: pytest.FixtureRequest, folder: Path) -> Worker:
     submit = DiskJobs().submit_job
     worker = Reporting(
         (*aside.COMMAND,), folder / "queue", folder, lambda: False, submit, pause=0.2
@@ -125,7 +125,8 @@ def reports(folder: Path, _domain: int) -> Worker:
     return worker
 
 
-def evidence(_folder: Path, domain: int) -> Worker:
+def evidence(request: pytest.FixtureRequest, _folder: Path) -> Worker:
+    domain = request.getfixturevalue("ros_domain")
     worker = EvidenceProcess(ListenFor(domain, EvidenceChoice(("/camera/**",)), (), ()))
     worker.warm()
     return worker
@@ -137,14 +138,14 @@ def evidence(_folder: Path, domain: int) -> Worker:
     [(signal.SIGKILL, "it was ended by SIGKILL"), (signal.SIGSTOP, "it was stopped for 2 s")],
 )
 def test_each_worker_that_is_killed_or_stopped_is_named_and_another_one_works(
-    make: Callable[[Path, int], Worker],
+    make: Callable[[pytest.FixtureRequest, Path], Worker],
     number: signal.Signals,
     why: str,
-    ros_domain: int,
+    request: pytest.FixtureRequest,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    worker, lost, working = make(tmp_path, ros_domain), list[str](), list[int | None]()
+    worker, lost, working = make(request, tmp_path), list[str](), list[int | None]()
     lose, take = worker.lose, worker.take
 
     def losing(why: str) -> None:
