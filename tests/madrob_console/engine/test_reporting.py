@@ -10,7 +10,7 @@ import re
 import shutil
 import signal
 import threading
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from zipfile import ZipFile
@@ -57,7 +57,7 @@ from scoring.protocol import Step
 from tests.madrob_console.archive.frames import film
 from tests.madrob_console.engine.drive import Drive, OfficialDrive, make_setup
 from tests.madrob_console.engine.reporting import reporting_on
-from tests.madrob_console.engine.scored_elsewhere import alive
+from tests.madrob_console.engine.scored_elsewhere import alive, children_of
 from tests.madrob_console.engine.served import Served, simulated
 from tests.madrob_console.engine_process import EngineProcess
 from tests.madrob_console.pages.competition_runs import put_recorded
@@ -416,14 +416,7 @@ def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_
 
 def processes_of(parent: int) -> list[str]:
     """The command lines of what makes reports for a process, zombies as well."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):
-            if int((path / "stat").read_text().rpartition(")")[2].split()[1]) == parent:
-                line = (path / "cmdline").read_bytes().replace(b"\0", b" ").decode()
-                if not line or "cli.aside" in line:  # a zombie has none
-                    found.append(line)
-    return found
+    return [line for line in children_of(parent).values() if not line or "cli.aside" in line]
 
 
 def official_run(results: Path, **fields: object) -> Path:
@@ -477,30 +470,26 @@ def test_after_a_correction_the_reports_of_both_teams_and_the_site_are_true(tmp_
 def test_reports_that_tell_of_other_runs_are_made_again_and_those_that_cannot_be_named(
     tmp_path: Path,
 ) -> None:
-    first, second = put_recorded(tmp_path)
-    assert main(["report", str(tmp_path)]) == 0
-    assert other_runs(first / "report.html") == ["run 2", "run 2"]
-    shutil.rmtree(second)
-    with reporting_on(tmp_path, WantedPages(reports=False)) as reporting:
+    results = tmp_path / "runs"
+    first, second = put_recorded(results)
+    page, away = first / "report.html", tmp_path / "away"
+    assert main(["report", str(results)]) == 0
+    assert other_runs(page) == ["run 2", "run 2"]
+    second.rename(away)
+    with reporting_on(results, WantedPages(reports=False)) as reporting:
         for _ in range(2):
             reporting.report(first)
             assert reporting.wait(60.0)
-            assert other_runs(first / "report.html") == []
+            assert other_runs(page) == []
             assert reporting.problem is None
-            made = (first / "report.html").stat().st_mtime_ns
-        assert (first / "report.html").stat().st_mtime_ns == made
-    first, second = put_recorded(tmp_path / "more")
-    assert main(["report", str(tmp_path / "more")]) == 0
-    shutil.rmtree(second)
-    for recording in first.glob("*.mcap"):
-        recording.unlink()
-    with reporting_on(tmp_path / "more", WantedPages(reports=False)) as reporting:
+            made = page.stat().st_mtime_ns
+        assert page.stat().st_mtime_ns == made
+        away.rename(second)
+        for recording in first.glob("*.mcap"):
+            recording.unlink()
         reporting.report(first)
-        assert reporting.wait(60.0)
-        assert reporting.problem is not None
-        told = f"reports of {tmp_path / 'more'} are older than its results: "
-        assert told in reporting.problem
-        assert first.name in reporting.problem
+        told = told_of(reporting, f"reports of {results} are older than its results: ")
+        assert first.name in told
 
 
 @pytest.mark.machine

@@ -10,7 +10,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,7 +44,13 @@ from scoring.protocol import Condition, Signal, Step
 from scoring.rulesets import RulesetName
 from scoring.signals import DoorSample, HandleSample
 from tests.madrob_console.engine.drive import make_setup
-from tests.madrob_console.engine.scored_elsewhere import Referee, alive, kept_running, pid_of
+from tests.madrob_console.engine.scored_elsewhere import (
+    Referee,
+    alive,
+    children_of,
+    kept_running,
+    pid_of,
+)
 from tests.madrob_console.engine_process import EngineProcess
 from tests.watching import until
 
@@ -443,10 +449,4 @@ def test_one_that_somebody_stopped_is_replaced_in_time_and_none_survives_the_eng
 
 
 def scorers_of(parent: int) -> list[int]:
-    found = []
-    for children in Path(f"/proc/{parent}/task").glob("*/children"):
-        for pid in map(int, children.read_text().split()):
-            with suppress(OSError):
-                if b"scoring_worker" in Path(f"/proc/{pid}/cmdline").read_bytes():
-                    found.append(pid)
-    return found
+    return [pid for pid, line in children_of(parent).items() if "scoring_worker" in line]
