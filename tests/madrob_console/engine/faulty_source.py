@@ -5,77 +5,64 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import cycle, islice
 from pathlib import Path
+from typing import Any
 
 from msgspec import structs
 
 from madrob_console.archive import score
-from madrob_console.common.clock import Clock
 from madrob_console.common.names import SourceKind
-from madrob_console.engine.core import Engine
-from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from madrob_console.testbeds.source import Announcement, BeginAbort, Source, TopicStatus
-from recorder.bag import RawMessage, Topic
+from madrob_console.testbeds.source import Announcement, TopicStatus
+from recorder.bag import RawMessage
 from recorder.reader import read_bag
-from scoring.protocol import Condition
 from scoring.result import Result
-from tests.madrob_console.engine.drive import STEP, OfficialDrive, make_setup
+from tests.madrob_console.engine.drive import STEP, Drive, make_setup
 from tests.madrob_console.engine.spoilt import Edit, Fault, Spoil, edited, spoiler
 
 TIMEOUT = 16.0
 """Of a run, s; the robot needs 13.85 s."""
 
 
-class FaultySource(Source):
-    """A simulated testbed, honest until told otherwise.
+class FaultySource(SimulatedSource):
+    """A simulated testbed as good as a real one, honest until told otherwise.
 
     Attributes:
         handed: every message handed to the engine, in order.
         published: every message that the engine published, in order.
-        second_referee: who else publishes the state of the run, in words.
+        other_referee: who else publishes the state of the run, in words.
         simulated_time: see `Announcement`.
     """
 
-    def __init__(self, source: SimulatedSource, clock: Clock) -> None:
+    kind = SourceKind.ROS
+    other_referee: str | None = None
+    simulated_time: float | None = None
+
+    def __init__(self, *testbed: Any, **more: Any) -> None:  # noqa: ANN401  of the simulated one
+        super().__init__(*testbed, **more)
         self.handed: list[RawMessage] = []
         self.published: list[RawMessage] = []
-        self.second_referee: str | None = None
-        self.simulated_time: float | None = None
-        self._source = source
-        self._clock = clock
         self._spoils: dict[str, Spoil] = {}
-        self._publishers: dict[str, int] = {}
+        self._doubled: set[str] = set()
         self._coming: list[RawMessage] = []
         self._deliver: Callable[[int], int] = lambda at: at
 
     def spoil(self, topic: str, fault: Fault) -> None:
         """From now on `topic` is faulty."""
-        self._publishers[topic] = 2 if fault is Fault.TWO_PUBLISHERS else 1
-        self._spoils[topic] = spoiler(topic, fault)
+        self.send(topic, spoiler(topic, fault))
+        if fault is Fault.TWO_PUBLISHERS:
+            self._doubled.add(topic)
 
     def fake(self, topic: str, edit: Edit) -> None:
         """From now on `topic` says something else."""
-        self._spoils[topic] = lambda message: [edited(message, edit)]
+        self.send(topic, lambda message: [edited(message, edit)])
 
-    def alternate(self, topic: str, faults: Sequence[Fault]) -> None:
-        """From now on each message of `topic` has the next one of these faults."""
-        spoils = cycle([spoiler(topic, fault) for fault in faults])
-
-        def spoil(message: RawMessage) -> list[RawMessage]:
-            return next(spoils)(message)
-
+    def send(self, topic: str, spoil: Spoil) -> None:
+        """From now on this comes instead of each message of `topic`."""
+        self.heal(topic)
         self._spoils[topic] = spoil
-
-    def replace_data(self, topic: str, data: Sequence[bytes]) -> None:
-        """From now on `topic` sends these bytes, again and again; nothing if there are none."""
-        again = cycle(data)
-        self._spoils[topic] = lambda message: [
-            structs.replace(message, data=d) for d in islice(again, 1)
-        ]
 
     def deliver(self, when: Callable[[int], int]) -> None:
         """From now on what would come at a time, ns since the epoch, comes at another one."""
@@ -84,12 +71,12 @@ class FaultySource(Source):
     def heal(self, topic: str) -> None:
         """From now on `topic` is honest again."""
         self._spoils.pop(topic, None)
-        self._publishers.pop(topic, None)
+        self._doubled.discard(topic)
 
     def take_messages(self, timeout: float) -> list[RawMessage]:
-        for message in self._source.take_messages(timeout):
-            spoil = self._spoils.get(message.topic)
+        for message in super().take_messages(timeout):
             came = structs.replace(message, receive_ns=self._deliver(message.receive_ns))
+            spoil = self._spoils.get(message.topic)
             self._coming += [came] if spoil is None else spoil(came)
         self._coming.sort(key=lambda message: message.receive_ns)
         now = self._clock.now_ns()
@@ -99,62 +86,35 @@ class FaultySource(Source):
         return taken
 
     def status(self) -> Sequence[TopicStatus]:
-        return tuple(self._spoiled_status(s) for s in self._source.status())
-
-    def _spoiled_status(self, status: TopicStatus) -> TopicStatus:
-        publishers = self._publishers.get(status.topic, status.publishers)
-        return replace(status, publishers=publishers, lost=None if publishers > 1 else 0)
-
-    @property
-    def kind(self) -> SourceKind:
-        return self._source.kind
-
-    @property
-    def label(self) -> str:
-        return self._source.label
-
-    @property
-    def sides_problem(self) -> str | None:
-        return self._source.sides_problem
+        return tuple(
+            replace(one, publishers=2, lost=None)
+            if one.topic in self._doubled
+            else replace(one, lost=0)
+            for one in super().status()
+        )
 
     @property
     def announcement(self) -> Announcement:
-        return replace(self._source.announcement, simulated_time=self.simulated_time)
-
-    def offer_abort(self, begin_abort: BeginAbort) -> None:
-        self._source.offer_abort(begin_abort)
-
-    @property
-    def other_referee(self) -> str | None:
-        return self.second_referee
-
-    def open(self) -> None:
-        self._source.open()
-
-    def topics(self) -> Sequence[Topic]:
-        return self._source.topics()
-
-    def configure(self, condition: Condition) -> None:
-        self._source.configure(condition)
+        return Announcement(simulated_time=self.simulated_time)
 
     def publish(self, message: RawMessage) -> None:
         self.published.append(message)
-        self._source.publish(message)
-
-    def close(self) -> None:
-        self._source.close()
+        super().publish(message)
 
 
-class FaultyDrive(OfficialDrive):
+class FaultyDrive(Drive):
     """A drive on a testbed that can be spoiled; its runs count."""
 
     SPOILT = FaultySource
 
     def __init__(self, results: Path) -> None:
+        self.SOURCE = self.SPOILT
         super().__init__(results)
-        self.faulty = self.SPOILT(self.source, self.clock)
-        self.engine = Engine(self.faulty, self.clock, self.engine.config, MessageTypes())
-        self.engine.open()
+
+    @property
+    def faulty(self) -> FaultySource:
+        assert isinstance(self.source, FaultySource)
+        return self.source
 
     def set_up(self) -> None:
         """All is ready for a start."""

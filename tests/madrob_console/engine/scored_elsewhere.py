@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -35,6 +35,15 @@ class Referee(Drive):
     def look(self) -> None:
         self.engine.step(0.0)
         self.faults |= set(self.engine.snapshot().all_faults)
+
+    def until_told(self, words: str) -> None:
+        """Until screens show this fault."""
+
+        def told() -> bool:
+            self.look()
+            return any(words in fault for fault in self.faults)
+
+        until(told, 60.0)
 
     def settle(self, patience: float = 60.0) -> None:
         """Until there is the result that was asked for."""
@@ -92,3 +101,13 @@ def pid_of(scorer: ScoringProcess) -> int:
 
 def alive(pid: int) -> bool:
     return Path(f"/proc/{pid}").exists()
+
+
+def children_of(parent: int) -> dict[int, str]:
+    """The command lines of what a process has started, by their ids; a zombie has none."""
+    found = {}
+    for path in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if int((path / "stat").read_text().rpartition(")")[2].split()[1]) == parent:
+                found[int(path.name)] = (path / "cmdline").read_text().replace("\0", " ")
+    return found

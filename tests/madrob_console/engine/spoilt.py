@@ -6,6 +6,7 @@ import math
 import struct
 from collections.abc import Callable
 from enum import StrEnum
+from itertools import count
 from random import Random
 
 import numpy as np
@@ -49,14 +50,12 @@ class Fault(StrEnum):
     ZERO_STAMPS = "stamps zero"
     NAN = "NaN"
     PLUS_INFINITY = "+inf"
-    MINUS_INFINITY = "-inf"
     EMPTY = "empty arrays"
     OUT_OF_RANGE = "out of range"
     ENORMOUS = "enormous numbers"
     OTHER_TYPE = "another type"
     TWO_PUBLISHERS = "two publishers"
     TRUNCATED = "truncated"
-    NOTHING_INSIDE = "no bytes"
     HUGE_LENGTH = "claims 2 GB"
     TOO_LARGE = "400 kB"
     RANDOM = "random bytes"
@@ -64,26 +63,24 @@ class Fault(StrEnum):
 
 def spoiler(topic: str, fault: Fault) -> Spoil:
     """A publisher of `topic` with this fault."""
-    if fault in _SPOILERS:
-        return _SPOILERS[fault](topic)
     if fault in _VALUES:
         return lambda message: [edited(message, lambda c: set_value(c, _VALUES[fault]))]
     if fault in _BYTES:
         return lambda message: [replace(message, data=_BYTES[fault](message.data))]
-    return _Stamps(_SHIFTS[fault])
+    if fault in _SHIFTS:
+        return _shifted(_SHIFTS[fault])
+    return _SPOILERS[fault](topic)
 
 
 _BYTES: dict[Fault, Callable[[bytes], bytes]] = {
     Fault.TRUNCATED: lambda data: data[: len(data) // 2],
-    Fault.NOTHING_INSIDE: lambda _: b"",
-    Fault.HUGE_LENGTH: lambda data: with_length(data, 2**31 - 1),
+    Fault.HUGE_LENGTH: lambda data: _with_length(data, 2**31 - 1),
     Fault.TOO_LARGE: lambda data: data + bytes(400_000),
 }
 
 _VALUES: dict[Fault, float | None] = {
     Fault.NAN: math.nan,
     Fault.PLUS_INFINITY: math.inf,
-    Fault.MINUS_INFINITY: -math.inf,
     Fault.EMPTY: None,
     Fault.OUT_OF_RANGE: 9.0,
     Fault.ENORMOUS: 1.7e308,
@@ -102,56 +99,71 @@ _SHIFTS: dict[Fault, Callable[[int], float]] = {
 """By how many seconds the stamp of message number n is off, from the fault on."""
 
 
-class _Random:
+def _shifted(shift: Callable[[int], float]) -> Spoil:
+    numbers = count()
+    return lambda message: [restamped(message, round(shift(next(numbers)) * NS))]
+
+
+def _every(n: int) -> Spoil:
+    """Only every n-th message is sent."""
+    numbers = count(1)
+    return lambda message: [message] * (next(numbers) % n == 0)
+
+
+def _frozen(*stamp: int) -> Spoil:
+    """All stamps are the same one: that of the first message, or a given one."""
+    kept = list(stamp)
+
+    def freeze(content: Message) -> None:
+        now = content.header.stamp
+        kept.extend([] if kept else [now.sec, now.nanosec])
+        now.sec, now.nanosec = kept
+
+    return lambda message: [edited(message, freeze)]
+
+
+def _random(_topic: str) -> Spoil:
     """Random bytes of random length, behind the right first four."""
+    chance = Random(7)
 
-    def __init__(self) -> None:
-        self._rng = Random(7)
-
-    def __call__(self, message: RawMessage) -> list[RawMessage]:
-        junk = self._rng.randbytes(self._rng.randrange(120))
+    def spoil(message: RawMessage) -> list[RawMessage]:
+        junk = chance.randbytes(chance.randrange(120))
         return [replace(message, data=message.data[:4] + junk)]
 
-
-class _Every:
-    """Only every n-th message is sent."""
-
-    def __init__(self, n: int) -> None:
-        self._n = n
-        self._count = 0
-
-    def __call__(self, message: RawMessage) -> list[RawMessage]:
-        self._count += 1
-        return [message] if self._count % self._n == 0 else []
+    return spoil
 
 
-class _Stamps:
-    """Stamps are off."""
-
-    def __init__(self, shift: Callable[[int], float]) -> None:
-        self._shift = shift
-        self._count = 0
-
-    def __call__(self, message: RawMessage) -> list[RawMessage]:
-        shift = self._shift(self._count)
-        self._count += 1
-        return [restamped(message, round(shift * NS))]
+def _flood(message: RawMessage) -> list[RawMessage]:
+    step = PERIOD_NS // 30
+    return [restamped(message, k * step, late=True) for k in range(30)]
 
 
-class _FrozenStamp:
-    """All stamps are the same one: that of the first message, or a given one."""
+def _other_type(message: RawMessage) -> list[RawMessage]:
+    return [replace(message, type=STRING, data=encode_text(TYPES, "not what you expect"))]
 
-    def __init__(self, stamp: tuple[int, int] | None) -> None:
-        self._stamp = stamp
 
-    def __call__(self, message: RawMessage) -> list[RawMessage]:
-        def freeze(content: Message) -> None:
-            stamp = content.header.stamp
-            if self._stamp is None:
-                self._stamp = (stamp.sec, stamp.nanosec)
-            stamp.sec, stamp.nanosec = self._stamp
+def _doubled(topic: str) -> Spoil:
+    """A second publisher says something else 7 ms later."""
+    value = {DOOR: 0.4, HANDLE: -30.0}.get(topic, 1.0)
 
-        return [edited(message, freeze)]
+    def spoil(message: RawMessage) -> list[RawMessage]:
+        later = restamped(message, 7_000_000, late=True)
+        return [message, edited(later, lambda content: set_value(content, value))]
+
+    return spoil
+
+
+_SPOILERS: dict[Fault, Callable[[str], Spoil]] = {
+    Fault.DIES: lambda _: lambda _: [],
+    Fault.SLOWS: lambda _: _every(10),
+    Fault.CRAWLS: lambda _: _every(125),
+    Fault.FLOODS: lambda _: _flood,
+    Fault.REPEATS_STAMPS: lambda _: _frozen(),
+    Fault.ZERO_STAMPS: lambda _: _frozen(0, 0),
+    Fault.OTHER_TYPE: lambda _: _other_type,
+    Fault.TWO_PUBLISHERS: _doubled,
+    Fault.RANDOM: _random,
+}
 
 
 def edited(message: RawMessage, edit: Edit) -> RawMessage:
@@ -172,13 +184,6 @@ def shift_stamp(content: Message, shift_ns: int) -> None:
     stamp.sec, stamp.nanosec = divmod(stamp.sec * NS + stamp.nanosec + shift_ns, NS)
 
 
-def another(message: RawMessage, topic: str) -> RawMessage:
-    """What a second publisher says 7 ms later: something else."""
-    later = restamped(message, 7_000_000, late=True)
-    value = {DOOR: 0.4, HANDLE: -30.0}.get(topic, 1.0)
-    return edited(later, lambda content: set_value(content, value))
-
-
 def set_value(content: Message, value: float | None) -> None:
     """Set what a message measures; None = an empty array."""
     if hasattr(content, "position"):
@@ -190,29 +195,7 @@ def set_value(content: Message, value: float | None) -> None:
         content.wrench.force.x = value
 
 
-def with_length(data: bytes, length: int) -> bytes:
+def _with_length(data: bytes, length: int) -> bytes:
     """The bytes of a stamped message whose `frame_id` claims to be so long."""
     encapsulation_and_stamp = 12
     return data[:encapsulation_and_stamp] + struct.pack("<I", length) + data[16:]
-
-
-def _flood(message: RawMessage) -> list[RawMessage]:
-    step = PERIOD_NS // 30
-    return [restamped(message, k * step, late=True) for k in range(30)]
-
-
-def _other_type(message: RawMessage) -> list[RawMessage]:
-    return [replace(message, type=STRING, data=encode_text(TYPES, "not what you expect"))]
-
-
-_SPOILERS: dict[Fault, Callable[[str], Spoil]] = {
-    Fault.DIES: lambda _: lambda _: [],
-    Fault.SLOWS: lambda _: _Every(10),
-    Fault.CRAWLS: lambda _: _Every(125),
-    Fault.FLOODS: lambda _: _flood,
-    Fault.REPEATS_STAMPS: lambda _: _FrozenStamp(None),
-    Fault.ZERO_STAMPS: lambda _: _FrozenStamp((0, 0)),
-    Fault.OTHER_TYPE: lambda _: _other_type,
-    Fault.TWO_PUBLISHERS: lambda topic: lambda message: [message, another(message, topic)],
-    Fault.RANDOM: lambda _: _Random(),
-}

@@ -1,9 +1,9 @@
-"""Work beside the engine: one process at a time, and none while a run goes on."""
+"""Work beside the engine: what waits for the disk, in a thread of its own, and what only reads."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from pathlib import Path
 
@@ -11,11 +11,10 @@ import pytest
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import whole_file
-from madrob_console.engine.disk import DiskJobs, DiskThread, why_not
+from madrob_console.engine.disk import ENDED, FULL, DiskJobs, DiskThread, RepeatedReading, why_not
 from tests.watching import PATIENCE, until
 
 
-@pytest.mark.machine
 def test_a_file_that_is_cut_short_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), whole_file(tmp_path / "a") as file:  # noqa: PT012
         file.write(b"half")
@@ -23,39 +22,40 @@ def test_a_file_that_is_cut_short_leaves_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-class Hang:
-    """A job that is under way until it is let go."""
-
-    def __init__(self) -> None:
-        self.begun = threading.Event()
-        self.over = threading.Event()
-
-    def __call__(self) -> str:
-        self.begun.set()
-        assert self.over.wait(PATIENCE)
-        return "over"
-
-
-class HandClock:
-    """A clock that is set by hand, s."""
+class Hall:
+    """A disk thread, its clock, and what was told of its jobs."""
 
     def __init__(self) -> None:
         self.now = 100.0
+        self.thread = DiskThread("a keeper", most_jobs=3, monotonic=lambda: self.now)
+        self.go_on = threading.Event()
+        self.told: list[str | None] = []
 
-    def __call__(self) -> float:
-        return self.now
+    def ask(self, job: Callable[[], object], *, first: bool = True) -> Future[object]:
+        def done(answer: Future[object]) -> None:
+            self.told.append(why_not(answer) or f"{answer.result()} {here()}")
+
+        return self.thread.submit_job(job, done, first=first)
+
+    def hang(self) -> None:
+        """A job is under way until it may go on."""
+        until(self.ask(lambda: self.go_on.wait(PATIENCE)).running)
+
+    def settle(self) -> None:
+        self.go_on.set()
+        until(lambda: self.thread.wait_until_idle(0.0))
+
+
+def here() -> str:
+    return threading.current_thread().name
 
 
 @pytest.fixture
-def clock() -> HandClock:
-    return HandClock()
-
-
-@pytest.fixture
-def keeper(clock: HandClock) -> Iterator[DiskThread]:
-    keeper = DiskThread("a keeper", most_jobs=3, monotonic=clock)
-    yield keeper
-    keeper.close(PATIENCE)
+def hall() -> Iterator[Hall]:
+    hall = Hall()
+    yield hall
+    hall.go_on.set()
+    hall.thread.close(PATIENCE)
 
 
 def refuses() -> None:
@@ -66,111 +66,116 @@ def breaks() -> None:
     raise ValueError("a bug")
 
 
-def test_jobs_are_done_in_turn_and_told_of_in_the_thread_that_asks_for_it(
-    keeper: DiskThread,
+def test_jobs_are_done_in_turn_and_told_of_in_the_thread_that_asks_for_it(hall: Hall) -> None:
+    for job in (refuses, breaks, here):
+        answer = hall.ask(job)
+    assert answer.result(PATIENCE) == "a keeper"
+    assert hall.told == []  # nothing is told before it is asked for
+    hall.settle()
+    assert hall.told == ["the disk refuses", "ValueError: a bug", f"a keeper {here()}"]
+
+
+def test_one_that_hangs_is_silent_until_it_answers(hall: Hall) -> None:
+    assert hall.thread.silent == 0.0
+    hall.hang()
+    hall.now += 7.0
+    assert hall.thread.silent == 7.0
+    hall.settle()
+    assert hall.thread.silent == 0.0
+
+
+def test_what_finds_no_room_is_refused_and_what_is_first_or_cancelled_goes_before(
+    hall: Hall,
 ) -> None:
-    done: list[tuple[int, str, str]] = []
-
-    def told(answer: Future[tuple[int, str]]) -> None:
-        done.append((*answer.result(), threading.current_thread().name))
-
-    for number in range(3):
-        keeper.submit_job(lambda number=number: (number, threading.current_thread().name), told)  # type: ignore[misc]
-    until(lambda: keeper.wait_until_idle(0.0))
-    here = threading.current_thread().name
-    assert done == [(number, "a keeper", here) for number in range(3)]
-
-
-def test_nothing_is_told_before_it_is_asked_for(keeper: DiskThread) -> None:
-    done: list[int] = []
-    answer = keeper.submit_job(lambda: 1, lambda answer: done.append(answer.result()))
-    assert answer.result(PATIENCE) == 1
-    assert done == []
-    until(lambda: keeper.wait_until_idle(0.0))
-    assert done == [1]
+    hall.hang()
+    others = [hall.ask(lambda n=number: n, first=False) for number in range(3)]  # type: ignore[misc]
+    hall.ask(lambda: None, first=False)
+    hall.thread.deliver()
+    assert hall.told == [FULL]
+    assert others[0].cancel()
+    hall.ask(lambda: "a referee's", first=True)
+    hall.settle()
+    assert [str(told).split()[0] for told in hall.told[1:]] == ["True", "a", "1", "2"]
 
 
-def test_a_job_that_fails_is_an_answer_and_ends_no_keeper(keeper: DiskThread) -> None:
-    words: list[str | None] = []
-    keeper.submit_job(refuses, lambda answer: words.append(why_not(answer)))
-    keeper.submit_job(breaks, lambda answer: words.append(why_not(answer)))
-    keeper.submit_job(lambda: 1, lambda answer: words.append(why_not(answer)))
-    until(lambda: keeper.wait_until_idle(0.0))
-    assert words == ["the disk refuses", "ValueError: a bug", None]
-
-
-def test_one_that_hangs_is_silent_until_it_answers(keeper: DiskThread, clock: HandClock) -> None:
-    hang = Hang()
-    assert keeper.silent == 0.0
-    keeper.submit_job(hang)
-    assert hang.begun.wait(PATIENCE)
-    clock.now += 7.0
-    assert keeper.silent == 7.0
-    hang.over.set()
-    until(lambda: keeper.silent == 0.0)
-
-
-def test_what_finds_no_room_is_refused_in_words(keeper: DiskThread) -> None:
-    hang, words = Hang(), list[str | None]()
-    keeper.submit_job(hang)
-    assert hang.begun.wait(PATIENCE)
-    for _ in range(3):
-        keeper.submit_job(lambda: None)
-    keeper.submit_job(lambda: None, lambda answer: words.append(why_not(answer)))
-    keeper.deliver()
-    assert words == ["too much waits for the disk: try again when it answers"]
-    hang.over.set()
-
-
-def test_what_is_cancelled_before_its_turn_never_happens(keeper: DiskThread) -> None:
-    hang, done = Hang(), list[str]()
-    keeper.submit_job(hang)
-    assert hang.begun.wait(PATIENCE)
-    given_up = keeper.submit_job(lambda: done.append("job"), lambda _: done.append("told"))
-    assert given_up.cancel()
-    hang.over.set()
-    until(lambda: keeper.wait_until_idle(0.0))
-    assert done == []
-
-
-def test_settling_waits_for_what_answers_ask_for_too(keeper: DiskThread) -> None:
-    done: list[str] = []
-
+def test_settling_waits_for_what_answers_ask_for_too(hall: Hall) -> None:
     def again(_answer: Future[None]) -> None:
-        keeper.submit_job(lambda: "second", lambda answer: done.append(answer.result()))
+        hall.ask(lambda: "second")
 
-    keeper.submit_job(lambda: None, again)
-    until(lambda: keeper.wait_until_idle(0.0))
-    assert done == ["second"]
-
-
-def test_closing_leaves_a_job_that_hangs_to_itself(keeper: DiskThread) -> None:
-    hang, words = Hang(), list[str | None]()
-    keeper.submit_job(hang, lambda answer: words.append(why_not(answer)))
-    assert hang.begun.wait(PATIENCE)
-    assert not keeper.wait_until_idle(0.0)
-    keeper.close(0.0)
-    assert words == []
-    with pytest.raises(MadrobError, match="the engine has ended"):
-        keeper.submit_job(lambda: None).result(0.0)
-    hang.over.set()
+    hall.thread.submit_job(lambda: None, again)
+    hall.settle()
+    assert hall.told == [f"second {here()}"]
 
 
-def test_closing_does_what_was_asked_for_before(clock: HandClock) -> None:
-    keeper, done = DiskThread("another keeper", monotonic=clock), list[int]()
-    for number in range(5):
-        keeper.submit_job(lambda number=number: number, lambda answer: done.append(answer.result()))  # type: ignore[misc]
-    keeper.close(PATIENCE)
-    assert done == list(range(5))
+def test_closing_does_what_was_asked_for_and_leaves_a_job_that_hangs_to_itself(hall: Hall) -> None:
+    for number in range(3):
+        hall.ask(lambda number=number: number)  # type: ignore[misc]
+    hall.settle()
+    assert len(hall.told) == 3
+    hall.go_on.clear()
+    hall.hang()
+    waits = hall.ask(lambda: 7)
+    assert not hall.thread.wait_until_idle(0.0)
+    hall.thread.close(0.0)
+    assert len(hall.told) == 3
+    for one in (waits, hall.ask(lambda: None)):
+        with pytest.raises(MadrobError, match=ENDED):
+            one.result(PATIENCE)
 
 
-def test_inline_it_is_done_and_told_before_asking_returns() -> None:
-    keeper: DiskJobs = DiskJobs()
-    done: list[str | None] = []
-    assert (
-        keeper.submit_job(lambda: 7, lambda answer: done.append(str(answer.result()))).result() == 7
-    )
-    keeper.submit_job(refuses, lambda answer: done.append(why_not(answer)))
-    assert done == ["7", "the disk refuses"]
-    assert keeper.wait_until_idle(0.0)
-    assert keeper.silent == 0.0
+def test_inline_it_is_done_and_told_before_asking_returns(hall: Hall) -> None:
+    hall.thread.close(PATIENCE)
+    hall.thread = DiskJobs()  # type: ignore[assignment]
+    assert hall.ask(lambda: 7).result() == 7
+    hall.ask(refuses)
+    assert hall.told == [f"7 {here()}", "the disk refuses"]
+    assert hall.thread.wait_until_idle(0.0)
+    assert hall.thread.silent == 0.0
+
+
+NEVER = 1e6
+"""A period in which nothing is looked at but by the test, s."""
+
+
+class Archive:
+    """A value that is read when a test says so."""
+
+    def __init__(self, *, forgets: bool) -> None:
+        self.asked: list[Future[str]] = []
+        self.reading = RepeatedReading(str, self.submit, NEVER, "unknown", forgets=forgets)
+
+    def submit(self, _job: Callable[[], str], done: Callable[[Future[str]], None]) -> None:
+        self.asked.append(Future())
+        self.asked[-1].add_done_callback(done)
+
+
+def test_a_value_is_read_again_after_a_change_and_after_a_while_one_reading_at_a_time() -> None:
+    archive = Archive(forgets=False)
+    look = archive.reading.look
+    assert look(0.0, "a result") == "unknown"
+    archive.asked[-1].set_result("first")
+    assert look(1.0, "a result") == "first"
+    assert len(archive.asked) == 1
+    assert look(1.0, "another") == look(2.0, "a third") == "first"  # the reading goes on
+    assert len(archive.asked) == 2
+    archive.asked[-1].set_result("second")
+    assert look(2.0, "another") == "second"
+    look(NEVER + 1.0, "another")
+    assert len(archive.asked) == 3
+
+
+@pytest.mark.parametrize("forgets", [False, True])
+def test_a_value_that_cannot_be_read_is_forgotten_where_an_old_one_says_nothing(
+    forgets: bool,
+) -> None:
+    archive, kept = Archive(forgets=forgets), "unknown" if forgets else "known"
+    look = archive.reading.look
+    look(0.0)
+    archive.asked[-1].set_result("known")
+    look(NEVER)
+    assert look(NEVER + 1.0) == "known"  # its answer is not late yet
+    assert look(2 * NEVER) == kept
+    archive.asked[-1].set_exception(MadrobError("the disk is away"))
+    assert look(2 * NEVER) == kept
+    archive.asked[-1].set_result("known again")
+    assert archive.reading.value == "known again"

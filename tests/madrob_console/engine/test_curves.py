@@ -1,9 +1,6 @@
 from __future__ import annotations
 
-import subprocess
-import sys
 from itertools import pairwise
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -12,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from madrob_console.archive.scored import Scored
+from madrob_console.archive.scored import score_opened
 from madrob_console.engine.requests import (
     MOST_CURVE_POINTS,
     Curve,
@@ -30,6 +27,7 @@ from scoring.result import Ending, EventRecord, Indicator, Result
 from scoring.rulesets import RulesetName
 from scoring.signals import Sample
 from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.recorded_runs import recorded
 from tests.scoring import runs
 from tests.scoring.runs import assessment, door, handle
 
@@ -63,43 +61,34 @@ def some_rows(time: Array, value: Array) -> Rows:
     return Rows(joint, value, at, value, at, value, np.zeros(value.size), value, None, Thresholds())
 
 
-def score_opened(results: Path, scenario: Scenario) -> Scored:
-    drive = Drive(results, scenario, seed=3)
-    drive.whole_run(make_setup())
-    return drive.scored()
-
-
 def values(stretches: tuple[Curve, ...]) -> list[float]:
     return [value for stretch in stretches for value in stretch.value]
 
 
 @pytest.mark.parametrize("scenario", [Scenario.NOMINAL, Scenario.SLAM])
-def test_the_extremes_of_a_runs_curves_are_its_indicators(
-    tmp_path: Path, scenario: Scenario
-) -> None:
-    scored = score_opened(tmp_path, scenario)
-    curves = curves_of(scored.result, scored.rows)
+def test_the_extremes_of_a_runs_curves_are_its_indicators(scenario: Scenario) -> None:
+    scored = score_opened(recorded(scenario))
     result = scored.result
-    unsafety = result.indicators[IndicatorName.UNSAFETY_OF_DOOR_OPERATION].value
-    assert max(map(abs, values(curves.curves_of(Quantity.ACCELERATION)))) == unsafety
-    roughness = result.indicators[IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION].value
-    assert max(map(abs, values(curves.curves_of(Quantity.FORCE)))) == roughness
-    smoothness = result.indicators[IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION].value
-    assert 10 / np.mean(np.abs(values(curves.curves_of(Quantity.JERK)))) == pytest.approx(
-        smoothness, rel=1e-12
-    )
-
-
-def test_times_and_events_count_from_the_start_of_the_run(tmp_path: Path) -> None:
-    scored = score_opened(tmp_path, Scenario.NOMINAL)
-    curves = curves_of(scored.result, scored.rows)
-    assert curves.duration == scored.result.indicators[IndicatorName.EXECUTION_TIME].value
+    curves = curves_of(result, scored.rows)
+    found = {name: indicator.value for name, indicator in result.indicators.items()}
+    extremes = {
+        IndicatorName.UNSAFETY_OF_DOOR_OPERATION: Quantity.ACCELERATION,
+        IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION: Quantity.FORCE,
+    }
+    for name, quantity in extremes.items():
+        assert max(map(abs, values(curves.curves_of(quantity)))) == found[name]
+    jerk = np.mean(np.abs(values(curves.curves_of(Quantity.JERK))))
+    smoothness = found[IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION]
+    assert 10 / jerk == pytest.approx(smoothness, rel=1e-12)
+    assert curves.duration == found.get(IndicatorName.EXECUTION_TIME)
     assert curves.events[0] == (0.0, "benchmark_start")
-    touched = scored.result.indicators[IndicatorName.TIME_TO_HANDLE].value
-    assert (touched, "handle_is_touched") in curves.events
+    assert (found[IndicatorName.TIME_TO_HANDLE], "handle_is_touched") in curves.events
     first, last = curves.extent
     assert first == 0.0
-    assert curves.duration < last < curves.duration + 1.1  # the settle time belongs to the rows
+    assert (curves.duration < last) is (result.outcome is Outcome.COMPLETED)  # and settles
+    assert last < curves.duration + 1.1
+    for coded in (msgspec.json, msgspec.msgpack):
+        assert coded.decode(coded.encode(curves), type=Curves) == curves
 
 
 def test_an_aborted_run_has_no_curves(drive: Drive) -> None:
@@ -122,12 +111,6 @@ def test_a_run_without_rows_has_empty_curves(duration: float | None) -> None:
     assert curves.extent == (0.0, curves.duration)
 
 
-def test_a_run_that_was_cut_off_lasts_to_its_last_datum() -> None:
-    rows = some_rows(np.linspace(0.0, 1.98, 100), np.zeros(100))
-    curves = curves_of(a_result(Outcome.INTERRUPTED, None), rows)
-    assert curves.duration == pytest.approx(1.98)
-
-
 def test_gaps_and_undefined_values_end_a_stretch() -> None:
     time = np.array([0.0, 0.02, 0.04, 1.0, 1.02, 1.04, 1.06])
     value = np.array([1.0, 2.0, 3.0, 4.0, np.nan, 6.0, np.inf])
@@ -137,16 +120,6 @@ def test_gaps_and_undefined_values_end_a_stretch() -> None:
         (4.0,),
         (6.0,),
     ]
-
-
-def test_curves_cross_a_socket_unchanged(tmp_path: Path) -> None:
-    scored = score_opened(tmp_path, Scenario.NOMINAL)
-    curves = curves_of(scored.result, scored.rows)
-    for encode, decode in (
-        (msgspec.json.encode, msgspec.json.decode),
-        (msgspec.msgpack.encode, msgspec.msgpack.decode),
-    ):
-        assert decode(encode(curves), type=Curves) == curves
 
 
 @given(
@@ -176,24 +149,14 @@ def test_a_long_run_is_thinned_and_keeps_its_extremes(
     assert all(recorded[at] == height for at, height in zip(times, kept, strict=True))
 
 
-@pytest.mark.machine
-def test_the_shapes_come_without_the_numbers_machinery() -> None:
-    code = (
-        "import sys, madrob_console.engine.requests\n"
-        "print([name for name in ('numpy', 'scipy', 'pandas') if name in sys.modules])"
-    )
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ran.stdout.strip() == "[]"
-
-
 def test_rows_before_the_start_and_after_the_stop_are_within_the_extent() -> None:
     touched = Event(START + 1.5, EventName.HANDLE_IS_TOUCHED)
-    curves = curves_of(
-        a_result(Outcome.COMPLETED, 10.0, touched),
-        some_rows(np.array([-2.0, -1.98, 11.0]), np.zeros(3)),
-    )
+    rows = some_rows(np.array([-2.0, -1.98, 11.0]), np.zeros(3))
+    curves = curves_of(a_result(Outcome.COMPLETED, 10.0, touched), rows)
     assert curves.events == ((1.5, "handle_is_touched"),)
     assert curves.extent == (-2.0, 11.0)
+    # one that was cut off lasts to its last datum
+    assert curves_of(a_result(Outcome.INTERRUPTED, None), rows).duration == pytest.approx(11.0)
 
 
 def test_slow_samples_that_are_no_gap_on_this_testbed_make_one_curve() -> None:

@@ -18,18 +18,18 @@ from msgspec.structs import replace as changed
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.archive.scored import read_recorded_run
+from madrob_console.engine.scorer import RenderedResult
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder
 from madrob_console.messages.message_types import MessageTypes
-from madrob_console.testbeds.simulated import Scenario
+from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings, observe
 from recorder.reader import read_bag
-from scoring.indicator_table import IndicatorName
 from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import BenchmarkType, Condition, Event, EventName, Outcome, Side, Signal
 from scoring.result import Ending, EventRecord, Result
 from scoring.signals import DoorSample, HandleSample, Sample
 from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.testbeds.truth import Truth, truth_of_testbed
+from tests.madrob_console.testbeds.truth import truth_of_testbed
 from tests.scoring.clean_run import Fault, door_fault, force_fault, late, lost, passage_fault
 from tests.scoring.runs import START
 from tests.slowly import slow_but_for
@@ -69,25 +69,33 @@ class Recorded:
 
 def record(results: Path, seed: int) -> Recorded:
     """A run of the robot with that seed."""
-    drive = Drive(results, Scenario.RANDOM, seed)
-    drive.whole_run(make_setup(Condition.from_number(1 + seed % 20), timeout=TIMEOUT))
-    scored, folder = drive.engine.scored, drive.engine.folder
-    assert scored is not None
-    assert folder is not None
-    drive.engine.close()
+    scored, folder, _ = played(results, Scenario.RANDOM, seed, Condition.from_number(1 + seed % 20))
     recorded = read_recorded_run(folder)
     shift = scored.result.start - START
-    decoder = Decoder(DEFAULT_MAPPINGS, MessageTypes())
-    decoded = (decoder.decode(message) for message in recorded.bag.messages())
-    samples: list[Sample] = [
-        changed(s, time=s.time - shift, log_time=s.log_time - shift)
-        for s in decoded
-        if s is not None
+    samples = [
+        changed(s, time=s.time - shift, log_time=s.log_time - shift) for s in decoded(folder)
     ]
     run = scored.run.ending
     stop = None if run.stop is None else run.stop - shift
     ending = Ending(run.outcome, run.reason, stop)
     return Recorded(scored.result, recorded.record, ending, samples)
+
+
+def played(
+    results: Path, scenario: Scenario, seed: int, condition: Condition
+) -> tuple[RenderedResult, Path, SimulatedTestbed]:
+    """A whole run: what came of it, its folder and its testbed."""
+    drive = Drive(results, scenario, seed)
+    drive.whole_run(make_setup(condition, timeout=TIMEOUT))
+    drive.engine.close()
+    assert drive.engine.scored is not None
+    return drive.engine.scored, drive.folder, drive.source.testbed
+
+
+def decoded(folder: Path) -> list[Sample]:
+    decoder = Decoder(DEFAULT_MAPPINGS, MessageTypes())
+    samples = (decoder.decode(message) for message in read_bag(folder).messages())
+    return [sample for sample in samples if sample is not None]
 
 
 @pytest.mark.slow
@@ -108,7 +116,7 @@ def test_clean_runs_are_seldom_doubted(
     count = len(range(part, runs, 2)) - beyond
     print(f"{doubted} of {count} clean runs are doubted: {dict(fired)}; beyond 20 kgf: {beyond}")
     for kind, times in fired.items():
-        assert times <= max(1, 0.01 * count), kind
+        assert times <= max(2, 0.01 * count), kind  # two of a few may be
 
 
 def kind_of(words: str) -> str:
@@ -133,7 +141,8 @@ def fault_in(  # noqa: C901 - one case a fault
     match kind:
         case "touch" if touched is not None and touched > 0.5:
             at = random.uniform(0.2, touched - 0.2)
-            return one_force(at, lambda _: zero + random.choice((-1, 1)) * 6.0), Name.TIME_TO_HANDLE
+            pull = zero + random.choice((-1, 1)) * 6.0
+            return force_fault(once(at, lambda _: pull)), Name.TIME_TO_HANDLE
         case "spike" if opened is not None and closed is not None:
             at = random.uniform(0.2, end - 0.2)
             by = math.copysign(0.6, random.random() - 0.5)
@@ -142,10 +151,10 @@ def fault_in(  # noqa: C901 - one case a fault
                 possible = abs(angle + by) < run.record.thresholds.largest_angle
                 return angle + by if possible else angle - by
 
-            return one_angle(at, spike), Name.SMOOTHNESS_OF_DOOR_ACTUATION
+            return door_fault(once(at, spike)), Name.SMOOTHNESS_OF_DOOR_ACTUATION
         case "impossible" if opened is not None and closed is not None:
             at = random.uniform(opened, closed)
-            return one_angle(at, lambda _: math.pi), Name.SMOOTHNESS_OF_DOOR_ACTUATION
+            return door_fault(once(at, lambda _: math.pi)), Name.SMOOTHNESS_OF_DOOR_ACTUATION
         case "losses" if opened is not None and closed is not None and closed - opened > 1.5:
             part = random.uniform(0.02, 0.1)
             losing = Random(random.random())
@@ -183,40 +192,23 @@ def fault_in(  # noqa: C901 - one case a fault
         case "delay" if run.result.indicators[Name.PASSAGE_TIME].value is not None:
             return late(DoorSample, random.uniform(0.03, 0.09)), Name.PASSAGE_TIME
         case "blip" if run.ending.outcome is Outcome.COMPLETED:
-            starting = run.record.setup.condition.starting_side
-            return blip(starting, end + random.uniform(-0.5, -0.1)), Name.CAPABILITY_LEVEL
+            # something is under one sensor of a side for one sample
+            side, at = run.record.setup.condition.starting_side, end + random.uniform(-0.5, -0.1)
+            return passage_fault(side, at, at + 0.02, there=True), Name.CAPABILITY_LEVEL
     return None
 
 
-def one_force(at: float, change: Callable[[float], float]) -> Fault:
-    """One sample of the handle at about `at` s is another."""
+def once(at: float, change: Callable[[float], float]) -> Callable[[float, float], float]:
+    """One sample at about `at` s is another."""
     done: list[float] = []
 
-    def spoil(t: float, force: float) -> float:
+    def spoil(t: float, value: float) -> float:
         if t >= at and not done:
             done.append(t)
-            return change(force)
-        return force
+            return change(value)
+        return value
 
-    return force_fault(spoil)
-
-
-def one_angle(at: float, change: Callable[[float], float]) -> Fault:
-    """One sample of the door at about `at` s is another."""
-    done: list[float] = []
-
-    def spoil(t: float, angle: float) -> float:
-        if t >= at and not done:
-            done.append(t)
-            return change(angle)
-        return angle
-
-    return door_fault(spoil)
-
-
-def blip(side: Side, at: float) -> Fault:
-    """Something is under one sensor of a side for one sample."""
-    return passage_fault(side, at, at + 0.02, there=True)
+    return spoil
 
 
 @pytest.mark.slow
@@ -262,51 +254,30 @@ SIGNALS = {
 Stamps = dict[Signal, list[float]]
 
 
-@dataclass(frozen=True, slots=True)
-class Played:
-    """A run: what the engine found, what is true, and when the sensors were read.
+def errors_of(results: Path, scenario: Scenario, seed: int, condition: Condition) -> list[float]:
+    """How far off the events of a run are, in samples; what else was found is what truly was.
 
-    Attributes:
-        blur: for so long, s, at most, the true force is as near to the threshold of a touch as
-            the load cell's noise is large, so that no reading can tell on which side it is.
+    The load cell's noise blurs a touch and nothing else: that much is no error.
     """
-
-    result: Result
-    truth: Truth
-    stamps: Stamps
-    blur: float
-
-
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """The largest event-time error of a run, in samples, and its two capability levels.
-
-    Attributes:
-        error: beyond the load cell's noise, which blurs a touch and nothing else.
-        raw_error: noise included.
-    """
-
-    error: float
-    raw_error: float
-    level: int
-    true_level: int
-
-
-def play(results: Path, scenario: Scenario, seed: int, condition: Condition) -> Played:
-    drive = Drive(results, scenario, seed)
-    drive.whole_run(make_setup(condition, timeout=TIMEOUT))
-    truth = truth_of_testbed(drive.source.testbed, TIMEOUT)
-    scored, folder = drive.engine.scored, drive.engine.folder
-    assert scored is not None
+    scored, folder, testbed = played(results, scenario, seed, condition)
+    result, truth = scored.result, truth_of_testbed(testbed, TIMEOUT)
     assert truth is not None
-    assert folder is not None
-    drive.engine.close()
-    return Played(scored.result, truth, stamps_in(folder), touch_blur(drive))
+    found = [e.event for e in result.events], result.outcome
+    assert found == ([e.name for e in truth.events], truth.outcome), (result.events, truth.events)
+    level = result.indicators[Name.CAPABILITY_LEVEL].value
+    assert (seed, level) == (seed, truth.capability_level)
+    stamps: Stamps = {}
+    for sample in decoded(folder):
+        stamps.setdefault(sample.signal, []).append(sample.time)
+    pairs, blur = zip(result.events, truth.events, strict=True), touch_blur(testbed)
+    return [error_in_samples(one, true, stamps, blur) for one, true in pairs]
 
 
-def touch_blur(drive: Drive) -> float:
-    """How long the force takes through the noise about the threshold, on its slower side, s."""
-    testbed = drive.source.testbed
+def touch_blur(testbed: SimulatedTestbed) -> float:
+    """How long the force takes through the noise about the threshold, on its slower side, s.
+
+    So long no reading can tell on which side of it the force is.
+    """
     assert testbed.plan is not None
     touched = []
     for margin in (-NOISE, 0.0, NOISE):
@@ -320,18 +291,7 @@ def touch_blur(drive: Drive) -> float:
     return max(at - before, after - at)
 
 
-def stamps_in(folder: Path) -> Stamps:
-    """The stamps of each signal in a bag."""
-    decoder = Decoder(DEFAULT_MAPPINGS, MessageTypes())
-    stamps: Stamps = {}
-    for message in read_bag(folder).messages():
-        sample = decoder.decode(message)
-        if sample is not None:
-            stamps.setdefault(sample.signal, []).append(sample.time)
-    return stamps
-
-
-def error_in_samples(found: EventRecord, true: Event, stamps: Stamps, blur: float = 0.0) -> float:
+def error_in_samples(found: EventRecord, true: Event, stamps: Stamps, blur: float) -> float:
     """1 = found at the last instant of the sampling interval in which it truly happened.
 
     Args:
@@ -351,28 +311,6 @@ def error_in_samples(found: EventRecord, true: Event, stamps: Stamps, blur: floa
     return error / 0.02  # not seen by a sensor
 
 
-def compare(played: Played) -> Comparison:
-    result, truth = played.result, played.truth
-    assert [e.event for e in result.events] == [e.name for e in truth.events], lines(result, truth)
-    assert result.outcome is truth.outcome, lines(result, truth)
-    error, raw_error = (
-        max(
-            error_in_samples(found, true, played.stamps, blur)
-            for found, true in zip(result.events, truth.events, strict=True)
-        )
-        for blur in (played.blur, 0.0)
-    )
-    level = result.indicators[IndicatorName.CAPABILITY_LEVEL].value
-    assert isinstance(level, int)
-    return Comparison(error, raw_error, level, truth.capability_level)
-
-
-def lines(result: Result, truth: Truth) -> str:
-    found = [f"{e.since_start:8.3f} {e.event}" for e in result.events]
-    true = [f"{e.time - result.start:8.3f} {e.name}" for e in truth.events]
-    return "\n".join(["found:", *found, result.outcome, "true:", *true, truth.outcome])
-
-
 CONDITIONS = [
     Condition(BenchmarkType.NO_FORCE, opening, starting) for opening in Side for starting in Side
 ]
@@ -387,9 +325,7 @@ CONDITIONS = [
 )
 def test_every_scenario_is_found_as_it_truly_is(scenario: Scenario, tmp_path: Path) -> None:
     condition = CONDITIONS[list(Scenario).index(scenario) % 4]
-    found = compare(play(tmp_path, scenario, 1, condition))
-    assert found.error <= 1
-    assert found.level == found.true_level
+    assert max(errors_of(tmp_path, scenario, 1, condition)) <= 1
 
 
 @pytest.mark.slow
@@ -399,16 +335,9 @@ def test_random_runs_are_found_as_they_truly_are(
 ) -> None:
     runs = request.config.getoption("--runs")
     found = {
-        n: compare(play(tmp_path / str(n), Scenario.RANDOM, n, Condition.from_number(1 + n % 20)))
+        n: max(errors_of(tmp_path / str(n), Scenario.RANDOM, n, Condition.from_number(1 + n % 20)))
         for n in range(part, runs, 4)
     }
-    worst = max(one.error for one in found.values())
-    raw = max(one.raw_error for one in found.values())
-    wrong = [n for n, one in found.items() if one.level != one.true_level]
-    print(
-        f"{len(found)} random runs: largest event-time error {worst:.3f} samples "
-        f"({raw:.3f} with the load cell's noise), "
-        f"{len(wrong)} wrong capability levels"
-    )
-    assert worst <= 1, [n for n, one in found.items() if one.error > 1]
-    assert not wrong
+    worst = max(found.values())
+    print(f"{len(found)} random runs: largest event-time error {worst:.3f} samples")
+    assert worst <= 1, [n for n, error in found.items() if error > 1]

@@ -1,13 +1,11 @@
-"""What only reads is read beside the core, and tells what came of it when asked to."""
+"""Lists of teams and runs are read beside the core, and say who may start."""
 
 from __future__ import annotations
 
 import json
 import os
 import re
-import threading
 from collections.abc import Callable
-from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,65 +15,28 @@ import pytest
 from madrob_console.archive.history import History
 from madrob_console.cli.session import UnattendedRun
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.disk import ENDED, FULL, DiskThread, RepeatedReading
 from madrob_console.engine.engine_thread import ListWatch, follow_lists
 from madrob_console.pages.tally import overall
 from madrob_console.referee.acts import SetUp, Start, Waive
-from madrob_console.referee.checks import Check, CheckState
+from madrob_console.referee.checks import CheckState
 from madrob_console.referee.competition_plan import Plan, PlanSource
 from madrob_console.referee.flags import FlagKind
 from madrob_console.referee.journal import read_journal
 from madrob_console.referee.lists import TeamList, TeamSource
-from madrob_console.referee.records import CheckName
+from madrob_console.referee.records import CheckName, RunSetup
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, Rehearsal, make_setup
-from tests.watching import PATIENCE, until
+from tests.watching import until
 
 
-@pytest.mark.machine
-def test_the_referees_readings_go_before_the_others_and_too_many_are_refused() -> None:
-    reading, go_on, order = DiskThread("reading", most_jobs=5), threading.Event(), list[int]()
-
-    def asked(number: int, *, first: bool = False) -> Future[int]:
-        def read() -> int:
-            assert go_on.wait(PATIENCE)
-            order.append(number)
-            return number
-
-        return reading.submit_job(read, first=first)
-
-    hangs = asked(0)
-    until(hangs.running)
-    others = [asked(100 + number) for number in range(5)]
-    with pytest.raises(MadrobError, match=FULL):
-        asked(105).result(PATIENCE)
-    referees = [asked(number, first=True) for number in (1, 2)]
-    assert others[0].cancel()
-    go_on.set()
-    assert [one.result(PATIENCE) for one in (hangs, *referees, *others[1:])] == order
-    reading.close(PATIENCE)
-
-
-@pytest.mark.machine
-def test_whoever_waits_for_a_reading_that_hangs_is_told_when_the_engine_ends() -> None:
-    reading, go_on = DiskThread("reading"), threading.Event()
-    hangs = reading.submit_job(lambda: go_on.wait(PATIENCE))
-    until(hangs.running)
-    waits = reading.submit_job(lambda: 7, first=False)
-    reading.close(0.0)
-    with pytest.raises(MadrobError, match=ENDED):
-        waits.result(PATIENCE)
-    go_on.set()
-
-
-NEVER = 1e6
-"""A period in which nothing is looked at but by the test, s."""
-
-
-def watching(file: Path | None, told: list[TeamList]) -> ListWatch[TeamList]:
-    watch = ListWatch(file, TeamSource({9: "Own"}, file).read, told.append)
+def watching(
+    file: Path | None, told: list[TeamList], on_change: Callable[[], None] = lambda: None
+) -> Callable[[], None]:
+    """Looks at a list of teams, as often as a test calls it."""
+    watch = ListWatch(file, TeamSource({9: "Own"}, file).read, told.append, on_change)
     watch.read_if_changed()
-    return watch
+    assert len(told) == 1
+    return watch.read_if_changed
 
 
 def test_without_a_file_the_settings_are_the_list() -> None:
@@ -84,65 +45,41 @@ def test_without_a_file_the_settings_are_the_list() -> None:
     assert told == [TeamList({9: "Own"})]
 
 
-def test_a_list_that_changes_is_told_on_and_the_first_one_is_not(tmp_path: Path) -> None:
+def test_a_list_that_changes_is_told_when_it_rests_and_the_engine_knows_it_first(
+    tmp_path: Path,
+) -> None:
     file, told, changes = tmp_path / "teams.csv", list[TeamList](), list[int]()
     file.write_text("3,Walkers\n")
-    read = TeamSource({}, file).read
-    watch = ListWatch(file, read, told.append, lambda: changes.append(len(told)))
-    watch.read_if_changed()
+    look = watching(file, told, lambda: changes.append(len(told)))
+    for text in ("3,Wal", "3,Walkers\n4,Runn", "3,Walkers\n4,Runners\n"):
+        file.write_text(text)
+        look()  # it has changed: it may change again
     assert (len(told), changes) == (1, [])
-    file.write_text("3,Runners\n")
-    watch.read_if_changed()
-    watch.read_if_changed()
-    assert (len(told), changes) == (2, [2])  # the engine knows it first
-
-
-def test_a_file_that_is_being_written_is_read_when_it_rests(tmp_path: Path) -> None:
-    file, told = tmp_path / "teams.csv", list[TeamList]()
-    file.write_text("3,Walkers\n")
-    watch = watching(file, told)
-    file.write_text("3,Wal")
-    watch.read_if_changed()  # it has changed: it may change again
-    file.write_text("3,Walkers\n4,Runn")
-    watch.read_if_changed()
-    file.write_text("3,Walkers\n4,Runners\n")
-    watch.read_if_changed()
-    assert len(told) == 1
-    watch.read_if_changed()
+    look()
+    look()
     assert told[1:] == [TeamList({3: "Walkers", 4: "Runners", 9: "Own"}, (), str(file))]
-    watch.read_if_changed()
-    assert len(told) == 2
+    assert changes == [2]
 
 
-def test_a_file_that_goes_and_comes_back_is_told_and_the_list_stays(tmp_path: Path) -> None:
+def test_a_file_that_goes_is_told_and_its_list_stays_until_another_one_is_there(
+    tmp_path: Path,
+) -> None:
     file, told = tmp_path / "teams.csv", list[TeamList]()
     file.write_text("3,Walkers\n")
-    watch = watching(file, told)
+    look = watching(file, told)
     file.unlink()
     for _ in range(5):
-        watch.read_if_changed()
+        look()
     assert len(told) == 2
     assert told[1].names == told[0].names
     assert "the list stays as it was" in told[1].problems[0]
-    file.write_text("3,Walkers\n4,Late\n")
-    watch.read_if_changed()
-    watch.read_if_changed()
-    assert told[2].names == {3: "Walkers", 4: "Late", 9: "Own"}
-    assert told[2].problems == ()
-
-
-def test_a_link_to_the_list_is_followed_to_another_list(tmp_path: Path) -> None:
-    day1, day2, file = tmp_path / "day1.csv", tmp_path / "day2.csv", tmp_path / "teams.csv"
-    day1.write_text("3,Walkers\n")
-    day2.write_text("4,Runners of day 2\n")
-    file.symlink_to(day1)
-    told = list[TeamList]()
-    watch = watching(file, told)
-    (tmp_path / "new").symlink_to(day2)
-    os.replace(tmp_path / "new", file)  # noqa: PTH105  as `ln -sf` does
-    watch.read_if_changed()
-    watch.read_if_changed()
-    assert told[-1].names == {4: "Runners of day 2", 9: "Own"}
+    for name in ("day 1", "day 2"):
+        (tmp_path / name).write_text(f"4,{name}\n")
+        (tmp_path / "new").symlink_to(tmp_path / name)
+        os.replace(tmp_path / "new", file)  # noqa: PTH105  as `ln -sf` does
+        look()
+        look()
+        assert (told[-1].names, told[-1].problems) == ({4: name, 9: "Own"}, ())
 
 
 @pytest.mark.machine
@@ -168,76 +105,28 @@ def test_the_lists_are_there_before_the_engine_goes_on_and_are_followed(tmp_path
         close()
 
 
-class Archive:
-    """A value that is read when a test says so."""
-
-    def __init__(self, *, forgets: bool) -> None:
-        self.asked: list[Future[str]] = []
-        self.reading = RepeatedReading(str, self.submit, NEVER, "unknown", forgets=forgets)
-
-    def submit(self, _job: Callable[[], str], done: Callable[[Future[str]], None]) -> None:
-        self.asked.append(Future())
-        self.asked[-1].add_done_callback(done)
-
-
-def test_a_value_is_read_again_after_a_change_and_after_a_while_one_reading_at_a_time() -> None:
-    archive = Archive(forgets=False)
-    look = archive.reading.look
-    assert look(0.0, "a result") == "unknown"
-    archive.asked[-1].set_result("first")
-    assert look(1.0, "a result") == "first"
-    assert len(archive.asked) == 1
-    assert look(1.0, "another") == look(2.0, "a third") == "first"  # the reading goes on
-    assert len(archive.asked) == 2
-    archive.asked[-1].set_result("second")
-    assert look(2.0, "another") == "second"
-    look(NEVER + 1.0, "another")
-    assert len(archive.asked) == 3
-
-
-@pytest.mark.parametrize("forgets", [False, True])
-def test_a_value_that_cannot_be_read_is_forgotten_where_an_old_one_says_nothing(
-    forgets: bool,
-) -> None:
-    archive, kept = Archive(forgets=forgets), "unknown" if forgets else "known"
-    look = archive.reading.look
-    look(0.0)
-    archive.asked[-1].set_result("known")
-    look(NEVER)
-    assert look(NEVER + 1.0) == "known"  # its answer is not late yet
-    assert look(2 * NEVER) == kept
-    archive.asked[-1].set_exception(MadrobError("the disk is away"))
-    assert look(2 * NEVER) == kept
-    archive.asked[-1].set_result("known again")
-    assert archive.reading.value == "known again"
-
-
 REASON = "renamed since"
 
 
-def test_the_engine_takes_no_name_beside_the_list_without_a_reason(tmp_path: Path) -> None:
-    drive, setup = Drive(tmp_path), make_setup()
-    assert drive.engine.perform(SetUp(setup)) is None  # no list: names are free
+def test_the_engine_takes_no_name_beside_the_list_without_a_reason(hall: Rehearsal) -> None:
+    setup = make_setup()
+    hall.act(SetUp(setup))  # no list: names are free
     teams = TeamList({setup.subject: "Delft Walkers"})
-    drive.engine.hear_of_teams(teams)
-    assert drive.engine.snapshot().teams == teams
-    refused = drive.engine.perform(SetUp(setup))
-    assert refused is not None
+    hall.engine.hear_of_teams(teams)
+    assert hall.engine.snapshot().teams == teams
+    refused = str(hall.engine.perform(SetUp(setup)))
     assert "'Delft Walkers' in the list of teams: another name needs a reason" in refused
-    assert drive.engine.perform(SetUp(replace(setup, team="Delft Walkers"))) is None
-    assert drive.engine.perform(SetUp(replace(setup, subject=9, team=""))) is None
-    assert drive.engine.perform(SetUp(replace(setup, subject=9))) is not None
-    assert drive.engine.perform(SetUp(replace(setup, team_reason=REASON))) is None
-    drive.engine.close()
+    assert hall.engine.perform(SetUp(replace(setup, subject=9))) is not None
+    hall.act(SetUp(replace(setup, team="Delft Walkers")))
+    hall.act(SetUp(replace(setup, subject=9, team="")))
+    hall.act(SetUp(replace(setup, team_reason=REASON)))
 
 
-def test_the_reason_for_another_name_stands_with_the_run(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
-    setup = replace(make_setup(), team="Runners", team_reason=REASON)
+def test_the_reason_for_another_name_stands_with_the_run(drive: Drive, tmp_path: Path) -> None:
+    setup = replace(make_setup(timeout=1.0), team="Runners", team_reason=REASON)
     listed = {setup.subject: "Delft Walkers"}
     drive.engine.hear_of_teams(TeamList(listed))
-    drive.start(setup)
-    drive.finish()
+    drive.whole_run(setup)
     drive.engine.close()
     first, *_ = read_journal(drive.folder / "journal.jsonl")[0]
     assert (first.what, first.reason) == (SetUp.name, REASON)
@@ -250,19 +139,35 @@ def test_the_reason_for_another_name_stands_with_the_run(tmp_path: Path) -> None
     assert (team.team, team.other_names) == ("Delft Walkers", ("Runners",))
 
 
-def team_check(drive: Drive) -> Check | None:
-    checks = drive.engine.snapshot().checks
-    return next((check for check in checks if check.name is CheckName.TEAM), None)
+def team_check(hall: Rehearsal) -> CheckState | None:
+    checks = hall.engine.snapshot().checks
+    return next((check.state for check in checks if check.name is CheckName.TEAM), None)
 
 
-UNLISTED = "start refused: F2 corrects the team: 9 is not in the list (Enter waives)"
+UNLISTED = "F2 corrects the team: 9 is not in the list (Enter waives)"
+NINE = replace(make_setup(timeout=1.0), subject=9, team="")
 
 
-def test_an_official_run_of_a_team_that_does_not_exist_starts_only_waived(hall: Rehearsal) -> None:
+@pytest.mark.parametrize(
+    ("setup", "words"),
+    [
+        (NINE, UNLISTED),
+        (
+            replace(make_setup(timeout=1.0), team="Delft Walkers", out_of_plan=True),
+            "F2 corrects the team: this run is out of plan (Enter waives)",
+        ),
+    ],
+    ids=["no team of the list", "out of plan"],
+)
+def test_an_official_run_of_nobody_or_out_of_plan_starts_only_waived(
+    hall: Rehearsal, setup: RunSetup, words: str
+) -> None:
     hall.engine.hear_of_teams(TeamList({3: "Delft Walkers"}))
-    hall.prepare(replace(make_setup(), subject=9, team=""))
-    assert f"start refused: {hall.engine.perform(Start())}" == UNLISTED
-    hall.act(Waive(CheckName.TEAM, "a guest"), Start())
+    hall.prepare(setup)
+    assert hall.engine.perform(Start()) == words
+    hall.act(Waive(CheckName.TEAM, "a guest"))
+    assert team_check(hall) is CheckState.WAIVED
+    hall.act(Start())
     hall.finish()
     result = json.loads((hall.folder / "result.json").read_text())
     (waived,) = result["waivers"]
@@ -276,42 +181,22 @@ def test_a_run_without_screens_waits_for_no_team_and_takes_the_waiver(
     monkeypatch.setattr(hall.engine, "open", lambda: None)  # it is open
     hall.engine.hear_of_teams(TeamList({3: "Delft Walkers"}))
     run, began = UnattendedRun(hall.engine, None), hall.engine.now()
-    go = partial(
-        run.go, lambda *, simulated: replace(make_setup(), subject=9, team=""), 20.0, waive
-    )
+    go = partial(run.go, lambda *, simulated: NINE, 20.0, waive)
     if waive is None:
-        with pytest.raises(MadrobError, match=re.escape(UNLISTED)):
+        with pytest.raises(MadrobError, match=re.escape(f"start refused: {UNLISTED}")):
             go()
         assert hall.engine.now() < began + 10.0
     else:
-        assert go() is Outcome.COMPLETED
+        assert go() is Outcome.TIMEOUT
 
 
-def test_practice_and_a_competition_without_a_list_need_no_team(hall: Rehearsal) -> None:
-    unlisted = replace(make_setup(), subject=9, team="")
-    hall.prepare(unlisted)
-    assert team_check(hall) is None
-    hall.engine.hear_of_teams(TeamList({3: "Delft Walkers"}))
-    assert team_check(hall) is not None
-    hall.prepare(replace(unlisted, practice=True))
-    assert team_check(hall) is None
-    hall.act(Start())
-
-
-def test_the_list_counts_as_it_is_now(hall: Rehearsal) -> None:
+def test_the_list_counts_as_it_is_now_and_practice_needs_no_team(hall: Rehearsal) -> None:
     without, having = TeamList({3: "Delft Walkers"}), TeamList({3: "Delft Walkers", 9: "Ghent"})
-    hall.prepare(replace(make_setup(), subject=9, team=""))
+    hall.prepare(NINE)
+    assert team_check(hall) is None  # a competition without a list
     for teams, blocks in ((without, True), (having, False), (without, True)):
         hall.engine.hear_of_teams(teams)
         assert (team_check(hall) is not None) is blocks
-
-
-def test_a_run_out_of_plan_starts_only_waived(hall: Rehearsal) -> None:
-    hall.prepare(replace(make_setup(), out_of_plan=True))
-    refused = hall.engine.perform(Start())
-    assert refused == "F2 corrects the team: this run is out of plan (Enter waives)"
-    hall.act(Waive(CheckName.TEAM, "the organiser agrees"))
-    check = team_check(hall)
-    assert check is not None
-    assert check.state is CheckState.WAIVED
+    hall.prepare(replace(NINE, practice=True))
+    assert team_check(hall) is None
     hall.act(Start())
