@@ -128,6 +128,7 @@ class StateView:
             teams=situation.teams,
             plan=plan,
             testbed=self.engine_context.config.testbed,
+            competition=self.engine_context.config.competition,
         )
 
     def _evidence(self, now: float) -> EvidenceView | None:

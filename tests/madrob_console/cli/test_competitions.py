@@ -85,6 +85,7 @@ def test_a_run_that_may_be_of_another_competition_is_named_and_in_no_zip(
 def test_a_run_that_was_cut_off_is_of_the_competition_of_its_journal(halls: Path) -> None:
     drive = Drive(halls / "halls/c", competition="Other Cup")
     drive.start(make_setup())
+    assert drive.engine.snapshot().competition == "Other Cup"
     cut_off = drive.folder.relative_to(halls / "halls/c")
     drive.engine.close()
     (drive.folder / "result.json").unlink(missing_ok=True)
