@@ -486,6 +486,20 @@ def test_a_damaged_result_is_named_in_a_line_and_the_rest_goes_on(
     assert len(json.loads((tmp_path / "s.json").read_text())["rulesets"][0]["overall"]) == 2
 
 
+@pytest.mark.parametrize("place", ["", "practice"])
+def test_a_damaged_run_is_listed_on_the_side_where_it_lies(
+    results: Path, capsys: pytest.CaptureFixture[str], place: str
+) -> None:
+    write(results, summary(run_number=12, source="simulated"))
+    write(results / place, summary(run_number=11)).write_text("{")
+    for side in ("", "practice"):
+        code = run(results, "--details", *(["--practice"] if side else []))
+        said = capsys.readouterr()
+        named = "_run_011_" in said.err
+        assert (code, named) == ((BAD_INPUT, True) if side == place else (0, False))
+        assert ("run 11 of subject 3" in said.out) == named
+
+
 def test_a_folder_without_runs_gives_empty_standings(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
