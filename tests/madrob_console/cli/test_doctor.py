@@ -39,14 +39,16 @@ from madrob_console.cli.doctor_ros import (
     overheard,
 )
 from madrob_console.engine.engine_lock import state_folder
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, ROBOT_STARTED_TOPIC
 from madrob_console.referee.competition_plan import PlanSource
 from madrob_console.referee.lists import TeamSource
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
 from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated_node import serve_testbed
+from madrob_console.testbeds.source import Source
 from tests.madrob_console import said
 from tests.madrob_console.camera_peer import Kind, Stream, cameras
+from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.ros_peer import BEST_EFFORT, BOOL, Peer, Taker, source
 
 ROOT = Path(__file__).parents[3]
@@ -156,6 +158,7 @@ def test_what_is_wrong_with_topics_is_said(peer: Peer, tmp_path: Path) -> None:
     silent, wrong, _ = (m.topic for m in DEFAULT_MAPPINGS[:3])
     peer.publisher(silent, DEFAULT_MAPPINGS[0].type, BEST_EFFORT)
     peer.publisher(wrong, BOOL)
+    peer.publisher(ROBOT_STARTED_TOPIC, BOOL)
     twice = [peer.publisher(DEFAULT_MAPPINGS[3].topic, DEFAULT_MAPPINGS[3].type) for _ in range(2)]
     enough = threading.Event()
 
@@ -176,12 +179,28 @@ def test_what_is_wrong_with_topics_is_said(peer: Peer, tmp_path: Path) -> None:
     assert found[wrong].text == (
         "its type is std_msgs/msg/Bool, not geometry_msgs/msg/WrenchStamped: correct the settings"
     )
+    assert found[ROBOT_STARTED_TOPIC].text == (
+        "its type is std_msgs/msg/Bool, not std_msgs/msg/Empty: correct the robot's program"
+    )
     assert found[DEFAULT_MAPPINGS[2].topic].text == "no publisher: start the testbed"
     assert found[DEFAULT_MAPPINGS[3].topic].text.endswith(" Hz: stop all but one")
     assert found["console"].text.startswith("one runs in domain ")
     assert found["/madrob/door"].text == "not there: the sides must be set by hand"
     assert {found[s].severity for s in (silent, wrong, "console")} == {Severity.WARNING}
     assert usable(list(found.values()))
+
+
+def test_an_answer_of_the_robot_that_cannot_be_taken_is_a_fault_now_and_of_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Source, "robot_problem", "its type is another one")
+    drive = Drive(tmp_path)
+    drive.start(make_setup())
+    drive.wait(1.0)
+    now = drive.engine.snapshot()
+    told = f"{ROBOT_STARTED_TOPIC}: its type is another one"
+    assert told in now.faults
+    assert told in [fault.text for fault in now.run.faults]
 
 
 @pytest.mark.machine
