@@ -178,14 +178,6 @@ def test_a_strip_that_says_nothing_and_a_door_without_numbers_are_refused(
     assert "208 of 208 door angles are no numbers" in refused(capsys, "masks", tmp_path / "blind")
 
 
-def test_what_is_no_bag_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert "No such file" in refused(capsys, "masks", tmp_path / "none")
-    (tmp_path / "\x1b[31mred").write_text("text")
-    said = refused(capsys, "masks", tmp_path / "\x1b[31mred")
-    assert "is no bag" in said
-    assert "\x1b" not in said
-
-
 # ---------------------------------------------------------------- handle
 
 

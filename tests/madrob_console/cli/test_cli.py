@@ -166,50 +166,6 @@ def test_a_csv_without_its_column_is_named(
     assert "position" in error
 
 
-@pytest.mark.parametrize(
-    ("settings", "named"),
-    [
-        ("[run]\ntimeout = 'long'\n", "timeout"),
-        ("[run]\ntimeuot = 3.0\n", "timeuot"),
-        ("[[topics]]\nsignal = 'door angle'\ntype = 'no_msgs/msg/Angle'\nfield = 'x'\n", "no_msgs"),
-        ("[thresholds]\ntouch_force = nan\n", "touch_force"),
-        ("not toml at all", "TOML"),
-    ],
-)
-def test_a_bad_setting_is_named(
-    settings: str, named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "madrob.toml"
-    path.write_text(settings)
-    flags = ["--settings", str(path), "--results", str(tmp_path / "results")]
-    assert madrob(*RUN, *flags) == 2
-    assert named in one_line(capsys.readouterr().err)
-    assert not (tmp_path / "results").exists()
-
-
-@pytest.mark.parametrize(
-    ("flags", "named"),
-    [
-        (["--subject", "0"], "--subject"),
-        (["--start-pose", "-1,0,0"], "CCW side"),
-        (["--start-pose", "1.5,0,nan"], "--start-pose"),
-        (["--timeout", "0"], "timeout"),
-        (["--plan", "/nowhere.csv"], "correct --plan"),
-        (["--subject", "Delft"], "--subject"),
-        (["--team-name", "x" * 200], "--team-name"),
-        (["--speed", "-1"], "--speed"),
-        (["--testbed", "replay"], "replay"),
-        (["--testbed", "moon"], "moon"),
-        (["--start-pose", "here"], "--start-pose"),
-    ],
-)
-def test_a_bad_flag_is_refused_in_one_line(
-    flags: list[str], named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert madrob(*RUN, *flags, "--results", str(tmp_path / "results")) == 2
-    assert named in one_line(capsys.readouterr().err)
-
-
 def test_an_existing_run_is_refused_and_kept(
     run_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -217,22 +173,6 @@ def test_an_existing_run_is_refused_and_kept(
     assert madrob(*RUN, "--run-number", "1", "--results", str(tmp_path / "results")) == 2
     assert "use run 2" in one_line(capsys.readouterr().err)
     assert (run_folder / "result.json").read_bytes() == before
-
-
-def test_a_results_folder_that_is_a_file_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "results").write_text("")
-    assert madrob(*RUN, "--results", str(tmp_path / "results")) == 2
-    assert str(tmp_path / "results") in one_line(capsys.readouterr().err)
-
-
-def test_a_bag_of_somebody_else_says_why_it_cannot_be_replayed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    flags = ["--testbed", "replay", str(tmp_path / "nothing"), "--results", str(tmp_path)]
-    assert madrob("run", *flags) == 2
-    assert "nothing" in one_line(capsys.readouterr().err)
 
 
 def test_names_are_cleaned_before_they_reach_files_and_terminal(
@@ -340,17 +280,6 @@ def test_a_replay_of_a_torn_bag_says_where_it_ends(
     torn.write_bytes(data[: len(data) * 2 // 3])
     assert replay(torn) in (4, 5)
     assert "note: " + str(torn) in capsys.readouterr().out
-
-
-def test_what_cannot_be_replayed_is_refused_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "run.mcap").write_text(json.dumps({}))
-    for path in (tmp_path / "run.mcap", tmp_path / "nothing"):
-        assert replay(path) == 2
-        error = capsys.readouterr().err
-        assert path.name in error
-        assert error.count("\n") == 1
 
 
 SETTINGS = Settings(plan=PlanSettings(runs=((3, 1, 2),)))

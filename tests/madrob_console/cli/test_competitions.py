@@ -282,18 +282,6 @@ def test_json_says_the_same_to_programs(folder: Path, capsys: pytest.CaptureFixt
     assert [one["subject"] for one in found["out_of_plan"]] == [9]
 
 
-def test_a_path_behind_json_is_one_of_runs_and_nothing_is_written_to_it(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert plan(folder, "--json") == 0
-    found = capsys.readouterr().out
-    assert plan(folder, "--json", str(folder / "runs")) == 0
-    assert capsys.readouterr().out == found
-    assert plan(folder, "--json", str(folder / "plan.json")) == BAD_INPUT
-    assert "plan.json: no such folder; name a folder with runs" in capsys.readouterr().err
-    assert not (folder / "plan.json").exists()
-
-
 def test_a_line_that_cannot_be_used_is_named_and_the_exit_code_says_so(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -352,18 +340,6 @@ def test_another_competition_can_be_asked_for(
     write(folder / "runs", summary(3, 1, 3, hour=9, competition="Spring Cup"))
     assert plan(folder, "--competition", "Spring Cup") == 0
     assert capsys.readouterr().out.startswith("MADROB plan Spring Cup\n1 of 6 attempts done")
-
-
-def test_without_a_plan_it_says_how_to_make_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "empty.toml").write_text("")
-    assert main(["plan", f"--settings={tmp_path}/empty.toml"]) == BAD_INPUT
-    assert capsys.readouterr().err == (
-        "madrob: no plan: name a file in [plan] of the settings, or with --plan\n"
-    )
-    assert main(["plan", f"--plan={tmp_path}/none.csv"]) == BAD_INPUT
-    assert "cannot be read (No such file or directory); correct --plan" in capsys.readouterr().err
 
 
 def test_a_plan_may_stand_in_the_settings(

@@ -12,9 +12,6 @@ from pathlib import Path
 import pytest
 
 from madrob_console.cli.main import main
-from recorder.writer import BagWriter
-from tests.madrob_console.recorded_runs import completed
-from tests.recorder.samples import door_messages, door_topics
 from tests.terminal import Terminal
 
 pytestmark = pytest.mark.machine
@@ -118,49 +115,6 @@ def test_the_script_sends_nobody_to_another_place_than_the_help_does(
 
 
 PROGRAM = [sys.executable, "-m", "madrob_console.cli"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ("console --testbed sim", "there is no 'sim', did you mean simulated?"),
-        ("console --testbed replay", "replay needs the path of one bag"),
-        ("console --testbed replay /nowhere/at_all", "/nowhere/at_all"),
-        ("console --testbed replay EMPTY", "the folder holds no recording"),
-        ("watch --testbed ros --speed 5", "--speed: a live testbed has its own"),
-        ("watch --testbed ros --latency 50ms", "--latency and --jitter delay simulated messages"),
-        ("console --testbed replay RUN --jitter 1s", "delay simulated messages: use them with"),
-        ("console --testbed simulated --teams /nowhere.csv", "correct --teams"),
-        ("console --testbed simulated --plan /nowhere.csv", "correct --plan"),
-        ("console --testbed replay RUN --at 900", "--at 900: the recording goes from -"),
-        (
-            "console --testbed replay RUN --at lunch",
-            "--at: 'lunch' is no time and no event",
-        ),
-        ("console --testbed simulated --at stop", "--at: give it with `--testbed replay PATH`"),
-        ("console --testbed replay FOREIGN", "a bag without a MADROB run cannot be replayed"),
-        ("watch --testbed replay RUN", "no engine runs here to be watched"),
-        ("watch --testbed simulated", "no engine runs here to be watched"),
-        ("console --settings /nowhere.toml", "no such settings file"),
-    ],
-)
-def test_nothing_is_painted_before_the_command_line_is_known_to_be_good(
-    arguments: str, words: str, tmp_path: Path
-) -> None:
-    if "RUN" in arguments:
-        arguments = arguments.replace("RUN", str(completed()))
-    foreign = tmp_path / "foreign"
-    if "FOREIGN" in arguments:
-        with BagWriter(foreign, door_topics(), {}) as writer:
-            writer.put_message(door_messages(rounds=1)[0])
-    line = arguments.replace("FOREIGN", str(foreign)).replace("EMPTY", str(tmp_path)).split()
-    where = {"XDG_CONFIG_HOME": str(tmp_path), "XDG_STATE_HOME": str(tmp_path)}
-    with Terminal([*PROGRAM, *line], columns=200, env=where) as terminal:
-        assert terminal.wait_exit() == 2
-        told = terminal.output.decode()
-    assert words in told
-    assert told.count("\n") == 1
-    assert "\x1b" not in told
 
 
 @pytest.mark.parametrize(("command", "lines"), [("console", "run"), ("watch", "watch --plain")])

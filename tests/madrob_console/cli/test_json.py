@@ -86,14 +86,3 @@ def test_the_references_are_told_too(capsys: pytest.CaptureFixture[str]) -> None
     told = document(capsys, "doctor --reference")
     assert told["passed"] is True
     assert len(told["findings"]) == 1 + len(read_references(FOLDER))
-
-
-@pytest.mark.parametrize("command", ["plan", "standings", "score"])
-def test_what_is_wrong_goes_to_the_error_output_alone(
-    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([command, "--json", str(tmp_path / "none")]) == BAD_INPUT
-    told = capsys.readouterr()
-    assert "none" not in told.out
-    assert told.err.startswith("madrob: ")
-    assert told.err.count("\n") == 1

@@ -77,53 +77,6 @@ def test_a_help_says_the_real_defaults_and_the_choices(
     assert default in text
 
 
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("consol", "madrob: COMMAND: there is no 'consol', did you mean console?"),
-        ("calibrate mask", "there is no 'mask', did you mean masks?"),
-        ("engine stat", "did you mean status?"),
-        ("console --theme blue", "--theme: there is no 'blue', use dark, light or high-contrast"),
-        ("run --opening-side left", "--opening-side: there is no 'left', use cw or ccw"),
-        ("run --scenario nominall", "--scenario: there is no 'nominall', did you mean nominal?"),
-        ("run --subject Delft", "--subject: 'Delft' is no whole number"),
-        ("run --timeout long", "--timeout: 'long' is no number"),
-        ("standings --bets 3", "madrob standings: --bets: no such option, did you mean --best?"),
-        ("export --subject 3 --bag", "madrob export: --bag: no such option"),
-        ("settings all", "madrob settings: all: nothing more is expected here"),
-        ("schema all", "there is no 'all', use result, event, state or watch"),
-        ("watch --plain --big", "--big: not allowed with argument --plain"),
-        ("console --testbed sim", "--testbed: there is no 'sim', did you mean simulated?"),
-        ("console --testbed ros 3", "--testbed: ros takes nothing more, not '3'"),
-        ("watch --testbed replay", "--testbed: replay needs the path of one bag"),
-        ("run --speed -1", "--speed: -1: use 0 to 1000"),
-        ("run --speed nan", "--speed: nan: use 0 to 1000"),
-        ("run --wait -3", "--wait: -3: use 0 or more"),
-        ("run --timeout 0.5", "--timeout: 0.5: use 1 to 86400"),
-        ("run --countdown inf", "--countdown: 'inf' is no number"),
-        ("run --subject 1000", "--subject: 1000: use 1 to 999"),
-        ("standings --best -1", "--best: -1: use 0 or more"),
-        ("tidy --keep-runs -1", "--keep-runs: -1: use 0 or more"),
-        ("score --jobs 0 x", "--jobs: 0: use 1 or more"),
-        ("recover", "the following arguments are required: PATH"),
-        ("run --latency dor=50ms", "--latency: there is no 'dor', did you mean door?"),
-        ("run --latency door", "--latency: 'door' is no delay, as 50ms or 0.2s are"),
-        ("console --latency 50", "--latency: '50' is no delay, as 50ms or 0.2s are"),
-        ("testbed --jitter handle=1s,", "--jitter: '' is no delay, as 50ms or 0.2s are"),
-        ("testbed --jitter 1m", "--jitter: '1m' is no delay, as 50ms or 0.2s are"),
-        ("testbed --jitter door=11s", "--jitter: '11s' is too long: use 0s to 10s"),
-    ],
-)
-def test_a_wrong_word_is_named_with_what_was_meant(
-    line: str, words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, out, error = said(capsys, line)
-    assert (code, out) == (2, "")
-    assert words in error
-    assert error.count("\n") == 1
-    assert error.endswith("--help`\n")
-
-
 STRIPS = (Signal.CW_LEFT, Signal.CW_RIGHT, Signal.CCW_LEFT, Signal.CCW_RIGHT)
 
 
@@ -250,22 +203,6 @@ def test_options_may_stand_between_paths(line: str, paths: str) -> None:
     arguments = build_parser().read(shlex.split(line))
     assert arguments.paths == [Path(path) for path in paths.split()]
     assert getattr(arguments, "site", Path("SITE")) == Path("SITE")
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("publish --best 3", "the following arguments are required: FOLDER"),
-        ("score --json", "the following arguments are required: PATH"),
-        ("score one --bets 3 two", "madrob score: --bets: no such option"),
-    ],
-)
-def test_what_is_wrong_between_paths_is_named_in_one_line(
-    line: str, words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, out, error = said(capsys, line)
-    assert (code, out, error.count("\n")) == (2, "", 1)
-    assert words in error
 
 
 BROKEN = 60

@@ -136,41 +136,6 @@ def test_pictures_can_be_as_large_as_they_were_sent(bare: Path, tmp_path: Path) 
             assert picture.size == size
 
 
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        (
-            ["--at", "nothing"],
-            "'nothing' is no time and no event of this run: give seconds, or one of start, stop, ",
-        ),
-        (["--at", "900"], "/camera/front at 900.00 s: no frame within 1 s"),
-        (
-            ["--at", "nan"],
-            "'nan' is no time and no event of this run: give seconds, or one of start, stop, ",
-        ),
-        (["--at", "1", "--camera", "/none"], "no camera /none in its evidence"),
-        (["--camera", "*front"], "some pictures are not all: say where to by --output FOLDER"),
-    ],
-)
-def test_what_cannot_be_shown_is_named(
-    run: Path, arguments: list[str], why: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["pictures", str(run), *arguments]) == 2
-    told = capsys.readouterr()
-    assert why in told.err
-    assert told.out == ""
-
-
-@pytest.mark.parametrize("width", ["0", "x", "7000", "-5"])
-def test_a_width_that_makes_no_picture_is_refused(
-    run: Path, width: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        main(["pictures", str(run), f"--width={width}"])
-    error = capsys.readouterr().err
-    assert "use 16 to 6000" in error or "'x' is no whole number" in error
-
-
 def test_a_run_whose_evidence_was_removed_or_lost_says_which(
     run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -235,15 +235,6 @@ def test_a_results_folder_is_repaired_run_by_run(
     assert main(["score", str(torn)]) == 0
 
 
-def test_a_folder_without_runs_is_named_with_what_to_give(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["recover", str(tmp_path)]) == 2
-    told = one_line(capsys.readouterr().err)
-    assert str(tmp_path) in told
-    assert "choose a rosbag2 bag folder or an .mcap file" in told
-
-
 FRAMES = strings(["a picture", "another"])
 
 
@@ -380,38 +371,6 @@ def test_a_run_that_refuses_is_named_and_the_rest_goes(
     assert "`madrob recover` repairs it" in said.err
     assert "of evidence of 1 of 2 runs; " in said.out
     assert len(evidence(root)) == 3
-
-
-@pytest.mark.parametrize(
-    ("flags", "words"),
-    [
-        ((), "say what stays: --keep-runs, --older-than or --until-free"),
-        (("--keep-runs", "-1"), "--keep-runs: -1: use 0 or more"),
-        (("--older-than", "7"), "'7' is no time, as 12h, 7d or 2w are"),
-        (("--older-than", "7y"), "'7y' is no time, as 12h, 7d or 2w are"),
-        (("--until-free", "50"), "'50' is no size, as 50GB or 500MB are"),
-        (("--until-free", "9" * 400 + "GB"), "is no size, as 50GB or 500MB are"),
-    ],
-)
-def test_what_cannot_be_used_is_named(
-    root: Path, capsys: pytest.CaptureFixture[str], flags: tuple[str, ...], words: str
-) -> None:
-    try:
-        code = tidy(root, *flags)
-    except SystemExit as error:
-        code = int(str(error.code))
-    assert code == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert said.count("\n") == 1
-    assert len(evidence(root)) == 4
-
-
-def test_a_folder_that_is_not_there_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert tidy(tmp_path / "no", "--older-than", "7d") == 2
-    assert "no such results folder; name one with --results" in capsys.readouterr().err
 
 
 @pytest.mark.machine

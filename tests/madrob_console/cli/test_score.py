@@ -163,13 +163,6 @@ def test_the_same_is_printed_however_the_work_is_shared(
     assert capsys.readouterr() == alone
 
 
-@pytest.mark.parametrize("jobs", ["0", "-1", "many", "1.5"])
-def test_a_number_of_jobs_that_makes_no_sense_is_refused(
-    jobs: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert "--jobs: " in refusal(capsys, "--jobs", jobs, tmp_path)
-
-
 def test_one_run_needs_no_other_process(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -271,13 +264,6 @@ def test_three_rulesets_stand_side_by_side_each_with_its_difference_to_the_first
     assert document["differences"]["capability_level"] == {"protocol": 0, "eurobench-2020": -2}
 
 
-def test_an_unknown_ruleset_is_refused_with_those_that_there_are(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    allowed = f"use {', '.join(RulesetName)} or all"
-    assert allowed in refusal(capsys, "--ruleset", "best", tmp_path)
-
-
 def test_a_recording_with_a_ruleset_of_a_newer_version_is_named(
     results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -292,21 +278,6 @@ def test_a_recording_with_a_ruleset_of_a_newer_version_is_named(
     assert line.startswith(f"madrob: {path}: ")
     assert "'protokol'" in line
     assert line.endswith(": use the madrob-console that recorded it\n")
-
-
-def test_an_empty_folder_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert f"{tmp_path} is no bag" in refusal(capsys, tmp_path)
-    assert "nowhere" in refusal(capsys, tmp_path / "nowhere")
-
-
-def test_a_folder_with_the_journal_only_is_named(
-    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    shutil.copy(next(results.glob("*_run_001_*")) / "journal.jsonl", tmp_path / "journal.jsonl")
-    alone = tmp_path / "alone"
-    alone.mkdir()
-    (tmp_path / "journal.jsonl").rename(alone / "journal.jsonl")
-    assert f"{alone} is no bag" in refusal(capsys, alone)
 
 
 def test_a_bad_run_among_published_ones_is_named_and_the_rest_is_scored(
@@ -506,21 +477,6 @@ def test_whatever_a_run_info_says_its_files_are_scored(
     (run,) = scored(capsys, tmp_path)
     assert run["ruleset"] == "protocol"
     assert [flag["words"] for flag in run["flags"]] == words
-
-
-def test_files_are_written_by_one_ruleset_of_recordings_only(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    written = tmp_path / "written"
-    publish(recorded(Scenario.TOUCH_ONLY), tmp_path / "published")
-    assert "without a recording" in refusal(capsys, "--write", written, tmp_path / "published")
-    words = ("--write", written, "--ruleset", "all", tmp_path)
-    assert "--write: with one ruleset, not all" in refusal(capsys, *words)
-    blocked = tmp_path / "file"
-    blocked.write_text("")
-    run = recorded(Scenario.TOUCH_ONLY)
-    assert f"{blocked}" in refusal(capsys, "--write", blocked, run)
-    assert not written.exists()
 
 
 def test_a_result_for_people_has_uncertainties_and_doubts() -> None:

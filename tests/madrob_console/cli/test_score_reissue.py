@@ -437,27 +437,3 @@ def test_all_rulesets_stand_below_each_other_and_every_table_tells_them_apart(
     assert score(run, "--output", tmp_path / "out", "--ruleset", "all") == 0
     for name in TABLES:
         assert set(frame(tmp_path / f"out/{name}.csv").ruleset) == set(RulesetName)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--output", "x", "--check"], "--check"),
-        (["--output", "x", "--json"], "--json: not allowed with --output"),
-        (["--format", "csv"], "--format: only with --output"),
-        (["--dry-run"], "--dry-run: only with --reissue"),
-        (["--check", "--ruleset", "protocol"], "--ruleset: not allowed with --check"),
-        (["--scheduler", "tcp://a:1", "--jobs", "2"], "--jobs: not allowed with --scheduler"),
-        (["--reissue", " "], "--reissue: give a reason"),
-        (["--reissue", "x", "--ruleset", "all"], "--reissue: with one ruleset, not all"),
-        (["--reissue", "x", "--json"], "--json: not allowed with --reissue"),
-    ],
-)
-def test_options_that_make_no_sense_together_are_refused_on_one_line(
-    arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert score(tmp_path, *arguments) == 2
-    told = capsys.readouterr()
-    assert words in told.err
-    assert told.err.count("\n") == 1
-    assert told.out == ""

@@ -184,16 +184,6 @@ def test_a_reader_that_has_gone_ends_it_without_a_word(tmp_path: Path) -> None:
         watching.stderr.close()
 
 
-@pytest.mark.machine
-@pytest.mark.parametrize("option", ["--plain", "--json"])
-def test_without_an_engine_it_ends_at_once(
-    option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    where = ["--testbed", "simulated", f"--results={tmp_path}"]
-    assert main(["watch", option, *where]) == 2
-    assert capsys.readouterr().err.startswith("madrob: no engine runs here to be watched")
-
-
 class Told:
     """An engine, and what has been said of it since the look before."""
 

@@ -509,34 +509,6 @@ def test_a_folder_without_runs_gives_empty_standings(
     assert "No run counts yet." in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (("--competition", "\x1b[31mX"), "--competition 'X': no such runs; there are 'Autumn Cup'"),
-        (("--output", "s.csv"), "--output: say what goes there with --csv, --json or --html"),
-        (("--csv", "--output", "/nowhere/s.csv"), "/nowhere/s.csv: not written"),
-    ],
-)
-def test_what_cannot_be_done_is_said_in_one_line(
-    results: Path,
-    capsys: pytest.CaptureFixture[str],
-    arguments: tuple[str, ...],
-    expected: str,
-) -> None:
-    assert run(results, *arguments) == BAD_INPUT
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.count("\n") == 1
-    assert expected in said.err
-
-
-def test_a_results_folder_that_is_not_there_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(tmp_path / "none") == BAD_INPUT
-    assert "no such results folder; name one with --results" in capsys.readouterr().err
-
-
 @pytest.mark.slow
 def test_the_standings_of_10000_runs_cost_no_multiple_of_their_files(tmp_path: Path) -> None:
     root = tmp_path / "results"
