@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import io
 import shlex
-import subprocess
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
@@ -227,19 +226,6 @@ def test_problems_that_differ_are_all_named(
     (tmp_path / "notes.txt").write_text("no bag")
     assert main(["score", str(tmp_path / "none"), str(tmp_path / "notes.txt")]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 2
-
-
-@pytest.mark.machine
-@pytest.mark.parametrize("command", ["settings", "schema", "--help"])
-def test_a_full_disk_behind_the_output_is_one_line(command: str) -> None:
-    with Path("/dev/full").open("w") as full:
-        ran = subprocess.run(
-            [sys.executable, "-m", "madrob_console.cli", command],
-            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
-        )  # fmt: skip
-    assert ran.returncode == 2
-    assert ran.stderr.count("\n") == 1
-    assert "the output cannot be written (No space left on device)" in ran.stderr
 
 
 GUIDE = Path(__file__).parents[3] / "madrob_console" / "guide"

@@ -31,6 +31,7 @@ from madrob_console.pages.outputs import (
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
+from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, VALUES, summary, write
 
 TIME = IndicatorName.EXECUTION_TIME
@@ -86,10 +87,6 @@ def results(tmp_path: Path) -> Path:
     return root
 
 
-def run(results: Path, *arguments: object) -> int:
-    return main(["standings", "--results", str(results), *map(str, arguments)])
-
-
 # ---------------------------------------------------------------- what counts
 
 
@@ -103,37 +100,7 @@ def test_the_csv_has_a_row_for_each_team_condition_and_indicator() -> None:
         for name in IndicatorName
     ]
     assert {row["unit"] for row in table if row["indicator"] == TIME} == {"s"}
-
-
-def cell(of: CompetitionStandings, condition: str, indicator: str) -> dict[str, str]:
-    """The row of team 3."""
-    (row,) = [
-        row
-        for row in rows(of)
-        if (row["condition"], row["subject"], row["indicator"]) == (condition, "3", indicator)
-    ]
-    return row
-
-
-def test_execution_time_is_of_completed_runs_and_others_of_all_valid_ones() -> None:
-    row = cell(found(), "7", TIME)
-    assert (row["runs"], row["mean"], row["median"]) == ("2", "15.0", "15.0")
-    assert float(row["std"]) == pytest.approx(50**0.5)
-    assert (row["completed"], row["timeout"]) == ("2", "1")
-    assert (row["invalid"], row["interrupted"]) == ("1", "1")
-    assert cell(found(), "7", FORCE)["runs"] == "3"
-    assert cell(found(), "12", TIME)["std"] == ""  # one run
-
-
-def test_overall_every_run_weighs_the_same() -> None:
-    row = cell(found(), "all", TIME)
-    assert row["runs"] == "3"
-    assert float(row["mean"]) == pytest.approx(70 / 3)
-
-
-def test_smallest_and_largest_are_told_of_four_indicators() -> None:
-    told = {row["indicator"] for row in rows(found()) if row["min"] and row["max"]}
-    assert told == {
+    assert {row["indicator"] for row in table if row["min"] and row["max"]} == {
         "unsafety_of_door_operation",
         "smoothness_of_door_actuation",
         "roughness_of_door_actuation",
@@ -141,12 +108,37 @@ def test_smallest_and_largest_are_told_of_four_indicators() -> None:
     }
 
 
-def test_best_takes_so_many_of_each_condition() -> None:
-    best = found(best=1)
-    assert cell(best, "7", TIME)["mean"] == "10.0"
-    assert cell(best, "all", TIME)["mean"] == "25.0"
-    assert cell(best, "all", TIME)["completed"] == "3"
-    assert "the best 1 valid official runs of each team in each condition" in words(best)
+@pytest.mark.parametrize(
+    ("best", "condition", "indicator", "told"),
+    [
+        # execution time is of completed runs, others are of all valid ones
+        (0, "7", TIME, {"runs": "2", "mean": "15.0", "median": "15.0", "completed": "2"}),
+        (0, "7", TIME, {"timeout": "1", "invalid": "1", "interrupted": "1", "std": f"{50**0.5}"}),
+        (0, "7", FORCE, {"runs": "3"}),
+        (0, "12", TIME, {"std": ""}),  # of one run
+        (0, "all", TIME, {"runs": "3", "mean": f"{70 / 3}"}),  # every run weighs the same
+        (1, "7", TIME, {"mean": "10.0"}),
+        (1, "all", TIME, {"mean": "25.0", "completed": "3"}),
+    ],
+)
+def test_a_cell_of_a_team_is_over_these_runs(
+    best: int, condition: str, indicator: str, told: dict[str, str]
+) -> None:
+    of = found(best=best)
+    (row,) = [
+        row
+        for row in rows(of)
+        if (row["condition"], row["subject"], row["indicator"]) == (condition, "3", indicator)
+    ]
+    assert {name: as_number(row[name]) for name in told} == pytest.approx(
+        {name: as_number(value) for name, value in told.items()}
+    )
+    named = f"the best {best} valid official runs of each team in each condition"
+    assert (named in words(of)) == bool(best)
+
+
+def as_number(text: str) -> float:
+    return float(text) if text else -1.0
 
 
 def test_runs_that_do_not_count_are_listed_with_their_reason() -> None:
@@ -387,11 +379,10 @@ def test_the_digits_of_all_teams_are_aligned() -> None:
 
 
 def test_without_a_file_each_condition_is_a_table_that_its_leader_begins(
-    results: Path, capsys: pytest.CaptureFixture[str]
+    results: Path, madrob: Madrob
 ) -> None:
     write(results, summary(4, outcome=Outcome.TIMEOUT, values={**VALUES, "capability_level": 3}))
-    assert run(results) == 0
-    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    lines = [" ".join(line.split()) for line in madrob("standings", results).splitlines()]
     assert "MADROB standings Autumn Cup" in lines
     assert "Each team's best run: level, then time. The protocol makes no ranking." in lines
     at = lines.index("Condition 7, Constant Force: push the door, from side CCW to side CW")
@@ -405,9 +396,8 @@ def test_without_a_file_each_condition_is_a_table_that_its_leader_begins(
     assert "Runs that do not count: 2; --details gives the reasons." in lines
 
 
-def test_details_are_all_statistics(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(results, "--details") == 0
-    said = capsys.readouterr().out
+def test_details_are_all_statistics(results: Path, madrob: Madrob) -> None:
+    said = madrob("standings --details", results)
     assert "MADROB standings Autumn Cup" in said
     assert "Condition 7, Constant Force: push the door, from side CCW to side CW" in said
     lines = [" ".join(line.split()) for line in said.splitlines()]
@@ -427,86 +417,56 @@ def test_details_are_all_statistics(results: Path, capsys: pytest.CaptureFixture
     assert all(len(line) <= 80 for line in said.splitlines() if line.startswith(" " * 4))
 
 
-def test_several_files_are_written_at_once(
-    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_file_goes_where_it_shall_else_to_standard_output(
+    results: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     file = tmp_path / "standings"
     for kind, begin in (("csv", "source,ruleset,cond"), ("json", "{"), ("html", "<!DOCTYPE html>")):
-        assert run(results, f"--{kind}", "--output", file) == 0
-        assert capsys.readouterr().out == f"{file}\n"
+        assert madrob(f"standings --{kind} --output", file, results) == f"{file}\n"
         assert file.read_text().startswith(begin)
+        shown = madrob(f"standings --{kind}", results)
+        assert kind != "csv" or shown == file.read_text() == standings_csv(found())
+        assert shown.startswith(begin)
     assert not list(tmp_path.glob(".*part"))
 
 
-def test_without_a_file_it_goes_to_standard_output(
-    results: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(results, "--csv") == 0
-    assert capsys.readouterr().out == standings_csv(competition_standings(RUNS, made=0.0))
-    assert run(results, "--json") == 0
-    assert json.loads(capsys.readouterr().out)["format"] == 1
-
-
 def test_the_settings_say_how_many_runs_count(
-    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    results: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     (tmp_path / "mine.toml").write_text("[competition]\nbest_runs = 1")
-    assert run(results, "--details", "--settings", tmp_path / "mine.toml") == 0
-    assert "Over the best 1 valid official runs" in capsys.readouterr().out
-    assert run(results, "--settings", tmp_path / "mine.toml", "--best", "0") == 0
-    assert "Over all valid official runs." in capsys.readouterr().out
+    line = f"standings --settings {tmp_path}/mine.toml"
+    assert "Over the best 1 valid official runs" in madrob(f"{line} --details", results)
+    assert "Over all valid official runs." in madrob(f"{line} --best 0", results)
 
 
-def test_the_list_of_teams_names_the_teams(
-    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    teams = tmp_path / "teams.csv"
+def test_the_list_of_teams_names_the_teams(results: Path, tmp_path: Path, madrob: Madrob) -> None:
+    teams, settings = tmp_path / "teams.csv", tmp_path / "madrob.toml"
     teams.write_text("3,Delft Walkers\n")
-    assert run(results, "--teams", teams) == 0
-    out = capsys.readouterr().out
-    assert "  3 Delft Walkers  " in out
-    assert "  2 Team 2  " in out
-    settings = tmp_path / "madrob.toml"
     settings.write_text(f'[competition]\nteams_file = "{teams}"\n')
-    assert run(results, "--settings", settings) == 0
-    assert "  3 Delft Walkers  " in capsys.readouterr().out
-    assert run(results, "--teams", tmp_path / "none.csv") == 2
-    assert "correct --teams" in capsys.readouterr().err
-
-
-def test_a_damaged_result_is_named_in_a_line_and_the_rest_goes_on(
-    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write(results, summary(run_number=11)).write_text("{")
-    assert run(results, "--json", "--output", tmp_path / "s.json") == BAD_INPUT
-    said = capsys.readouterr().err.splitlines()
-    (line,) = [line for line in said if line.startswith("madrob:")]
-    assert line.startswith("madrob: subject_003_cond_007_run_011_")
-    assert "damaged" in line
-    assert len(json.loads((tmp_path / "s.json").read_text())["rulesets"][0]["overall"]) == 2
+    for option in (f"--teams={teams}", f"--settings={settings}"):
+        out = madrob("standings", option, results)
+        assert ("  3 Delft Walkers  " in out, "  2 Team 2  " in out) == (True, True)
 
 
 @pytest.mark.parametrize("place", ["", "practice"])
-def test_a_damaged_run_is_listed_on_the_side_where_it_lies(
-    results: Path, capsys: pytest.CaptureFixture[str], place: str
+def test_a_damaged_run_is_named_in_a_line_on_the_side_where_it_lies_and_the_rest_goes_on(
+    results: Path, madrob: Madrob, place: str
 ) -> None:
     write(results, summary(run_number=12, source="simulated"))
     write(results / place, summary(run_number=11)).write_text("{")
-    for side in ("", "practice"):
-        code = run(results, "--details", *(["--practice"] if side else []))
-        said = capsys.readouterr()
-        named = "_run_011_" in said.err
-        assert (code, named) == ((BAD_INPUT, True) if side == place else (0, False))
-        assert ("run 11 of subject 3" in said.out) == named
+    for side, teams in (("", 2), ("practice", 1)):
+        said = madrob.say("standings --json", results, *(["--practice"] if side else []))
+        told = [line for line in said.err.splitlines() if re.match("madrob: .*_run_011_", line)]
+        assert (said.code, len(told)) == ((BAD_INPUT, 1) if side == place else (0, 0))
+        assert all("damaged" in line for line in told)
+        out = json.loads(said.out)
+        assert len(out["rulesets"][0]["overall"]) == teams
+        assert any(run["run_number"] == 11 for run in out["left_out"]) == (side == place)
 
 
-def test_a_folder_without_runs_gives_empty_standings(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(tmp_path, "--html", "--output", tmp_path / "s.html") == 0
-    assert "No run counts yet." in (tmp_path / "s.html").read_text()
-    assert run(tmp_path) == 0
-    assert "No run counts yet." in capsys.readouterr().out
+def test_a_folder_without_runs_gives_empty_standings(tmp_path: Path, madrob: Madrob) -> None:
+    for option in ("", "--html"):
+        assert "No run counts yet." in madrob(f"standings {option} --results", tmp_path)
 
 
 @pytest.mark.slow
@@ -514,7 +474,7 @@ def test_the_standings_of_10000_runs_cost_no_multiple_of_their_files(tmp_path: P
     root = tmp_path / "results"
     for number in range(10_000):
         write(root, summary(number // 200 + 1, number % 20 + 1, number // 20 % 10 + 1))
-    written = ("--json", "--output", tmp_path / "json")
+    written = ("--json", "--output", str(tmp_path / "json"))
 
     def cpu_of(act: Callable[[], object]) -> float:
         before = time.process_time()
@@ -525,10 +485,11 @@ def test_the_standings_of_10000_runs_cost_no_multiple_of_their_files(tmp_path: P
         for result in root.glob("*/result.json"):
             json.loads(result.read_bytes())
 
-    first = cpu_of(lambda: run(root, *written))
+    first = cpu_of(lambda: main(["standings", str(root), *written]))
     parsed = cpu_of(parse_results)
     assert first < 20 * parsed
-    assert min(cpu_of(lambda: run(root, *written)) for _ in range(3)) < 4 * parsed
+    again = [cpu_of(lambda: main(["standings", str(root), *written])) for _ in range(3)]
+    assert min(again) < 4 * parsed
     assert (
         json.loads((tmp_path / "json").read_text())["rulesets"][0]["overall"][0]["counted"] == 200
     )
