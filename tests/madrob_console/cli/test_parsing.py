@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import io
 import shlex
 import sys
 from collections import defaultdict
@@ -17,6 +16,7 @@ from madrob_console.cli.main import COMMANDS, build_parser, main
 from madrob_console.cli.options import delays
 from madrob_console.cli.parsing import as_path
 from scoring.protocol import Signal
+from tests.madrob_console.cli.typed import Screen
 
 ALL = (*COMMANDS, "calibrate masks", "calibrate handle", "table samples")
 
@@ -229,17 +229,6 @@ def test_problems_that_differ_are_all_named(
 
 
 GUIDE = Path(__file__).parents[3] / "madrob_console" / "guide"
-
-
-class Screen(io.TextIOWrapper):
-    """A terminal's output."""
-
-    def __init__(self, encoding: str) -> None:
-        self.shown = io.BytesIO()
-        super().__init__(self.shown, encoding=encoding)
-
-    def isatty(self) -> bool:
-        return True
 
 
 def on_screen(monkeypatch: pytest.MonkeyPatch, page: str, encoding: str) -> str:

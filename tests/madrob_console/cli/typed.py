@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shlex
 from typing import Any, NamedTuple
@@ -53,3 +54,14 @@ class Madrob:
         said = self.say(line, *more)
         assert (said.code, said.out, said.err.count("\n")) == (2, "", 1), said.err
         return said.err
+
+
+class Screen(io.TextIOWrapper):
+    """The output of a terminal."""
+
+    def __init__(self, encoding: str) -> None:
+        self.shown = io.BytesIO()
+        super().__init__(self.shown, encoding=encoding)
+
+    def isatty(self) -> bool:
+        return True
