@@ -16,18 +16,9 @@ from madrob_console.cli.main import COMMANDS, build_parser, main
 from madrob_console.cli.options import delays
 from madrob_console.cli.parsing import as_path
 from scoring.protocol import Signal
-from tests.madrob_console.cli.typed import Screen
+from tests.madrob_console.cli.typed import Madrob, Screen
 
 ALL = (*COMMANDS, "calibrate masks", "calibrate handle", "table samples")
-
-
-def said(capsys: pytest.CaptureFixture[str], line: str) -> tuple[int, str, str]:
-    try:
-        code = main(shlex.split(line))
-    except SystemExit as end:
-        code = int(end.code or 0)
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 def examples(text: str) -> Iterator[str]:
@@ -38,10 +29,10 @@ def examples(text: str) -> Iterator[str]:
 
 @pytest.mark.parametrize("command", ALL)
 def test_a_help_has_an_example_that_works_and_no_empty_default(
-    command: str, capsys: pytest.CaptureFixture[str]
+    command: str, madrob: Madrob
 ) -> None:
-    code, text, _ = said(capsys, f"{command} --help")
-    assert code == 0
+    text = madrob(f"{command} --help")
+    assert text.startswith("usage: madrob")
     for empty in ("None", "default: )", "default: False"):
         assert empty not in text
     lines = list(examples(text))
@@ -66,14 +57,10 @@ def test_a_help_has_an_example_that_works_and_no_empty_default(
     ],
 )
 def test_a_help_says_the_real_defaults_and_the_choices(
-    command: str,
-    default: str,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    command: str, default: str, madrob: Madrob, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "300")
-    _, text, _ = said(capsys, f"{command} --help")
-    assert default in text
+    assert default in madrob(f"{command} --help")
 
 
 STRIPS = (Signal.CW_LEFT, Signal.CW_RIGHT, Signal.CCW_LEFT, Signal.CCW_RIGHT)
@@ -173,12 +160,11 @@ def test_no_option_takes_a_number_that_makes_no_sense() -> None:
     ("line", "first"), [("", "usage: madrob "), ("calibrate", "usage: madrob c")]
 )
 def test_without_a_command_the_help_is_printed_and_the_exit_code_is_git_s(
-    line: str, first: str, capsys: pytest.CaptureFixture[str]
+    line: str, first: str, madrob: Madrob
 ) -> None:
-    code, out, error = said(capsys, line)
-    assert (code, error) == (1, "")
-    assert out.startswith(first)
-    assert said(capsys, f"{line} --help")[1] == out
+    said = madrob.say(line)
+    assert (said.code, said.err, said.out) == (1, "", madrob(f"{line} --help"))
+    assert said.out.startswith(first)
 
 
 @pytest.mark.parametrize(
@@ -204,28 +190,18 @@ def test_options_may_stand_between_paths(line: str, paths: str) -> None:
     assert getattr(arguments, "site", Path("SITE")) == Path("SITE")
 
 
-BROKEN = 60
-
-
-def test_equal_problems_of_many_runs_are_counted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_equal_problems_of_many_runs_are_counted_and_others_named(
+    tmp_path: Path, madrob: Madrob
 ) -> None:
-    for number in range(1, BROKEN + 1):
+    for number in range(1, 61):
         (tmp_path / f"subject_001_cond_001_run_{number:03d}_20260321_1000{number % 60:02d}").mkdir()
-    assert main(["score", "--jobs", "1", str(tmp_path)]) == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 4
-    assert all("run_00" in line for line in lines[:3])
-    assert lines[3].startswith("madrob: and 57 more like it: ")
-    assert "subject" not in lines[3]
-
-
-def test_problems_that_differ_are_all_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
     (tmp_path / "notes.txt").write_text("no bag")
-    assert main(["score", str(tmp_path / "none"), str(tmp_path / "notes.txt")]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 2
+    paths = (tmp_path, tmp_path / "none", tmp_path / "notes.txt")
+    first, second, third, *others, counted = madrob.say("score --jobs 1", *paths).err.splitlines()
+    assert all("run_00" in line for line in (first, second, third))
+    assert len(others) == 2
+    assert counted.startswith("madrob: and 57 more like it: ")
+    assert "subject" not in counted
 
 
 GUIDE = Path(__file__).parents[3] / "madrob_console" / "guide"
@@ -239,18 +215,16 @@ def on_screen(monkeypatch: pytest.MonkeyPatch, page: str, encoding: str) -> str:
     return screen.shown.getvalue().decode(encoding)
 
 
-def test_the_guide_lists_its_pages(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["guide"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+def test_the_guide_lists_its_pages(madrob: Madrob) -> None:
+    lines = madrob("guide").splitlines()
     assert [line.split()[:3] for line in lines] == [["madrob", "guide", page] for page in PAGES]
     assert all(len(line) <= 80 for line in lines)
     assert sorted(PAGES) == sorted(path.stem for path in GUIDE.iterdir())
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_a_file_gets_a_page_as_it_is(page: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["guide", page]) == 0
-    assert capsys.readouterr().out == (GUIDE / f"{page}.md").read_text()
+def test_a_file_gets_a_page_as_it_is(page: str, madrob: Madrob) -> None:
+    assert madrob("guide", page) == (GUIDE / f"{page}.md").read_text()
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -14,7 +14,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, ThemeName
 from madrob_console.config import Settings, default_settings_path, load_settings, parse_settings
 from madrob_console.config.settings import example_toml
-from madrob_console.config.tables import ConsoleSettings
+from madrob_console.config.tables import Competition, ConsoleSettings, RunDefaults
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.checks import SensorLimits
 from madrob_console.testbeds.evidence_choice import NO_LIMIT, TopicLimit
@@ -116,20 +116,21 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
         height = 0.8
         """,
     )
-    assert settings.competition.name == "Robot Cup"
-    assert settings.competition.referee == "Ada"
+    assert settings.competition == Competition(
+        name="Robot Cup", referee="Ada", teams_file="~/cup/teams.csv", best_runs=3
+    )
     assert settings.competition.teams_path == Path.home() / "cup" / "teams.csv"
-    assert settings.competition.best_runs == 3
-    assert settings.run.countdown == 3.0
-    assert settings.run.timeout == 300.0
-    assert settings.run.lock_detection is LockDetection.REFEREE
-    assert settings.run.ruleset is RulesetName.EUROBENCH_2020
+    assert settings.run == RunDefaults(
+        countdown=3.0,
+        timeout=300.0,
+        lock_detection=LockDetection.REFEREE,
+        ruleset=RulesetName.EUROBENCH_2020,
+    )
     assert settings.team_names() == {3: "Walk-Man", 12: "a b"}
     assert [(p.name, p.pose) for p in settings.start_poses] == [("far", StartPose(2, 0, 170.5))]
     assert settings.start_pose(Side.CCW) == StartPose(2, 0, 170.5)
     assert settings.start_pose(Side.CW) == StartPose(-1.5, 0, 0)
-    assert settings.testbed.kind is SourceKind.ROS
-    assert settings.testbed.domain == 7
+    assert (settings.testbed.kind, settings.testbed.domain) == (SourceKind.ROS, 7)
     assert settings.scoring_thresholds() == Thresholds(
         touch_force=3.0, mask_from=(0, 0, 0, 0, 0), largest_skew=0.2, rate=100.0
     )
