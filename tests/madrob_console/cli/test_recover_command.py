@@ -237,8 +237,13 @@ def test_it_asks_and_no_means_no(
     root: Path, tidy: Callable[..., str], monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     asked: list[str] = []
+
+    def says_yes(question: str) -> bool:
+        asked.append(question)
+        return yes
+
     monkeypatch.setattr(tidy_command, "somebody_there", lambda: True)
-    monkeypatch.setattr(tidy_command, "says_yes", lambda question: asked.append(question) or yes)
+    monkeypatch.setattr(tidy_command, "says_yes", says_yes)
     assert end in tidy(ALL, code=code)
     assert asked == ["Remove the evidence of 2 runs for good? [y/N] "]
     assert files(root) == left

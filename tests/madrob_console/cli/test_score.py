@@ -7,7 +7,7 @@ import json
 import re
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -232,7 +232,7 @@ def test_a_bad_run_among_published_ones_is_named_and_the_rest_is_scored(
     assert "run_002_event.csv: is missing" in said.err
 
 
-SPOILT = {
+SPOILT: dict[str, tuple[str, Callable[[str], str], list[str]]] = {
     "as they are": ("*_wrench.csv", lambda text: text, []),
     "rows that are missing": (
         "*_jointState.csv",

@@ -8,7 +8,7 @@ import io
 import json
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -141,24 +141,71 @@ def as_number(text: str) -> float:
     return float(text) if text else -1.0
 
 
-def test_runs_that_do_not_count_are_listed_with_their_reason() -> None:
-    unfinished = summary(run_number=9, outcome=None, source=None, competition=None)
-    damaged = summary(run_number=8, problem="result.json is damaged")
-    of = found(*RUNS, unfinished, damaged)
-    assert [(left.run.run_number, left.why) for left in of.left_out[:2]] == [
-        (4, "a child ran in"),
-        (5, "power cut"),
-    ]
-    for told in (words(of), json.dumps(document(of)["left_out"])):
-        for why in ("a child ran in", "power cut", "no result yet", "result.json is damaged"):
-            assert why in told
-    assert "run 4 of subject 3 in condition 7, " in words(of)
-    assert ": INVALID : a child ran in" in words(of)
-    silent = found(timed(1.0, outcome=Outcome.ABORTED), timed(1.0, outcome=Outcome.INTERRUPTED))
-    assert [why for _, why in silent.left_out] == [
-        "the referee gave no reason",
-        "the machine failed",
-    ]
+REMARK = Flag(FlagKind.FALSE_START, "1 false start accepted", FlagWeight.REMARK)
+DENIED = Flag(FlagKind.DENIED_STEP, "step 4 denied", FlagWeight.CAUTION)
+FLAGGED = (
+    timed(10.0, run_number=1, flags=(UNDECIDED_START, REMARK)),
+    timed(20.0, run_number=2, flags=(DENIED,)),
+    timed(30.0, subject=2, run_number=1, flags=(REMARK,)),
+)
+TOLD: dict[str, tuple[Sequence[RunSummary], bool, list[str]]] = {
+    "runs that do not count, with their reason": (
+        (
+            *RUNS,
+            summary(run_number=9, outcome=None, source=None, competition=None),
+            summary(run_number=8, problem="result.json is damaged"),
+        ),
+        True,
+        [
+            "run 4 of subject 3 in condition 7, ",
+            ": INVALID : a child ran in",
+            *("power cut", "no result yet", "result.json is damaged"),
+        ],
+    ),
+    "that nobody gave a reason": (
+        (timed(1.0, outcome=Outcome.ABORTED), timed(1.0, outcome=Outcome.INTERRUPTED)),
+        True,
+        ["the referee gave no reason", "the machine failed"],
+    ),
+    "what is not final, and protested": (
+        RUNS,
+        True,
+        ["Not final: 3 of the valid runs.", "PROTESTED by the team: 1 of the valid runs."],
+    ),
+    "an open protest": (
+        (timed(10.0, protest_filed=EPOCH),),
+        True,
+        ["PROTEST open against run 1 of subject 3 in condition 7: NOT FINAL until it is decided."],
+    ),
+    "that it is practice": (RUNS, False, ["PRACTICE: not official."]),
+    "that rulesets stand apart": (
+        (*RUNS, timed(99.0, ruleset="eurobench-2020")),
+        True,
+        ["stand apart, do not compare them: eurobench-2020, protocol"],
+    ),
+    "what a decision hangs on": (
+        FLAGGED,
+        True,
+        [
+            "UNDECIDED: 1 of the valid runs wait for the referee.",
+            "with flags",
+            "1 false start UNDECIDED (handle touched)",
+        ],
+    ),
+}
+
+
+@pytest.mark.parametrize("what", TOLD)
+def test_page_and_json_tell(what: str) -> None:
+    runs, official, told = TOLD[what]
+    of = found(*runs, official=official)
+    said = words(of)
+    assert [one for one in told if one not in said] == []
+    assert {left["why"] for left in document(of)["left_out"]} == {left.why for left in of.left_out}
+    assert [one for one in of.remarks if one not in html.unescape(said)] == []
+    assert ("PRACTICE" in said + standings_csv(of)) is not official
+    flagged = any("with flags" in line for line in standings_details(of))
+    assert flagged == (runs is FLAGGED)
 
 
 def test_simulated_runs_stand_alone_and_marked_and_replayed_ones_nowhere() -> None:
@@ -166,23 +213,16 @@ def test_simulated_runs_stand_alone_and_marked_and_replayed_ones_nowhere() -> No
     (row,) = [row for row in rows(practice) if row["condition"] == "7" and row["indicator"] == TIME]
     assert (row["source"], row["mean"]) == ("practice", "3.0")
     assert {row["source"] for row in rows(found())} == {"official"}
-    assert "PRACTICE: not official." in words(practice)
     assert "<title>MADROB PRACTICE standings" in standings_html(practice, "")
     assert (document(practice)["official"], document(practice)["source"]) == (False, "practice")
     assert "PRACTICE" in document(practice)["remarks"][0]
-    assert "PRACTICE" not in words(found()) + standings_csv(found())
 
 
-def test_rulesets_stand_apart_and_are_named() -> None:
+def test_rulesets_have_rows_of_their_own() -> None:
     of = found(*RUNS, timed(99.0, ruleset="eurobench-2020"))
-    assert [group["ruleset"] for group in document(of)["rulesets"]] == [
-        "eurobench-2020",
-        "protocol",
-    ]
-    assert "stand apart, do not compare them: eurobench-2020, protocol" in words(of)
-    assert [
-        r["mean"] for r in rows(of) if r["ruleset"] != "protocol" and r["indicator"] == TIME
-    ] == (["99.0", "99.0"])
+    names = [group["ruleset"] for group in document(of)["rulesets"]]
+    means = [r["mean"] for r in rows(of) if r["ruleset"] != "protocol" and r["indicator"] == TIME]
+    assert (names, means) == (["eurobench-2020", "protocol"], ["99.0", "99.0"])
 
 
 def test_a_competition_is_chosen_by_its_name_and_several_are_named() -> None:
@@ -195,17 +235,6 @@ def test_a_competition_is_chosen_by_its_name_and_several_are_named() -> None:
     assert {row["competition"] for row in rows(spring)} == {"Spring Cup"}
     assert document(spring)["competition"] == "Spring Cup"
     assert spring.left_out == ()
-
-
-def test_not_final_and_protested_results_are_told() -> None:
-    assert "Not final: 3 of the valid runs." in words(found())
-    assert "PROTESTED by the team: 1 of the valid runs." in words(found())
-
-
-def test_an_open_protest_is_told() -> None:
-    of = competition_standings([timed(10.0, protest_filed=EPOCH)], made=EPOCH)
-    told = "PROTEST open against run 1 of subject 3 in condition 7: NOT FINAL until it is decided."
-    assert told in of.remarks
 
 
 # ---------------------------------------------------------------- the files
@@ -231,34 +260,20 @@ def test_a_team_is_one_row_with_the_name_of_the_list_and_its_other_names_are_a_r
     assert any(line.startswith("3 Delft Walkers: ") for line in standings_details(of))
 
 
-def test_runs_that_count_are_listed_with_what_a_decision_on_them_hangs_on() -> None:
-    remark = Flag(FlagKind.FALSE_START, "1 false start accepted", FlagWeight.REMARK)
-    of = found(
-        timed(10.0, run_number=1, flags=(UNDECIDED_START, remark)),
-        timed(20.0, run_number=2, flags=(remark,)),
-        timed(30.0, run_number=3),
-    )
-    said = words(of)
-    assert "UNDECIDED: 1 of the valid runs wait for the referee." in said
-    assert "1 false start UNDECIDED (handle touched)" in said.partition("with flags")[2]
+def test_each_file_says_how_many_runs_are_flagged_and_wait_for_a_decision() -> None:
+    of = found(*FLAGGED)
     (line,) = (line for line in standings_details(of) if "handle touched" in line)
     assert line.startswith("  run 1 of subject 3")
-    (flagged,) = document(of)["flagged"]
-    assert (flagged["run_number"], flagged["flags"][0]["undecided"]) == (1, True)
-    (rules,) = document(of)["rulesets"]
-    assert [(team["flagged"], team["undecided"]) for team in rules["overall"]] == [(1, 1)]
-    assert not any("with flags" in line for line in standings_details(found(timed(10.0))))
-
-
-def test_the_csv_says_how_many_of_a_teams_runs_are_flagged_and_wait_for_a_decision() -> None:
-    denied = Flag(FlagKind.DENIED_STEP, "step 4 denied", FlagWeight.CAUTION)
-    of = found(
-        timed(10.0, run_number=1, flags=(UNDECIDED_START,)),
-        timed(20.0, run_number=2, flags=(denied,)),
-        timed(30.0, subject=2, run_number=1),
-    )
-    told = {row["subject"]: (row["flagged"], row["undecided"]) for row in rows(of)}
-    assert told == {"3": ("2", "1"), "2": ("0", "0")}
+    told = document(of)
+    assert [(one["run_number"], one["flags"][0]["undecided"]) for one in told["flagged"]] == [
+        (1, True),
+        (2, False),
+    ]
+    teams = told["rulesets"][0]["overall"]
+    counts = {team["subject"]: (team["flagged"], team["undecided"]) for team in teams}
+    assert counts == {2: (0, 0), 3: (2, 1)}
+    in_rows = {int(row["subject"]): (row["flagged"], row["undecided"]) for row in rows(of)}
+    assert in_rows == {2: ("0", "0"), 3: ("2", "1")}
 
 
 def test_the_json_has_format_units_and_whole_numbers() -> None:
