@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import IO
 
 import pytest
 
@@ -129,16 +130,17 @@ def results(tmp_path: Path) -> Path:
     return root
 
 
-def interrupted(arguments: Sequence[str], begun: Callable[[], bool]) -> tuple[int, str]:
+def interrupted(arguments: Sequence[str], begun: Callable[[IO[str]], object]) -> tuple[int, str]:
     """The return code and what was said, if it was not over before; nobody who works for it stays.
 
     `begun` may read what it prints.
     """
     with subprocess.Popen(
-        [*PROGRAM, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        [*PROGRAM, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         start_new_session=True,
     ) as process:  # fmt: skip
-        while process.poll() is None and not begun():
+        assert process.stdout is not None
+        while process.poll() is None and not begun(process.stdout):
             time.sleep(0.005)
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGINT)  # all of it hears, as from a terminal
@@ -184,32 +186,19 @@ def whole(zip_file: Path) -> bool:
 
 
 @pytest.mark.machine
-@pytest.mark.parametrize(("command", "made"), [("report", "pages"), ("export", "results/exports")])
-def test_ctrl_c_prints_one_line_and_leaves_nothing_half_made(
+@pytest.mark.parametrize(
+    ("command", "made"),
+    [("report", "pages/*"), ("export", "results/exports/*"), ("check", ""), ("score", "")],
+)
+def test_ctrl_c_prints_one_line_and_leaves_nothing_half_made_and_nobody_behind(
     command: str, made: str, results: Path
 ) -> None:
-    def part_way() -> bool:
-        folder = results.parent / made
-        return folder.is_dir() and any(folder.iterdir())
+    def part_way(out: IO[str]) -> object:
+        return any(results.parent.glob(made)) if made else out.readline()
 
     assert interrupted(commands(results)[command], part_way) == SAID
     assert half_made(results) == []
     assert not (results / "exports").exists()
-
-
-@pytest.mark.machine
-def test_ctrl_c_ends_those_who_work_for_it_in_silence(results: Path) -> None:
-    with subprocess.Popen(
-        [*PROGRAM, *commands(results)["check"]], stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True, start_new_session=True,
-    ) as process:  # fmt: skip
-        assert process.stdout is not None
-        assert process.stdout.readline()
-        os.killpg(process.pid, signal.SIGINT)
-        _, error = process.communicate(timeout=40)
-    assert (process.returncode, error) == SAID
-    while there(process.pid):  # within the minute that a test has
-        time.sleep(0.01)
 
 
 @pytest.mark.slow
@@ -222,7 +211,7 @@ def test_ctrl_c_at_any_moment(results: Path, request: pytest.FixtureRequest) -> 
         for arguments in commands(results).values():
             after = moments.uniform(EARLIEST, LATEST)
             at = time.monotonic() + after
-            said = interrupted(arguments, lambda at=at: time.monotonic() > at)  # type: ignore[misc]
+            said = interrupted(arguments, lambda _, at=at: time.monotonic() > at)  # type: ignore[misc]
             if said[0] == -signal.SIGINT:
                 stopped += 1
                 assert said == SAID, (arguments, after)
