@@ -337,6 +337,7 @@ def shell(request: pytest.FixtureRequest, tmp_path: Path, madrob: Madrob) -> Ite
         ("madrob engine sta", "madrob engine status"),
         ("madrob console --testbed sim", "madrob console --testbed simulated"),
         ("madrob console --testbed replay my_", "madrob console --testbed replay my_run/"),
+        ("madrob score my_", "madrob score my_run/"),
         ("madrob score --write my_", "madrob score --write my_run/"),
         ("madrob engine stop --fo", "madrob engine stop --force"),
     ],

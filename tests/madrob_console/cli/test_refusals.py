@@ -94,11 +94,11 @@ SCREENS = [
     ("watch --testbed simulated", "no engine runs here to be watched"),
 ]
 """Nothing is painted before the command line is known to be good."""
-RUN = "run --testbed simulated --speed 0 --countdown 1"
+RUN = "run --testbed simulated --speed 0 --countdown 1 --results new"
 LINES = [
     ("watch --plain --testbed simulated", "no engine runs here to be watched"),
     ("watch --json --testbed simulated", "no engine runs here to be watched"),
-    (f"{RUN} --start-pose -1,0,0", "CCW side"),
+    (f"{RUN} --start-pose -1,0,0 --results results", "CCW side"),
     (f"{RUN} --plan none.csv", "correct --plan"),
     (f"{RUN} --team-name {'x' * 200}", "--team-name"),
     (f"{RUN} --results file", "file"),
