@@ -12,7 +12,7 @@ import pytest
 from tests import programs
 
 ROOT = Path(__file__).parents[1]
-MARKED = "tests/madrob_console/cli/test_completion_command.py::test_tab_starts_no_program"
+MARKED = "tests/madrob_console/cli/test_processes.py::test_tab_starts_no_program"
 
 
 @pytest.fixture

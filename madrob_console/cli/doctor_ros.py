@@ -22,7 +22,7 @@ from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
-from madrob_console.messages.codec import TopicMapping
+from madrob_console.messages.codec import ROBOT_STARTED_TOPIC, TopicMapping
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.ros.abort_service import SERVICE_PACKAGE, SERVICE_REMEDY
@@ -248,12 +248,14 @@ def look_at_testbed(
         counts = _take(source, listen if found else 0.0)
         statuses = source.status()
         has_door = door.service_is_ready()
-        console = source.other_referee
+        console, robot = source.other_referee, source.robot_problem
     finally:
         source.close()
         connection.close()
     for status in statuses:
         yield _topic(status, counts[status.topic] / listen, optional=status.topic not in needed)
+    if robot is not None:
+        yield Finding(Severity.WARNING, ROBOT_STARTED_TOPIC, robot)
     yield _door(present=has_door)
     if console is not None:
         yield Finding(Severity.WARNING, "console", f"one runs in domain {domain}: {console}")

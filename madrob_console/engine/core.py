@@ -27,7 +27,7 @@ from madrob_console.engine.snapshot import ExportView, Snapshot
 from madrob_console.engine.start_checks import PreStart
 from madrob_console.engine.supervisor import Worker
 from madrob_console.engine.view import StateView, testbed_problem
-from madrob_console.messages.codec import REFEREE_STATE_TOPIC
+from madrob_console.messages.codec import REFEREE_STATE_TOPIC, ROBOT_STARTED_TOPIC
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Act, Situation
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
@@ -427,6 +427,8 @@ class Engine:
             faults[REFEREE_STATE_TOPIC, FaultKind.SEVERAL_PUBLISHERS] = other
         if (told := testbed_problem(self.source.announcement, self.run)) is not None:
             faults[INFO_TOPIC, FaultKind.ANNOUNCEMENT] = told
+        if (told := self.source.robot_problem) is not None:
+            faults[ROBOT_STARTED_TOPIC, FaultKind.SOURCE] = told
         if (behind := self._backlog.problem) is not None:
             faults["engine", FaultKind.BEHIND] = behind
         self.current_run.note_faults(faults, now)

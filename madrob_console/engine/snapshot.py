@@ -296,6 +296,7 @@ class Snapshot:
         unfinished: runs that were cut off and wait for a decision, oldest first.
         plan: of the competition; how much of it is done is asked for (`GivePlan`).
         testbed: name of the engine's testbed.
+        competition: of the engine's runs, by its own settings.
         right: of this screen; all else is the same for all screens.
     """
 
@@ -336,6 +337,7 @@ class Snapshot:
     teams: TeamList = NO_TEAMS
     plan: Plan = NO_PLAN
     testbed: str = ""
+    competition: str = ""
     right: RightToAct = RightToAct()
     pulse: Pulse = Pulse()
 

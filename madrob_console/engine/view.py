@@ -19,6 +19,7 @@ from madrob_console.engine.snapshot import (
     Snapshot,
 )
 from madrob_console.engine.start_checks import PreStart
+from madrob_console.messages.codec import ROBOT_STARTED_TOPIC
 from madrob_console.referee.acts import ACTS, Situation
 from madrob_console.referee.checks import Check, CheckState, Freshness
 from madrob_console.referee.competition_plan import Plan
@@ -78,6 +79,7 @@ class StateView:
         problems = (
             f"another referee: {other}" if other else None,
             f"{INFO_TOPIC}: {told}" if told else None,
+            f"{ROBOT_STARTED_TOPIC}: {source.robot_problem}" if source.robot_problem else None,
             self.backlog.problem,
             at_hand.event_publisher.journal.problem,
             *at_hand.result.problems,
@@ -128,6 +130,7 @@ class StateView:
             teams=situation.teams,
             plan=plan,
             testbed=self.engine_context.config.testbed,
+            competition=self.engine_context.config.competition,
         )
 
     def _evidence(self, now: float) -> EvidenceView | None:

@@ -205,9 +205,9 @@ def competition_standings(
     """The standings over all teams.
 
     A run without a result is listed, and counted as such where its team has a standing, but not
-    among official runs if it is known to be practice. A damaged run is only listed, with the same
-    exception. A run whose files do not name a competition may be of any. `made` is in s since the
-    epoch. `competition` None = there is only one, else MadrobError.
+    among official runs if it is known to be practice. A damaged run is only listed, as practice if
+    it lies there. A run whose files do not name a competition may be of any. `made` is in s since
+    the epoch. `competition` None = there is only one, else MadrobError.
     """
     title, entering = entering_runs(runs, competition, official=official)
     groups = _groups(entering, official=official, best=best, listed=listed or {})
@@ -257,11 +257,7 @@ def entering_runs(
     runs: Sequence[RunSummary], competition: str | None, *, official: bool
 ) -> tuple[str, Sequence[RunSummary]]:
     """The competition's name and all its runs; arguments as for `competition_standings`."""
-    wanted = [
-        run
-        for run in runs
-        if (_of_kind(run, official=official) if _told(run) else not (official and run.practice))
-    ]
+    wanted = [run for run in runs if _is_wanted(run, official=official)]
     title = the_competition([run for run in wanted if _told(run)] or wanted, competition)
     return title or "", of_competition(wanted, title)
 
@@ -340,7 +336,11 @@ def _told(run: RunSummary) -> bool:
     return run.problem is None and run.outcome is not None
 
 
-def _of_kind(run: RunSummary, *, official: bool) -> bool:
+def _is_wanted(run: RunSummary, *, official: bool) -> bool:
+    if run.problem is not None:
+        return run.practice is not official
+    if run.outcome is None:
+        return not (official and run.practice)
     return run.official if official else run.practice
 
 

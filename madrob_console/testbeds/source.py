@@ -81,6 +81,11 @@ class Source(ABC):
         return SILENT
 
     @property
+    def robot_problem(self) -> str | None:
+        """Why the robot's answer to the start cannot be taken, in words."""
+        return None
+
+    @property
     def other_referee(self) -> str | None:
         """Another node that publishes the run state to the testbed, in words; None = nobody."""
         return None

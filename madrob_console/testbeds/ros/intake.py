@@ -308,8 +308,9 @@ class Intake:
 
     It subscribes when the first publisher appears, with the quality of service that all publishers
     offer: what they keep for late joiners comes, too. Without a `type_name` the topic has the type
-    of the publisher that is found first. A change of `depth` takes effect at the next discovery.
-    After `close` a discovery subscribes again. One thread; any may read.
+    of the publisher that is found first. `remedy` is told of another one. A change of `depth`
+    takes effect at the next discovery. After `close` a discovery subscribes again. One thread; any
+    may read.
 
     Attributes:
         topic: what a bag says of the topic; None as long as it is not known, or unusable.
@@ -325,10 +326,12 @@ class Intake:
         type_name: str = "",
         *,
         depth: int = QUEUE_DEPTH,
+        remedy: str = "correct the settings",
     ) -> None:
         self.name = name
         self.type = type_name
         self.depth = depth
+        self._remedy = remedy
         self._node = node
         self._describe = describe
         self._class: RosObject = None
@@ -428,5 +431,5 @@ class Intake:
                 "install the same version of the package on both machines"
             )
         if self._configured:
-            return f"its type is {found}, not {self.type}: correct the settings"
+            return f"its type is {found}, not {self.type}: {self._remedy}"
         return f"its type has become {found}: not recorded before the next run"

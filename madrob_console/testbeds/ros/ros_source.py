@@ -152,8 +152,8 @@ class RosSource(Source):
         self._info: InfoWatch | None = None
         self._intakes: tuple[Intake, ...] = ()
         self._late: list[RawMessage] = []
-        self._heard = {**self._configured, ROBOT_STARTED_TOPIC: ROBOT_STARTED_TYPE}
-        self._newest = dict.fromkeys(self._heard, clock.now_ns())
+        self._robot: Intake | None = None
+        self._newest = dict.fromkeys((*self._configured, ROBOT_STARTED_TOPIC), clock.now_ns())
         self._failing: str | None = None
         self._failure: str | None = None
         self._stop = threading.Event()
@@ -202,9 +202,12 @@ class RosSource(Source):
         self._referees = RefereeWatch(console, speaks=self._speaks)
         self._info = InfoWatch(listener, self._types, self._clock)
         describe = partial(describe_registered, self._types, prefixes(self._environment))
-        self._intakes = tuple(
-            Intake(listener, name, describe, type_name) for name, type_name in self._heard.items()
+        self._robot = Intake(
+            *(listener, ROBOT_STARTED_TOPIC, describe, ROBOT_STARTED_TYPE),
+            remedy="correct the robot's program",
         )
+        scored = (Intake(listener, name, describe, t) for name, t in self._configured.items())
+        self._intakes = (*scored, self._robot)
         return self._door, self._referees, self._info
 
     def take_messages(self, timeout: float) -> list[RawMessage]:
@@ -245,6 +248,10 @@ class RosSource(Source):
     @property
     def announcement(self) -> Announcement:
         return SILENT if self._info is None else self._info.heard
+
+    @property
+    def robot_problem(self) -> str | None:
+        return None if self._robot is None else self._robot.problem
 
     @property
     def other_referee(self) -> str | None:

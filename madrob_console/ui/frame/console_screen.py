@@ -126,7 +126,7 @@ class ConsoleScreen(Screen[None]):
         self._ahead = ahead
         self._defaults = defaults
         self._top = TopLine()
-        self._faults = FaultLine(defaults.competition)
+        self._faults = FaultLine()
         self._playback = PlaybackBar()
         self._panes: Panes | None = None
         self._switcher = ContentSwitcher()

@@ -153,17 +153,16 @@ def _disk(snapshot: Snapshot, *, roomy: bool) -> Line:
 class FaultLine(View):
     """The faults, one a row; the last row counts the rest. `whole_below`: the pane has them all."""
 
-    def __init__(self, where: str = "") -> None:
+    def __init__(self) -> None:
         super().__init__()
         self.whole_below = False
-        self._where = where
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         told = notices(snapshot, width)
         if not snapshot.all_faults and told:
             return told
         if not snapshot.all_faults:
-            where = fitted(self._where, min(cell_len(self._where), width - 10))
+            where = fitted(snapshot.competition, min(cell_len(snapshot.competition), width - 10))
             left = fitted("no faults", width - cell_len(where))
             return [line(Span(left + where, Tone.DIM))]
         rows = short_form(snapshot, width, BELOW if self.whole_below else ON_LIVE).rows

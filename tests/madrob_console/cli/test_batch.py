@@ -15,7 +15,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.cli.main import main
 from madrob_console.cli.sharing import (
     WORTH_A_PROCESS,
     AgainError,
@@ -24,6 +23,7 @@ from madrob_console.cli.sharing import (
 )
 from madrob_console.cli.sharing import results as results_of
 from tests.madrob_console.archive.frames import film
+from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.recorded_runs import completed
 
 
@@ -148,60 +148,56 @@ def put(results: Path, *places: str) -> str:
 
 
 COMMANDS = (
-    ("report", "{}"),
-    ("pictures", "{}"),
-    ("score", "{}"),
-    ("recover", "{}"),
-    ("export", "--dossier", "--run", "{}"),
-    ("table", "samples", "--output", "tables", "{}"),
-    ("table", "runs", "{}"),
-    ("run", "--speed", "0", "--testbed", "replay", "{}"),
+    "report {}",
+    "pictures {}",
+    "score {}",
+    "recover {}",
+    "export --dossier --run {}",
+    "table samples --output tables {}",
+    "table runs {}",
+    "run --speed 0 --testbed replay {}",
 )
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_finds_a_run_by_its_name(
-    results: Path, command: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+def test_every_command_finds_a_run_by_its_name(results: Path, command: str, madrob: Madrob) -> None:
+    madrob(command.format(put(results, "practice")))
+
+
+def test_official_runs_are_found_too_and_practice_by_its_whole_name(
+    results: Path, madrob: Madrob
 ) -> None:
-    name = put(results, "practice")
-    assert main([word.format(name) for word in command]) == 0, capsys.readouterr().err
-
-
-def test_official_runs_are_found_too_and_practice_by_its_whole_name(results: Path) -> None:
     name = put(results, ".")
-    assert main(["score", name]) == 0
+    madrob("score", name)
     (results / "practice").mkdir()
     (results / name).rename(results / "practice" / name)
-    assert main(["score", f"practice/{name}"]) == 0
+    madrob("score", f"practice/{name}")
 
 
-@pytest.mark.parametrize("command", [("score", "{}"), ("export", "--dossier", "--run", "{}")])
+@pytest.mark.parametrize("command", ["score {}", "export --dossier --run {}"])
 def test_a_name_that_two_runs_have_is_refused_with_both(
-    results: Path, command: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+    results: Path, command: str, madrob: Madrob
 ) -> None:
     name = put(results, ".", "practice")
-    assert main([word.format(name) for word in command]) == 2
-    told = capsys.readouterr()
     both = f"give {results / name} or {results / 'practice' / name}"
-    assert told.err == f"madrob: {name}: two runs are called so: {both}\n"
-    assert main([word.format(f"practice/{name}") for word in command]) == 0
+    told = f"madrob: {name}: two runs are called so: {both}\n"
+    assert madrob.refusal(command.format(name)) == told
+    madrob(command.format(f"practice/{name}"))
 
 
 def test_what_is_there_is_meant_and_not_what_the_results_folder_calls_so(
-    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    results: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     name = put(results, "practice")
     put(tmp_path, ".")
-    assert main(["report", name]) == 0
-    assert Path(capsys.readouterr().out.strip()) == tmp_path / name / "report.html"
+    assert madrob("report", name) == f"{tmp_path / name / 'report.html'}\n"
 
 
 def test_the_results_folder_that_is_named_is_looked_in(
-    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    results: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
-    name = put(tmp_path / "other", "practice")
-    assert main(["export", "--run", name, "--dossier"]) == 2
-    assert f"{results / name}: no such run folder" in capsys.readouterr().err
-    there = ("--results", str(tmp_path / "other"))
-    assert main(["export", "--run", name, "--dossier", *there]) == 0
-    assert (tmp_path / "other" / "exports" / f"dossier_practice_{name}.zip").is_file()
+    name, other = put(tmp_path / "other", "practice"), tmp_path / "other"
+    line = f"export --run {name} --dossier"
+    assert f"{results / name}: no such run folder" in madrob.refusal(line)
+    madrob(line, "--results", other)
+    assert (other / "exports" / f"dossier_practice_{name}.zip").is_file()

@@ -13,8 +13,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from madrob_console.cli.main import main
-from madrob_console.cli.output import BAD_INPUT
 from madrob_console.cli.testbed_calibration import (
     handle_toml,
     masks_of,
@@ -28,6 +26,7 @@ from madrob_console.testbeds.simulated.sensor_model import Reading, Scene, Senso
 from scoring.calibration.masks import GRAVITY, HandleProposal, MaskProposal, PanelView, SteadyForce
 from scoring.protocol import PASSAGE_SENSORS, Side, Signal
 from tests.madrob_console.calibration_bags import record, record_handle, record_sweep, swing
+from tests.madrob_console.cli.typed import Madrob
 
 SPEED = 0.5
 SLACK = SPEED / 50 + math.tau / 3600
@@ -48,17 +47,8 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def calibrate(*arguments: object) -> int:
-    return main(["calibrate", *map(str, arguments)])
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """The one line with which a calibration is refused."""
-    assert calibrate(*arguments) == BAD_INPUT
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.count("\n") == 1
-    return said.err
+def refused(madrob: Madrob, *arguments: object) -> str:
+    return madrob.refusal("calibrate", *arguments)
 
 
 # ---------------------------------------------------------------- masks
@@ -75,20 +65,16 @@ def test_the_masks_are_those_of_the_simulated_door(bags: Path) -> None:
 
 
 def test_with_the_proposed_masks_a_quick_panel_shows_to_no_sensor(
-    bags: Path, capsys: pytest.CaptureFixture[str]
+    bags: Path, madrob: Madrob
 ) -> None:
-    assert calibrate("masks", bags / "sweep") == 0
-    thresholds = parse_settings(capsys.readouterr().out).scoring_thresholds()
+    thresholds = parse_settings(madrob("calibrate masks", bags / "sweep")).scoring_thresholds()
     assert replace(NEW, thresholds=thresholds).fastest_panel > 1.0  # rad/s
     assert replace(NEW, thresholds=Settings().scoring_thresholds()).fastest_panel < 0
 
 
-def test_the_proposal_says_per_sensor_what_it_rests_on(
-    bags: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_proposal_says_per_sensor_what_it_rests_on(bags: Path, madrob: Madrob) -> None:
     target = bags / "masks.toml"
-    assert calibrate("masks", bags / "sweep", "--output", target) == 0
-    said = capsys.readouterr().out
+    said = madrob("calibrate masks", bags / "sweep", "--output", target)
     assert target.read_text() == said
     assert "# Door swept from -1.300 to 1.300 rad; the panel is 2.100 m high." in said
     for sensor in PASSAGE_SENSORS:
@@ -102,9 +88,7 @@ def test_the_proposal_says_per_sensor_what_it_rests_on(
     ]  # fmt: skip
 
 
-def test_a_recording_of_each_side_counts_like_one_of_both(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_of_each_side_counts_like_one_of_both(tmp_path: Path, madrob: Madrob) -> None:
     def half(sign: int) -> Callable[[float], Scene]:
         return lambda time: Scene(angle=sign * swing(time, SPEED, 1.2, 1))
 
@@ -115,13 +99,11 @@ def test_a_recording_of_each_side_counts_like_one_of_both(
             4.8,
             mappings=[m for m in DEFAULT_MAPPINGS[:-1] if m.signal is not Signal.HANDLE],
         )
-    assert "to both sides" in refused(capsys, "masks", tmp_path / "cw")
-    assert calibrate("masks", tmp_path / "cw", tmp_path / "ccw") == 0
+    assert "to both sides" in refused(madrob, "masks", tmp_path / "cw")
+    madrob("calibrate masks", tmp_path / "cw", tmp_path / "ccw")
 
 
-def test_topics_types_and_units_are_those_of_the_settings(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_topics_types_and_units_are_those_of_the_settings(tmp_path: Path, madrob: Madrob) -> None:
     text = """
         [[topics]]
         signal = "door angle"
@@ -139,10 +121,10 @@ def test_topics_types_and_units_are_those_of_the_settings(
         mappings=[m for m in mine.mappings() if m.signal is not Signal.LATCH],
     )
     assert "no messages on /madrob/door/angle (door angle)" in refused(
-        capsys, "masks", tmp_path / "bag"
+        madrob, "masks", tmp_path / "bag"
     )
-    assert calibrate("masks", tmp_path / "bag", "--settings", tmp_path / "mine.toml") == 0
-    assert parse_settings(capsys.readouterr().out).thresholds.lintel_height == 2.0
+    said = madrob("calibrate masks", tmp_path / "bag", "--settings", tmp_path / "mine.toml")
+    assert parse_settings(said).thresholds.lintel_height == 2.0
 
 
 def spoilt(signal: Signal, time: float, reading: Reading) -> Reading:
@@ -152,17 +134,15 @@ def spoilt(signal: Signal, time: float, reading: Reading) -> Reading:
     return reading
 
 
-def test_somebody_near_the_door_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_somebody_near_the_door_is_refused(tmp_path: Path, madrob: Madrob) -> None:
     record_sweep(tmp_path / "bag", times=1, spoil=spoilt)
-    said = refused(capsys, "masks", tmp_path / "bag")
+    said = refused(madrob, "masks", tmp_path / "bag")
     assert "cw 0 (cw_right[3]) saw something" in said
     assert "nobody near" in said
 
 
 def test_a_strip_that_says_nothing_and_a_door_without_numbers_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, madrob: Madrob
 ) -> None:
     def silent(signal: Signal, _time: float, reading: Reading) -> Reading | None:
         return None if signal is Signal.CCW_LEFT else reading
@@ -172,64 +152,46 @@ def test_a_strip_that_says_nothing_and_a_door_without_numbers_are_refused(
 
     record_sweep(tmp_path / "silent", times=1, sensors=SensorSettings(rate=20), spoil=silent)
     assert "no messages on /madrob/passage/ccw_left" in refused(
-        capsys, "masks", tmp_path / "silent"
+        madrob, "masks", tmp_path / "silent"
     )
     record_sweep(tmp_path / "blind", times=1, sensors=SensorSettings(rate=20), spoil=blind)
-    assert "208 of 208 door angles are no numbers" in refused(capsys, "masks", tmp_path / "blind")
-
-
-def test_what_is_no_bag_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert "No such file" in refused(capsys, "masks", tmp_path / "none")
-    (tmp_path / "\x1b[31mred").write_text("text")
-    said = refused(capsys, "masks", tmp_path / "\x1b[31mred")
-    assert "is no bag" in said
-    assert "\x1b" not in said
+    assert "208 of 208 door angles are no numbers" in refused(madrob, "masks", tmp_path / "blind")
 
 
 # ---------------------------------------------------------------- handle
 
 
-def test_scale_and_zero_are_those_of_the_simulated_handle(
-    bags: Path, capsys: pytest.CaptureFixture[str]
+HANDLE = "calibrate handle --mass 5"
+
+
+def test_scale_and_zero_are_those_of_the_simulated_handle_whatever_the_scale_so_far(
+    bags: Path, madrob: Madrob
 ) -> None:
-    assert calibrate("handle", bags / "rest", bags / "pulled", "--mass", "5") == 0
-    said = capsys.readouterr().out
+    said = madrob(HANDLE, bags / "rest", bags / "pulled")
     (topic,) = parse_settings(said).topics
     assert topic.signal is Signal.HANDLE
     assert topic.scale == pytest.approx(GRAVITY / 1000, rel=0.001)
     assert topic.offset == pytest.approx(-5.9, abs=0.02)
     assert "# rest: 200 samples in 4.0 s, median 601" in said
     assert "WRONG" not in said
+    (bags / "found.toml").write_text(said)
+    assert madrob(HANDLE, bags / "rest", bags / "pulled", "--settings", bags / "found.toml") == said
 
 
-def test_a_wrong_sign_is_said_in_words_and_mended(
-    bags: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert calibrate("handle", bags / "rest", bags / "pushed", "--mass", "5") == 0
-    said = capsys.readouterr().out
+def test_a_wrong_sign_is_said_in_words_and_mended(bags: Path, madrob: Madrob) -> None:
+    said = madrob(HANDLE, bags / "rest", bags / "pushed")
     assert "# WRONG SIGN" in said
     assert parse_settings(said).topics[0].scale == pytest.approx(-GRAVITY / 1000, rel=0.001)
-    towards = ("--towards", "cw")
-    assert calibrate("handle", bags / "rest", bags / "pushed", "--mass", "5", *towards) == 0
-    assert "WRONG" not in capsys.readouterr().out
-
-
-def test_the_scale_so_far_does_not_matter(bags: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert calibrate("handle", bags / "rest", bags / "pulled", "--mass", "5") == 0
-    first = capsys.readouterr().out
-    (bags / "found.toml").write_text(first)
-    found = ("--settings", bags / "found.toml")
-    assert calibrate("handle", bags / "rest", bags / "pulled", "--mass", "5", *found) == 0
-    assert capsys.readouterr().out == first
+    assert "WRONG" not in madrob(f"{HANDLE} --towards cw", bags / "rest", bags / "pushed")
 
 
 def test_a_handle_that_is_touched_or_a_weight_that_is_none_is_refused(
-    bags: Path, capsys: pytest.CaptureFixture[str]
+    bags: Path, madrob: Madrob
 ) -> None:
-    said = refused(capsys, "handle", bags / "rest", bags / "hand", "--mass", "5")
+    said = refused(madrob, "handle", bags / "rest", bags / "hand", "--mass", "5")
     assert "hand: a noise of" in said
     assert "no messages on /madrob/handle/force" in refused(
-        capsys, "handle", bags / "sweep", bags / "rest", "--mass", "5"
+        madrob, "handle", bags / "sweep", bags / "rest", "--mass", "5"
     )
 
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import io
 import shlex
-import subprocess
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
@@ -18,17 +16,9 @@ from madrob_console.cli.main import COMMANDS, build_parser, main
 from madrob_console.cli.options import delays
 from madrob_console.cli.parsing import as_path
 from scoring.protocol import Signal
+from tests.madrob_console.cli.typed import Madrob, Screen
 
 ALL = (*COMMANDS, "calibrate masks", "calibrate handle", "table samples")
-
-
-def said(capsys: pytest.CaptureFixture[str], line: str) -> tuple[int, str, str]:
-    try:
-        code = main(shlex.split(line))
-    except SystemExit as end:
-        code = int(end.code or 0)
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 def examples(text: str) -> Iterator[str]:
@@ -39,10 +29,10 @@ def examples(text: str) -> Iterator[str]:
 
 @pytest.mark.parametrize("command", ALL)
 def test_a_help_has_an_example_that_works_and_no_empty_default(
-    command: str, capsys: pytest.CaptureFixture[str]
+    command: str, madrob: Madrob
 ) -> None:
-    code, text, _ = said(capsys, f"{command} --help")
-    assert code == 0
+    text = madrob(f"{command} --help")
+    assert text.startswith("usage: madrob")
     for empty in ("None", "default: )", "default: False"):
         assert empty not in text
     lines = list(examples(text))
@@ -67,61 +57,10 @@ def test_a_help_has_an_example_that_works_and_no_empty_default(
     ],
 )
 def test_a_help_says_the_real_defaults_and_the_choices(
-    command: str,
-    default: str,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    command: str, default: str, madrob: Madrob, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "300")
-    _, text, _ = said(capsys, f"{command} --help")
-    assert default in text
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("consol", "madrob: COMMAND: there is no 'consol', did you mean console?"),
-        ("calibrate mask", "there is no 'mask', did you mean masks?"),
-        ("engine stat", "did you mean status?"),
-        ("console --theme blue", "--theme: there is no 'blue', use dark, light or high-contrast"),
-        ("run --opening-side left", "--opening-side: there is no 'left', use cw or ccw"),
-        ("run --scenario nominall", "--scenario: there is no 'nominall', did you mean nominal?"),
-        ("run --subject Delft", "--subject: 'Delft' is no whole number"),
-        ("run --timeout long", "--timeout: 'long' is no number"),
-        ("standings --bets 3", "madrob standings: --bets: no such option, did you mean --best?"),
-        ("export --subject 3 --bag", "madrob export: --bag: no such option"),
-        ("settings all", "madrob settings: all: nothing more is expected here"),
-        ("schema all", "there is no 'all', use result, event, state or watch"),
-        ("watch --plain --big", "--big: not allowed with argument --plain"),
-        ("console --testbed sim", "--testbed: there is no 'sim', did you mean simulated?"),
-        ("console --testbed ros 3", "--testbed: ros takes nothing more, not '3'"),
-        ("watch --testbed replay", "--testbed: replay needs the path of one bag"),
-        ("run --speed -1", "--speed: -1: use 0 to 1000"),
-        ("run --speed nan", "--speed: nan: use 0 to 1000"),
-        ("run --wait -3", "--wait: -3: use 0 or more"),
-        ("run --timeout 0.5", "--timeout: 0.5: use 1 to 86400"),
-        ("run --countdown inf", "--countdown: 'inf' is no number"),
-        ("run --subject 1000", "--subject: 1000: use 1 to 999"),
-        ("standings --best -1", "--best: -1: use 0 or more"),
-        ("tidy --keep-runs -1", "--keep-runs: -1: use 0 or more"),
-        ("score --jobs 0 x", "--jobs: 0: use 1 or more"),
-        ("recover", "the following arguments are required: PATH"),
-        ("run --latency dor=50ms", "--latency: there is no 'dor', did you mean door?"),
-        ("run --latency door", "--latency: 'door' is no delay, as 50ms or 0.2s are"),
-        ("console --latency 50", "--latency: '50' is no delay, as 50ms or 0.2s are"),
-        ("testbed --jitter handle=1s,", "--jitter: '' is no delay, as 50ms or 0.2s are"),
-        ("testbed --jitter 1m", "--jitter: '1m' is no delay, as 50ms or 0.2s are"),
-        ("testbed --jitter door=11s", "--jitter: '11s' is too long: use 0s to 10s"),
-    ],
-)
-def test_a_wrong_word_is_named_with_what_was_meant(
-    line: str, words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, out, error = said(capsys, line)
-    assert (code, out) == (2, "")
-    assert words in error
-    assert error.count("\n") == 1
-    assert error.endswith("--help`\n")
+    assert default in madrob(f"{command} --help")
 
 
 STRIPS = (Signal.CW_LEFT, Signal.CW_RIGHT, Signal.CCW_LEFT, Signal.CCW_RIGHT)
@@ -221,12 +160,11 @@ def test_no_option_takes_a_number_that_makes_no_sense() -> None:
     ("line", "first"), [("", "usage: madrob "), ("calibrate", "usage: madrob c")]
 )
 def test_without_a_command_the_help_is_printed_and_the_exit_code_is_git_s(
-    line: str, first: str, capsys: pytest.CaptureFixture[str]
+    line: str, first: str, madrob: Madrob
 ) -> None:
-    code, out, error = said(capsys, line)
-    assert (code, error) == (1, "")
-    assert out.startswith(first)
-    assert said(capsys, f"{line} --help")[1] == out
+    said = madrob.say(line)
+    assert (said.code, said.err, said.out) == (1, "", madrob(f"{line} --help"))
+    assert said.out.startswith(first)
 
 
 @pytest.mark.parametrize(
@@ -252,71 +190,21 @@ def test_options_may_stand_between_paths(line: str, paths: str) -> None:
     assert getattr(arguments, "site", Path("SITE")) == Path("SITE")
 
 
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("publish --best 3", "the following arguments are required: FOLDER"),
-        ("score --json", "the following arguments are required: PATH"),
-        ("score one --bets 3 two", "madrob score: --bets: no such option"),
-    ],
-)
-def test_what_is_wrong_between_paths_is_named_in_one_line(
-    line: str, words: str, capsys: pytest.CaptureFixture[str]
+def test_equal_problems_of_many_runs_are_counted_and_others_named(
+    tmp_path: Path, madrob: Madrob
 ) -> None:
-    code, out, error = said(capsys, line)
-    assert (code, out, error.count("\n")) == (2, "", 1)
-    assert words in error
-
-
-BROKEN = 60
-
-
-def test_equal_problems_of_many_runs_are_counted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for number in range(1, BROKEN + 1):
+    for number in range(1, 61):
         (tmp_path / f"subject_001_cond_001_run_{number:03d}_20260321_1000{number % 60:02d}").mkdir()
-    assert main(["score", "--jobs", "1", str(tmp_path)]) == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 4
-    assert all("run_00" in line for line in lines[:3])
-    assert lines[3].startswith("madrob: and 57 more like it: ")
-    assert "subject" not in lines[3]
-
-
-def test_problems_that_differ_are_all_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
     (tmp_path / "notes.txt").write_text("no bag")
-    assert main(["score", str(tmp_path / "none"), str(tmp_path / "notes.txt")]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 2
-
-
-@pytest.mark.machine
-@pytest.mark.parametrize("command", ["settings", "schema", "--help"])
-def test_a_full_disk_behind_the_output_is_one_line(command: str) -> None:
-    with Path("/dev/full").open("w") as full:
-        ran = subprocess.run(
-            [sys.executable, "-m", "madrob_console.cli", command],
-            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
-        )  # fmt: skip
-    assert ran.returncode == 2
-    assert ran.stderr.count("\n") == 1
-    assert "the output cannot be written (No space left on device)" in ran.stderr
+    paths = (tmp_path, tmp_path / "none", tmp_path / "notes.txt")
+    first, second, third, *others, counted = madrob.say("score --jobs 1", *paths).err.splitlines()
+    assert all("run_00" in line for line in (first, second, third))
+    assert len(others) == 2
+    assert counted.startswith("madrob: and 57 more like it: ")
+    assert "subject" not in counted
 
 
 GUIDE = Path(__file__).parents[3] / "madrob_console" / "guide"
-
-
-class Screen(io.TextIOWrapper):
-    """A terminal's output."""
-
-    def __init__(self, encoding: str) -> None:
-        self.shown = io.BytesIO()
-        super().__init__(self.shown, encoding=encoding)
-
-    def isatty(self) -> bool:
-        return True
 
 
 def on_screen(monkeypatch: pytest.MonkeyPatch, page: str, encoding: str) -> str:
@@ -327,18 +215,16 @@ def on_screen(monkeypatch: pytest.MonkeyPatch, page: str, encoding: str) -> str:
     return screen.shown.getvalue().decode(encoding)
 
 
-def test_the_guide_lists_its_pages(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["guide"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+def test_the_guide_lists_its_pages(madrob: Madrob) -> None:
+    lines = madrob("guide").splitlines()
     assert [line.split()[:3] for line in lines] == [["madrob", "guide", page] for page in PAGES]
     assert all(len(line) <= 80 for line in lines)
     assert sorted(PAGES) == sorted(path.stem for path in GUIDE.iterdir())
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_a_file_gets_a_page_as_it_is(page: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["guide", page]) == 0
-    assert capsys.readouterr().out == (GUIDE / f"{page}.md").read_text()
+def test_a_file_gets_a_page_as_it_is(page: str, madrob: Madrob) -> None:
+    assert madrob("guide", page) == (GUIDE / f"{page}.md").read_text()
 
 
 @pytest.mark.parametrize("page", PAGES)

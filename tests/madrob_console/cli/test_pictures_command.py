@@ -13,12 +13,12 @@ import pytest
 from PIL import Image
 
 from madrob_console.archive.run_journal import journal_held
-from madrob_console.cli.main import main
 from madrob_console.export.zip_file import safe_names
 from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
 from tests.madrob_console.archive.frames import film, raw, span, stream
+from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.recorded_runs import completed
 from tests.recorder.samples import add_evidence, strings
 
@@ -36,192 +36,130 @@ def run(bare: Path) -> Path:
     return bare
 
 
+def pictures(madrob: Madrob, line: str, run: Path, output: Path | None = None) -> list[list[str]]:
+    """Path of each picture that is made and what is told of it."""
+    where = [] if output is None else ["--output", output]
+    return [row.split(": ") for row in madrob(f"pictures {line}", run, *where).splitlines()]
+
+
 def test_each_camera_s_frame_at_an_instant_becomes_a_file_that_is_printed(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     output = tmp_path / "frames"
-    assert main(["pictures", str(run), "--at", "5.25", "--output", str(output)]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 2
-    for line in lines:
-        path, _, told = line.partition(": ")
-        assert Path(path).parent == output
-        assert Path(path).name.startswith(f"{run.name}_01_at_5_250_s_camera_")
-        ms, side = int(told.split()[0]), ""
-        if ms:
-            side = "_later" if ms > 0 else "_earlier"
-        assert path.endswith(f"_{abs(ms)}_ms{side}.jpg")
+    made = pictures(madrob, "--at 5.25", run, output)
+    assert [path for path, _ in made] == sorted(map(str, output.iterdir()))
+    assert len(made) == 2
+    for path, told in made:
         assert re.fullmatch(r"[-+]?\d+ ms", told)
+        ms = int(told.removesuffix(" ms"))
+        side = "" if ms == 0 else "_later" if ms > 0 else "_earlier"
+        assert Path(path).name.startswith(f"{run.name}_01_at_5_250_s_camera_")
+        assert path.endswith(f"_{abs(ms)}_ms{side}.jpg")
         with Image.open(path) as picture:
             picture.load()
-    assert len(list(output.iterdir())) == 2
     assert not (run / "pictures").exists()
 
 
 def test_without_pillow_pictures_are_refused_in_one_line_and_those_made_before_stay(
-    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    run: Path, madrob: Madrob, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert main(["pictures", str(run)]) == 0
-    made = {path.name: path.read_bytes() for path in (run / "pictures").iterdir()}
-    capsys.readouterr()
+    madrob("report", run)  # what draws is imported whole
+    own = pictures(madrob, "", run)
+    made = {str(path): path.read_bytes() for path in (run / "pictures").glob("*.jpg")}
+    assert {path for path, _ in own} == made.keys()
     monkeypatch.setitem(sys.modules, "PIL", None)
-    assert main(["pictures", str(run), "--at", "5.25", "--output", str(run / "frames")]) == 2
-    said = capsys.readouterr()
-    assert (said.out, said.err.count("\n")) == ("", 1)
-    assert "Pillow: install madrob-console with its extra `report`" in said.err
-    assert main(["report", str(run)]) == 0
+    said = madrob.refusal("pictures --at 5.25", run, "--output", run / "frames")
+    assert "Pillow: install madrob-console with its extra `report`" in said
+    madrob("report", run)
     assert "need Pillow: install madrob" in (run / "report.html").read_text()
-    assert {path.name: path.read_bytes() for path in (run / "pictures").iterdir()} == made
-
-
-def test_a_file_of_an_instant_before_the_start_says_so_in_its_name(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    output = tmp_path / "frames"
-    assert main(["pictures", str(run), "--at", "-0.25", "--output", str(output)]) == 0
-    found = [item.name for item in output.iterdir()]
-    assert found
-    assert all(name.startswith(f"{run.name}_01_at_minus_0_250_s_camera_") for name in found)
-    capsys.readouterr()
+    assert {str(path): path.read_bytes() for path in (run / "pictures").glob("*.jpg")} == made
 
 
 def test_in_the_folder_of_the_run_names_are_such_that_a_zip_keeps_them_whole(
-    bare: Path, capsys: pytest.CaptureFixture[str]
+    bare: Path, madrob: Madrob
 ) -> None:
     long = "/hall_north/testbed/camera_beside_the_door/color/image_raw/compressed"
     film(bare, f"{long}/left", f"{long}/right")
-    output = bare / "frames"
-    wanted = ["--at", "5.25", "--at", "benchmark_start"]
-    assert main(["pictures", str(bare), *wanted, "--output", str(output)]) == 0
-    names = [item.name for item in output.iterdir()]
+    made = pictures(madrob, "--at 5.25 --at benchmark_start", bare, bare / "frames")
+    names = [item.name for item in (bare / "frames").iterdir()]
+    assert {Path(path).name for path, _ in made} == {*names}
     assert len(names) == 4
     assert safe_names(names) == {name: name for name in names}
-    assert all(re.search(r"_\d+_ms(_later|_earlier)?[.]jpg$", name) for name in names)
-    assert all(name.startswith(("01_at_5_250_s_", "02_benchmark_start_")) for name in names)
-    made = capsys.readouterr().out
-    assert all(f"{output / name}: " in made for name in names)
+    name = r"0(1_at_5_250_s|2_benchmark_start)_.*_\d+_ms(_later|_earlier)?[.]jpg"
+    assert all(re.fullmatch(name, one) for one in names)
 
 
-def test_an_instant_may_be_an_event_and_cameras_may_be_chosen(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize(
+    ("at", "named"),
+    [
+        ("--at door_opens --at 0:03", ["01_door_opens", "02_at_3_000_s"]),
+        ("--at -0.25", ["01_at_minus_0_250_s"]),
+    ],
+)
+def test_an_instant_may_be_an_event_or_before_the_start_and_cameras_may_be_chosen(
+    at: str, named: list[str], run: Path, tmp_path: Path, madrob: Madrob,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    at = ["--at", "door_opens", "--at", "0:03"]
-    assert main(["pictures", str(run), *at, "--camera", "*fro*"]) == 0
-    names = [line.partition(": ")[0] for line in capsys.readouterr().out.splitlines()]
+    names = [path for path, _ in pictures(madrob, f"{at} --camera *fro*", run)]
     assert [re.sub(r"_\d+_ms(_later|_earlier)?[.]jpg$", "", name) for name in names] == [
-        f"{run.name}_01_door_opens_camera_front",
-        f"{run.name}_02_at_3_000_s_camera_front",
+        f"{run.name}_{one}_camera_front" for one in named
     ]
     assert all((tmp_path / name).is_file() for name in names)
 
 
-def test_without_an_instant_the_run_s_own_pictures_are_made_anew(
-    run: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["pictures", str(run)]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    files = {line.partition(": ")[0] for line in lines}
-    assert files == {str(path) for path in (run / "pictures").glob("*.jpg")}
-
-
-def test_pictures_can_be_as_large_as_they_were_sent(bare: Path, tmp_path: Path) -> None:
-    begin, end = span(bare)
-    add_evidence(bare, stream(FRONT, begin, end, rate=2, size=(1920, 1080)))
-    for width, size in ((None, (960, 540)), (1920, (1920, 1080)), (64, (64, 36))):
-        output = tmp_path / f"{width}"
-        given = [] if width is None else ["--width", str(width)]
-        assert main(["pictures", str(bare), "--at", "1", "--output", str(output), *given]) == 0
-        with Image.open(next(output.iterdir())) as picture:
-            assert picture.size == size
-
-
 @pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        (
-            ["--at", "nothing"],
-            "'nothing' is no time and no event of this run: give seconds, or one of start, stop, ",
-        ),
-        (["--at", "900"], "/camera/front at 900.00 s: no frame within 1 s"),
-        (
-            ["--at", "nan"],
-            "'nan' is no time and no event of this run: give seconds, or one of start, stop, ",
-        ),
-        (["--at", "1", "--camera", "/none"], "no camera /none in its evidence"),
-        (["--camera", "*front"], "some pictures are not all: say where to by --output FOLDER"),
-    ],
+    ("width", "size"),
+    [("", (960, 540)), ("--width 1920", (1920, 1080)), ("--width 64", (64, 36))],
 )
-def test_what_cannot_be_shown_is_named(
-    run: Path, arguments: list[str], why: str, capsys: pytest.CaptureFixture[str]
+def test_pictures_can_be_as_large_as_they_were_sent(
+    width: str, size: tuple[int, int], bare: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
-    assert main(["pictures", str(run), *arguments]) == 2
-    told = capsys.readouterr()
-    assert why in told.err
-    assert told.out == ""
+    add_evidence(bare, stream(FRONT, *span(bare), rate=2, size=(1920, 1080)))
+    ((path, _),) = pictures(madrob, f"--at 1 {width}", bare, tmp_path / "frames")
+    with Image.open(path) as picture:
+        assert picture.size == size
 
 
-@pytest.mark.parametrize("width", ["0", "x", "7000", "-5"])
-def test_a_width_that_makes_no_picture_is_refused(
-    run: Path, width: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        main(["pictures", str(run), f"--width={width}"])
-    error = capsys.readouterr().err
-    assert "use 16 to 6000" in error or "'x' is no whole number" in error
-
-
-def test_a_run_whose_evidence_was_removed_or_lost_says_which(
-    run: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_whose_evidence_was_removed_or_lost_says_which(run: Path, madrob: Madrob) -> None:
     account = EvidenceAccount((RecordedTopic(FRONT, "a/msg/B", 300, 6_000_000),))
-    at, system = 1_700_000_000.0, Origin.SYSTEM
-    recorded = msgspec.to_builtins(account)
     for file in run.glob("*_evidence_*"):
         file.unlink()
-    with journal_held(run) as journal:
-        journal.append([Entry(at, system, Change.EVIDENCE_RECORDED.value, details=recorded)])
-    assert main(["pictures", str(run)]) == 2
-    gone = f"{run}: its evidence is gone (1 topic, 300 messages, 6.0 MB were recorded): look"
-    assert gone in capsys.readouterr().err
-    with journal_held(run) as journal:
-        removed = {"files": ["one"], "bytes": 6_000_000}
-        journal.append([Entry(at, system, Change.EVIDENCE_REMOVED.value, details=removed)])
-    assert main(["pictures", str(run)]) == 2
-    assert f"{run}: its evidence was removed by `madrob tidy` (1 file, 6" in capsys.readouterr().err
+    for change, details, words in (
+        (
+            Change.EVIDENCE_RECORDED,
+            msgspec.to_builtins(account),
+            "its evidence is gone (1 topic, 300 messages, 6.0 MB were recorded): look",
+        ),
+        (
+            Change.EVIDENCE_REMOVED,
+            {"files": ["one"], "bytes": 6_000_000},
+            "its evidence was removed by `madrob tidy` (1 file, 6",
+        ),
+    ):
+        with journal_held(run) as journal:
+            journal.append([Entry(1_700_000_000.0, Origin.SYSTEM, change.value, details=details)])
+        assert f"{run}: {words}" in madrob.refusal("pictures", run)
 
 
-def test_a_run_without_evidence_is_named_with_what_to_do(
-    bare: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["pictures", str(bare)]) == 2
-    assert f"{bare}: was recorded without evidence: choose" in capsys.readouterr().err
-    assert main(["pictures", str(tmp_path)]) == 2
-    assert f"{tmp_path}: no run is there: name the folder of a run" in capsys.readouterr().err
-    for path in (bare / "result.json", tmp_path / "nowhere"):
-        assert main(["pictures", str(path)]) == 2
-        assert f"{path}: no such run folder: name the folder" in capsys.readouterr().err
+def test_evidence_without_a_camera_has_no_pictures(bare: Path, madrob: Madrob) -> None:
     add_evidence(bare, strings(["no camera"]))
-    assert main(["pictures", str(bare)]) == 2
-    assert "no camera * in its evidence" in capsys.readouterr().err
+    assert "no camera * in its evidence" in madrob.refusal("pictures", bare)
 
 
 def test_a_depth_camera_is_shown_with_its_distances_as_caption(
-    bare: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    bare: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
-    begin, end = span(bare)
     depths = np.linspace(0.4, 6.1, 64 * 48, dtype="<f4").tobytes()
-    times = np.arange(begin, end, 0.2)
     frames = [
         raw(depths, "32FC1", 64, 48, 256, topic="/camera/depth", stamp=at, log=at + 0.01)
-        for at in times
+        for at in np.arange(*span(bare), 0.2)
     ]
     add_evidence(bare, frames)
-    assert main(["pictures", str(bare), "--at", "5", "--output", str(tmp_path / "frames")]) == 0
-    path, _, told = capsys.readouterr().out.partition(": ")
-    assert re.search(r"^[-+]?\d+ ms; depth 0[.]4 to 6[.]1 m$", told.strip())
+    ((path, told),) = pictures(madrob, "--at 5", bare, tmp_path / "frames")
+    assert re.fullmatch(r"[-+]?\d+ ms; depth 0[.]4 to 6[.]1 m", told)
     with Image.open(path) as picture:
         assert (picture.mode, picture.size) == ("L", (64, 48))
-    assert main(["report", str(bare)]) == 0
+    madrob("report", bare)
     page = (bare / "report.html").read_text()
     assert page.count("<small>depth 0.4 to 6.1 m</small>") == page.count("<img ") > 0

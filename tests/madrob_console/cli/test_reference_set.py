@@ -75,9 +75,8 @@ def test_this_installation_scores_right_and_needs_no_ros(
     assert lines[-1] == f"this installation scores right (12 references, {values} values)"
 
 
-@pytest.mark.parametrize(
-    ("wrong", "off"),
-    [
+WRONG: dict[str, list[tuple[dict[str, Any], str]]] = {
+    "rule": [
         ({"low_pass_order": 4}, "sine unsafety_of_door_operation by protocol"),
         ({"low_pass_frequency": 2.02}, "sine_encoder unsafety_of_door_operation by eurobench-2020"),
         ({"low_pass": LowPassRule.ONE_PASS}, "minimum_jerk unsafety_of_door_operation by protocol"),
@@ -88,22 +87,7 @@ def test_this_installation_scores_right_and_needs_no_ros(
         ({"masked_is_absent": True}, "push_to_cw door_occupation_time by protocol"),
         ({"cut_rows": False}, "both_sides_at_stop smoothness_of_door_actuation by protocol"),
     ],
-    ids=str,
-)
-def test_a_wrong_rule_is_named_with_its_value(
-    wrong: dict[str, Any],
-    off: str,
-    copy: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.setattr(run_record, "ruleset", lambda name: replace(ruleset(name), **wrong))
-    told_off(copy, capsys, off)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "off"),
-    [
+    "threshold": [
         ({"touch_force": 5.0}, "force_pulses time_to_handle by protocol"),
         ({"closed_angle": 0.045}, "minimum_jerk passage_time by eurobench-2020"),
         ({"lintel_height": 2.6}, "minimum_jerk capability_level by protocol: 3, expected 6"),
@@ -111,15 +95,18 @@ def test_a_wrong_rule_is_named_with_its_value(
         ({"mask_from": (0.06,) * 5}, "push_to_cw step 4"),
         ({"mask_to_cw": (0.2,) * 5}, "push_to_cw door_occupation_time by eurobench-2020"),
     ],
+}
+
+
+@pytest.mark.parametrize(
+    ("what", "wrong", "off"),
+    [(what, *one) for what, several in WRONG.items() for one in several],
     ids=str,
 )
-def test_a_wrong_threshold_is_named_with_its_value(
-    wrong: dict[str, Any],
-    off: str,
-    copy: Path,
-    monkeypatch: pytest.MonkeyPatch,
+def test_a_wrong_rule_or_threshold_is_named_with_its_value(
+    what: str, wrong: dict[str, Any], off: str, copy: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:
+) -> None:  # fmt: skip
     right = RunRecord.assessed_by
 
     def spoilt(
@@ -128,10 +115,12 @@ def test_a_wrong_threshold_is_named_with_its_value(
         start: float,
         rules: RulesetName | None = None,
     ) -> Assessment:
-        spoilt_record = replace(record, thresholds=replace(Thresholds(), **wrong))
-        return right(spoilt_record, kind, start, rules)
+        return right(replace(record, thresholds=replace(Thresholds(), **wrong)), kind, start, rules)
 
-    monkeypatch.setattr(RunRecord, "assessed_by", spoilt)
+    if what == "rule":
+        monkeypatch.setattr(run_record, "ruleset", lambda name: replace(ruleset(name), **wrong))
+    else:
+        monkeypatch.setattr(RunRecord, "assessed_by", spoilt)
     told_off(copy, capsys, off)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import signal
 import subprocess
@@ -17,7 +16,6 @@ from typing import Any
 import jsonschema
 import pytest
 
-from madrob_console.cli.main import main
 from madrob_console.cli.spectator_lines import json_lines, plain_lines
 from madrob_console.engine.public_state import PublishedState, SpectatorState, watch_schema
 from madrob_console.engine.snapshot import Pulse, Snapshot
@@ -38,6 +36,7 @@ from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Step
+from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine_process import ROOT, EngineProcess
 from tests.watching import until
@@ -52,38 +51,28 @@ class Watching:
     def __init__(self, engine: EngineProcess, folder: Path, option: str) -> None:
         self._out, self._errors = folder / f"out{option}", folder / f"errors{option}"
         with self._out.open("wb") as out, self._errors.open("wb") as errors:
-            self.process = subprocess.Popen(
-                watch(engine, option), env=environment(), stdout=out, stderr=errors
-            )
-
-    @property
-    def text(self) -> str:
-        return self._out.read_text()
+            self.process = subprocess.Popen(watch(engine, option), stdout=out, stderr=errors)
 
     @property
     def lines(self) -> list[str]:
-        return self.text.splitlines()
+        return self._out.read_text().splitlines()
 
     @property
-    def states(self) -> list[dict[str, Any]]:
-        return [json.loads(line) for line in self.lines]
+    def last(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads(self.lines[-1])
+        return found
 
-    @property
-    def errors(self) -> str:
-        return self._errors.read_text()
+    def says(self, words: str) -> bool:
+        return words in self._out.read_text()
 
-    def stop(self) -> int:
+    def stop(self) -> tuple[int, str]:
         self.process.send_signal(signal.SIGINT)
-        return self.process.wait(30.0)
+        return self.process.wait(30.0), self._errors.read_text()
 
 
 def watch(engine: EngineProcess, option: str) -> list[str]:
     testbed = ["--testbed", "simulated", "--speed=4", f"--results={engine.results}"]
     return [*PROGRAM, "watch", *testbed, option]
-
-
-def environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(ROOT)}
 
 
 @contextmanager
@@ -108,13 +97,10 @@ def test_a_run_is_told_from_its_set_up_to_its_signature(tmp_path: Path) -> None:
         engine.result()
         engine.wait_for(lambda s: s.refusal(Finalise.name) is None)
         engine.act(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee"))
-        until(lambda: "is final" in plain.text)
-        until(lambda: states.states[-1]["phase"] == Phase.FINAL)
+        until(lambda: plain.says("is final") and states.last["phase"] == Phase.FINAL)
         engine.process.kill()
-        until(lambda: "the engine has ended" in plain.text)
-        until(lambda: states.states[-1]["engine"] == "ended")
-        assert [one.stop() for one in (plain, states)] == [130, 130]
-        assert [one.errors for one in (plain, states)] == ["madrob: stopped\n"] * 2
+        until(lambda: plain.says("the engine has ended") and states.last["engine"] == "ended")
+        assert [one.stop() for one in (plain, states)] == [(130, "madrob: stopped\n")] * 2
 
     told = [re.sub(r"\d+(?:[.:]\d+)+", "#", line) for line in plain.lines]
     # a step that can still change is told as one so far, unless the result came with it
@@ -133,32 +119,28 @@ def test_a_run_is_told_from_its_set_up_to_its_signature(tmp_path: Path) -> None:
     ]
     assert [line for line in told if "fault: " not in line and "over: " not in line] == expected
 
-    schema = watch_schema()
-    for state in states.states:
-        jsonschema.validate(state, schema)
-    phases = [state["phase"] for state in states.states]
-    assert list(dict.fromkeys(phases)) == list(Phase)
-    last = states.states[-1]
+    told_states = [json.loads(line) for line in states.lines]
+    for state in told_states:
+        jsonschema.validate(state, watch_schema())
+    assert list(dict.fromkeys(state["phase"] for state in told_states)) == list(Phase)
+    last = told_states[-1]
     assert (last["team"], last["practice"], last["outcome"]) == ("Delft", True, "completed")
-    assert last["result"]["final"]
-    assert last["result"]["valid"]
-    assert last["result"]["values"]["capability_level"] == 6
-    assert last["elapsed"] == pytest.approx(last["result"]["values"]["execution_time"], abs=0.1)
-    assert [step["time"] for step in last["steps"]] == sorted(
-        step["time"] for step in last["steps"]
-    )
-    assert not any(state["result"] for state in states.states if state["phase"] == "running")
+    result, times = last["result"], [step["time"] for step in last["steps"]]
+    assert (result["final"], result["valid"], result["values"]["capability_level"]) == (1, 1, 6)
+    assert last["elapsed"] == pytest.approx(result["values"]["execution_time"], abs=0.1)
+    assert times == sorted(times)
+    assert not any(state["result"] for state in told_states if state["phase"] == "running")
 
 
 @pytest.mark.machine
 def test_the_next_engine_is_found_and_told(tmp_path: Path) -> None:
     with hall(tmp_path) as (engine, plain, states):
         engine.process.kill()
-        until(lambda: states.states[-1]["engine"] == "ended")
+        until(lambda: states.last["engine"] == "ended")
         serve = ["engine", "serve", *watch(engine, "")[len(PROGRAM) + 1 : -1]]
-        after = subprocess.Popen([*PROGRAM, *serve], env=environment(), stderr=subprocess.DEVNULL)
+        after = subprocess.Popen([*PROGRAM, *serve], stderr=subprocess.DEVNULL)
         try:
-            until(lambda: states.states[-1]["engine"] == "live", 60.0)
+            until(lambda: states.last["engine"] == "live", 60.0)
             until(lambda: "watching SIMULATED nominal" in plain.lines[-1], 60.0)
             assert len(plain.lines) == 3
         finally:
@@ -169,29 +151,16 @@ def test_the_next_engine_is_found_and_told(tmp_path: Path) -> None:
 @pytest.mark.machine
 def test_a_reader_that_has_gone_ends_it_without_a_word(tmp_path: Path) -> None:
     with hall(tmp_path) as (engine, _, _):
-        watching = subprocess.Popen(
-            watch(engine, "--json"),
-            env=environment(),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        )
-        assert watching.stdout is not None
-        assert json.loads(watching.stdout.readline())["phase"] == "idle"
-        watching.stdout.close()  # as `head -1` does; nothing more is printed meanwhile
-        assert watching.wait(30.0) == 0
-        assert watching.stderr is not None
-        assert watching.stderr.read() == b""
-        watching.stderr.close()
-
-
-@pytest.mark.machine
-@pytest.mark.parametrize("option", ["--plain", "--json"])
-def test_without_an_engine_it_ends_at_once(
-    option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    where = ["--testbed", "simulated", f"--results={tmp_path}"]
-    assert main(["watch", option, *where]) == 2
-    assert capsys.readouterr().err.startswith("madrob: no engine runs here to be watched")
+        pipe, errors = subprocess.PIPE, tmp_path / "errors"
+        with (
+            errors.open("wb") as file,
+            subprocess.Popen(watch(engine, "--json"), stdout=pipe, stderr=file) as watching,
+        ):
+            assert watching.stdout is not None
+            assert json.loads(watching.stdout.readline())["phase"] == "idle"
+            watching.stdout.close()  # as `head -1` does; nothing more is printed meanwhile
+            assert watching.wait(30.0) == 0
+        assert errors.read_bytes() == b""
 
 
 class Told:
@@ -313,9 +282,8 @@ def test_the_guide_has_the_keys_of_the_state(told: Told) -> None:
     assert list(state["result"]["values"]) == list(IndicatorName)
 
 
-def test_the_schema_describes_every_key(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["schema", "watch"]) == 0
-    schema = json.loads(capsys.readouterr().out)
+def test_the_schema_describes_every_key(madrob: Madrob) -> None:
+    schema = json.loads(madrob("schema watch"))
     assert schema == watch_schema()
     for name in ("SpectatorState", "PublicStep", "PublicResult"):
         for key, about in schema["$defs"][name]["properties"].items():

@@ -8,7 +8,7 @@ import io
 import json
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ from madrob_console.pages.outputs import (
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
+from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, VALUES, summary, write
 
 TIME = IndicatorName.EXECUTION_TIME
@@ -86,10 +87,6 @@ def results(tmp_path: Path) -> Path:
     return root
 
 
-def run(results: Path, *arguments: object) -> int:
-    return main(["standings", "--results", str(results), *map(str, arguments)])
-
-
 # ---------------------------------------------------------------- what counts
 
 
@@ -103,37 +100,7 @@ def test_the_csv_has_a_row_for_each_team_condition_and_indicator() -> None:
         for name in IndicatorName
     ]
     assert {row["unit"] for row in table if row["indicator"] == TIME} == {"s"}
-
-
-def cell(of: CompetitionStandings, condition: str, indicator: str) -> dict[str, str]:
-    """The row of team 3."""
-    (row,) = [
-        row
-        for row in rows(of)
-        if (row["condition"], row["subject"], row["indicator"]) == (condition, "3", indicator)
-    ]
-    return row
-
-
-def test_execution_time_is_of_completed_runs_and_others_of_all_valid_ones() -> None:
-    row = cell(found(), "7", TIME)
-    assert (row["runs"], row["mean"], row["median"]) == ("2", "15.0", "15.0")
-    assert float(row["std"]) == pytest.approx(50**0.5)
-    assert (row["completed"], row["timeout"]) == ("2", "1")
-    assert (row["invalid"], row["interrupted"]) == ("1", "1")
-    assert cell(found(), "7", FORCE)["runs"] == "3"
-    assert cell(found(), "12", TIME)["std"] == ""  # one run
-
-
-def test_overall_every_run_weighs_the_same() -> None:
-    row = cell(found(), "all", TIME)
-    assert row["runs"] == "3"
-    assert float(row["mean"]) == pytest.approx(70 / 3)
-
-
-def test_smallest_and_largest_are_told_of_four_indicators() -> None:
-    told = {row["indicator"] for row in rows(found()) if row["min"] and row["max"]}
-    assert told == {
+    assert {row["indicator"] for row in table if row["min"] and row["max"]} == {
         "unsafety_of_door_operation",
         "smoothness_of_door_actuation",
         "roughness_of_door_actuation",
@@ -141,32 +108,104 @@ def test_smallest_and_largest_are_told_of_four_indicators() -> None:
     }
 
 
-def test_best_takes_so_many_of_each_condition() -> None:
-    best = found(best=1)
-    assert cell(best, "7", TIME)["mean"] == "10.0"
-    assert cell(best, "all", TIME)["mean"] == "25.0"
-    assert cell(best, "all", TIME)["completed"] == "3"
-    assert "the best 1 valid official runs of each team in each condition" in words(best)
+@pytest.mark.parametrize(
+    ("best", "condition", "indicator", "told"),
+    [
+        # execution time is of completed runs, others are of all valid ones
+        (0, "7", TIME, {"runs": "2", "mean": "15.0", "median": "15.0", "completed": "2"}),
+        (0, "7", TIME, {"timeout": "1", "invalid": "1", "interrupted": "1", "std": f"{50**0.5}"}),
+        (0, "7", FORCE, {"runs": "3"}),
+        (0, "12", TIME, {"std": ""}),  # of one run
+        (0, "all", TIME, {"runs": "3", "mean": f"{70 / 3}"}),  # every run weighs the same
+        (1, "7", TIME, {"mean": "10.0"}),
+        (1, "all", TIME, {"mean": "25.0", "completed": "3"}),
+    ],
+)
+def test_a_cell_of_a_team_is_over_these_runs(
+    best: int, condition: str, indicator: str, told: dict[str, str]
+) -> None:
+    of = found(best=best)
+    (row,) = [
+        row
+        for row in rows(of)
+        if (row["condition"], row["subject"], row["indicator"]) == (condition, "3", indicator)
+    ]
+    assert {name: as_number(row[name]) for name in told} == pytest.approx(
+        {name: as_number(value) for name, value in told.items()}
+    )
+    named = f"the best {best} valid official runs of each team in each condition"
+    assert (named in words(of)) == bool(best)
 
 
-def test_runs_that_do_not_count_are_listed_with_their_reason() -> None:
-    unfinished = summary(run_number=9, outcome=None, source=None, competition=None)
-    damaged = summary(run_number=8, problem="result.json is damaged")
-    of = found(*RUNS, unfinished, damaged)
-    assert [(left.run.run_number, left.why) for left in of.left_out[:2]] == [
-        (4, "a child ran in"),
-        (5, "power cut"),
-    ]
-    for told in (words(of), json.dumps(document(of)["left_out"])):
-        for why in ("a child ran in", "power cut", "no result yet", "result.json is damaged"):
-            assert why in told
-    assert "run 4 of subject 3 in condition 7, " in words(of)
-    assert ": INVALID : a child ran in" in words(of)
-    silent = found(timed(1.0, outcome=Outcome.ABORTED), timed(1.0, outcome=Outcome.INTERRUPTED))
-    assert [why for _, why in silent.left_out] == [
-        "the referee gave no reason",
-        "the machine failed",
-    ]
+def as_number(text: str) -> float:
+    return float(text) if text else -1.0
+
+
+REMARK = Flag(FlagKind.FALSE_START, "1 false start accepted", FlagWeight.REMARK)
+DENIED = Flag(FlagKind.DENIED_STEP, "step 4 denied", FlagWeight.CAUTION)
+FLAGGED = (
+    timed(10.0, run_number=1, flags=(UNDECIDED_START, REMARK)),
+    timed(20.0, run_number=2, flags=(DENIED,)),
+    timed(30.0, subject=2, run_number=1, flags=(REMARK,)),
+)
+TOLD: dict[str, tuple[Sequence[RunSummary], bool, list[str]]] = {
+    "runs that do not count, with their reason": (
+        (
+            *RUNS,
+            summary(run_number=9, outcome=None, source=None, competition=None),
+            summary(run_number=8, problem="result.json is damaged"),
+        ),
+        True,
+        [
+            "run 4 of subject 3 in condition 7, ",
+            ": INVALID : a child ran in",
+            *("power cut", "no result yet", "result.json is damaged"),
+        ],
+    ),
+    "that nobody gave a reason": (
+        (timed(1.0, outcome=Outcome.ABORTED), timed(1.0, outcome=Outcome.INTERRUPTED)),
+        True,
+        ["the referee gave no reason", "the machine failed"],
+    ),
+    "what is not final, and protested": (
+        RUNS,
+        True,
+        ["Not final: 3 of the valid runs.", "PROTESTED by the team: 1 of the valid runs."],
+    ),
+    "an open protest": (
+        (timed(10.0, protest_filed=EPOCH),),
+        True,
+        ["PROTEST open against run 1 of subject 3 in condition 7: NOT FINAL until it is decided."],
+    ),
+    "that it is practice": (RUNS, False, ["PRACTICE: not official."]),
+    "that rulesets stand apart": (
+        (*RUNS, timed(99.0, ruleset="eurobench-2020")),
+        True,
+        ["stand apart, do not compare them: eurobench-2020, protocol"],
+    ),
+    "what a decision hangs on": (
+        FLAGGED,
+        True,
+        [
+            "UNDECIDED: 1 of the valid runs wait for the referee.",
+            "with flags",
+            "1 false start UNDECIDED (handle touched)",
+        ],
+    ),
+}
+
+
+@pytest.mark.parametrize("what", TOLD)
+def test_page_and_json_tell(what: str) -> None:
+    runs, official, told = TOLD[what]
+    of = found(*runs, official=official)
+    said = words(of)
+    assert [one for one in told if one not in said] == []
+    assert {left["why"] for left in document(of)["left_out"]} == {left.why for left in of.left_out}
+    assert [one for one in of.remarks if one not in html.unescape(said)] == []
+    assert ("PRACTICE" in said + standings_csv(of)) is not official
+    flagged = any("with flags" in line for line in standings_details(of))
+    assert flagged == (runs is FLAGGED)
 
 
 def test_simulated_runs_stand_alone_and_marked_and_replayed_ones_nowhere() -> None:
@@ -174,23 +213,16 @@ def test_simulated_runs_stand_alone_and_marked_and_replayed_ones_nowhere() -> No
     (row,) = [row for row in rows(practice) if row["condition"] == "7" and row["indicator"] == TIME]
     assert (row["source"], row["mean"]) == ("practice", "3.0")
     assert {row["source"] for row in rows(found())} == {"official"}
-    assert "PRACTICE: not official." in words(practice)
     assert "<title>MADROB PRACTICE standings" in standings_html(practice, "")
     assert (document(practice)["official"], document(practice)["source"]) == (False, "practice")
     assert "PRACTICE" in document(practice)["remarks"][0]
-    assert "PRACTICE" not in words(found()) + standings_csv(found())
 
 
-def test_rulesets_stand_apart_and_are_named() -> None:
+def test_rulesets_have_rows_of_their_own() -> None:
     of = found(*RUNS, timed(99.0, ruleset="eurobench-2020"))
-    assert [group["ruleset"] for group in document(of)["rulesets"]] == [
-        "eurobench-2020",
-        "protocol",
-    ]
-    assert "stand apart, do not compare them: eurobench-2020, protocol" in words(of)
-    assert [
-        r["mean"] for r in rows(of) if r["ruleset"] != "protocol" and r["indicator"] == TIME
-    ] == (["99.0", "99.0"])
+    names = [group["ruleset"] for group in document(of)["rulesets"]]
+    means = [r["mean"] for r in rows(of) if r["ruleset"] != "protocol" and r["indicator"] == TIME]
+    assert (names, means) == (["eurobench-2020", "protocol"], ["99.0", "99.0"])
 
 
 def test_a_competition_is_chosen_by_its_name_and_several_are_named() -> None:
@@ -203,17 +235,6 @@ def test_a_competition_is_chosen_by_its_name_and_several_are_named() -> None:
     assert {row["competition"] for row in rows(spring)} == {"Spring Cup"}
     assert document(spring)["competition"] == "Spring Cup"
     assert spring.left_out == ()
-
-
-def test_not_final_and_protested_results_are_told() -> None:
-    assert "Not final: 3 of the valid runs." in words(found())
-    assert "PROTESTED by the team: 1 of the valid runs." in words(found())
-
-
-def test_an_open_protest_is_told() -> None:
-    of = competition_standings([timed(10.0, protest_filed=EPOCH)], made=EPOCH)
-    told = "PROTEST open against run 1 of subject 3 in condition 7: NOT FINAL until it is decided."
-    assert told in of.remarks
 
 
 # ---------------------------------------------------------------- the files
@@ -239,34 +260,20 @@ def test_a_team_is_one_row_with_the_name_of_the_list_and_its_other_names_are_a_r
     assert any(line.startswith("3 Delft Walkers: ") for line in standings_details(of))
 
 
-def test_runs_that_count_are_listed_with_what_a_decision_on_them_hangs_on() -> None:
-    remark = Flag(FlagKind.FALSE_START, "1 false start accepted", FlagWeight.REMARK)
-    of = found(
-        timed(10.0, run_number=1, flags=(UNDECIDED_START, remark)),
-        timed(20.0, run_number=2, flags=(remark,)),
-        timed(30.0, run_number=3),
-    )
-    said = words(of)
-    assert "UNDECIDED: 1 of the valid runs wait for the referee." in said
-    assert "1 false start UNDECIDED (handle touched)" in said.partition("with flags")[2]
+def test_each_file_says_how_many_runs_are_flagged_and_wait_for_a_decision() -> None:
+    of = found(*FLAGGED)
     (line,) = (line for line in standings_details(of) if "handle touched" in line)
     assert line.startswith("  run 1 of subject 3")
-    (flagged,) = document(of)["flagged"]
-    assert (flagged["run_number"], flagged["flags"][0]["undecided"]) == (1, True)
-    (rules,) = document(of)["rulesets"]
-    assert [(team["flagged"], team["undecided"]) for team in rules["overall"]] == [(1, 1)]
-    assert not any("with flags" in line for line in standings_details(found(timed(10.0))))
-
-
-def test_the_csv_says_how_many_of_a_teams_runs_are_flagged_and_wait_for_a_decision() -> None:
-    denied = Flag(FlagKind.DENIED_STEP, "step 4 denied", FlagWeight.CAUTION)
-    of = found(
-        timed(10.0, run_number=1, flags=(UNDECIDED_START,)),
-        timed(20.0, run_number=2, flags=(denied,)),
-        timed(30.0, subject=2, run_number=1),
-    )
-    told = {row["subject"]: (row["flagged"], row["undecided"]) for row in rows(of)}
-    assert told == {"3": ("2", "1"), "2": ("0", "0")}
+    told = document(of)
+    assert [(one["run_number"], one["flags"][0]["undecided"]) for one in told["flagged"]] == [
+        (1, True),
+        (2, False),
+    ]
+    teams = told["rulesets"][0]["overall"]
+    counts = {team["subject"]: (team["flagged"], team["undecided"]) for team in teams}
+    assert counts == {2: (0, 0), 3: (2, 1)}
+    in_rows = {int(row["subject"]): (row["flagged"], row["undecided"]) for row in rows(of)}
+    assert in_rows == {2: ("0", "0"), 3: ("2", "1")}
 
 
 def test_the_json_has_format_units_and_whole_numbers() -> None:
@@ -387,11 +394,10 @@ def test_the_digits_of_all_teams_are_aligned() -> None:
 
 
 def test_without_a_file_each_condition_is_a_table_that_its_leader_begins(
-    results: Path, capsys: pytest.CaptureFixture[str]
+    results: Path, madrob: Madrob
 ) -> None:
     write(results, summary(4, outcome=Outcome.TIMEOUT, values={**VALUES, "capability_level": 3}))
-    assert run(results) == 0
-    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    lines = [" ".join(line.split()) for line in madrob("standings", results).splitlines()]
     assert "MADROB standings Autumn Cup" in lines
     assert "Each team's best run: level, then time. The protocol makes no ranking." in lines
     at = lines.index("Condition 7, Constant Force: push the door, from side CCW to side CW")
@@ -405,9 +411,8 @@ def test_without_a_file_each_condition_is_a_table_that_its_leader_begins(
     assert "Runs that do not count: 2; --details gives the reasons." in lines
 
 
-def test_details_are_all_statistics(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(results, "--details") == 0
-    said = capsys.readouterr().out
+def test_details_are_all_statistics(results: Path, madrob: Madrob) -> None:
+    said = madrob("standings --details", results)
     assert "MADROB standings Autumn Cup" in said
     assert "Condition 7, Constant Force: push the door, from side CCW to side CW" in said
     lines = [" ".join(line.split()) for line in said.splitlines()]
@@ -427,100 +432,56 @@ def test_details_are_all_statistics(results: Path, capsys: pytest.CaptureFixture
     assert all(len(line) <= 80 for line in said.splitlines() if line.startswith(" " * 4))
 
 
-def test_several_files_are_written_at_once(
-    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_file_goes_where_it_shall_else_to_standard_output(
+    results: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     file = tmp_path / "standings"
     for kind, begin in (("csv", "source,ruleset,cond"), ("json", "{"), ("html", "<!DOCTYPE html>")):
-        assert run(results, f"--{kind}", "--output", file) == 0
-        assert capsys.readouterr().out == f"{file}\n"
+        assert madrob(f"standings --{kind} --output", file, results) == f"{file}\n"
         assert file.read_text().startswith(begin)
+        shown = madrob(f"standings --{kind}", results)
+        assert kind != "csv" or shown == file.read_text() == standings_csv(found())
+        assert shown.startswith(begin)
     assert not list(tmp_path.glob(".*part"))
 
 
-def test_without_a_file_it_goes_to_standard_output(
-    results: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(results, "--csv") == 0
-    assert capsys.readouterr().out == standings_csv(competition_standings(RUNS, made=0.0))
-    assert run(results, "--json") == 0
-    assert json.loads(capsys.readouterr().out)["format"] == 1
-
-
 def test_the_settings_say_how_many_runs_count(
-    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    results: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     (tmp_path / "mine.toml").write_text("[competition]\nbest_runs = 1")
-    assert run(results, "--details", "--settings", tmp_path / "mine.toml") == 0
-    assert "Over the best 1 valid official runs" in capsys.readouterr().out
-    assert run(results, "--settings", tmp_path / "mine.toml", "--best", "0") == 0
-    assert "Over all valid official runs." in capsys.readouterr().out
+    line = f"standings --settings {tmp_path}/mine.toml"
+    assert "Over the best 1 valid official runs" in madrob(f"{line} --details", results)
+    assert "Over all valid official runs." in madrob(f"{line} --best 0", results)
 
 
-def test_the_list_of_teams_names_the_teams(
-    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    teams = tmp_path / "teams.csv"
+def test_the_list_of_teams_names_the_teams(results: Path, tmp_path: Path, madrob: Madrob) -> None:
+    teams, settings = tmp_path / "teams.csv", tmp_path / "madrob.toml"
     teams.write_text("3,Delft Walkers\n")
-    assert run(results, "--teams", teams) == 0
-    out = capsys.readouterr().out
-    assert "  3 Delft Walkers  " in out
-    assert "  2 Team 2  " in out
-    settings = tmp_path / "madrob.toml"
     settings.write_text(f'[competition]\nteams_file = "{teams}"\n')
-    assert run(results, "--settings", settings) == 0
-    assert "  3 Delft Walkers  " in capsys.readouterr().out
-    assert run(results, "--teams", tmp_path / "none.csv") == 2
-    assert "correct --teams" in capsys.readouterr().err
+    for option in (f"--teams={teams}", f"--settings={settings}"):
+        out = madrob("standings", option, results)
+        assert ("  3 Delft Walkers  " in out, "  2 Team 2  " in out) == (True, True)
 
 
-def test_a_damaged_result_is_named_in_a_line_and_the_rest_goes_on(
-    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("place", ["", "practice"])
+def test_a_damaged_run_is_named_in_a_line_on_the_side_where_it_lies_and_the_rest_goes_on(
+    results: Path, madrob: Madrob, place: str
 ) -> None:
-    write(results, summary(run_number=11)).write_text("{")
-    assert run(results, "--json", "--output", tmp_path / "s.json") == BAD_INPUT
-    said = capsys.readouterr().err.splitlines()
-    (line,) = [line for line in said if line.startswith("madrob:")]
-    assert line.startswith("madrob: subject_003_cond_007_run_011_")
-    assert "damaged" in line
-    assert len(json.loads((tmp_path / "s.json").read_text())["rulesets"][0]["overall"]) == 2
+    write(results, summary(run_number=12, source="simulated"))
+    write(results / place, summary(run_number=11)).write_text("{")
+    for side, teams in (("", 2), ("practice", 1)):
+        said = madrob.say("standings --json", results, *(["--practice"] if side else []))
+        told = [line for line in said.err.splitlines() if re.match("madrob: .*_run_011_", line)]
+        assert (said.code, len(told)) == ((BAD_INPUT, 1) if side == place else (0, 0))
+        assert all("damaged" in line for line in told)
+        out = json.loads(said.out)
+        assert len(out["rulesets"][0]["overall"]) == teams
+        assert any(run["run_number"] == 11 for run in out["left_out"]) == (side == place)
 
 
-def test_a_folder_without_runs_gives_empty_standings(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(tmp_path, "--html", "--output", tmp_path / "s.html") == 0
-    assert "No run counts yet." in (tmp_path / "s.html").read_text()
-    assert run(tmp_path) == 0
-    assert "No run counts yet." in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (("--competition", "\x1b[31mX"), "--competition 'X': no such runs; there are 'Autumn Cup'"),
-        (("--output", "s.csv"), "--output: say what goes there with --csv, --json or --html"),
-        (("--csv", "--output", "/nowhere/s.csv"), "/nowhere/s.csv: not written"),
-    ],
-)
-def test_what_cannot_be_done_is_said_in_one_line(
-    results: Path,
-    capsys: pytest.CaptureFixture[str],
-    arguments: tuple[str, ...],
-    expected: str,
-) -> None:
-    assert run(results, *arguments) == BAD_INPUT
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.count("\n") == 1
-    assert expected in said.err
-
-
-def test_a_results_folder_that_is_not_there_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(tmp_path / "none") == BAD_INPUT
-    assert "no such results folder; name one with --results" in capsys.readouterr().err
+def test_a_folder_without_runs_gives_empty_standings(tmp_path: Path, madrob: Madrob) -> None:
+    for option in ("", "--html"):
+        assert "No run counts yet." in madrob(f"standings {option} --results", tmp_path)
 
 
 @pytest.mark.slow
@@ -528,7 +489,7 @@ def test_the_standings_of_10000_runs_cost_no_multiple_of_their_files(tmp_path: P
     root = tmp_path / "results"
     for number in range(10_000):
         write(root, summary(number // 200 + 1, number % 20 + 1, number // 20 % 10 + 1))
-    written = ("--json", "--output", tmp_path / "json")
+    written = ("--json", "--output", str(tmp_path / "json"))
 
     def cpu_of(act: Callable[[], object]) -> float:
         before = time.process_time()
@@ -539,10 +500,11 @@ def test_the_standings_of_10000_runs_cost_no_multiple_of_their_files(tmp_path: P
         for result in root.glob("*/result.json"):
             json.loads(result.read_bytes())
 
-    first = cpu_of(lambda: run(root, *written))
+    first = cpu_of(lambda: main(["standings", str(root), *written]))
     parsed = cpu_of(parse_results)
     assert first < 20 * parsed
-    assert min(cpu_of(lambda: run(root, *written)) for _ in range(3)) < 4 * parsed
+    again = [cpu_of(lambda: main(["standings", str(root), *written])) for _ in range(3)]
+    assert min(again) < 4 * parsed
     assert (
         json.loads((tmp_path / "json").read_text())["rulesets"][0]["overall"][0]["counted"] == 200
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import unicodedata
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,13 +17,20 @@ from madrob_console.common.files import Hold, is_held, replaced_folder, write_ne
 from madrob_console.common.names import LONGEST_NAME, clean_name, terminal_safe
 
 
-def test_a_new_folder_has_all_of_its_files(tmp_path: Path) -> None:
-    write_new_folder(tmp_path / "far" / "new", {"one": b"1", "two": b"22"})
-    assert {path.name: path.read_bytes() for path in (tmp_path / "far" / "new").iterdir()} == {
-        "one": b"1",
-        "two": b"22",
-    }
-    assert [path.name for path in (tmp_path / "far").iterdir()] == ["new"]
+def held(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_a_folder_has_all_of_its_files_and_is_replaced_with_all_of_its_files(
+    tmp_path: Path,
+) -> None:
+    files = {"one": b"1", "two": b"22"}
+    write_new_folder(tmp_path / "far" / "it", files)
+    assert held(tmp_path / "far" / "it") == files
+    for files in ({"one": b"1", "two": b"2"}, {"two": b"22"}):
+        replaced_folder(tmp_path / "far" / "it", files)
+        assert held(tmp_path / "far" / "it") == files
+    assert [path.name for path in (tmp_path / "far").iterdir()] == ["it"]
 
 
 def test_of_a_folder_that_cannot_be_written_nothing_stays(tmp_path: Path) -> None:
@@ -31,27 +39,22 @@ def test_of_a_folder_that_cannot_be_written_nothing_stays(tmp_path: Path) -> Non
     assert list(tmp_path.iterdir()) == []
 
 
+KINDS: dict[str, Callable[[Path], object]] = {
+    "file": lambda path: path.write_text("mine"),
+    "folder": Path.mkdir,
+    "link": lambda path: path.symlink_to(path.parent / "precious"),
+    "pipe": os.mkfifo,
+}
+
+
 @pytest.mark.parametrize("kind", ["file", "folder", "link"])
 def test_what_is_there_stays_as_it_is(kind: str, tmp_path: Path) -> None:
     path = tmp_path / "mine"
-    match kind:
-        case "file":
-            path.write_text("mine")
-        case "folder":
-            path.mkdir()
-        case "link":
-            path.symlink_to(tmp_path / "nowhere")
+    KINDS[kind](path)
     with pytest.raises(MadrobError, match="is there already; move it away"):
         write_new_folder(path, {"one": b"1"})
     assert [found.name for found in tmp_path.iterdir()] == ["mine"]
     assert path.is_symlink() or path.is_file() or not list(path.iterdir())
-
-
-def test_a_folder_is_replaced_with_all_of_its_files(tmp_path: Path) -> None:
-    for files in ({"one": b"1", "two": b"2"}, {"two": b"22"}):
-        replaced_folder(tmp_path / "it", files)
-        assert {path.name: path.read_bytes() for path in (tmp_path / "it").iterdir()} == files
-        assert [path.name for path in tmp_path.iterdir()] == ["it"]
 
 
 def test_a_folder_that_cannot_be_replaced_stays_as_it_was(
@@ -72,62 +75,51 @@ def test_a_folder_that_cannot_be_replaced_stays_as_it_was(
     assert (tmp_path / "it" / "one").read_bytes() == b"1"
 
 
-def test_only_one_holds_and_the_file_is_there_meanwhile(tmp_path: Path) -> None:
-    path = tmp_path / ".lock"
-    assert is_held(path) is None
-    with Hold(path) as hold:
-        assert is_held(path) is True
-        assert hold.stands
+@pytest.fixture
+def lock(tmp_path: Path) -> Path:
+    return tmp_path / ".lock"
+
+
+def test_only_one_holds_and_the_file_is_there_meanwhile(lock: Path) -> None:
+    assert is_held(lock) is None
+    with Hold(lock) as hold:
+        assert (is_held(lock), hold.stands) == (True, True)
         with pytest.raises(BlockingIOError):
-            Hold(path)
-        assert path.stat().st_mode & 0o777 == 0o600
-    assert not path.exists()
-    with Hold(path):
-        assert is_held(path) is True
-
-
-def test_what_a_killed_process_leaves_is_not_held(tmp_path: Path) -> None:
-    path = tmp_path / ".lock"
-    path.touch(0o600)
-    assert is_held(path) is False
-    Hold(path).release()
-    assert not path.exists()
-
-
-def test_it_is_let_go_of_when_everybody_who_shares_it_has_released_it(tmp_path: Path) -> None:
-    path = tmp_path / ".lock"
-    hold = Hold(path)
+            Hold(lock)
+        assert lock.stat().st_mode & 0o777 == 0o600
+    assert not lock.exists()
+    hold = Hold(lock)
     hold.share().release()
-    assert is_held(path) is True
-    hold.release()
-    assert is_held(path) is None
+    assert is_held(lock) is True
+    hold.release()  # by everybody who shares it
+    assert is_held(lock) is None
 
 
-def test_a_lock_whose_file_is_gone_takes_no_other_file_along(tmp_path: Path) -> None:
-    path = tmp_path / ".lock"
-    hold = Hold(path)
-    path.unlink()
+def test_what_a_killed_process_leaves_is_not_held(lock: Path) -> None:
+    lock.touch(0o600)
+    assert is_held(lock) is False
+    Hold(lock).release()
+    assert not lock.exists()
+
+
+def test_a_lock_whose_file_is_gone_takes_no_other_file_along(lock: Path) -> None:
+    hold = Hold(lock)
+    lock.unlink()
     assert not hold.stands
-    with Hold(path):
+    with Hold(lock):
         hold.release()
-        assert is_held(path) is True
+        assert is_held(lock) is True
 
 
 @pytest.mark.parametrize("kind", ["pipe", "link", "folder"])
-def test_what_is_no_plain_file_is_refused_at_once(tmp_path: Path, kind: str) -> None:
-    path = tmp_path / ".lock"
-    match kind:
-        case "pipe":
-            os.mkfifo(path)
-        case "link":
-            (tmp_path / "precious").touch()
-            path.symlink_to(tmp_path / "precious")
-        case "folder":
-            path.mkdir()
+def test_what_is_no_plain_file_is_refused_at_once(lock: Path, kind: str) -> None:
+    if kind == "link":
+        (lock.parent / "precious").touch()
+    KINDS[kind](lock)
     with pytest.raises(OSError, match=r"no plain file|symbolic links|directory"):
-        Hold(path)
-    assert is_held(path) is None
-    assert not (tmp_path / "precious").exists() or kind == "link"
+        Hold(lock)
+    assert is_held(lock) is None
+    assert (lock.parent / "precious").exists() == (kind == "link")
 
 
 def test_a_reader_of_another_file_of_the_run_holds_nothing(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, ThemeName
 from madrob_console.config import Settings, default_settings_path, load_settings, parse_settings
 from madrob_console.config.settings import example_toml
-from madrob_console.config.tables import ConsoleSettings
+from madrob_console.config.tables import Competition, ConsoleSettings, RunDefaults
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.checks import SensorLimits
 from madrob_console.testbeds.evidence_choice import NO_LIMIT, TopicLimit
@@ -116,20 +116,21 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
         height = 0.8
         """,
     )
-    assert settings.competition.name == "Robot Cup"
-    assert settings.competition.referee == "Ada"
+    assert settings.competition == Competition(
+        name="Robot Cup", referee="Ada", teams_file="~/cup/teams.csv", best_runs=3
+    )
     assert settings.competition.teams_path == Path.home() / "cup" / "teams.csv"
-    assert settings.competition.best_runs == 3
-    assert settings.run.countdown == 3.0
-    assert settings.run.timeout == 300.0
-    assert settings.run.lock_detection is LockDetection.REFEREE
-    assert settings.run.ruleset is RulesetName.EUROBENCH_2020
+    assert settings.run == RunDefaults(
+        countdown=3.0,
+        timeout=300.0,
+        lock_detection=LockDetection.REFEREE,
+        ruleset=RulesetName.EUROBENCH_2020,
+    )
     assert settings.team_names() == {3: "Walk-Man", 12: "a b"}
     assert [(p.name, p.pose) for p in settings.start_poses] == [("far", StartPose(2, 0, 170.5))]
     assert settings.start_pose(Side.CCW) == StartPose(2, 0, 170.5)
     assert settings.start_pose(Side.CW) == StartPose(-1.5, 0, 0)
-    assert settings.testbed.kind is SourceKind.ROS
-    assert settings.testbed.domain == 7
+    assert (settings.testbed.kind, settings.testbed.domain) == (SourceKind.ROS, 7)
     assert settings.scoring_thresholds() == Thresholds(
         touch_force=3.0, mask_from=(0, 0, 0, 0, 0), largest_skew=0.2, rate=100.0
     )
@@ -292,6 +293,10 @@ def test_without_settings_no_evidence_is_recorded_and_the_file_chooses_it(tmp_pa
         ("[console]\nascii = 1", "console.ascii: expected true or false, got a whole number"),
         ("[console]\nbell = 'no'", "console.bell: expected true or false, got text"),
         ("[results]\nfolder = ''", "results.folder: expected text of length >= 1"),
+        ("[plan]\nruns = [[3, 21, 1]]", "plan.runs[0][1]: expected a whole number <= 20"),
+        ("[plan]\nruns = [[3, 1]]", "plan.runs[0]: expected a list of length 3, got 2"),
+        ("[plan]\nfile = '/a'\nruns = [[3, 1, 1]]", "plan: runs: the file says it, keep one"),
+        ("[plan]\nfile = 'a.csv'", "plan: file: begin it with / or ~/"),
         ("[competition]\nreferee = '" + "x" * 99 + "'", "referee has 99 characters: use at most"),
         ("[run", "is not TOML: "),
         ("a = " + "[" * 99_999, "is not TOML: "),

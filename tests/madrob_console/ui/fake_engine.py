@@ -141,6 +141,7 @@ class FakeEngine:
     pulse: Pulse = field(default_factory=Pulse)
     teams: TeamList = NO_TEAMS
     plan: Plan = NO_PLAN
+    competition: str = "Autumn Cup"
     history: list[RunSummary] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -196,6 +197,7 @@ class FakeEngine:
             pulse=self.pulse,
             teams=self.teams,
             plan=self.plan,
+            competition=self.competition,
         )
 
     def act(self, act: Act) -> str | None:

@@ -113,7 +113,8 @@ async def test_a_name_never_goes_with_another_subject_however_fast_the_keys_are(
 
 @pytest.mark.parametrize("name", ["[red]Bots[/b]", "門 ドア 🚪", "a\\[b] 100 %"])
 async def test_a_team_shows_as_it_is(engine: FakeEngine, name: str) -> None:
-    defaults = ConsoleDefaults(team=name, competition=f"Cup {name}", referee=name)
+    defaults = ConsoleDefaults(team=name, referee=name)
+    engine.competition = f"Cup {name}"
 
     async with driving(engine, defaults=defaults) as driver:
         assert f"Cup {name}" in driver.rows()[1]
@@ -465,6 +466,10 @@ STORIES: Stories = {
             lambda d: DEFAULTS.competition in d.rows()[1],
             "1: pull, CCW to CW",
         ),
+    ],
+    "the competition above is the engine's and not that of newer settings": [
+        (on_engine(competition="Spring Cup"),),
+        ("", lambda d: d.rows()[1].endswith("Spring Cup"), no(DEFAULTS.competition)),
     ],
     "a letter in a number is told below the fields until it is mended": [
         (

@@ -1,0 +1,375 @@
+"""What only a process shows: signals, closed pipes, full disks, imports, and TAB in real shells."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import IO
+
+import pytest
+
+from madrob_console.cli import schema_command
+from madrob_console.cli.main import main
+from madrob_console.cli.output import STOPPED, interruptible
+from madrob_console.common.names import Scenario
+from tests.madrob_console.cli.typed import Madrob
+from tests.madrob_console.recorded_runs import recorded
+from tests.slowly import slow_but_for
+from tests.terminal import Terminal
+
+PROGRAM = (sys.executable, "-m", "madrob_console.cli")
+
+
+def ran(*command: str, **how: object) -> subprocess.CompletedProcess[str]:
+    usual = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.run(command, text=True, check=False, **{**usual, **how})  # type: ignore[call-overload,no-any-return]
+
+
+IMPORTS = {
+    "no help text waits for a large library": (
+        "asyncio matplotlib mcap msgspec numpy pandas rclpy textual",
+        "from madrob_console.cli.main import build_parser; build_parser()",
+    ),
+    "what nothing is painted of yet is imported after the first paint": (
+        "madrob_console.engine.snapshot madrob_console.archive.run_journal",
+        """
+import madrob_console.ui.terminal as terminal
+terminal.check_terminal = lambda *_: None
+terminal.run_console = lambda *_, **__: 0
+from madrob_console.cli.main import main
+main(['console', '--testbed', 'simulated', '--results', sys.argv[1]])
+""",
+    ),
+}
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize("what", IMPORTS)
+def test_imports_wait(what: str, tmp_path: Path) -> None:
+    late, code = IMPORTS[what]
+    told = f"import sys\n{code}\nprint({set(late.split())} & set(sys.modules))"
+    home = os.environ | {"HOME": str(tmp_path)}
+    assert ran(sys.executable, "-c", told, str(tmp_path), env=home).stdout == "set()\n"
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize("command", ["settings", "schema", "--help"])
+def test_a_full_disk_behind_the_output_is_one_line(command: str) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = ran(*PROGRAM, command, stdout=full)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "the output cannot be written (No space left on device)" in done.stderr
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize(("command", "lines"), [("console", "run"), ("watch", "watch --plain")])
+def test_screens_are_not_painted_into_a_pipe(command: str, lines: str, tmp_path: Path) -> None:
+    done = ran(*PROGRAM, command, "--results", str(tmp_path))
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert done.stderr.startswith(f"madrob: no terminal: `madrob {lines}` prints plain lines")
+
+
+@pytest.mark.machine
+def test_a_refused_console_paints_nothing_on_a_terminal(tmp_path: Path) -> None:
+    where = {"XDG_CONFIG_HOME": str(tmp_path), "XDG_STATE_HOME": str(tmp_path)}
+    line = [*PROGRAM, "console", "--testbed", "replay", "/nowhere/at_all"]
+    with Terminal(line, columns=200, env=where) as terminal:
+        assert terminal.wait_exit() == 2
+        told = terminal.output.decode()
+    assert (told.count("\n"), told.count("\x1b"), told.count("/nowhere/at_all")) == (1, 0, 1)
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize(
+    "number", slow_but_for([signal.SIGINT, signal.SIGTERM, signal.SIGHUP], signal.SIGTERM)
+)
+def test_a_signal_aborts_the_run_and_keeps_it_on_record(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    line = ("run", "--testbed", "simulated", "--countdown", "1", "--no-report", "--results")
+    with subprocess.Popen(
+        (*PROGRAM, *line, str(tmp_path)), stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        while "run starts" not in process.stdout.readline():
+            assert process.poll() is None
+        process.send_signal(number)
+        rest = process.stdout.read()
+    assert process.returncode == 4
+    folder = rest.splitlines()[-1].removeprefix("run folder: ")
+    stored = json.loads(Path(folder, "result.json").read_text())
+    assert (stored["outcome"], number.name in stored["outcome_reason"]) == ("aborted", True)
+
+
+# Ctrl+C, at whatever moment: one line, nothing half made, exit code 130 (as shells have it).
+
+
+RUNS = 12
+EARLIEST = 0.3  # s: by then python has begun with this program, also on a busy machine
+LATEST = 4.0
+SAID = (-signal.SIGINT, "madrob: stopped\n")
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    root = tmp_path / "results"
+    for number in range(1, RUNS + 1):
+        name = f"subject_001_cond_001_run_{number:03d}_20260321_1000{number:02d}"
+        shutil.copytree(recorded(Scenario.NOMINAL), root / name)
+    return root
+
+
+def interrupted(arguments: Sequence[str], begun: Callable[[IO[str]], object]) -> tuple[int, str]:
+    """The return code and what was said, if it was not over before; nobody who works for it stays.
+
+    `begun` may read what it prints.
+    """
+    with subprocess.Popen(
+        [*PROGRAM, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        while process.poll() is None and not begun(process.stdout):
+            time.sleep(0.005)
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGINT)  # all of it hears, as from a terminal
+        _, error = process.communicate(timeout=40)
+    while there(process.pid):  # within the minute that a test has
+        time.sleep(0.01)
+    return process.returncode, error
+
+
+def there(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def commands(results: Path) -> dict[str, list[str]]:
+    folder = str(results)
+    runs = [*map(str, results.glob("subject*"))]
+    return {
+        "score": ["score", folder],
+        "check": ["score", "--check", "--jobs", "2", folder],
+        "report": ["report", folder, "--output", str(results.parent / "pages")],
+        "export": ["export", "--subject", "1", "--results", folder],
+        "recover": ["recover", *runs],
+        "calibrate": ["calibrate", "masks", runs[0]],
+        "standings": ["standings", "--practice", "--results", folder],
+    }
+
+
+def half_made(results: Path) -> list[Path]:
+    files = list(results.parent.rglob("*"))
+    parts = [path for path in files if path.name.endswith(".part")]
+    return parts + [path for path in files if path.suffix == ".zip" and not whole(path)]
+
+
+def whole(zip_file: Path) -> bool:
+    try:
+        return zipfile.ZipFile(zip_file).testzip() is None
+    except zipfile.BadZipFile:
+        return False
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize(
+    ("command", "made"),
+    [("report", "pages/*"), ("export", "results/exports/*"), ("check", ""), ("score", "")],
+)
+def test_ctrl_c_prints_one_line_and_leaves_nothing_half_made_and_nobody_behind(
+    command: str, made: str, results: Path
+) -> None:
+    def part_way(out: IO[str]) -> object:
+        return any(results.parent.glob(made)) if made else out.readline()
+
+    assert interrupted(commands(results)[command], part_way) == SAID
+    assert half_made(results) == []
+    assert not (results / "exports").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.machine
+def test_ctrl_c_at_any_moment(results: Path, request: pytest.FixtureRequest) -> None:
+    runs = request.config.getoption("--runs")
+    moments = random.Random(runs)
+    stopped = 0
+    for _ in range(runs):
+        for arguments in commands(results).values():
+            after = moments.uniform(EARLIEST, LATEST)
+            at = time.monotonic() + after
+            said = interrupted(arguments, lambda _, at=at: time.monotonic() > at)  # type: ignore[misc]
+            if said[0] == -signal.SIGINT:
+                stopped += 1
+                assert said == SAID, (arguments, after)
+                assert half_made(results) == []
+            assert "Traceback" not in said[1], (arguments, after)
+    assert stopped >= runs
+
+
+class Finalised:
+    """Nothing can catch an interrupt while it is finalised: it comes again."""
+
+    def __del__(self) -> None:
+        raise KeyboardInterrupt
+
+
+def lost_in_a_finaliser() -> None:
+    with interruptible():
+        Finalised()
+        while True:  # within the minute that a test has
+            time.sleep(0.001)
+
+
+@contextmanager
+def restored_ctrl_c() -> Iterator[None]:
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.machine
+def test_an_alarm_that_was_set_before_a_command_still_comes_to_who_set_it() -> None:
+    class AlarmError(Exception):
+        pass
+
+    def ring(_number: int, _frame: object) -> None:
+        raise AlarmError
+
+    own = signal.setitimer(signal.ITIMER_REAL, 50.0)  # by which a test counts as hanging
+    limit = signal.signal(signal.SIGALRM, ring)
+    try:
+        with restored_ctrl_c():
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            with pytest.raises(KeyboardInterrupt):
+                lost_in_a_finaliser()
+            left, _ = signal.getitimer(signal.ITIMER_REAL)
+            assert 30.0 < left <= 50.0
+            with pytest.raises(AlarmError), interruptible():
+                signal.raise_signal(signal.SIGALRM)
+    finally:
+        signal.signal(signal.SIGALRM, limit)
+        signal.setitimer(signal.ITIMER_REAL, *own)
+
+
+@pytest.mark.parametrize("pressed", [True, False])
+def test_ctrl_c_is_its_exit_code_and_of_what_it_left_unfinished_nothing_is_said(
+    pressed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    def packs(_arguments: object) -> int:
+        with (tmp_path / "some.zip").open("wb") as file:
+            unfinished = zipfile.ZipFile(file, "w")
+            if pressed:
+                signal.raise_signal(signal.SIGINT)
+        del unfinished  # which cannot be closed without its file, and python says so
+        return 0
+
+    monkeypatch.setattr(schema_command, "schema", replace(schema_command.schema, main=packs))
+    with restored_ctrl_c():
+        assert main(["schema"]) == (STOPPED if pressed else 0)
+    said = capsys.readouterr().err
+    assert said.count("ZipFile.__del__") == (not pressed)
+    assert said == "madrob: stopped\n" or not pressed
+
+
+# TAB in real shells.
+
+
+PROMPT = "ready>"
+FISH = f"function fish_prompt; echo -n '{PROMPT}'; end; set fish_greeting; source SCRIPT"
+SHELLS = {
+    "bash": (["bash", "--norc", "--noprofile", "-i"], f"source SCRIPT; PS1='{PROMPT}'"),
+    "zsh": (
+        ["zsh", "-f", "-i"],
+        f"fpath=(FOLDER $fpath); autoload -Uz compinit; compinit -u -D; PS1='{PROMPT}'",
+    ),
+    "fish": (["fish", "--no-config", "-i", "-C", FISH], ""),
+}
+FIRST = {"bash": "# ", "zsh": "#compdef madrob", "fish": "# "}
+
+
+@pytest.fixture(
+    params=["bash", *(pytest.param(n, marks=pytest.mark.needs(n)) for n in ("zsh", "fish"))]
+)
+def shell(request: pytest.FixtureRequest, tmp_path: Path, madrob: Madrob) -> Iterator[Terminal]:
+    script = tmp_path / "functions" / "_madrob"
+    script.parent.mkdir()
+    script.write_text(madrob("completion", request.param))
+    (tmp_path / "my_run").mkdir()
+    (tmp_path / "my_run" / "some.mcap").write_text("")
+    *words, begin = (
+        part.replace("SCRIPT", str(script)).replace("FOLDER", str(script.parent))
+        for part in (*SHELLS[request.param][0], SHELLS[request.param][1])
+    )
+    environment = {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path / "config")}
+    environment["PATH"] = f"{tmp_path}:{os.environ['PATH']}"
+    with Terminal(words, columns=100, env=environment, cwd=tmp_path) as terminal:
+        if begin:
+            terminal.send(f"{begin}\n")
+        terminal.wait_for(PROMPT)
+        yield terminal
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize(
+    ("typed", "completed"),
+    [
+        ("madrob conso", "madrob console"),
+        ("madrob calibrate ma", "madrob calibrate masks"),
+        ("madrob run --bench", "madrob run --benchmark-type"),
+        ("madrob console --theme hi", "madrob console --theme high-contrast"),
+        ("madrob engine sta", "madrob engine status"),
+        ("madrob console --testbed sim", "madrob console --testbed simulated"),
+        ("madrob console --testbed replay my_", "madrob console --testbed replay my_run/"),
+        ("madrob score my_", "madrob score my_run/"),
+        ("madrob score --write my_", "madrob score --write my_run/"),
+        ("madrob engine stop --fo", "madrob engine stop --force"),
+    ],
+)
+def test_tab_completes(shell: Terminal, typed: str, completed: str) -> None:
+    shell.send(f"{typed}\t")
+    shell.wait_for(f"{PROMPT}{completed}")
+
+
+@pytest.mark.machine
+def test_tab_starts_no_program(shell: Terminal, tmp_path: Path) -> None:
+    called = tmp_path / "called"
+    madrob = tmp_path / "madrob"
+    madrob.write_text(f"#!/bin/sh\ntouch {called}\n")
+    madrob.chmod(0o755)
+    shell.send(f"{madrob} x\n")
+    while not called.exists():  # it would be seen
+        time.sleep(0.01)
+    called.unlink()
+    shell.send("madrob stand\t")
+    shell.wait_for("madrob standings")
+    shell.send("--be\t")
+    shell.wait_for("--best")
+    assert not called.exists()
+
+
+@pytest.mark.parametrize("name", FIRST)
+def test_the_script_sends_nobody_to_another_place_than_the_help_does(
+    name: str, madrob: Madrob
+) -> None:
+    script = madrob("completion", name)
+    assert script.startswith(FIRST[name])
+    assert "madrob completion --help" in script.partition("\n\n")[0]
+    for elsewhere in (".local/share", ".bashrc"):
+        assert elsewhere not in script

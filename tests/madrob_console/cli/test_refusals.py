@@ -1,0 +1,205 @@
+"""What cannot be done is one line on the error output that says why; nothing else happens."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from madrob_console.cli.main import main
+from madrob_console.testbeds.simulated import Scenario
+from recorder.writer import BagWriter
+from scoring.rulesets import RulesetName
+from tests.madrob_console.archive.frames import film
+from tests.madrob_console.cli.typed import Madrob
+from tests.madrob_console.recorded_runs import completed, publish, recorded
+from tests.madrob_console.run_folders import summary, write
+from tests.recorder.samples import door_messages, door_topics
+
+WORDS = [
+    ("consol", "madrob: COMMAND: there is no 'consol', did you mean console?"),
+    ("calibrate mask", "there is no 'mask', did you mean masks?"),
+    ("engine stat", "did you mean status?"),
+    ("console --theme blue", "--theme: there is no 'blue', use dark, light or high-contrast"),
+    ("run --opening-side left", "--opening-side: there is no 'left', use cw or ccw"),
+    ("run --scenario nominall", "--scenario: there is no 'nominall', did you mean nominal?"),
+    ("run --subject Delft", "--subject: 'Delft' is no whole number"),
+    ("run --timeout long", "--timeout: 'long' is no number"),
+    ("standings --bets 3", "madrob standings: --bets: no such option, did you mean --best?"),
+    ("export --subject 3 --bag", "madrob export: --bag: no such option"),
+    ("settings all", "madrob settings: all: nothing more is expected here"),
+    ("schema all", "there is no 'all', use result, event, state or watch"),
+    ("watch --plain --big", "--big: not allowed with argument --plain"),
+    ("console --testbed sim", "--testbed: there is no 'sim', did you mean simulated?"),
+    ("console --testbed ros 3", "--testbed: ros takes nothing more, not '3'"),
+    ("watch --testbed replay", "--testbed: replay needs the path of one bag"),
+    ("run --speed -1", "--speed: -1: use 0 to 1000"),
+    ("run --speed nan", "--speed: nan: use 0 to 1000"),
+    ("run --wait -3", "--wait: -3: use 0 or more"),
+    ("run --timeout 0.5", "--timeout: 0.5: use 1 to 86400"),
+    ("run --countdown inf", "--countdown: 'inf' is no number"),
+    ("run --subject 1000", "--subject: 1000: use 1 to 999"),
+    ("run --start-pose here", "--start-pose"),
+    ("run --start-pose 1.5,0,nan", "--start-pose"),
+    ("standings --best -1", "--best: -1: use 0 or more"),
+    ("tidy --keep-runs -1", "--keep-runs: -1: use 0 or more"),
+    ("tidy --older-than 7", "'7' is no time, as 12h, 7d or 2w are"),
+    ("tidy --older-than 7y", "'7y' is no time, as 12h, 7d or 2w are"),
+    ("tidy --until-free 50", "'50' is no size, as 50GB or 500MB are"),
+    (f"tidy --until-free {'9' * 400}GB", "is no size, as 50GB or 500MB are"),
+    ("score --jobs 0 x", "--jobs: 0: use 1 or more"),
+    ("score --jobs many x", "--jobs: "),
+    ("score --ruleset best x", f"use {', '.join(RulesetName)} or all"),
+    ("score x --output y --check", "--check"),
+    ("score x --output y --json", "--json: not allowed with --output"),
+    ("score x --reissue y --json", "--json: not allowed with --reissue"),
+    ("score --json", "the following arguments are required: PATH"),
+    ("score one --bets 3 two", "madrob score: --bets: no such option"),
+    ("publish --best 3", "the following arguments are required: FOLDER"),
+    ("recover", "the following arguments are required: PATH"),
+    ("pictures x --width=0", "use 16 to 6000"),
+    ("pictures x --width=7000", "use 16 to 6000"),
+    ("pictures x --width=x", "'x' is no whole number"),
+    ("run --latency dor=50ms", "--latency: there is no 'dor', did you mean door?"),
+    ("run --latency door", "--latency: 'door' is no delay, as 50ms or 0.2s are"),
+    ("console --latency 50", "--latency: '50' is no delay, as 50ms or 0.2s are"),
+    ("testbed --jitter handle=1s,", "--jitter: '' is no delay, as 50ms or 0.2s are"),
+    ("testbed --jitter 1m", "--jitter: '1m' is no delay, as 50ms or 0.2s are"),
+    ("testbed --jitter door=11s", "--jitter: '11s' is too long: use 0s to 10s"),
+]
+
+
+@pytest.mark.parametrize(("line", "words"), WORDS)
+def test_a_wrong_word_is_named_with_what_was_meant(line: str, words: str, madrob: Madrob) -> None:
+    said = madrob.refusal(line)
+    assert words in said
+    assert said.endswith("--help`\n")
+
+
+SCREENS = [
+    ("console --testbed replay /nowhere/at_all", "/nowhere/at_all"),
+    ("console --testbed replay empty", "the folder holds no recording"),
+    ("console --testbed replay foreign", "a bag without a MADROB run cannot be replayed"),
+    ("console --testbed replay run --jitter 1s", "delay simulated messages: use them with"),
+    ("console --testbed replay run --at 900", "--at 900: the recording goes from -"),
+    ("console --testbed replay run --at lunch", "--at: 'lunch' is no time and no event"),
+    ("console --testbed simulated --at stop", "--at: give it with `--testbed replay PATH`"),
+    ("console --testbed simulated --teams none.csv", "correct --teams"),
+    ("console --testbed simulated --plan none.csv", "correct --plan"),
+    ("console --settings none.toml", "no such settings file"),
+    ("watch --testbed ros --speed 5", "--speed: a live testbed has its own"),
+    ("watch --testbed ros --latency 50ms", "--latency and --jitter delay simulated messages"),
+    ("watch --testbed replay run", "no engine runs here to be watched"),
+    ("watch --testbed simulated", "no engine runs here to be watched"),
+]
+"""Nothing is painted before the command line is known to be good."""
+RUN = "run --testbed simulated --speed 0 --countdown 1 --results new"
+LINES = [
+    ("watch --plain --testbed simulated", "no engine runs here to be watched"),
+    ("watch --json --testbed simulated", "no engine runs here to be watched"),
+    (f"{RUN} --start-pose -1,0,0 --results results", "CCW side"),
+    (f"{RUN} --plan none.csv", "correct --plan"),
+    (f"{RUN} --team-name {'x' * 200}", "--team-name"),
+    (f"{RUN} --results file", "file"),
+    (f"{RUN} --settings wrong.toml", "timeuot"),
+    (f"{RUN} --settings foreign.toml", "no_msgs"),
+    ("run --testbed replay none", "none"),
+    ("run --testbed replay junk.mcap", "junk.mcap"),
+    ("settings --settings none.toml", "none.toml"),
+    ("score empty", "empty is no bag"),
+    ("score alone", "alone is no bag"),
+    ("score none", "none"),
+    ("score run --format csv", "--format: only with --output"),
+    ("score run --dry-run", "--dry-run: only with --reissue"),
+    ("score run --check --ruleset protocol", "--ruleset: not allowed with --check"),
+    ("score run --scheduler tcp://a:1 --jobs 2", "--jobs: not allowed with --scheduler"),
+    ("score run --reissue ' '", "--reissue: give a reason"),
+    ("score run --reissue x --ruleset all", "--reissue: with one ruleset, not all"),
+    ("score run --write new --ruleset all", "--write: with one ruleset, not all"),
+    ("score published --write new", "without a recording"),
+    ("score run --write file", "file"),
+    ("standings --results none", "none: no such results folder; name one with --results"),
+    ("standings --json none", "none"),
+    ("standings results --output s.csv", "--output: say what goes there with --csv, --json or"),
+    ("standings results --csv --output /nowhere/s.csv", "/nowhere/s.csv: not written"),
+    (
+        "standings results --competition '\x1b[31mX'",
+        "--competition 'X': no such runs; there are 'Autumn Cup'",
+    ),
+    ("plan --settings empty.toml", "no plan: name a file in [plan] of the settings, or with"),
+    ("plan --plan none.csv", "cannot be read (No such file or directory); correct --plan"),
+    ("plan --plan plan.csv --json plan.json", "plan.json: no such folder; name a folder with runs"),
+    ("tidy --results results", "say what stays: --keep-runs, --older-than or --until-free"),
+    ("tidy --results none --older-than 7d", "no such results folder; name one with --results"),
+    ("recover empty", "choose a rosbag2 bag folder or an .mcap file"),
+    ("calibrate masks none", "No such file"),
+    ("calibrate masks '\x1b[31mred'", "is no bag"),
+    ("pictures filmed --at nothing", "'nothing' is no time and no event of this run: give sec"),
+    ("pictures filmed --at nan", "'nan' is no time and no event of this run: give seconds, or"),
+    ("pictures filmed --at 900 --camera *front", "/camera/front at 900.00 s: no frame within 1 s"),
+    ("pictures filmed --at 1 --camera /none", "no camera /none in its evidence"),
+    ("pictures filmed --camera *front", "some pictures are not all: say where to by --output"),
+    ("pictures run", "was recorded without evidence: choose"),
+    ("pictures empty", "no run is there: name the folder of a run"),
+    ("pictures none", "none: no such run folder: name the folder"),
+    ("pictures run/result.json", "result.json: no such run folder: name the folder"),
+]
+
+
+@pytest.fixture(scope="module")
+def things(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the lines name; none of them changes it."""
+    here = tmp_path_factory.mktemp("things")
+    for name in ("empty", "alone"):
+        (here / name).mkdir()
+    for name, text in {
+        "file": "",
+        "junk.mcap": "not a bag at all",
+        "\x1b[31mred": "text",
+        "plan.csv": "3,1,2\n",
+        "empty.toml": "",
+        "wrong.toml": "[run]\ntimeuot = 3.0\n",
+        "foreign.toml": "[[topics]]\nsignal = 'door angle'\ntype = 'no_msgs/msg/A'\nfield = 'x'\n",
+    }.items():
+        (here / name).write_text(text)
+    (here / "run").symlink_to(completed())
+    shutil.copy(completed() / "journal.jsonl", here / "alone")
+    publish(recorded(Scenario.TOUCH_ONLY), here / "published")
+    film(Path(shutil.copytree(completed(), here / "filmed")), "/camera/front", "/camera/side")
+    write(here / "results", summary())
+    with BagWriter(here / "foreign", door_topics(), {}) as writer:
+        writer.put_message(door_messages(rounds=1)[0])
+    return here
+
+
+@pytest.mark.parametrize(("line", "words"), [*SCREENS, *LINES])
+def test_what_cannot_be_done_is_one_line_and_nothing_is_painted_or_written(
+    line: str, words: str, things: Path, madrob: Madrob, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(things)
+    monkeypatch.setattr("madrob_console.ui.terminal.check_terminal", lambda *_: None)
+    monkeypatch.setattr("madrob_console.ui.terminal.run_console", main)  # which takes no client
+    before = sorted(things.rglob("[!.]*"))
+    said = madrob.refusal(line)
+    assert words in said
+    assert "\x1b" not in said
+    assert sorted(things.rglob("[!.]*")) == before
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("score --json none", "madrob: cannot read none: "),
+        ("plan --plan plan.csv --json none", "madrob: none: no such folder"),
+        ("standings results --teams none.csv", "correct --teams"),
+    ],
+)
+def test_what_is_wrong_is_on_the_error_output_alone(
+    line: str, words: str, things: Path, madrob: Madrob, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(things)
+    said = madrob.say(line)
+    assert said.code == 2
+    assert words in said.err
+    assert "none" not in said.out
