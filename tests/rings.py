@@ -50,7 +50,6 @@ FOLDERS: Mapping[str, Ring] = {
     "test_one_name.py": Ring.PURE,
     "test_programs.py": Ring.PURE,
     "test_rings.py": Ring.PURE,
-    "test_terminal.py": Ring.MACHINE,
 }
 LIMIT, MACHINE_LIMIT, SLOW_LIMIT = 60.0, 240.0, 600.0
 """A test that takes longer hangs, s, unless it says otherwise."""

@@ -305,21 +305,6 @@ def test_an_engine_that_hangs_says_so_and_is_killed_when_it_does_not_end(
         assert "the engine has ended" in gone(console)
 
 
-def test_an_engine_that_was_stopped_by_a_signal_is_there_but_silent(bench: Bench) -> None:
-    process = bench.served()
-    process.send_signal(signal.SIGSTOP)
-    assert bench.status(process).endswith(f", there, but silent, runs in {bench.results}")
-    line = f"madrob engine stop --results {bench.results}"
-    refused = bench.refused()
-    assert "there, but silent (" in refused
-    assert f"`{line}` ends it" in refused
-    code, said = bench.stop(*line.split()[3:])
-    assert (code, CUT_OFF in said) == (1, True)
-    assert process.poll() is None
-    assert bench.stop(f"--pid={process.pid}", "--force")[0] == 0
-    assert process.wait(1.0) == 0  # in order: it went on for that
-
-
 def test_an_engine_that_is_told_to_end_once_more_while_it_ends_keeps_its_run(
     tmp_path: Path,
 ) -> None:

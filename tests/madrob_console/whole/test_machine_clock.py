@@ -5,9 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import random
-import re
 import shutil
-import struct
 import subprocess
 import sys
 import threading
@@ -16,14 +14,12 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from functools import partial
-from itertools import cycle, pairwise
+from itertools import pairwise
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import msgspec
 import pytest
-from msgspec.structs import replace
 
 from madrob_console.archive import score
 from madrob_console.archive.scored import OpenedRun, Scored
@@ -39,7 +35,6 @@ from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (
     Abort,
-    ConfirmPose,
     DeclareTimeout,
     MarkIncident,
     Reissue,
@@ -54,16 +49,13 @@ from madrob_console.referee.records import IncidentKind
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from recorder.bag import RawMessage
 from recorder.reader import read_bag
 from recorder.writer import BagWriter
 from scoring.evaluate import Assessment
-from scoring.protocol import Condition, Outcome, Signal, Step
+from scoring.protocol import Condition, Signal, Step
 from scoring.result import Result
 from tests.madrob_console.engine.drive import Drive, make_setup, signed
-from tests.madrob_console.engine.faulty_source import FaultyDrive
 from tests.madrob_console.engine.machine_time import Machine
-from tests.madrob_console.engine.spoilt import Edit, set_value
 from tests.madrob_console.engine_process import EngineProcess, WallClock
 from tests.madrob_console.small_disk import disk_image
 from tests.slowly import slow_but_for
@@ -72,9 +64,6 @@ HOUR = 3600
 SAMPLE = 0.025
 SETTLED = 3.0
 """After a step outside of a run the topics look healthy again, s: rates are of 2 s."""
-
-_JUMP = re.compile(r"clock stepped by -3(600\.0|599\.9)\d+ s, later stamps shifted back")
-_STAMP = struct.Struct("<4xiI")  # the header's stamp, behind the four bytes that name the encoding
 
 
 class SteppedDrive(Drive):
@@ -159,20 +148,6 @@ def test_a_clock_stepped_during_a_run_changes_no_digit(
     assert durations(drive.result()) == pytest.approx(durations(undisturbed), abs=SAMPLE)
 
 
-def test_a_clock_stepped_before_the_start_delays_nothing(
-    machine: Machine, undisturbed: Result, tmp_path: Path
-) -> None:
-    drive = SteppedDrive(tmp_path)
-    drive.prepare(make_setup())
-    machine.step(HOUR)
-    drive.wait(SETTLED)
-    assert drive.engine.snapshot().all_faults == ()
-    drive.act(Start())
-    result = drive.result()
-    assert result.start == pytest.approx(undisturbed.start + HOUR + SETTLED, abs=SAMPLE)
-    assert durations(result) == pytest.approx(durations(undisturbed), abs=SAMPLE)
-
-
 def test_a_timeout_is_steady_time(machine: Machine, tmp_path: Path) -> None:
     drive = SteppedDrive(tmp_path, Scenario.TOUCH_ONLY)
     drive.start(make_setup(timeout=8.0))
@@ -184,28 +159,6 @@ def test_a_timeout_is_steady_time(machine: Machine, tmp_path: Path) -> None:
     assert run.start is not None
     assert (run.outcome, run.stop) == ("timeout", run.start + 8.0)
     assert (machine.monotonic_ns() - began) / NS == pytest.approx(5.0 + 1.1, abs=0.1)
-
-
-def test_stamps_that_follow_the_stepped_clock_are_shifted_back_and_flagged(
-    machine: Machine, undisturbed: Result, tmp_path: Path
-) -> None:
-    drive = SteppedDrive(tmp_path)
-    drive.start(make_setup())
-    drive.wait(5.0)
-    take = drive.source.take_messages
-
-    def shifted(message: RawMessage) -> RawMessage:
-        seconds, nanoseconds = _STAMP.unpack_from(message.data)
-        stamp = _STAMP.pack(seconds - HOUR, nanoseconds)
-        return replace(message, data=message.data[:4] + stamp[4:] + message.data[_STAMP.size :])
-
-    drive.source.take_messages = lambda timeout: [*map(shifted, take(timeout))]  # type: ignore[method-assign]
-    machine.step(-HOUR)
-    result = drive.result()
-    assert result.outcome == undisturbed.outcome
-    assert durations(result) == pytest.approx(durations(undisturbed), abs=SAMPLE)
-    jumped = [r for r in result.quality.remarks if _JUMP.search(r)]
-    assert len(jumped) == 6
 
 
 @pytest.mark.slow
@@ -322,75 +275,6 @@ def test_stepped_clocks_busy_cores_and_a_stalled_disk_change_no_event_and_drop_n
         worst = max(abs(events[event] - at) for event, at in quiet.items())
         print(f"\n{name}: 0 dropped, events differ by {1000 * worst:.1f} ms at most")
         assert events == pytest.approx(quiet, abs=SAMPLE), name
-
-
-LASTING = 120.0  # s
-SLICES = 12
-SCORINGS = 3
-SHOWN = 0.1  # s between two states for the screens
-STRIPS = [m.topic for m in DEFAULT_MAPPINGS if "/passage/" in m.topic]
-NOBODY, SOMEBODY = 3.0, 1.2  # m to what is below
-
-
-def begun(results: Path, *heights: float) -> FaultyDrive:
-    """A run that goes on, and will end by its timeout; strips measure these heights in turn."""
-    drive = FaultyDrive(results)
-    drive.act(SetUp(make_setup(timeout=LASTING, countdown=1.0)))
-    drive.wait(2.1)
-    drive.act(ZeroHandle(), ConfirmPose())
-    drive.begin()
-
-    def ranges() -> Edit:
-        turn = cycle(heights)
-        return lambda message: set_value(message, next(turn))
-
-    for topic in STRIPS:
-        drive.faulty.fake(topic, ranges())
-    drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
-    return drive
-
-
-def cost(job: Callable[[], object]) -> float:
-    """Processor time that it takes, s."""
-    began = time.process_time()
-    job()
-    return time.process_time() - began
-
-
-def going_on(drive: FaultyDrive) -> None:
-    """A slice of a run."""
-    drive.faulty.handed.clear()
-    for _ in range(round((LASTING - 2.0) / SLICES / SHOWN)):
-        drive.wait(SHOWN)
-        drive.engine.snapshot()
-
-
-def ended(drive: FaultyDrive) -> Path:
-    """The end of a run; its folder."""
-    assert drive.result().outcome is Outcome.TIMEOUT
-    drive.engine.close()
-    return drive.folder
-
-
-@pytest.mark.slow
-def test_strips_that_flicker_for_two_minutes_hold_nothing_up(tmp_path: Path) -> None:
-    """Costs are compared side by side, so that others disturb both alike."""
-    assert len(STRIPS) == 4
-    both = begun(tmp_path / "flickering", SOMEBODY, NOBODY), begun(tmp_path / "quiet", NOBODY)
-    slices = [[cost(partial(going_on, drive)) for drive in both] for _ in range(SLICES)]
-    engine = [flickering / quiet for flickering, quiet in slices]
-    early, late = median(engine[: SLICES // 2]), median(engine[SLICES // 2 :])
-    folders = [ended(drive) for drive in both]
-    del both
-    gc.collect()
-    gc.freeze()  # scoring is a process of its own: its collector sees no engine and no tests
-    scorings = [[cost(lambda: next(score(run))) for run in folders] for _ in range(SCORINGS)]  # noqa: B023
-    gc.unfreeze()
-    scoring = median(flickering / quiet for flickering, quiet in scorings)
-    print(f"\nprocessor time beside a quiet run: {early:.2f}, {late:.2f}, scoring {scoring:.2f}")
-    assert late <= 1.5 * early
-    assert median(engine) <= 2.0
-    assert scoring <= 2.0
 
 
 PAGE = os.sysconf("SC_PAGE_SIZE")

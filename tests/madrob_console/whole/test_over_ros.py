@@ -340,21 +340,6 @@ def test_a_run_on_the_time_of_a_simulation_is_practice_completed_and_scored(
     assert "replay: equals the stored result to the last digit" in capsys.readouterr().out
 
 
-@pytest.mark.slow
-def test_a_simulation_that_begins_anew_costs_its_run_and_no_other(
-    peer: Peer, tmp_path: Path
-) -> None:
-    world = World(peer, tmp_path)
-    reset = world.run(10, (1.0, lambda clock: clock.go_on(PACE, at=10.0)), code=3).result
-    assert reset["outcome"] == "timeout"
-    assert reset["indicators"]["capability_level"]["value"] < 6
-    assert reset["start"] > BEGIN
-    assert any("clock stepped by -" in remark for remark in reset["quality"]["remarks"])
-    after = world.run(60).result
-    assert (after["outcome"], after["indicators"]["capability_level"]["value"]) == ("completed", 6)
-    assert 10.0 < after["start"] < BEGIN
-
-
 NAMES = 500_000
 RATE = 5.0
 HEAVY = 4_000_000
@@ -450,19 +435,14 @@ FAR_TOO_MUCH = (
 )
 
 
-@pytest.mark.slow
-def test_a_run_with_cameras_has_them_from_before_its_start_to_after_its_end(
-    ros_domain: int, tmp_path: Path
-) -> None:
-    with cameras(HALL):
-        run = ran(tmp_path / "run", EVIDENCE)
+def check_cameras(run: Ran) -> None:
+    """They are recorded from before the start of the run to after its end."""
     evidence = rebuild(run.entries).evidence
     assert evidence is not None
     recorded = list(read_bag(run.folder, evidence=True).messages())
     counts = Counter(message.topic for message in recorded)
     assert counts == {one.topic: one.messages for one in evidence.topics}
     assert set(counts) == set(HALL.topics)
-    run.check_whole()
     testbed_times = [m.receive_ns for m in read_bag(run.folder).messages() if m.topic in TOPICS]
     for topic in HALL.topics:
         times = [m.receive_ns for m in recorded if m.topic == topic]
@@ -477,7 +457,11 @@ def test_a_run_with_cameras_has_them_from_before_its_start_to_after_its_end(
 def test_evidence_beyond_all_measure_costs_the_score_nothing_and_is_told(
     ros_domain: int, tmp_path: Path
 ) -> None:
-    calm = ran(tmp_path / "calm")
+    """Beside a run with as many cameras as a hall has, all of which are recorded."""
+    with cameras(HALL):
+        calm = ran(tmp_path / "calm", EVIDENCE)
+    calm.check_whole()
+    check_cameras(calm)
     with ExitStack() as stack:
         for stream in FAR_TOO_MUCH:  # machines of their own: they leave the testbed its processor
             process = stack.enter_context(cameras(stream))
@@ -486,7 +470,7 @@ def test_evidence_beyond_all_measure_costs_the_score_nothing_and_is_told(
         ran(tmp_path / "aborted", EVIDENCE, abort_after=2.0)
     flooded.check_whole()
     late, usual = max(flooded.lateness()), max(calm.lateness())
-    print(f"events noted after {late:.3f} s at most, without evidence after {usual:.3f} s")
+    print(f"events noted after {late:.3f} s at most, in the calm run after {usual:.3f} s")
     assert late < usual + SAMPLE
     remarks = flooded.result["quality"]["remarks"]
     assert not [remark for remark in remarks if "not in the rec" in remark]

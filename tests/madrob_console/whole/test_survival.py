@@ -21,7 +21,7 @@ from madrob_console.referee.rebuild import Change
 from madrob_console.ui.keys.console_app import UNSEEN
 from recorder.reader import read_bag
 from scoring.protocol import EventName
-from tests.madrob_console.console_process import F8, F10, Hall, start_a_run, wait_gone
+from tests.madrob_console.console_process import F8, F10, Hall, start_a_run
 from tests.madrob_console.engine_process import ROOT, STARTING
 from tests.programs import found
 from tests.terminal import Terminal
@@ -76,18 +76,6 @@ def test_a_console_that_comes_back_sees_the_live_run_and_can_abort_it(hall: Hall
         terminal.send("1y")
         terminal.wait_for("ABORTED")
     assert hall.wait_for_result(folder)["outcome"] == "aborted"
-
-
-def test_a_run_whose_engine_is_told_to_stop_by_force_is_kept_as_interrupted(hall: Hall) -> None:
-    hall.speed = 1.0
-    with hall.console() as terminal:
-        start_a_run(terminal)
-        folder = hall.wait_for_running()
-        pid = hall.engine_pid()
-        stopped = hall.madrob("engine", "stop", "--force", f"--results={hall.results}")
-        assert (stopped.returncode, stopped.stdout) == (0, "SIMULATED nominal: ended\n")
-        wait_gone(pid)
-    assert hall.wait_for_result(folder)["outcome"] == "interrupted"
 
 
 def test_spectators_find_the_engine_that_is_started_again(hall: Hall) -> None:
