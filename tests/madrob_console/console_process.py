@@ -38,6 +38,7 @@ class Hall:
         self.folder = Path(tempfile.mkdtemp(prefix="madrob-"))
         self.results = results or self.folder / "runs"
         self.speed = speed
+        self.scenario = "nominal"
         self._settings = self.folder / "madrob.toml"
         self._settings.write_text(f"{NO_REPORTS}[checks]\ndisk_space = 0\n")
         self._env = {"XDG_STATE_HOME": str(self.folder), "PYTHONPATH": str(ROOT)}
@@ -57,8 +58,9 @@ class Hall:
     @property
     def testbed(self) -> list[str]:
         """The options that name the testbed."""
-        speed, results = f"--speed={self.speed}", f"--results={self.results}"
-        return ["--testbed", "simulated", speed, results, f"--settings={self._settings}"]
+        simulated = ["--testbed", "simulated", f"--scenario={self.scenario}"]
+        own = [f"--results={self.results}", f"--settings={self._settings}"]
+        return [*simulated, f"--speed={self.speed}", *own]
 
     def console(
         self, command: str = "console", *options: str, columns: int = 80, lines: int = 24
@@ -127,8 +129,9 @@ READING = 1.0
 
 def make_ready(terminal: Terminal) -> None:
     """From the first screen, or the result of a run, to all that a start needs, by keys."""
-    ready, result, done = "2 of 9 in the way", "not final: Enter", "is set up"
-    if terminal.wait_for(ready, result, timeout=STARTING) == result:
+    ready, done = "2 of 9 in the way", "is set up"
+    ended = "not final: Enter", "counts nowhere: x is the next run"
+    if terminal.wait_for(ready, *ended, timeout=STARTING) in ended:
         terminal.send("x")
         if terminal.wait_for(done, "is left out: ", timeout=STARTING) != done:
             time.sleep(READING)
@@ -142,10 +145,9 @@ def make_ready(terminal: Terminal) -> None:
     terminal.wait_for("all passed or waived", timeout=STARTING)
 
 
-def start_a_run(terminal: Terminal, *, ready: bool = False) -> None:
-    """To a countdown, by keys, after what a start needs."""
-    if not ready:
-        make_ready(terminal)
+def start_a_run(terminal: Terminal) -> None:
+    """From there to a countdown."""
+    make_ready(terminal)
     terminal.send(F5)
     terminal.wait_for("COUNTDOWN", timeout=STARTING)
 

@@ -24,7 +24,7 @@ from scoring.protocol import Outcome
 from tests.madrob_console.crowd import crowd
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine_process import NO_REPORTS, EngineProcess
-from tests.watching import until
+from tests.watching import Stutter, until
 
 AT_ONCE = 0.2  # s, within which an abort or a declared timeout takes effect
 SPECTATORS, FLOOD, FOLDERS = 14, 20_000, 3_000
@@ -66,7 +66,7 @@ def test_spectators_a_flood_and_deaf_screens_take_no_act_away(tmp_path: Path) ->
         for number, (act, outcome) in enumerate(acts.items(), start=1):
             engine.start(make_setup(run_number=number, countdown=1.0, timeout=600.0))
             before = memory_of(engine)
-            with crowd(engine.name, SPECTATORS, FLOOD, deaf=3):
+            with crowd(engine.name, SPECTATORS, FLOOD, deaf=3), Stutter() as stutter:
                 for note in range(10):
                     engine.act(AddNote(f"note {note}"))
                 end = took(engine, act)
@@ -74,7 +74,7 @@ def test_spectators_a_flood_and_deaf_screens_take_no_act_away(tmp_path: Path) ->
                 shown = engine.wait_for(lambda s: s.run.phase is Phase.STOPPED)
             print(f"\n{act.name} after {end:.3f} s, {more / 1e6:+.0f} MB")
             assert (shown.run.outcome, shown.recorder.dropped) == (outcome, 0)
-            assert end <= AT_ONCE
+            assert end <= AT_ONCE + stutter.allowance
             assert more < MORE_MEMORY
             engine.wait_for(lambda s: s.result is not None)
 
@@ -93,10 +93,10 @@ def test_what_is_asked_of_an_engine_that_stands_still_never_happens(tmp_path: Pa
             return snapshot.pulse.words or ""
 
         assert words() == ""
-        with held(engine):
+        with held(engine), Stutter() as stutter:
             began = time.monotonic()
             until(lambda: words().startswith("the engine is silent for 1 s"))
-            assert time.monotonic() - began < 2.0
+            assert time.monotonic() - began < 2.0 + stutter.allowance
             sent = engine.client.begin_request(Perform.of(Abort("held")))
             until(sent.running)
             filling = [

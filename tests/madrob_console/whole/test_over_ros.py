@@ -47,7 +47,7 @@ from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.spoilt import DOOR
 from tests.madrob_console.engine_process import ROOT, EngineProcess, madrob_beside
 from tests.madrob_console.ros_peer import KEPT, TYPES, Peer
-from tests.watching import until
+from tests.watching import Stutter, until
 
 TOPICS = [m.topic for m in DEFAULT_MAPPINGS if m.signal is not Signal.LATCH]
 STRING, CLOCK = "std_msgs/msg/String", "rosgraph_msgs/msg/Clock"
@@ -131,6 +131,7 @@ def ran(folder: Path, settings: str = "", abort_after: float | None = None) -> R
             *("run", "--testbed", "ros", "--settings", file, "--countdown=2", "--timeout=60"),
             *("--no-report", "--results", folder / "results", "--wait=60", "--waive", "a test"),
         ) as run,
+        Stutter() as stutter,
     ):
         assert run.stdout is not None
         for line in run.stdout:
@@ -151,7 +152,7 @@ def ran(folder: Path, settings: str = "", abort_after: float | None = None) -> R
     if abort_after is not None:
         stops = next(entry for entry in one.entries if entry.what == "abort")
         print(f"abort took effect after {stops.time - aborted:.3f} s")
-        assert stops.time - aborted < AT_ONCE
+        assert stops.time - aborted < AT_ONCE + stutter.allowance
     return one
 
 
@@ -345,8 +346,9 @@ RATE = 5.0
 HEAVY = 4_000_000
 WATCHED = 6.0
 """s of a run in which nothing happens but heavy messages."""
-LONGEST_WAIT = 1.0
-"""s; 0.2 on a machine that has nothing else to do."""
+LONGEST_WAIT = 1.0  # s; 0.2 on a machine that has nothing else to do
+UNDER_WAY = 1.0
+"""s; what was sent so long before the end has come before it."""
 
 PUBLISH = f"""
 import os, sys, time
@@ -401,6 +403,7 @@ def test_4_mb_five_times_a_second_delay_neither_clock_nor_abort_and_are_recorded
     with (
         program(tmp_path / "testbed", *TESTBED, ending=killed),
         EngineProcess(tmp_path / "runs", None) as engine,
+        Stutter() as stutter,
     ):
         engine.wait_for(lambda s: all(t.rate for t in s.topics if not t.optional))
         with program(published, "-c", PUBLISH, ending=killed):
@@ -417,13 +420,13 @@ def test_4_mb_five_times_a_second_delay_neither_clock_nor_abort_and_are_recorded
             folder = engine.folder
     print(f"clock {behind:.2f} s behind, abort answered after {answered:.2f}, {announced:.2f} s")
     assert not any(lost), lost
-    begin, end = document["start"], document["stop"]
+    begin, end = document["start"], document["stop"] - UNDER_WAY
     sent = sum(begin <= float(line) < end for line in published.read_text().splitlines())
     assert sum(len(m.data) > HEAVY for m in read_bag(folder).messages()) >= sent > 0
     remarks = document["quality"]["remarks"]
     assert any("not read above" in line for line in remarks)
     assert next(score(folder)).result.quality.remarks == tuple(remarks)
-    assert max(behind, answered, announced) < LONGEST_WAIT
+    assert max(behind, answered, announced) < LONGEST_WAIT + stutter.allowance
 
 
 EVIDENCE = '[recording]\ntopics = ["/camera/**"]\nleast_room = 0\n'
@@ -455,14 +458,16 @@ def check_cameras(run: Ran) -> None:
 
 @pytest.mark.slow
 def test_evidence_beyond_all_measure_costs_the_score_nothing_and_is_told(
-    ros_domain: int, tmp_path: Path
+    peer: Peer, tmp_path: Path
 ) -> None:
     """Beside a run with as many cameras as a hall has, all of which are recorded."""
     with cameras(HALL):
+        own = peer.own
+        peer.until(lambda: all(map(own.get_publishers_info_by_topic, HALL.topics)))
         calm = ran(tmp_path / "calm", EVIDENCE)
     calm.check_whole()
     check_cameras(calm)
-    with ExitStack() as stack:
+    with ExitStack() as stack, Stutter() as stutter:
         for stream in FAR_TOO_MUCH:  # machines of their own: they leave the testbed its processor
             process = stack.enter_context(cameras(stream))
             os.setpriority(os.PRIO_PROCESS, process.pid, 19)
@@ -471,7 +476,7 @@ def test_evidence_beyond_all_measure_costs_the_score_nothing_and_is_told(
     flooded.check_whole()
     late, usual = max(flooded.lateness()), max(calm.lateness())
     print(f"events noted after {late:.3f} s at most, in the calm run after {usual:.3f} s")
-    assert late < usual + SAMPLE
+    assert late < usual + SAMPLE + stutter.allowance
     remarks = flooded.result["quality"]["remarks"]
     assert not [remark for remark in remarks if "not in the rec" in remark]
     assert any(sum(one["lost"].values()) for one in flooded.result["evidence"]["topics"])

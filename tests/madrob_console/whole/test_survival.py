@@ -57,7 +57,7 @@ def test_a_run_survives_the_end_of_its_console_and_is_scored(hall: Hall, how: st
 
 def test_a_console_that_comes_back_sees_the_live_run_and_can_abort_it(hall: Hall) -> None:
     """Keys of spectators do nothing, and `madrob engine stop` ends no run that goes on."""
-    hall.speed = 1.0  # the run is still there, however busy the machine is
+    hall.speed, hall.scenario = 1.0, "no-touch"  # the run is there, however busy the machine is
     with hall.console() as terminal:
         start_a_run(terminal)
         folder = hall.wait_for_running()
