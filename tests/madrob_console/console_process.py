@@ -139,8 +139,9 @@ def make_ready(terminal: Terminal) -> None:
     else:
         terminal.send(ENTER)
     terminal.wait_for(done, timeout=STARTING)
-    terminal.send(F7)
-    terminal.wait_for("Done: zero the handle", timeout=STARTING)
+    if terminal.wait_for(ready, "1 of 9 in the way", timeout=STARTING) == ready:
+        terminal.send(F7)
+        terminal.wait_for("Done: zero the handle", timeout=STARTING)
     terminal.send(F6)
     terminal.wait_for("all passed or waived", timeout=STARTING)
 

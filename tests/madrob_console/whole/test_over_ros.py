@@ -352,7 +352,9 @@ UNDER_WAY = 1.0
 
 PUBLISH = f"""
 import os, sys, time
+from madrob_console.testbeds.ros.connection import load_module
 from tests.madrob_console.ros_peer import TYPES, Peer
+patience = load_module("rclpy.duration").Duration(seconds=30)
 with Peer(int(os.environ["ROS_DOMAIN_ID"])) as peer:
     publisher = peer.publisher("{DOOR}", "sensor_msgs/msg/JointState")
     data = TYPES.encode("sensor_msgs/msg/JointState",
@@ -361,7 +363,8 @@ with Peer(int(os.environ["ROS_DOMAIN_ID"])) as peer:
     while True:
         time.sleep(max(0.0, begin + count / {RATE} - time.monotonic()))
         publisher.publish(data)
-        print(time.time(), flush=True)
+        assert publisher.wait_for_all_acked(patience)
+        print(time.time(), flush=True)  # the engine has it
         count += 1
 """
 TESTBED = ["-m", "madrob_console.cli.main", "testbed", "--scenario", "nominal", "--repeat", "0"]
