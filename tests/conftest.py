@@ -39,6 +39,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--update-screens", action="store_true", help="store the screens as they are")
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """What needs the machine takes minutes: it says which test runs, and how many are left."""
+    if "machine" in str(config.getoption("-m")) and config.option.verbose == 0:
+        config.option.verbose = 1
+
+
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """What computes takes a process for each core; screens wait, and the machine waits more."""
     cores = len(os.sched_getaffinity(0))

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -30,6 +30,7 @@ CLEARED = (
     # the ROS wheels set this once they have found their libraries; each Python finds its own
     "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
 )
+BETWEEN_LOOKS = 0.05  # s
 FIXED = {"LC_ALL": "C.UTF-8", "TERM": "xterm-256color", "TEXTUAL_ANIMATIONS": "none"}
 
 # a session of its own has no terminal until it asks for one; without it nothing hangs up
@@ -42,7 +43,70 @@ os.execvp(sys.argv[1], sys.argv[1:])
 _UNKNOWN_TO_PYTE = re.compile(rb"\x1b\[[<=>][0-9;]*u")  # keyboard protocol; it would show the u
 
 
-class Terminal:
+class Screen:
+    """What a program shows, looked at until it is what a test waits for."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the program."""
+        raise NotImplementedError
+
+    def screen(self) -> list[str]:
+        """The screen now, a line each, without blanks at the ends."""
+        raise NotImplementedError
+
+    def exit_code(self) -> int | None:
+        """None while the program runs."""
+        raise NotImplementedError
+
+    def pause(self) -> None:
+        """Before the next look."""
+        time.sleep(BETWEEN_LOOKS)
+
+    def find(self, look: Callable[[list[str]], str | None], wanted: str, timeout: float) -> str:
+        """Wait until something is on the screen.
+
+        Raises:
+            AssertionError: it does not come within `timeout` s, or the program ends.
+        """
+        deadline = time.monotonic() + timeout
+        while True:
+            ended = self.exit_code() is not None
+            screen = self.screen()
+            if (found := look(screen)) is not None:
+                return found
+            shown = "\n".join(screen).rstrip()
+            assert not ended, f"the program ended before {wanted}:\n{shown}"
+            late = time.monotonic() > deadline
+            assert not late, f"{wanted} did not come in {timeout:g} s:\n{shown}"
+            self.pause()
+
+    def wait_exit(self, timeout: float = PATIENCE) -> int:
+        """Wait for the program's end; its exit code.
+
+        Raises:
+            AssertionError: it goes on for more than `timeout` s.
+        """
+        deadline = time.monotonic() + timeout
+        while (code := self.exit_code()) is None:
+            shown = "\n".join(self.screen()).rstrip()
+            assert time.monotonic() < deadline, f"still running after {timeout:g} s:\n{shown}"
+            self.pause()
+        self.screen()  # what it wrote last
+        return code
+
+
+class Terminal(Screen):
     """Runs a program in a pty and keeps the screen that it draws.
 
     What the program writes is read only inside of the methods: between them its terminal stalls,
@@ -83,17 +147,6 @@ class Terminal:
         finally:
             os.close(slave)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
-
     @property
     def pid(self) -> int:
         """The program's process."""
@@ -115,33 +168,19 @@ class Terminal:
         Raises:
             AssertionError: none comes within `timeout` s, or the program ends.
         """
-        deadline = time.monotonic() + timeout
-        wanted = " or ".join(map(repr, texts))
-        while True:
-            ended = self._process.poll() is not None
-            screen = self.screen()
-            for text in texts:
-                if any(text in line for line in screen):
-                    return text
-            if ended:
-                raise AssertionError(f"the program ended before {wanted}:\n{self._shown()}")
-            if time.monotonic() > deadline:
-                raise AssertionError(f"{wanted} did not come in {timeout:g} s:\n{self._shown()}")
-            self._read(0.1)
 
-    def wait_exit(self, timeout: float = PATIENCE) -> int:
-        """Wait for the program's end; its exit code, negative for a signal.
+        def look(screen: list[str]) -> str | None:
+            return next((text for text in texts if any(text in line for line in screen)), None)
 
-        Raises:
-            AssertionError: it goes on for more than `timeout` s.
-        """
-        deadline = time.monotonic() + timeout
-        while self._process.poll() is None:
-            self._read(0.05)
-            if time.monotonic() > deadline:
-                raise AssertionError(f"still running after {timeout:g} s:\n{self._shown()}")
-        self.screen()
-        return self._process.returncode
+        return self.find(look, " or ".join(map(repr, texts)), timeout)
+
+    def pause(self) -> None:
+        """Until something is written, or for a while."""
+        self._read(0.1)
+
+    def exit_code(self) -> int | None:
+        """None while the program runs; negative for a signal."""
+        return self._process.poll()
 
     def wait_exit_unread(self, timeout: float) -> int:
         """Wait for the program's end without taking what it writes; its exit code.
@@ -176,6 +215,3 @@ class Terminal:
         self.output += data
         self._stream.feed(_UNKNOWN_TO_PYTE.sub(b"", data))
         return bool(data)
-
-    def _shown(self) -> str:
-        return "\n".join(self.screen()).rstrip()

@@ -11,49 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests import rings
-from tests.rings import NeedsMachineError, Ring
-
-
-@pytest.mark.parametrize(
-    ("place", "marks", "ring"),
-    [
-        ("scoring/calibration/test_masks.py", (), Ring.PURE),
-        ("madrob_console/ui/test_keys.py", (), Ring.SCREENS),
-        ("madrob_console/ui/test_keys.py", (Ring.MACHINE,), Ring.MACHINE),
-        ("madrob_console/testbeds/test_recorded_bag.py", (), Ring.PURE),
-        ("madrob_console/testbeds/ros/test_ros_source.py", (), Ring.MACHINE),
-    ],
-)
-def test_a_tests_own_mark_counts_then_its_folder(
-    request: pytest.FixtureRequest, place: str, marks: tuple[Ring, ...], ring: Ring
-) -> None:
-    assert rings.ring_of(an_item(request, place, *marks)) is ring
-
-
-@pytest.mark.parametrize(
-    ("place", "marks", "told"),
-    [
-        ("elsewhere/test_it.py", (), "in no ring; add its folder to tests/rings.py"),
-        ("test_it.py", (), "in no ring; add its folder to tests/rings.py"),
-        ("scoring/test_events.py", (Ring.PURE, Ring.MACHINE), "in the rings machine, pure; use"),
-    ],
-)
-def test_a_test_in_no_ring_or_in_two_is_refused(
-    request: pytest.FixtureRequest, place: str, marks: tuple[Ring, ...], told: str
-) -> None:
-    with pytest.raises(pytest.UsageError, match=told):
-        rings.ring_of(an_item(request, place, *marks))
-
-
-def an_item(request: pytest.FixtureRequest, place: str, *marks: Ring) -> pytest.Item:
-    path = Path(__file__).parent / place
-    parent = pytest.Dir.from_parent(request.session, path=path.parent)
-    item = pytest.Function.from_parent(
-        pytest.Module.from_parent(parent, path=path), name="test_it", callobj=lambda: None
-    )
-    for mark in marks:
-        item.add_marker(mark.value)
-    return item
+from tests.rings import NeedsMachineError
 
 
 def test_every_place_of_the_table_is_there() -> None:

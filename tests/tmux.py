@@ -10,10 +10,8 @@ import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
-from tests.terminal import CLEARED, FIXED
+from tests.terminal import BETWEEN_LOOKS, CLEARED, FIXED, Screen
 from tests.watching import PATIENCE
 
 TERM = "tmux-256color"
@@ -21,12 +19,11 @@ ANSWERING = 20.0
 """Longest time that tmux itself may take for a command, s."""
 LEAVING = 10.0
 """Time that the program has to leave after a hang-up, s."""
-BETWEEN_LOOKS = 0.05
 
 _PANE = "it:0.0"
 
 
-class Tmux:
+class Tmux(Screen):
     """A tmux server of its own with one window, in which a program runs.
 
     It reads no settings of the user, and ends in `close` with all that runs in it.
@@ -71,17 +68,6 @@ class Tmux:
             self.close()
             raise
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
-
     def screen(self) -> list[str]:
         """The screen now, a line each, without blanks at the ends."""
         shown = self._tell("capture-pane", "-p", "-t", _PANE)
@@ -124,33 +110,14 @@ class Tmux:
         Raises:
             AssertionError: it does not come within `timeout` s, or the program ends.
         """
-        deadline = time.monotonic() + timeout
-        while True:
-            ended = self._exit_code() is not None
-            screen = self.screen()
+
+        def look(screen: list[str]) -> str | None:
             for line in (" ".join(row.split()) for row in screen):
                 if text in line or (instead is not None and instead in line and line != before):
                     return line
-            shown = "\n".join(screen).rstrip()
-            if ended:
-                raise AssertionError(f"the program ended before {text!r}:\n{shown}")
-            if time.monotonic() > deadline:
-                raise AssertionError(f"{text!r} did not come in {timeout:g} s:\n{shown}")
-            time.sleep(BETWEEN_LOOKS)
+            return None
 
-    def wait_exit(self, timeout: float = PATIENCE) -> int:
-        """Wait for the program's end; its exit code, 128 + number after a signal.
-
-        Raises:
-            AssertionError: it goes on for more than `timeout` s.
-        """
-        deadline = time.monotonic() + timeout
-        while (code := self._exit_code()) is None:
-            if time.monotonic() > deadline:
-                shown = "\n".join(self.screen()).rstrip()
-                raise AssertionError(f"still running after {timeout:g} s:\n{shown}")
-            time.sleep(BETWEEN_LOOKS)
-        return code
+        return self.find(look, repr(text), timeout)
 
     def close(self) -> None:
         """End the server and everything in it."""
@@ -165,8 +132,8 @@ class Tmux:
             time.sleep(BETWEEN_LOOKS)
         self._folder.cleanup()
 
-    def _exit_code(self) -> int | None:
-        """None while the program runs."""
+    def exit_code(self) -> int | None:
+        """None while the program runs; 128 + number after a signal."""
         written = self._code.read_text() if self._code.exists() else ""
         return int(written) if written.endswith("\n") else None
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from typing import TypeVar
+from types import TracebackType
+from typing import Self, TypeVar
 
 PATIENCE = 30.0  # s; only a test that fails waits so long
 _BETWEEN_LOOKS = 0.005  # s
+_WAKES = 4  # threads that wait for each other between a key and what it does
 _T = TypeVar("_T")
 
 
@@ -23,3 +25,40 @@ def until(look: Callable[[], _T], patience: float = PATIENCE) -> _T:
         assert time.monotonic() < end, f"waited {patience:g} s in vain, last seen: {seen!r}"
         pause.wait(_BETWEEN_LOOKS)
     return seen
+
+
+class Stutter:
+    """How late this machine wakes those who wait, while inside: a limit on the clock allows for it.
+
+    Attributes:
+        worst: the latest so far, s.
+    """
+
+    def __init__(self) -> None:
+        self.worst = 0.0
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._watch)
+
+    def _watch(self) -> None:
+        while not self._over.is_set():
+            began = time.monotonic()
+            time.sleep(_BETWEEN_LOOKS)
+            self.worst = max(self.worst, time.monotonic() - began - _BETWEEN_LOOKS)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._over.set()
+        self._thread.join()
+
+    @property
+    def allowance(self) -> float:
+        """What a request and its answer, between processes and threads, may take longer, s."""
+        return _WAKES * self.worst

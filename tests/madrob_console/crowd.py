@@ -6,7 +6,7 @@ sends at once, and screens that ask and never read. It says `there` when all are
 
 from __future__ import annotations
 
-import selectors
+import signal
 import socket
 import subprocess
 import sys
@@ -56,8 +56,9 @@ def _asking(count: int) -> bytes:
     return b"".join(wire.frame(wire.Call(n, deadline, asked)) for n in range(count))
 
 
-def _ask(screen: socket.socket, data: bytes) -> None:
-    threading.Thread(target=screen.sendall, args=(data,), daemon=True).start()
+def _read(screen: socket.socket) -> None:
+    while screen.recv(1 << 20):
+        pass
 
 
 def main() -> None:
@@ -65,17 +66,13 @@ def main() -> None:
     name, watching, flood, deaf = sys.argv[1], *map(int, sys.argv[2:])
     screens = [_attached(name, Role.WATCH) for _ in range(watching)]
     never_read = [_attached(name, Role.REFEREE) for _ in range(deaf)]
-    selector = selectors.DefaultSelector()
+    asked = _asking(flood)
+    for screen in (*screens[:1], *never_read):
+        threading.Thread(target=screen.sendall, args=(asked,), daemon=True).start()
     for screen in screens:
-        selector.register(screen, selectors.EVENT_READ)
-    for screen in (*screens[: 1 if flood else 0], *never_read):
-        _ask(screen, _asking(flood))
+        threading.Thread(target=_read, args=(screen,), daemon=True).start()
     print(THERE, flush=True)
-    while True:
-        for key, _ in selector.select():
-            assert isinstance(key.fileobj, socket.socket)
-            if not key.fileobj.recv(1 << 20):
-                selector.unregister(key.fileobj)
+    signal.pause()
 
 
 if __name__ == "__main__":

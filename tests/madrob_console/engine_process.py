@@ -1,4 +1,4 @@
-"""An engine process on the simulated testbed in real time, and a client that acts as the referee.
+"""`madrob` as a process of its own; an engine among them, with a client that acts as the referee.
 
 With `clock` the process sees a wall clock of its own (Debian's faketime); the machine's is not
 touched.
@@ -11,8 +11,8 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Self
@@ -27,21 +27,63 @@ from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHand
 from madrob_console.referee.checks import blocking
 from madrob_console.referee.records import CheckName, RunSetup
 from madrob_console.referee.run import Phase
-from tests.madrob_console.warm_starts import WarmProcess, WarmStarts
 from tests.watching import until
 
 ROOT = Path(__file__).parents[2]
 STARTING = 60.0
 ZERO_NEEDS = 1.1  # s: the handle's zero is the mean of a second
 BY_HAND = (CheckName.HANDLE, CheckName.POSE)
+NO_REPORTS = "[results]\nreports = false\n"
+"""Settings: another process makes reports, from what is there; they have tests of their own."""
 
+_MAIN = "import sys; from madrob_console.cli.main import main; sys.exit(main())"
 # libfaketime 0.9.10 breaks `time.sleep`, which sleeps until a time that it does not know.
-_SERVE = """
-import select, sys, time
+_SLEEP_WITHOUT_CLOCK = """
+import select, time
 time.sleep = lambda duration: select.select([], [], [], duration) and None
-from madrob_console.cli.main import main
-sys.exit(main())
 """
+
+
+def start_madrob(
+    *arguments: object,
+    output: Path | None = None,
+    before: str = "",
+    environment: Mapping[str, str] = MappingProxyType({}),
+) -> subprocess.Popen[str]:
+    """Start `madrob` of this tree.
+
+    Args:
+        arguments: after `madrob`.
+        output: gets what it says; None = the test reads it.
+        before: Python code that its process runs first.
+        environment: added to that of this process.
+    """
+    file = None if output is None else output.open("wb")
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-c", before + _MAIN, *map(str, arguments)],
+            env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+            cwd=ROOT,
+            text=True,
+            stdout=file or subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,  # it can be killed with all that it started
+        )
+    finally:
+        if file is not None:
+            file.close()
+
+
+@contextmanager
+def madrob_beside(
+    *arguments: object, output: Path | None = None, before: str = ""
+) -> Iterator[subprocess.Popen[str]]:
+    """`madrob` of this tree while inside, as `start_madrob` starts it."""
+    with start_madrob(*arguments, output=output, before=before) as process:
+        try:
+            yield process
+        finally:
+            process.terminate()
 
 
 class WallClock:
@@ -80,7 +122,6 @@ class EngineProcess:
         scenario: of the simulated testbed; None = the live one of `ROS_DOMAIN_ID`.
         clock: the process's wall clock; None = the machine's.
         speed: of the simulated testbed.
-        warm: starts it; None = it imports everything itself.
         environment: of its own.
         settings: what its settings file says besides.
     """
@@ -92,48 +133,35 @@ class EngineProcess:
         clock: WallClock | None = None,
         *,
         speed: float = 1.0,
-        warm: WarmStarts | None = None,
         environment: Mapping[str, str] = MappingProxyType({}),
         settings: str = "",
     ) -> None:
         self._own = tempfile.TemporaryDirectory(prefix="madrob-")
         self.results = results
         self.log = Path(self._own.name) / "engine.log"
-        faked = {} if clock is None else clock.environment
-        own = {"PYTHONPATH": str(ROOT), **environment}
         file = Path(self._own.name) / "settings.toml"
         file.write_text(f"[checks]\ndisk_space = 0\n{settings}")
         testbed = ["--testbed", "simulated", f"--scenario={scenario}", f"--speed={speed:g}"]
         if scenario is None:
             testbed = ["--testbed", "ros"]
         arguments = ["engine", "serve", *testbed, f"--results={results}", f"--settings={file}"]
-        self.process: subprocess.Popen[bytes] | WarmProcess
-        if warm is not None:
-            self.process = warm.start(arguments, own, self.log)
-        else:
-            with self.log.open("wb") as log:
-                self.process = subprocess.Popen(
-                    [sys.executable, "-c", _SERVE, *arguments],
-                    env={**os.environ, **own, **faked},
-                    stdout=log,
-                    stderr=log,
-                )
-        try:
-            self.client = self._attach()
-        except BaseException:
-            self._end()
-            raise
+        own = {**environment, **({} if clock is None else clock.environment)}
+        before = "" if clock is None else _SLEEP_WITHOUT_CLOCK
+        self.process = start_madrob(*arguments, output=self.log, before=before, environment=own)
+        attached: list[RemoteEngine] = []
 
-    def _attach(self) -> RemoteEngine:
-        def attached() -> RemoteEngine | None:
+        def attach() -> bool:
             assert self.process.poll() is None, self.log.read_text()
             with suppress(OSError, StopIteration, NotYetError):
-                return RemoteEngine(self.name, Role.REFEREE, "a test")
-            return None
+                attached.append(RemoteEngine(self.name, Role.REFEREE, "a test"))
+            return bool(attached)
 
-        engine = until(attached, STARTING)
-        assert engine is not None
-        return engine
+        try:
+            until(attach, STARTING)
+        except BaseException:
+            self._kill()
+            raise
+        (self.client,) = attached
 
     @property
     def name(self) -> str:
@@ -149,8 +177,9 @@ class EngineProcess:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self.client.close()
-        self._end()
+        with suppress(AssertionError):
+            self.end()
+        self._kill()
 
     def end(self, patience: float = STARTING) -> None:
         """Let it end as `systemctl stop` would, and wait; what it said stays in `log`.
@@ -168,13 +197,10 @@ class EngineProcess:
         except subprocess.TimeoutExpired:
             raise AssertionError(f"did not end within {patience:g} s of SIGTERM") from None
 
-    def _end(self) -> None:
-        self.process.send_signal(signal.SIGTERM)
-        try:
-            self.process.wait(30.0)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
+    def _kill(self) -> None:
+        with suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
         self._own.cleanup()
 
     def snapshot(self) -> Snapshot:
@@ -184,15 +210,17 @@ class EngineProcess:
     def wait_for(self, done: Callable[[Snapshot], bool], timeout: float = STARTING) -> Snapshot:
         """The first snapshot of which `done` holds."""
 
-        def seen() -> Snapshot | None:
-            return snapshot if done(snapshot := self.snapshot()) else None
+        snapshot = self.snapshot()
+
+        def seen() -> bool:
+            nonlocal snapshot
+            snapshot = self.snapshot()
+            return done(snapshot)
 
         try:
-            snapshot = until(seen, timeout)
+            until(seen, timeout)
         except AssertionError as error:
-            last = self.snapshot()
-            raise AssertionError(f"{error}: {last.log} {last.all_faults}") from None
-        assert snapshot is not None
+            raise AssertionError(f"{error}: {snapshot.log} {snapshot.all_faults}") from None
         return snapshot
 
     def act(self, *acts: Act) -> None:
@@ -216,10 +244,8 @@ class EngineProcess:
 
     def result(self, timeout: float = STARTING) -> dict[str, Any]:
         """The content of `result.json`, once it is there."""
-        shown = self.wait_for(lambda s: s.result is not None, timeout)
-        assert shown.folder is not None
-        path = Path(shown.folder) / "result.json"
-        document: dict[str, Any] = msgspec.json.decode(path.read_bytes())
+        self.wait_for(lambda s: s.result is not None, timeout)
+        document: dict[str, Any] = msgspec.json.decode((self.folder / "result.json").read_bytes())
         return document
 
     @property
