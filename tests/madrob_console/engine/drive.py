@@ -105,6 +105,8 @@ class Drive:
         """Open an earlier run; why that is refused."""
         told: list[str | None] = []
         self.engine.open_run(self.engine.read_run(folder).result(), told.append, invalid=invalid)
+        while not told:
+            self.engine.step(STEP)
         (refused,) = told
         return refused
 
