@@ -17,7 +17,15 @@ from madrob_console.engine.scorer import Scorer
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.messages.message_types import MessageTypes
-from madrob_console.referee.acts import Act, ConfirmPose, Finalise, SetUp, Start, ZeroHandle
+from madrob_console.referee.acts import (
+    Act,
+    ConfirmPose,
+    DeclareTimeout,
+    Finalise,
+    SetUp,
+    Start,
+    ZeroHandle,
+)
 from madrob_console.referee.flags import undecided
 from madrob_console.referee.records import CheckName, RunSetup, TeamWord
 from madrob_console.referee.run import Phase
@@ -137,6 +145,12 @@ class Drive:
     def scored(self) -> Scored:
         """The scored run with its data, as its report is made from it."""
         return score_opened(self.folder)
+
+    def give_up(self) -> None:
+        """The run is over as soon as it goes on."""
+        self.wait_until(lambda: self.engine.run.phase is Phase.RUNNING)
+        self.act(DeclareTimeout("gave up"))
+        self.finish()
 
     def whole_run(self, setup: RunSetup) -> None:
         self.start(setup)

@@ -240,7 +240,6 @@ def test_the_dossier_has_all_that_a_protest_is_decided_by(desk: Desk) -> None:
 
 
 def test_a_report_that_is_made_for_the_dossier_shows_what_the_cameras_saw(desk: Desk) -> None:
-    desk.act(CROSSED)
     film(desk.run_folder, "/camera/left")
     assert not (desk.run_folder / "report.html").exists()
     files = dossier(desk)
