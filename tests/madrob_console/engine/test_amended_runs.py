@@ -297,7 +297,7 @@ def asked(desk: Desk, disk: HeldDisk, act: Act | None, *, silent: bool) -> bool:
 @given(
     st.lists(st.tuples(acts, st.sampled_from([False, False, False, True])), min_size=1, max_size=8)
 )
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_whatever_is_decided_the_files_say_it_and_all_of_it_can_be_taken_back(
     sequence: Sequence[tuple[Act | None, bool]],
 ) -> None:
@@ -310,19 +310,17 @@ def test_whatever_is_decided_the_files_say_it_and_all_of_it_can_be_taken_back(
         done = sum(asked(desk, disk, act, silent=silent) for act, silent in sequence)
         assert done == sum(is_act(line.what) for line in desk.lines[begun:])
         assert desk.agrees()
-        right = desk.document
         if desk.engine.run.phase is Phase.FINAL:
             desk.act(Reissue("back to the start"))
         while last_decision(desk.engine.run) is not None:
             desk.take_back()
-        assert desk.agrees()
-        for key in ("indicators", "steps", "events", "setup", "rulings", "incidents", "voided"):
-            assert desk.document[key] == first[key]
-        right = desk.document
         desk.engine.close()
+        last = desk.document
+        for key in ("indicators", "steps", "events", "setup", "rulings", "incidents", "voided"):
+            assert last[key] == first[key]
         result.write_bytes(before)
-        repair(desk.run_folder)
-        assert desk.document == right
+        repair(desk.run_folder)  # by journal and recording
+        assert desk.document == last
 
 
 def test_a_text_that_is_too_long_is_refused_but_for_that_of_an_abort(drive: Drive) -> None:

@@ -20,7 +20,7 @@ import pytest
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
-from madrob_console.engine import discovery, engine_lock, wire
+from madrob_console.engine import client, discovery, engine_lock, wire
 from madrob_console.engine.client import RemoteEngine
 from madrob_console.engine.discovery import (
     FoundEngine,
@@ -353,8 +353,9 @@ def test_a_state_folder_that_cannot_be_used_is_named_with_the_remedy(
 @pytest.mark.machine
 @pytest.mark.parametrize("full", [False, True])
 def test_a_stranger_keeps_no_engine_from_its_name_and_is_no_engine(
-    owned: Owned, full: bool
+    owned: Owned, full: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(client, "GREETING_TIME", 0.5)
     own, other = f"{owned.testbed}/{os.getpid()}", f"{owned.testbed}/1"
     with stranger(own, other, full=full) as process:
         with answering(owned) as (_, name):

@@ -97,7 +97,9 @@ def test_a_declared_timeout_counts_from_its_instant(tmp_path: Path) -> None:
     drive.start(make_setup())
     drive.wait(5.0)
     declared = drive.engine.now()
-    drive.act(DeclareTimeout("gave up"), Void("it fell on somebody"))  # before it is scored
+    drive.act(DeclareTimeout("gave up"))
+    drive.wait_until(lambda: drive.engine.run.phase is Phase.STOPPED)
+    drive.act(Void("it fell on somebody"))  # before it is scored
     drive.finish()
     assert (drive.engine.run.outcome, drive.engine.run.stop) == (Outcome.TIMEOUT, declared)
     assert document(drive.folder)["voided"]["reason"] == "it fell on somebody"
