@@ -288,7 +288,9 @@ def test_what_is_done_at_once_waits_for_no_disk_and_is_written_when_it_is_back(
     assert hall.lines() == before
     names = [act.name for act in acts]
     names += ["run stops"] * isinstance(acts[-1], DeclareTimeout)
-    assert hall.engine.unwritten == (len(names), pytest.approx(10.2, abs=0.1))
+    waiting, silence = hall.engine.unwritten
+    assert waiting == len(names)
+    assert silence == pytest.approx(10.2, abs=0.1)
     shown = hall.engine.snapshot()
     assert hall.engine.busy
     assert shown.refusals["finalise"] == "the result is being written"

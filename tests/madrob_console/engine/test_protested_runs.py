@@ -178,7 +178,8 @@ def test_an_event_without_a_time_is_none_of_a_replay(tmp_path: Path) -> None:
     journal = folder / "journal.jsonl"
     lines = [json.loads(line) for line in journal.read_text().splitlines()]
     events = [line["details"] for line in lines if line["what"] == "event"]
-    for details, time in zip(events, [None, "soon", [1], {}, 10**400], strict=True):
+    times: list[object] = [None, "soon", [1], {}, 10**400]
+    for details, time in zip(events, times, strict=True):
         details["time"] = time
     journal.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
     replay = Replay(folder, MessageTypes())
