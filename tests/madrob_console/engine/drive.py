@@ -192,10 +192,6 @@ class Rehearsal(Drive):
 
     SOURCE = AnnouncedSource
 
-    def __init__(self, results: Path, told: Announcement = SILENT) -> None:
-        super().__init__(results)
-        self.source.told = told
-
 
 def make_setup(
     condition: Condition = PULL,
