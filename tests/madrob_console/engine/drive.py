@@ -17,7 +17,15 @@ from madrob_console.engine.scorer import Scorer
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.messages.message_types import MessageTypes
-from madrob_console.referee.acts import Act, ConfirmPose, Finalise, SetUp, Start, ZeroHandle
+from madrob_console.referee.acts import (
+    Act,
+    ConfirmPose,
+    DeclareTimeout,
+    Finalise,
+    SetUp,
+    Start,
+    ZeroHandle,
+)
 from madrob_console.referee.flags import undecided
 from madrob_console.referee.records import CheckName, RunSetup, TeamWord
 from madrob_console.referee.run import Phase
@@ -105,6 +113,8 @@ class Drive:
         """Open an earlier run; why that is refused."""
         told: list[str | None] = []
         self.engine.open_run(self.engine.read_run(folder).result(), told.append, invalid=invalid)
+        while not told:
+            self.engine.step(STEP)
         (refused,) = told
         return refused
 
@@ -135,6 +145,12 @@ class Drive:
     def scored(self) -> Scored:
         """The scored run with its data, as its report is made from it."""
         return score_opened(self.folder)
+
+    def give_up(self) -> None:
+        """The run is over as soon as it goes on."""
+        self.wait_until(lambda: self.engine.run.phase is Phase.RUNNING)
+        self.act(DeclareTimeout("gave up"))
+        self.finish()
 
     def whole_run(self, setup: RunSetup) -> None:
         self.start(setup)
@@ -175,10 +191,6 @@ class Rehearsal(Drive):
     source: AnnouncedSource
 
     SOURCE = AnnouncedSource
-
-    def __init__(self, results: Path, told: Announcement = SILENT) -> None:
-        super().__init__(results)
-        self.source.told = told
 
 
 def make_setup(

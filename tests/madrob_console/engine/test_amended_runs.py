@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,19 +17,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from madrob_console.archive.check import EQUAL, check_run
-from madrob_console.archive.collection import collected_in
-from madrob_console.archive.folders import JOURNAL_FILE, RunPath, next_run_number
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath, next_run_number
 from madrob_console.archive.history import History, RunSummary, earlier_runs
 from madrob_console.archive.repair import repair
 from madrob_console.archive.result_document import result_schema
 from madrob_console.archive.run_journal import read_run_journal
 from madrob_console.archive.scored import score_run
-from madrob_console.common.errors import MadrobError
 from madrob_console.engine import journal_writer
+from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.requests import JumpTo
-from madrob_console.export.pack import README_FILE, BagParts
-from madrob_console.export.team import export_team
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.pages.competition import competition_standings
 from madrob_console.pages.templates import render
 from madrob_console.referee.acts import (
@@ -39,23 +34,24 @@ from madrob_console.referee.acts import (
     Act,
     AddNote,
     Correct,
+    DecideProtest,
+    FileProtest,
     Finalise,
     MarkIncident,
     Reissue,
     Rule,
     SetUp,
-    Start,
     TakeBack,
     Void,
-    Waive,
-    ZeroHandle,
+    is_act,
 )
 from madrob_console.referee.acts.correct import last_decision
 from madrob_console.referee.flags import undecided
-from madrob_console.referee.journal import read_journal
+from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.lists import TeamList
-from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
+from madrob_console.referee.records import IncidentKind, ProtestEnd, TeamWord
 from madrob_console.referee.run import Phase
+from madrob_console.testbeds.simulated import Scenario
 from scoring.evaluate import Assessment
 from scoring.indicator_table import IndicatorName
 from scoring.kinematics import Rows
@@ -63,8 +59,9 @@ from scoring.procedure import Ruling
 from scoring.protocol import BenchmarkType, Condition, Outcome, Side, Step
 from scoring.result import Ending, Result, Uncertainty
 from tests.madrob_console.engine.deck import Deck
-from tests.madrob_console.engine.drive import PULL, Drive, make_setup, signed
-from tests.madrob_console.recorded_runs import completed, publish
+from tests.madrob_console.engine.drive import PULL, STEP, Drive, make_setup, signed
+from tests.madrob_console.engine.held_disk import HeldDisk
+from tests.madrob_console.recorded_runs import appealed, completed, publish, recorded
 
 CW = replace(PULL, starting_side=Side.CW)
 """Push, from CW: the recorded robot goes the other way."""
@@ -72,11 +69,13 @@ SIGNED = Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee")
 
 
 class Desk(Drive):
-    """A referee with a completed run on the desk."""
+    """A referee with an earlier run on the desk; a completed one if none is given."""
 
-    def __init__(self, results: Path) -> None:
-        super().__init__(results)
-        source = completed()
+    def __init__(
+        self, results: Path, source: Path | None = None, keepers: DiskThreads | None = None
+    ) -> None:
+        super().__init__(results, keepers=keepers)
+        source = source or completed()
         self.results, self.run_folder = results, results / "practice" / source.name
         shutil.copytree(source, self.run_folder)
         assert self.open(self.run_folder) is None
@@ -92,9 +91,11 @@ class Desk(Drive):
         return found
 
     @property
-    def indicators(self) -> dict[str, Any]:
-        found: dict[str, Any] = self.document["indicators"]
-        return found
+    def lines(self) -> tuple[Entry, ...]:
+        return read_journal(self.run_folder / JOURNAL_FILE)[0]
+
+    def step(self) -> None:
+        self.engine.step(STEP)
 
     @property
     def listed(self) -> RunSummary:
@@ -120,9 +121,9 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
 
 
 def test_a_voided_run_keeps_its_indicators_and_counts_nowhere(desk: Desk) -> None:
-    before = desk.indicators
+    before = desk.document["indicators"]
     desk.act(Void("robot unsafe"))
-    assert desk.indicators == before
+    assert desk.document["indicators"] == before
     assert desk.document["voided"]["reason"] == "robot unsafe"
     assert desk.document["outcome"] == "completed"
     run = desk.listed
@@ -143,7 +144,7 @@ def test_a_voided_run_keeps_its_indicators_and_counts_nowhere(desk: Desk) -> Non
 
 
 def test_a_corrected_starting_side_is_scored_again_and_comes_back_to_the_last_digit(
-    desk: Desk,
+    desk: Desk, tmp_path: Path
 ) -> None:
     before, names = desk.document, sorted(path.name for path in desk.run_folder.iterdir())
     assert before["indicators"]["capability_level"]["value"] == 6
@@ -159,23 +160,21 @@ def test_a_corrected_starting_side_is_scored_again_and_comes_back_to_the_last_di
     assert desk.listed.folder == f"practice/{desk.run_folder.name}"
     assert sorted(path.name for path in desk.run_folder.iterdir()) == names
     assert desk.engine.snapshot().steps[3].done is False
+    publish(desk.run_folder, tmp_path / "published")
+    (scored,) = score_run(RunPath(tmp_path / "published", "subject_003_cond_001_run_001"), (None,))
+    assert scored.condition == CW
     desk.take_back()
     assert desk.agrees()
     assert desk.document["indicators"] == before["indicators"]
     assert desk.document["setup"] == before["setup"]
     assert desk.engine.snapshot().steps[3].done
-
-
-def test_what_another_opening_side_made_of_the_data_is_not_said_any_more(desk: Desk) -> None:
-    desk.act(Correct(3, replace(PULL, opening_side=Side.CW), "typed wrongly"))
-    assert any("against the opening side" in r for r in desk.document["quality"]["remarks"])
     words = "panel turned 1.037 rad to the CCW side, against the opening side"
-    assert words in [flag.words for flag in desk.engine.snapshot().flags]
-    assert words in [flag.words for flag in desk.listed.flags]
-    assert desk.agrees()
+    desk.act(Correct(3, replace(PULL, opening_side=Side.CW), "typed wrongly"))
+    for flags in (desk.engine.snapshot().flags, desk.listed.flags):
+        assert words in [flag.words for flag in flags]
     desk.take_back()
     assert words not in [flag.words for flag in desk.listed.flags]
-    assert not any("against the opening side" in r for r in desk.document["quality"]["remarks"])
+    assert desk.document["quality"] == before["quality"]
     assert desk.agrees()
 
 
@@ -186,22 +185,11 @@ def test_a_corrected_subject_is_of_that_team_with_a_number_of_its_own(desk: Desk
     assert next_run_number(desk.results, 4, 1, practice=True) == 2
     assert next_run_number(desk.results, 3, 1, practice=True) == 2  # its own number stays its own
     assert desk.agrees()
-    (scored,) = score_run(RunPath(desk.run_folder), (None,))
-    assert scored.condition == PULL
     desk.take_back()
     assert (desk.listed.subject, desk.listed.team, desk.listed.run_number) == (3, "Delft", 1)
     desk.act(Correct(4, PULL, "right after all"))
     assert desk.listed.run_number == 2  # 1 was given out, and is nobody's
     assert desk.agrees()
-
-
-def test_a_corrected_run_never_gets_the_number_of_another(desk: Desk) -> None:
-    desk.whole_run(replace(make_setup(), subject=4, team="Graz"))
-    assert desk.open(desk.run_folder) is None
-    desk.act(Correct(4, PULL, "typed wrongly"))
-    runs = History(desk.results).refresh()
-    assert [(run.subject, run.condition, run.run_number) for run in runs] == [(4, 1, 2), (4, 1, 1)]
-    assert desk.engine.perform(SetUp(replace(make_setup(run_number=2), subject=4))) is None
 
 
 def test_a_final_result_is_opened_again_and_its_issue_stays(desk: Desk) -> None:
@@ -228,68 +216,20 @@ def test_a_final_result_is_opened_again_and_its_issue_stays(desk: Desk) -> None:
     assert desk.agrees()
 
 
-def test_a_run_is_voided_in_the_moment_of_its_stop(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
-    drive.start(make_setup())
-    drive.wait_until(lambda: drive.engine.run.phase is Phase.STOPPED)
-    drive.act(Void("robot unsafe"))
-    drive.finish()
-    drive.engine.close()
-    (run,) = History(tmp_path).refresh()
-    assert (run.voided, run.issue) == (True, 1)
-    assert check_run(RunPath(drive.folder)).found == ()
-
-
-def test_a_result_that_does_not_know_of_a_correction_is_made_again(desk: Desk) -> None:
-    before = (desk.run_folder / "result.json").read_bytes()
-    desk.act(Correct(3, CW, "typed wrongly"), Void("unsafe"))
-    desk.engine.close()
-    right = desk.document
-    (desk.run_folder / "result.json").write_bytes(before)
-    assert desk.listed.repairable
-    assert repair(desk.run_folder) is not None
-    assert desk.document == right
-    assert desk.listed.voided
-
-
 def test_what_was_taken_back_is_not_kept_from_a_result_that_does_not_know_it(
     tmp_path: Path,
 ) -> None:
-    drive = Drive(tmp_path)
-    drive.act(SetUp(make_setup()))
-    drive.wait(1.5)
-    drive.act(ZeroHandle(), Waive(CheckName.POSE, "seen on video"), Start())
-    drive.finish()
-    folder, last = drive.engine.folder, last_decision(drive.engine.run)
-    assert folder is not None
-    assert last is not None
-    before = (folder / "result.json").read_bytes()
-    assert b"check waived: start pose" in before
-    drive.act(TakeBack(last.kind, last.time, "it was confirmed"))
-    drive.engine.close()
-    (folder / "result.json").write_bytes(before)
-    assert repair(folder) is not None
-    assert msgspec.json.decode((folder / "result.json").read_bytes())["quality"]["remarks"] == []
-    assert check_run(RunPath(folder)).found == ()
-
-
-def test_a_corrected_run_is_packed_for_its_team(desk: Desk) -> None:
-    desk.act(Correct(4, PULL, "typed wrongly"), Void("protest accepted"))
+    desk = Desk(tmp_path, appealed())
+    before = desk.document
+    assert before["quality"]["remarks"] == ["check waived: handle at rest: spring is warm"]
+    desk.act(Reissue("it was cold"))
+    while last_decision(desk.engine.run) is not None:
+        desk.take_back()
     desk.engine.close()
-    made = export_team(
-        collected_in(desk.results),
-        4,
-        DEFAULT_MAPPINGS,
-        0.0,
-        parts=BagParts(recording=False),
-        practice=True,
-    )
-    with zipfile.ZipFile(made.path) as packed:
-        text = " ".join(packed.read(README_FILE).decode().split())
-    assert f"{desk.run_folder.name}" in text
-    assert "run 1: completed, VOID (protest accepted), not final" in text
-    with pytest.raises(MadrobError, match="there are runs of subject 4"):
-        export_team(collected_in(desk.results), 3, DEFAULT_MAPPINGS, 0.0, practice=True)
+    (desk.run_folder / RESULT_FILE).write_bytes(msgspec.json.encode(before))
+    assert repair(desk.run_folder) is not None
+    assert desk.document["quality"]["remarks"] == []
+    assert check_run(RunPath(desk.run_folder)).found == ()
 
 
 def test_the_report_tells_what_was_put_right(desk: Desk) -> None:
@@ -320,99 +260,95 @@ def test_a_replay_of_a_corrected_run_shows_what_was_decided_then_and_the_result_
     deck.engine.close()
 
 
-def test_the_published_files_of_a_corrected_run_say_what_it_is(desk: Desk, tmp_path: Path) -> None:
-    desk.act(Correct(3, CW, "typed wrongly"))
-    publish(desk.run_folder, tmp_path / "published")
-    (scored,) = score_run(RunPath(tmp_path / "published", "subject_003_cond_001_run_001"), (None,))
-    assert scored.condition == CW
-
-
 conditions = st.builds(Condition, st.sampled_from(BenchmarkType), *[st.sampled_from(Side)] * 2)
 acts = st.one_of(
     st.builds(Rule, st.sampled_from(Step), st.sampled_from([True, False, None]), st.just("seen")),
     st.builds(MarkIncident, st.sampled_from(IncidentKind)),
     st.just(Void("unsafe")),
     st.builds(Correct, st.integers(3, 4), conditions, st.just("typed wrongly")),
+    st.just(FileProtest("we were earlier", "Delft")),
+    st.builds(
+        DecideProtest, st.integers(1, 2), st.sampled_from(ProtestEnd), st.just("seen"), st.just("A")
+    ),
     st.just(SIGNED),
     st.just(Reissue("protest")),
     st.none(),
 )
 
 
-@given(st.lists(acts, min_size=1, max_size=8))
-@settings(max_examples=12, deadline=None)
+def asked(desk: Desk, disk: HeldDisk, act: Act | None, *, silent: bool) -> bool:
+    """Whether an act was done on a disk that may be silent; none takes the last decision back."""
+    last = last_decision(desk.engine.run)
+    if act is None:
+        if last is None:
+            return False
+        act = TakeBack(last.kind, last.time, "my mistake")
+    told: list[str | None] = []
+    disk.held = silent
+    desk.engine.submit(act, told.append)
+    disk.now += 3.0 * silent
+    desk.step()
+    disk.come_back()
+    while not (told and desk.engine.situation().scored):
+        desk.step()
+    return told == [None]
+
+
+@given(
+    st.lists(st.tuples(acts, st.sampled_from([False, False, False, True])), min_size=1, max_size=8)
+)
+@settings(max_examples=8, deadline=None)
 def test_whatever_is_decided_the_files_say_it_and_all_of_it_can_be_taken_back(
-    sequence: Sequence[Act | None],
+    sequence: Sequence[tuple[Act | None, bool]],
 ) -> None:
+    """A result that does not know of it is made again."""
     with TemporaryDirectory() as folder:
-        desk = Desk(Path(folder))
-        first = desk.document
-        for act in sequence:
-            last = last_decision(desk.engine.run)
-            if act is not None:
-                desk.engine.perform(act)
-            elif last is not None:
-                desk.engine.perform(TakeBack(last.kind, last.time, "my mistake"))
+        disk = HeldDisk()
+        desk = Desk(Path(folder), recorded(Scenario.TOUCH_ONLY), disk.keepers())
+        result, begun = desk.run_folder / RESULT_FILE, len(desk.lines)
+        first, before = desk.document, result.read_bytes()
+        done = sum(asked(desk, disk, act, silent=silent) for act, silent in sequence)
+        assert done == sum(is_act(line.what) for line in desk.lines[begun:])
         assert desk.agrees()
         if desk.engine.run.phase is Phase.FINAL:
             desk.act(Reissue("back to the start"))
         while last_decision(desk.engine.run) is not None:
             desk.take_back()
-        assert desk.agrees()
-        for key in ("indicators", "steps", "events", "setup", "rulings", "incidents", "voided"):
-            assert desk.document[key] == first[key]
         desk.engine.close()
-        lines = (desk.run_folder / JOURNAL_FILE).read_text().splitlines()
-        assert len(lines) >= len(sequence)
+        last = desk.document
+        for key in ("indicators", "steps", "events", "setup", "rulings", "incidents", "voided"):
+            assert last[key] == first[key]
+        result.write_bytes(before)
+        repair(desk.run_folder)  # by journal and recording
+        assert desk.document == last
 
 
-LONG = "x" * 2001
-
-
-@pytest.fixture
-def running(tmp_path: Path) -> Drive:
-    drive = Drive(tmp_path)
+def test_a_text_that_is_too_long_is_refused_but_for_that_of_an_abort(drive: Drive) -> None:
+    long = "x" * 2001
+    setup = SetUp(replace(make_setup(), team_reason=long))
+    assert "at most 2000 characters" in str(drive.engine.perform(setup))
     drive.start(make_setup())
-    return drive
-
-
-def refused(drive: Drive, act: Act) -> str:
-    return drive.engine.perform(act) or ""
-
-
-def test_a_text_that_is_too_long_is_refused_and_the_longest_is_not(running: Drive) -> None:
-    assert "at most 2000 characters" in refused(running, AddNote(LONG))
-    assert refused(running, AddNote(LONG[:-1])) == ""
-    assert [note.text for note in running.engine.run.notes] == [LONG[:-1]]
-    running.engine.close()
-
-
-def test_no_field_of_a_setup_is_longer(drive: Drive) -> None:
-    setup = replace(make_setup(), team_reason=LONG)
-    assert "at most 2000 characters" in refused(drive, SetUp(setup))
-
-
-def test_an_abort_with_a_long_reason_is_done_and_its_reason_cut(running: Drive) -> None:
-    assert refused(running, Abort(LONG)) == ""
-    assert running.engine.run.outcome is Outcome.ABORTED
-    assert running.engine.run.outcome_reason == LONG[:-1]
-    running.engine.close()
+    assert "at most 2000 characters" in str(drive.engine.perform(AddNote(long)))
+    drive.act(AddNote(long[:-1]), Abort(long))
+    run = drive.engine.run
+    assert [note.text for note in run.notes] == [long[:-1]]
+    assert (run.outcome, run.outcome_reason) == (Outcome.ABORTED, long[:-1])
 
 
 @pytest.mark.parametrize("limit", ["LARGEST_JOURNAL", "MOST_LINES"])
 def test_a_full_journal_takes_what_ends_the_run_and_can_be_read(
-    running: Drive, monkeypatch: pytest.MonkeyPatch, limit: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str
 ) -> None:
+    drive = Drive(tmp_path, Scenario.TOUCH_ONLY)
+    drive.start(make_setup(timeout=4.0))
     monkeypatch.setattr(journal_writer, limit, 2)
-    assert "the journal of this run is full" in refused(running, AddNote("a visitor"))
-    running.finish()
-    assert "the journal of this run is full" in refused(running, Void("the floor was wet"))
-    folder = running.engine.folder
-    assert folder is not None
-    running.act(signed(running.engine.snapshot()))
-    assert running.engine.run.phase is Phase.FINAL
-    running.act(SetUp(make_setup(run_number=2)))
-    running.engine.close()
+    full = "the journal of this run is full"
+    assert full in str(drive.engine.perform(AddNote("a visitor")))
+    drive.finish()
+    assert full in str(drive.engine.perform(Void("the floor was wet")))
+    folder = drive.folder
+    drive.act(signed(drive.engine.snapshot()), SetUp(make_setup(run_number=2)))
+    drive.engine.close()
     assert read_journal(folder / JOURNAL_FILE)[1] == ()
     (run,) = History(folder.parent).refresh()
     assert (run.problem, run.final) == (None, True)
@@ -422,7 +358,6 @@ TOUCH = "the touch rests on 1 sample"
 JITTER = "the stamps jitter by 2.1 ms"
 TIME = IndicatorName.TIME_TO_HANDLE
 ACCEPTED = AcceptDoubts({TIME: (TOUCH,)}, "seen on video: right")
-WAITS = ["doubted: time to handle (1 doubt UNDECIDED)"]
 
 
 @pytest.fixture
@@ -453,39 +388,31 @@ def doubted_desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[De
     doubted_desk.engine.close()
 
 
-def waiting(doubted_desk: Desk) -> list[str]:
-    """What the screens say that is undecided, and the same of the history."""
-    found = [flag.words for flag in undecided(doubted_desk.engine.snapshot().flags)]
-    assert [flag.words for flag in undecided(doubted_desk.listed.flags)] == found
-    return found
+def test_an_accepted_doubt_stands_beside_the_doubt_and_a_later_one_waits(
+    doubted_desk: Desk,
+) -> None:
+    desk = doubted_desk
 
+    def waiting() -> list[str]:
+        found = [flag.words for flag in undecided(desk.engine.snapshot().flags)]
+        assert [flag.words for flag in undecided(desk.listed.flags)] == found
+        return found
 
-def test_an_accepted_doubt_stands_in_the_result_beside_the_doubt(doubted_desk: Desk) -> None:
-    doubted_desk.act(ACCEPTED)
-    document = doubted_desk.document
+    desk.act(ACCEPTED)
+    document = desk.document
     jsonschema.validate(document, result_schema())
     (answer,) = document["accepted_doubts"]
     assert answer["doubts"] == {"time_to_handle": [TOUCH]}
     assert (answer["reason"], answer["referee"]) == ("seen on video: right", "R. Eferee")
-    assert document["indicators"]["time_to_handle"]["doubts"] == [TOUCH]
-    assert document["indicators"]["time_to_handle"]["uncertainty"] == {"u": 0.01, "expanded": 0.02}
-    assert (doubted_desk.listed.doubts, doubted_desk.listed.uncertainties) == (
-        *({TIME: 1}, {TIME: Uncertainty(0.01, 0.02)}),
-    )
-    assert (
-        doubted_desk.listed.sign(TIME),
-        doubted_desk.listed.sign(IndicatorName.PASSAGE_TIME),
-    ) == ("?", "")
-    assert waiting(doubted_desk) == []
-    assert doubted_desk.agrees()
-
-
-def test_what_a_correction_makes_doubtful_waits_though_the_rest_was_accepted(
-    doubted_desk: Desk,
-) -> None:
-    doubted_desk.act(ACCEPTED, Correct(3, CW, "typed wrongly"))
-    assert doubted_desk.document["indicators"]["time_to_handle"]["doubts"] == [TOUCH, JITTER]
-    assert waiting(doubted_desk) == WAITS
-    doubted_desk.act(AcceptDoubts({TIME: (JITTER,)}, "no effect on the ranking"))
-    assert waiting(doubted_desk) == []
-    assert doubted_desk.agrees()
+    value = document["indicators"]["time_to_handle"]
+    assert (value["doubts"], value["uncertainty"]) == ([TOUCH], {"u": 0.01, "expanded": 0.02})
+    run = desk.listed
+    assert (run.doubts, run.uncertainties) == ({TIME: 1}, {TIME: Uncertainty(0.01, 0.02)})
+    assert (run.sign(TIME), run.sign(IndicatorName.PASSAGE_TIME)) == ("?", "")
+    assert waiting() == []
+    desk.act(Correct(3, CW, "typed wrongly"))
+    assert desk.document["indicators"]["time_to_handle"]["doubts"] == [TOUCH, JITTER]
+    assert waiting() == ["doubted: time to handle (1 doubt UNDECIDED)"]
+    desk.act(AcceptDoubts({TIME: (JITTER,)}, "no effect on the ranking"))
+    assert waiting() == []
+    assert desk.agrees()

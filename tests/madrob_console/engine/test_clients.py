@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -37,7 +36,6 @@ from madrob_console.engine.requests import (
     Slower,
     TakeOver,
 )
-from madrob_console.engine.scorer import EarlierRun
 from madrob_console.engine.wire import EngineClient
 from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start
 from madrob_console.referee.competition_plan import (
@@ -49,15 +47,14 @@ from madrob_console.referee.competition_plan import (
     Task,
 )
 from madrob_console.referee.run import Phase
-from madrob_console.testbeds.simulated import Scenario
 from recorder.bag import RawMessage
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.served import Served, act, simulated, start
-from tests.madrob_console.recorded_runs import completed
 from tests.madrob_console.run_folders import summary, write
 from tests.watching import until
 
+pytestmark = pytest.mark.machine
 WAYS = ("in this process", "over a socket")
 
 EXAMPLES: tuple[Request[Any], ...] = (
@@ -80,8 +77,8 @@ EXAMPLES: tuple[Request[Any], ...] = (
 
 
 @pytest.fixture
-def engine(request: pytest.FixtureRequest, tmp_path: Path) -> Engine:
-    return simulated(tmp_path / "runs", scenario=getattr(request, "param", Scenario.NOMINAL))
+def engine(tmp_path: Path) -> Engine:
+    return simulated(tmp_path / "runs")
 
 
 @pytest.fixture(params=WAYS)
@@ -99,7 +96,6 @@ def client(
         yield remote
 
 
-@pytest.mark.machine
 def test_a_run_goes_on_while_the_screen_only_looks(client: EngineClient) -> None:
     start(client)
     until(lambda: client.snapshot().result is not None)
@@ -116,7 +112,6 @@ def test_a_run_goes_on_while_the_screen_only_looks(client: EngineClient) -> None
     assert len(curves.events) > 5
 
 
-@pytest.mark.machine
 def test_the_plan_and_what_is_done_of_it_come_from_the_engine(
     client: EngineClient, engine: Engine, tmp_path: Path
 ) -> None:
@@ -133,65 +128,28 @@ def test_the_plan_and_what_is_done_of_it_come_from_the_engine(
     assert found.problems == ("plan.csv line 2: no",)
 
 
-@pytest.mark.machine
-@pytest.mark.parametrize("engine", [Scenario.NO_TOUCH], indirect=True)
-def test_what_was_done_shows_in_the_next_snapshot(client: EngineClient) -> None:
-    start(client)
-    assert act(client, Abort("enough")) is None
-    assert client.snapshot().run.phase is Phase.STOPPED
+NOT_AN_ACT: tuple[Request[Any], ...] = (
+    OpenRun("../../etc"),
+    Perform("abort", {"reason": 3}),
+    Perform("set up", {}),
+    Perform("rm -rf", {}),
+)
 
 
-@pytest.mark.machine
-def test_a_refusal_comes_back_in_words(client: EngineClient) -> None:
+def test_what_is_refused_or_fails_comes_back_in_words_and_what_was_done_shows_next(
+    client: EngineClient,
+) -> None:
     assert act(client, Start()) == "no run is set up yet"
     assert client.send_request(JumpTo(1.0)) == NO_REPLAY
     assert client.send_request(ExportTeam(3)) == "nobody packs runs here: use `madrob export`"
-
-
-@pytest.mark.machine
-@pytest.mark.parametrize(
-    "request_",
-    [
-        OpenRun("../../etc"),
-        Perform("abort", {"reason": 3}),
-        Perform("set up", {}),
-        Perform("rm -rf", {}),
-    ],
-)
-def test_what_fails_is_raised_in_words(client: EngineClient, request_: Request[Any]) -> None:
-    with pytest.raises(MadrobError, match=r"no run folder|'abort'|'set up'|no act"):
-        client.send_request(request_)
+    for request in NOT_AN_ACT:
+        with pytest.raises(MadrobError, match=r"no run folder|'abort'|'set up'|no act"):
+            client.send_request(request)
     assert client.snapshot().run.phase is Phase.IDLE
-    assert act(client, SetUp(make_setup())) is None  # the next one is answered
+    assert act(client, SetUp(make_setup())) is None
+    assert client.snapshot().run.phase is Phase.READY
 
 
-@pytest.mark.machine
-def test_a_run_that_is_set_up_while_a_slow_disk_reads_another_one_stays(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    source = completed()
-    shutil.copytree(source, tmp_path / source.name)
-    engine, begun, go_on = simulated(tmp_path), threading.Event(), threading.Event()
-    read_run = engine.read_run
-
-    def slow(folder: Path) -> Future[EarlierRun]:
-        begun.set()
-        assert go_on.wait(60.0)
-        return read_run(folder)
-
-    monkeypatch.setattr(engine, "read_run", slow)
-    with closing(LocalEngine(engine)) as client:
-        answer = client.begin_request(OpenRun(source.name, invalid=True))
-        assert begun.wait(60.0)
-        assert act(client, SetUp(make_setup(run_number=4))) is None
-        go_on.set()
-        assert "run 4 of subject 3 was set up meanwhile, and stays" in str(answer.result(60.0))
-        run = client.snapshot().run
-        assert run.setup is not None
-        assert (run.phase, run.setup.run_number) == (Phase.READY, 4)
-
-
-@pytest.mark.machine
 def test_every_request_is_carried_out(client: EngineClient) -> None:
     assert {type(example) for example in EXAMPLES} == set(wire.REQUESTS)
     for example in EXAMPLES:
@@ -202,7 +160,6 @@ def test_every_request_is_carried_out(client: EngineClient) -> None:
             client.send_request(example)
 
 
-@pytest.mark.machine
 def test_after_the_end_every_question_gets_an_answer(client: EngineClient) -> None:
     client.close()
     began = time.monotonic()
@@ -211,7 +168,6 @@ def test_after_the_end_every_question_gets_an_answer(client: EngineClient) -> No
     assert time.monotonic() - began < 1.0
 
 
-@pytest.mark.machine
 def test_what_a_screen_was_told_failed_does_not_happen_later(
     client: EngineClient, engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -233,7 +189,6 @@ def test_what_a_screen_was_told_failed_does_not_happen_later(
     assert client.snapshot().run.phase is Phase.IDLE
 
 
-@pytest.mark.machine
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_an_engine_that_fails_says_so_at_once(
     client: EngineClient, engine: Engine, monkeypatch: pytest.MonkeyPatch
@@ -251,7 +206,6 @@ def test_an_engine_that_fails_says_so_at_once(
         act(client, Start())
 
 
-@pytest.mark.machine
 def test_one_that_waits_does_not_hold_up_the_others(
     client: EngineClient, engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:

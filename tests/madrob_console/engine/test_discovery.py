@@ -9,7 +9,7 @@ import signal
 import socket
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from subprocess import Popen
@@ -20,7 +20,7 @@ import pytest
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
-from madrob_console.engine import discovery, engine_lock, wire
+from madrob_console.engine import client, discovery, engine_lock, wire
 from madrob_console.engine.client import RemoteEngine
 from madrob_console.engine.discovery import (
     FoundEngine,
@@ -276,41 +276,42 @@ def test_a_results_folder_that_does_not_answer_holds_up_no_engine(
         thaw.set()
 
 
-def test_a_lock_file_that_is_a_trap_is_not_waited_for(owned: Owned, tmp_path: Path) -> None:
-    (tmp_path / "runs").mkdir()
-    os.mkfifo(tmp_path / "runs" / LOCK_FILE)
-    with held(owned) as got:
-        assert "no plain file" in got.remarks[0]
+def in_a_file(results: Path) -> None:
+    results.parent.write_text("")
 
 
-def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    owned = owned_by(SourceKind.SIMULATED, tmp_path, results=tmp_path / "file" / "runs")
+def with_a_trap(results: Path) -> None:
+    results.mkdir(parents=True)
+    os.mkfifo(results / LOCK_FILE)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"), [(in_a_file, "Not a directory"), (with_a_trap, "no plain file")]
+)
+def test_a_folder_that_cannot_be_locked_is_said_and_not_waited_for(
+    tmp_path: Path, spoil: Callable[[Path], None], words: str
+) -> None:
+    owned = owned_by(SourceKind.SIMULATED, tmp_path, results=tmp_path / "place" / "runs")
+    spoil(tmp_path / "place" / "runs")
     with held(owned) as got:
-        assert "Not a directory" in got.remarks[0]
+        assert words in got.remarks[0]
 
 
 DOMAIN = 101 + os.getpid() % 100
 
 
-def test_a_domain_has_one_engine_also_when_its_name_is_not_seen(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_domain_has_one_engine_also_when_its_name_is_not_seen_or_its_lock_is_lost(
+    tmp_path: Path,
 ) -> None:
     one, two = (owned_by(SourceKind.ROS, DOMAIN, results=tmp_path / name) for name in "ab")
+    words = f"ROS domain {DOMAIN} has an engine already"
     with held(one):
-        monkeypatch.setattr(discovery, "names_in_use", lambda *_: {})  # both start at once, say
-        with (
-            pytest.raises(HeldError, match=f"ROS domain {DOMAIN} has an engine already"),
-            held(two),
-        ):
-            pass
-
-
-def test_a_domain_has_one_engine_also_when_the_folder_of_its_lock_is_lost(tmp_path: Path) -> None:
-    one, two = (owned_by(SourceKind.ROS, DOMAIN, results=tmp_path / name) for name in "ab")
-    with held(one):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(discovery, "names_in_use", lambda *_: {})  # both start at once, say
+            with pytest.raises(HeldError, match=words), held(two):
+                pass
         (state_folder() / f"domain_{DOMAIN}.lock").unlink()
-        with pytest.raises(HeldError) as told, held(two):
+        with pytest.raises(HeldError, match=words) as told, held(two):
             pass
     assert told.value.same
 
@@ -352,8 +353,9 @@ def test_a_state_folder_that_cannot_be_used_is_named_with_the_remedy(
 @pytest.mark.machine
 @pytest.mark.parametrize("full", [False, True])
 def test_a_stranger_keeps_no_engine_from_its_name_and_is_no_engine(
-    owned: Owned, full: bool
+    owned: Owned, full: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(client, "GREETING_TIME", 0.5)
     own, other = f"{owned.testbed}/{os.getpid()}", f"{owned.testbed}/1"
     with stranger(own, other, full=full) as process:
         with answering(owned) as (_, name):
@@ -413,14 +415,6 @@ def test_an_engine_that_hangs_with_a_full_backlog_is_found_and_named(
             pass
         with process_of(found):
             pass
-
-
-def test_a_system_that_shows_no_names_is_said(
-    owned: Owned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(engine_lock, "_TABLE", tmp_path / "none")
-    with pytest.raises(MadrobError, match=r"no engine can be found: .*No such file"):
-        running_engines()
 
 
 def test_a_name_is_the_only_one_of_its_process_or_another_one() -> None:

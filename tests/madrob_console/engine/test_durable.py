@@ -1,18 +1,17 @@
-"""Acts and a disk that does not answer: at once or on disk first, and never late."""
+"""Acts x phases x disks: what waits for the disk is done on it or never, the rest at once."""
 
 from __future__ import annotations
 
 import json
 import os
-import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from madrob_console.archive.check import check_run
-from madrob_console.archive.folders import RunPath
+from madrob_console.archive.folders import JOURNAL_FILE, RunPath
 from madrob_console.archive.run_journal import find_unfinished
 from madrob_console.archive.scored import score_opened
 from madrob_console.engine.durable_acts import DURABLE_WITHIN
@@ -24,7 +23,9 @@ from madrob_console.referee.acts import (
     AddNote,
     ConfirmPose,
     Correct,
+    DecideProtest,
     DeclareTimeout,
+    FileProtest,
     Finalise,
     MarkIncident,
     Reissue,
@@ -34,30 +35,47 @@ from madrob_console.referee.acts import (
     Start,
     TakeBack,
     Void,
+    WithdrawIncident,
+    WithdrawProtest,
 )
 from madrob_console.referee.journal import Entry, read_journal
-from madrob_console.referee.rebuild import rebuild
-from madrob_console.referee.records import DecisionKind, IncidentKind, TeamWord
-from madrob_console.referee.run import Phase
+from madrob_console.referee.rebuild import Change, rebuild
+from madrob_console.referee.records import DecisionKind, IncidentKind, ProtestEnd, TeamWord
+from madrob_console.referee.run import Phase, Run
 from madrob_console.testbeds.simulated import Scenario
+from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from recorder.bag import RawMessage
 from scoring.protocol import Outcome, Side, Step
 from tests.madrob_console.engine.drive import PULL, STEP, Drive, make_setup
 from tests.madrob_console.engine.held_disk import HeldDisk
 
 SIGNED = Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee")
+FILED = FileProtest("it was slower", "Delft")
 TOO_LONG = "the disk did not take it within 2 s: it is withdrawn"
+TYPES = MessageTypes()
 
 
-class Hall:
-    """An engine on a disk that can be held."""
+class HeardSource(SimulatedSource):
+    """Keeps what robot and testbed are told of the phase."""
 
-    def __init__(self, results: Path, scenario: Scenario = Scenario.NOMINAL) -> None:
+    phases: tuple[str, ...] = ()
+
+    def publish(self, message: RawMessage) -> None:
+        if message.topic == REFEREE_STATE_TOPIC:
+            self.phases += (json.loads(decode_text(TYPES, message.data))["phase"],)
+        super().publish(message)
+
+
+class Hall(Drive):
+    """A referee, a robot that does nothing, and a disk that can be held."""
+
+    SOURCE = HeardSource
+    source: HeardSource
+
+    def __init__(self, results: Path) -> None:
         self.disk = HeldDisk()
-        self.results = results
-        self.drive = Drive(results, scenario, keepers=self.disk.keepers())
-        self.engine = self.drive.engine
         self.told: list[str | None] = []
+        super().__init__(results, Scenario.NO_TOUCH, keepers=self.disk.keepers())
 
     def submit(self, act: Act, name: str = "") -> None:
         self.engine.submit(act, self.told.append, id=name)
@@ -69,22 +87,29 @@ class Hall:
             self.engine.step(STEP)
             self.disk.now += self.engine.now() - before
 
-    def journal(self, folder: Path | None = None) -> list[Entry]:
-        folder = folder or self.engine.folder
-        assert folder is not None
-        return list(read_journal(folder / "journal.jsonl")[0])
+    def too_long(self) -> None:
+        self.pass_time(DURABLE_WITHIN + 2 * STEP)
 
-    def states(self, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-        """What robot and testbed are told from now on."""
-        types, told, publish = MessageTypes(), list[str](), self.drive.source.publish
+    def bring_to(self, phase: Phase) -> None:
+        """A run that goes on so far; a fall is noted in it."""
+        self.prepare(make_setup(countdown=60.0 if phase is Phase.COUNTDOWN else 1.0))
+        if phase is Phase.READY:
+            return
+        self.act(Start())
+        self.pass_time(1.5)
+        if phase in (Phase.COUNTDOWN, Phase.RUNNING):
+            return
+        self.act(MarkIncident(IncidentKind.FALL), DeclareTimeout("gave up"))
+        self.finish()
+        if phase is Phase.FINAL:
+            self.act(SIGNED)
 
-        def hear(message: RawMessage) -> None:
-            if message.topic == REFEREE_STATE_TOPIC:
-                told.append(json.loads(decode_text(types, message.data))["phase"])
-            publish(message)
+    def lines(self) -> list[Entry]:
+        return list(read_journal(self.folder / JOURNAL_FILE)[0])
 
-        monkeypatch.setattr(self.drive.source, "publish", hear)
-        return told
+    def told_by_journal(self) -> Run:
+        run = self.engine.run
+        return rebuild(self.lines(), run.handle_zero, run.zero_samples)
 
 
 @pytest.fixture
@@ -92,58 +117,222 @@ def hall(tmp_path: Path) -> Hall:
     return Hall(tmp_path)
 
 
-@pytest.mark.parametrize("act", [Abort("enough"), DeclareTimeout("gave up")])
-def test_abort_and_declared_timeout_wait_for_no_disk(
-    act: Act, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def in_the_middle(
+    monkeypatch: pytest.MonkeyPatch, happens: Callable[[], None], seen: list[int]
 ) -> None:
-    hall = Hall(tmp_path, Scenario.NO_TOUCH)
-    hall.drive.start(make_setup())
-    hall.pass_time(1.0)
+    """Let something happen while the disk syncs the next line of a journal."""
+    fsync = os.fsync
+
+    def hangs(file: int) -> None:
+        if Path(f"/proc/self/fd/{file}").readlink().name == JOURNAL_FILE and not seen:
+            seen.append(file)
+            happens()
+        fsync(file)
+
+    monkeypatch.setattr(os, "fsync", hangs)
+
+
+def silent(hall: Hall, act: Act, _: pytest.MonkeyPatch) -> str:
     hall.disk.held = True
-    states = hall.states(monkeypatch)
     hall.submit(act)
-    assert hall.told == [None]
-    hall.pass_time(0.2)
-    assert hall.engine.run.phase is Phase.STOPPED
-    assert states == ["stopped"]
-    wait = [act.name] if isinstance(act, Abort) else [act.name, "run stops"]
-    assert hall.engine.unwritten[0] == len(wait)
-    assert [entry.what for entry in hall.journal()][-1] == "run starts"
-    hall.pass_time(10.0)
-    assert hall.engine.unwritten[1] == pytest.approx(10.2, abs=0.1)
-    assert hall.engine.scored is None
+    hall.too_long()
+    hall.disk.come_back()
+    return TOO_LONG
+
+
+def hangs_half_way(hall: Hall, act: Act, monkeypatch: pytest.MonkeyPatch) -> str:
+    seen: list[int] = []
+    in_the_middle(monkeypatch, hall.too_long, seen)
+    hall.submit(act)
+    hall.pass_time(STEP)
+    assert seen
+    return TOO_LONG
+
+
+def refuses(hall: Hall, act: Act, monkeypatch: pytest.MonkeyPatch) -> str:
+    def broken(_file: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(os, "fsync", broken)
+    hall.submit(act)
+    hall.pass_time(STEP)
+    return "Input/output error"
+
+
+def slow_and_the_referee_takes_it_back(hall: Hall, act: Act, _: pytest.MonkeyPatch) -> str:
+    hall.disk.held = True
+    hall.submit(act)
+    hall.submit(Abort())
+    assert hall.told.pop() is None
+    hall.disk.come_back()
+    return ": it is withdrawn"
+
+
+IN_VAIN = (silent, hangs_half_way, refuses, slow_and_the_referee_takes_it_back)
+WAITS_FOR_THE_DISK: list[tuple[Phase, Act]] = [
+    (Phase.READY, Start()),
+    (Phase.COUNTDOWN, RestartCountdown("robot not ready")),
+    (Phase.STOPPED, SIGNED),
+    (Phase.STOPPED, Void("unsafe")),
+    (Phase.STOPPED, Correct(4, replace(PULL, starting_side=Side.CW), "typed wrongly")),
+    (Phase.STOPPED, TakeBack(DecisionKind.INCIDENT, 0.0, "my mistake")),
+    (Phase.STOPPED, DecideProtest(1, ProtestEnd.UPHELD, "seen", "R. Eferee")),
+    (Phase.STOPPED, WithdrawProtest(1, "satisfied")),
+    (Phase.FINAL, FILED),
+    (Phase.FINAL, Void("unsafe")),
+    (Phase.FINAL, Reissue("appeal granted")),
+]
+
+
+@pytest.mark.parametrize(
+    ("phase", "act"), WAITS_FOR_THE_DISK, ids=[f"{p}-{a.name}" for p, a in WAITS_FOR_THE_DISK]
+)
+def test_what_waits_for_the_disk_is_done_once_it_is_there_or_refused_and_never_comes(
+    hall: Hall, phase: Phase, act: Act, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hall.bring_to(phase)
+    if isinstance(act, TakeBack):
+        act = replace(act, made=hall.engine.run.incidents[0].time)
+    if isinstance(act, DecideProtest | WithdrawProtest):
+        hall.act(FILED)
+    hall.pass_time(1.0)
+    for disk in IN_VAIN[: 3 if hall.engine.run.active else 4]:
+        stood, published = hall.engine.run, hall.source.phases
+        with monkeypatch.context() as patch:
+            words = disk(hall, act, patch)
+        hall.pass_time(2.5)
+        assert [words in str(told) for told in hall.told] == [True], (disk, hall.told)
+        hall.told.clear()
+        assert (hall.engine.run, hall.source.phases) == (stood, published), disk
+        never_happened(hall, act)
+    hall.disk.held = True
+    stood = hall.engine.run
+    hall.submit(act)
+    hall.pass_time(1.0)
+    assert (hall.told, hall.engine.run) == ([], stood)
+    assert (hall.engine.writing, hall.engine.busy) == (act.name, True)
+    shown = hall.engine.snapshot().refusals
+    words = f"the disk has not taken the {act.name} yet: wait for it"
+    assert shown[act.name] == words
+    assert Abort.name not in shown
+    hall.submit(AddNote("meanwhile"))
+    assert hall.told.pop() == (None if stood.active else words)
+    back = hall.engine.now()
     hall.disk.come_back()
     hall.pass_time(0.1)
-    assert hall.engine.unwritten == (0, 0.0)
-    what = [entry.what for entry in hall.journal()]
-    assert what[what.index("run starts") + 1 :] == [*wait, "result written"]
-    assert hall.engine.scored is not None
+    assert hall.told == [None]
+    run = hall.engine.run
+    assert (run != stood, hall.engine.writing) == (True, "")
+    assert [line.what for line in hall.lines()].count(act.name) == 1
+    assert hall.told_by_journal() == replace(run, journal=None)
+    if run.active:
+        assert run.countdown_began == pytest.approx(back, abs=3 * STEP)
+    else:
+        assert check_run(RunPath(hall.folder)).found == ()
+    hall.engine.close()
 
 
-def test_a_timeout_elapses_while_the_disk_is_silent(tmp_path: Path) -> None:
-    hall = Hall(tmp_path, Scenario.NO_TOUCH)
-    hall.drive.start(make_setup(timeout=8.0))
+def never_happened(hall: Hall, act: Act) -> None:
+    """The journal says so; what a start has made of its run stays, and its number is used."""
+    if not isinstance(act, Start):
+        assert act.name not in [line.what for line in hall.lines()]
+        assert hall.told_by_journal() == hall.engine.run
+        return
+    assert hall.engine.folder is None
+    results = hall.engine.config.results
+    for journal in results.glob(f"practice/*/{JOURNAL_FILE}"):
+        *lines, last = read_journal(journal)[0]
+        assert (last.what, last.details["act"]) == (Change.WITHDRAWN, act.name)
+        assert rebuild([*lines, last]).phase is Phase.READY
+    assert find_unfinished(results) == ()
+    number = hall.engine.next_run_number(3, 1, practice=True).result()
+    assert number > len(list(results.glob("practice/subject_*")))
+    setup = hall.engine.run.setup
+    assert setup is not None
+    if number > setup.run_number:
+        hall.submit(act)
+        hall.pass_time(STEP)
+        assert f"use run {number}" in str(hall.told.pop())
+    hall.act(SetUp(make_setup(run_number=number)), ConfirmPose())
+
+
+FELL = MarkIncident(IncidentKind.FALL)
+NOTED = AddNote("the disk hangs")
+RULED = Rule(Step.TOUCH, confirmed=False, reason="seen")
+WRONG = WithdrawIncident("by mistake")
+AT_ONCE: list[tuple[Phase, Sequence[Act], Sequence[str]]] = [
+    (Phase.COUNTDOWN, (FELL, NOTED, Abort("enough")), ("stopped",)),
+    (Phase.RUNNING, (RULED, FELL, NOTED, WRONG, Abort("enough")), ("stopped",)),
+    (Phase.RUNNING, (NOTED, DeclareTimeout("gave up")), ("stopped",)),
+    (Phase.STOPPED, (RULED, NOTED, FELL, WRONG), ()),
+]
+
+
+@pytest.mark.parametrize(
+    ("phase", "acts", "published"), AT_ONCE, ids=[f"{p}-{a[-1].name}" for p, a, _ in AT_ONCE]
+)
+def test_what_is_done_at_once_waits_for_no_disk_and_is_written_when_it_is_back(
+    hall: Hall, phase: Phase, acts: Sequence[Act], published: Sequence[str]
+) -> None:
+    hall.bring_to(phase)
+    hall.pass_time(1.0)
+    before, heard = hall.lines(), len(hall.source.phases)
     hall.disk.held = True
+    for act in acts:
+        hall.submit(act)
+    assert hall.told == [None] * len(acts)
+    hall.pass_time(0.2)
+    assert hall.source.phases[heard:] == tuple(published)
+    assert hall.engine.run.phase is Phase.STOPPED
+    hall.pass_time(10.0)
+    assert hall.lines() == before
+    names = [act.name for act in acts]
+    names += ["run stops"] * isinstance(acts[-1], DeclareTimeout)
+    waiting, silence = hall.engine.unwritten
+    assert waiting == len(names)
+    assert silence == pytest.approx(10.2, abs=0.1)
+    shown = hall.engine.snapshot()
+    assert hall.engine.busy
+    assert shown.refusals["finalise"] == "the result is being written"
+    hall.disk.come_back()
+    hall.pass_time(0.1)
+    assert (hall.engine.busy, hall.engine.unwritten) == (False, (0, 0.0))
+    written = [line.what for line in hall.lines()[len(before) :]]
+    assert written.pop() == "result written"
+    assert [what for what in written if what != "result written"] == names
+    assert hall.told_by_journal() == replace(hall.engine.run, journal=None)
+    stored = json.loads((hall.folder / "result.json").read_text())
+    assert [note["text"] for note in stored["notes"]] == ["the disk hangs"]
+    assert check_run(RunPath(hall.folder)).found == ()
+    hall.engine.close()
+
+
+def test_a_silent_disk_stops_no_clock_and_is_asked_for_nothing_new(hall: Hall) -> None:
+    hall.start(make_setup(timeout=8.0))
+    hall.disk.held = True
+    hall.submit(AddNote("a line that hangs"))
     hall.pass_time(8.2)
     run = hall.engine.run
-    assert (run.phase, run.outcome) == (Phase.STOPPED, Outcome.TIMEOUT)
     assert run.start is not None
-    assert run.stop == run.start + 8.0
-
-
-def test_a_note_is_taken_while_the_disk_is_silent_and_written_when_it_is_back(hall: Hall) -> None:
-    hall.drive.start(make_setup())
-    hall.disk.held = True
-    hall.submit(AddNote("the disk hangs"))
-    assert hall.told == [None]
+    assert (run.phase, run.outcome, run.stop) == (
+        *(Phase.STOPPED, Outcome.TIMEOUT, run.start + 8.0),
+    )
+    hall.submit(Void("unsafe"))
+    words = "the disk has not answered for 8 s: nothing new until it does"
+    assert hall.told == [None, words]
+    hall.pass_time(30.0)
+    shown = hall.engine.snapshot()
+    assert (hall.engine.busy, shown.result, shown.refusals["void"][:12]) == (True, None, words[:12])
+    assert shown.refusals["set up"] == "the result of the last run is being written"
     hall.disk.come_back()
-    hall.pass_time(STEP)
-    assert hall.journal()[-1].reason == "the disk hangs"
+    hall.pass_time(0.1)
+    assert hall.engine.snapshot().result is not None
+    assert not hall.engine.busy
 
 
 def test_a_run_that_is_left_with_a_line_on_its_way_is_soon_on_disk(hall: Hall) -> None:
-    hall.drive.whole_run(make_setup())
-    folder = hall.engine.folder
+    hall.bring_to(Phase.STOPPED)
+    folder = hall.folder
     hall.pass_time(1.0)
     hall.disk.held = True
     hall.submit(AddNote("afterwards"))
@@ -155,139 +344,38 @@ def test_a_run_that_is_left_with_a_line_on_its_way_is_soon_on_disk(hall: Hall) -
     assert hall.told == [None, None]
     hall.disk.come_back()
     hall.pass_time(3 * STEP)
-    assert hall.journal(folder)[-1].what == "result written"
+    assert read_journal(folder / JOURNAL_FILE)[0][-1].what == "result written"
     assert not any("waits for the disk" in fault for fault in hall.engine.snapshot().faults)
 
 
-def test_a_start_that_is_not_on_disk_in_time_is_withdrawn_for_good(
-    hall: Hall, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    hall.drive.prepare(make_setup())
-    states = hall.states(monkeypatch)
-    hall.disk.held = True
-    hall.submit(Start())
-    assert hall.told == []
-    hall.pass_time(DURABLE_WITHIN + 2 * STEP)
-    assert hall.told == [TOO_LONG]
-    hall.pass_time(20.0)
-    hall.disk.come_back()
-    hall.pass_time(20.0)
-    assert hall.told == [TOO_LONG]
-    assert hall.engine.run.phase is Phase.READY
-    assert states == []
-    assert "start withdrawn" in hall.engine.log.lines[-1].text
-    hall.drive.whole_run(make_setup())  # it had not begun: nothing of it is left
-    hall.engine.close()
-
-
-def in_the_middle(
-    hall: Hall, monkeypatch: pytest.MonkeyPatch, happens: Callable[[], None]
-) -> list[int]:
-    """Let something happen while the disk syncs the next line of a journal."""
-    fsync, seen = os.fsync, list[int]()
-
-    def hangs(file: int) -> None:
-        written = Path(f"/proc/self/fd/{file}").readlink()
-        if written.name == "journal.jsonl" and not seen:
-            seen.append(file)
-            happens()
-        fsync(file)
-
-    monkeypatch.setattr(os, "fsync", hangs)
-    return seen
-
-
-def test_a_start_that_hangs_half_made_is_withdrawn_and_stays_on_record(
-    hall: Hall, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    hall.drive.prepare(make_setup())
-    seen = in_the_middle(hall, monkeypatch, lambda: hall.pass_time(DURABLE_WITHIN + 2 * STEP))
-    hall.submit(Start())
-    assert seen
-    assert hall.told == [TOO_LONG]
-    hall.pass_time(10.0)
-    assert hall.engine.run.phase is Phase.READY
-    assert hall.engine.folder is None
-    (folder,) = hall.results.glob("practice/subject_*")
-    lines = hall.journal(folder)
-    assert lines[-1].what == "withdrawn"
-    assert lines[-1].details["act"] == "start"
-    assert rebuild(lines).phase is Phase.READY
-    assert find_unfinished(hall.results) == ()
-    hall.submit(Start())
-    hall.pass_time(1.0)
-    assert hall.told[-1] is not None
-    assert "use run 2" in hall.told[-1]
-    hall.drive.whole_run(make_setup(run_number=2))
-    hall.engine.close()
-
-
-def test_while_a_start_is_written_the_state_says_so_and_nothing_else_begins(hall: Hall) -> None:
-    hall.drive.prepare(make_setup())
-    hall.disk.held = True
-    hall.submit(Start())
-    hall.pass_time(0.5)
-    shown = hall.engine.snapshot()
-    assert hall.engine.writing == "start"
-    assert hall.engine.busy
-    words = "the disk has not taken the start yet: wait for it"
-    for act in (Start(), SetUp(make_setup(run_number=2)), ConfirmPose(), AddNote("hm")):
-        hall.submit(act)
-        assert hall.told.pop() in (words, "the run has not started", "the pose is confirmed")
-        assert shown.refusals[act.name]
-    assert shown.refusals["start"] == words
-    assert "abort" not in shown.refusals
-    hall.disk.come_back()
-    hall.pass_time(STEP)
-    assert hall.told == [None]
-    assert hall.engine.run.phase is Phase.COUNTDOWN
-    assert not hall.engine.writing
-
-
-def test_an_abort_withdraws_a_start_that_is_being_written(hall: Hall) -> None:
-    hall.drive.prepare(make_setup())
-    hall.disk.held = True
-    hall.submit(Start())
-    hall.submit(Abort("person in the way"))
-    assert hall.told == [
-        "aborted before the countdown began: person in the way: it is withdrawn", None,
-    ]  # fmt: skip
-    hall.disk.come_back()
-    hall.pass_time(5.0)
-    assert hall.engine.run.phase is Phase.READY
-
-
-def test_an_abort_that_comes_with_the_disks_answer_aborts_the_countdown(
-    hall: Hall, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    hall.drive.prepare(make_setup())
-    states = hall.states(monkeypatch)
+def test_an_abort_that_comes_with_the_disks_answer_aborts_the_countdown(hall: Hall) -> None:
+    hall.bring_to(Phase.READY)
+    heard = len(hall.source.phases)
     hall.submit(Start())  # on disk, and nobody has told the engine yet
     hall.submit(Abort("stop"))
     hall.pass_time(STEP)
     assert hall.told == [None, None]
     assert hall.engine.run.outcome is Outcome.ABORTED
-    assert states == ["countdown", "stopped"]
+    assert hall.source.phases[heard:] == ("countdown", "stopped")
 
 
 def test_a_countdown_begins_when_its_start_is_on_disk_and_never_in_the_past(
     hall: Hall, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    hall.drive.prepare(make_setup(countdown=2.0))
+    hall.prepare(make_setup(countdown=2.0, timeout=4.0))
     pressed = hall.engine.now()
-    in_the_middle(hall, monkeypatch, lambda: hall.pass_time(1.5))
+    in_the_middle(monkeypatch, lambda: hall.pass_time(1.5), [])
     hall.submit(Start())
     hall.pass_time(STEP)
     run = hall.engine.run
     assert hall.told == [None]
     assert run.countdown_began == pytest.approx(pressed + 1.5, abs=3 * STEP)
     assert run.start == run.countdown_began + 2.0  # type: ignore[operator]
-    hall.drive.finish()
-    folder, scored = hall.engine.folder, hall.engine.scored
-    assert folder is not None
+    hall.finish()
+    folder, scored = hall.folder, hall.engine.scored
     assert scored is not None
     hall.engine.close()
-    again = rebuild(hall.journal(folder), hall.engine.run.handle_zero)
+    again = hall.told_by_journal()
     assert (again.countdown_began, again.start) == (run.countdown_began, run.start)
     assert score_opened(folder).result == scored.result
 
@@ -295,209 +383,43 @@ def test_a_countdown_begins_when_its_start_is_on_disk_and_never_in_the_past(
 def test_a_start_is_judged_again_when_it_would_take_effect(
     hall: Hall, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    hall.drive.prepare(make_setup())
+    hall.bring_to(Phase.READY)
 
     def nothing(timeout: float) -> list[RawMessage]:
-        hall.drive.clock.sleep(timeout)
+        hall.clock.sleep(timeout)
         return []
 
     def falls_silent() -> None:
-        monkeypatch.setattr(hall.drive.source, "take_messages", nothing)
+        monkeypatch.setattr(hall.source, "take_messages", nothing)
         hall.pass_time(1.5)
 
-    in_the_middle(hall, monkeypatch, falls_silent)
+    in_the_middle(monkeypatch, falls_silent, [])
     hall.submit(Start())
     hall.pass_time(STEP)
-    assert hall.told[0] is not None
-    assert "messages/s missing: it is withdrawn" in hall.told[0]
+    assert "messages/s missing: it is withdrawn" in str(hall.told[0])
     assert hall.engine.run.phase is Phase.READY
-    (folder,) = hall.results.glob("practice/subject_*")
-    assert hall.journal(folder)[-1].what == "withdrawn"
-
-
-def test_a_run_whose_countdown_never_began_is_not_asked_about(
-    hall: Hall, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The machine stops when the start is on disk, and nothing was made of it."""
-    hall.drive.prepare(make_setup())
-    monkeypatch.setattr(hall.disk, "deliver", lambda: None)
-    hall.submit(Start())
-    (folder,) = hall.results.glob("practice/subject_*")
-    assert hall.journal(folder)[-1].what == "start"
-    later = hall.results.with_name("later")
-    shutil.copytree(hall.results, later)  # as it is left
-    assert find_unfinished(later) == ()
-    drive = Drive(later)
-    assert drive.engine.next_run_number(3, 1, practice=True).result() == 2
-    drive.whole_run(make_setup(run_number=2))
-    drive.engine.close()
-
-
-def test_a_signature_that_is_being_written_can_be_taken_back(hall: Hall) -> None:
-    hall.drive.whole_run(make_setup())
-    hall.disk.held = True
-    hall.submit(SIGNED)
-    hall.submit(Abort())
-    assert hall.told == ["taken back by the referee: it is withdrawn", None]
-    hall.disk.come_back()
-    hall.pass_time(5.0)
-    assert hall.engine.run.phase is Phase.STOPPED
-
-
-@pytest.mark.parametrize("half_written", [False, True])
-def test_a_signature_that_is_not_on_disk_in_time_is_none(
-    hall: Hall, half_written: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    hall.drive.whole_run(make_setup())
-    if half_written:
-        in_the_middle(hall, monkeypatch, lambda: hall.pass_time(DURABLE_WITHIN + 2 * STEP))
-        hall.submit(SIGNED)
-    else:
-        hall.disk.held = True
-        hall.submit(SIGNED)
-        hall.pass_time(DURABLE_WITHIN + 2 * STEP)
-    assert hall.told == [TOO_LONG]
-    hall.disk.come_back()
-    hall.pass_time(5.0)
-    assert hall.engine.run.phase is Phase.STOPPED
-    lines = hall.journal()
-    assert "finalise" not in [entry.what for entry in lines]
-    assert lines[-1].what == "withdrawn"
-    assert rebuild(lines).phase is Phase.STOPPED
-    hall.drive.act(SIGNED, Reissue("appeal granted"), SIGNED)
-    run = hall.engine.run
-    assert (run.phase, run.issue) == (Phase.FINAL, 2)
-    hall.engine.close()
-    assert rebuild(hall.journal(), run.handle_zero).closure == run.closure
-
-
-@pytest.mark.parametrize(
-    "act",
-    [
-        Void("unsafe"),
-        Correct(4, replace(PULL, starting_side=Side.CW), "typed wrongly"),
-        TakeBack(DecisionKind.INCIDENT, 0.0, "my mistake"),
-    ],
-    ids=lambda act: act.name,
-)
-def test_what_is_put_right_takes_effect_on_disk_or_never(hall: Hall, act: Act) -> None:
-    hall.drive.whole_run(make_setup())
-    hall.drive.act(MarkIncident(IncidentKind.FALL))
-    hall.pass_time(1.0)
-    stood = hall.engine.run
-    if isinstance(act, TakeBack):
-        act = replace(act, made=stood.incidents[0].time)
-    hall.disk.held = True
-    hall.submit(act)
-    hall.pass_time(1.0)
-    assert hall.engine.run == stood
-    hall.pass_time(DURABLE_WITHIN)
-    assert hall.told == [TOO_LONG]
-    hall.disk.come_back()
-    hall.pass_time(5.0)
-    assert hall.engine.run == stood
-    assert rebuild(hall.journal(), stood.handle_zero, stood.zero_samples) == stood
-    hall.disk.held = True
-    hall.submit(act)
-    hall.pass_time(1.0)
-    hall.disk.come_back()
-    hall.pass_time(5.0)
-    assert hall.told == [TOO_LONG, None]
-    assert hall.engine.run != stood
-    assert rebuild(hall.journal(), stood.handle_zero, stood.zero_samples) == hall.engine.run
-    assert check_run(RunPath(hall.drive.folder)).found == ()
-
-
-def test_what_the_disk_refuses_is_no_part_of_the_journal(
-    hall: Hall, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    hall.drive.whole_run(make_setup())
-
-    def broken(_file: int) -> None:
-        raise OSError(5, "Input/output error")
-
-    with monkeypatch.context() as sick:
-        sick.setattr(os, "fsync", broken)
-        hall.submit(SIGNED)
-        hall.pass_time(STEP)
-    assert hall.told == [
-        "the journal cannot be written (Input/output error): see to the disk, then try again"
-    ]
-    assert hall.engine.run.phase is Phase.STOPPED
-    assert rebuild(hall.journal()).phase is Phase.STOPPED
+    (journal,) = hall.engine.config.results.glob(f"practice/*/{JOURNAL_FILE}")
+    assert read_journal(journal)[0][-1].what == Change.WITHDRAWN
 
 
 def test_an_abort_wins_over_a_restart_that_is_being_written(hall: Hall) -> None:
-    hall.drive.prepare(make_setup(countdown=5.0))
-    hall.drive.act(Start())
-    hall.pass_time(1.0)
+    hall.bring_to(Phase.COUNTDOWN)
     hall.disk.held = True
     hall.submit(RestartCountdown("robot not ready"))
     hall.submit(Abort("enough"))
-    words = ["the run has stopped: it is withdrawn", None]
-    assert hall.told == words
-    assert hall.engine.run.phase is Phase.STOPPED
+    assert hall.told == ["the run has stopped: it is withdrawn", None]
     hall.disk.come_back()
     hall.pass_time(STEP)
-    assert hall.told == words
-    lines = hall.journal()
-    assert "restart the countdown" not in [entry.what for entry in lines]
-    assert rebuild(lines).outcome is Outcome.ABORTED
-
-
-def test_a_countdown_restarts_when_that_is_on_disk(hall: Hall) -> None:
-    hall.drive.prepare(make_setup(countdown=5.0))
-    hall.drive.act(Start())
-    hall.pass_time(1.0)
-    first = hall.engine.run.start
-    hall.disk.held = True
-    hall.submit(RestartCountdown("robot not ready"))
-    hall.pass_time(1.0)
-    assert hall.engine.run.start == first
-    hall.disk.come_back()
-    hall.pass_time(STEP)
-    assert hall.engine.run.start == pytest.approx(hall.engine.now() + 5.0, abs=2 * STEP)
-    hall.drive.finish()
-    assert rebuild(hall.journal()).start == hall.engine.run.start
-
-
-def test_a_silent_disk_is_asked_for_nothing_new(hall: Hall) -> None:
-    hall.drive.whole_run(make_setup())
-    hall.drive.act(SIGNED)
-    hall.disk.held = True
-    hall.submit(AddNote("a line that hangs"))
-    hall.pass_time(7.0)
-    hall.submit(Reissue("appeal granted"))
-    words = "the disk has not answered for 7 s: nothing new until it does"
-    assert hall.told == [None, words]
-    assert hall.engine.snapshot().refusals["re-issue"] == words
-
-
-def test_a_result_that_is_slow_to_write_stops_no_clock(hall: Hall) -> None:
-    hall.drive.whole_run(make_setup())
-    hall.disk.held = True
-    hall.submit(Rule(Step.TOUCH, confirmed=False, reason="seen"))
-    hall.submit(AddNote("twice"))
-    hall.pass_time(10.0)
-    assert hall.told == [None, None]
-    assert hall.engine.busy
-    assert hall.engine.snapshot().refusals["finalise"] == "the result is being written"
-    hall.disk.come_back()
-    hall.pass_time(0.1)
-    assert not hall.engine.busy
-    hall.drive.act(SIGNED)
-    folder = hall.drive.folder
-    stored = json.loads((folder / "result.json").read_text())
-    assert stored["notes"][0]["text"] == "twice"
-    assert stored["rulings"][0]["reason"] == "seen"
-    hall.engine.close()
+    assert len(hall.told) == 2
+    assert RestartCountdown.name not in [line.what for line in hall.lines()]
+    assert hall.told_by_journal().outcome is Outcome.ABORTED
 
 
 def test_an_act_that_comes_twice_is_done_once_and_answered_twice(hall: Hall) -> None:
-    hall.drive.prepare(make_setup())
+    hall.bring_to(Phase.READY)
     hall.disk.held = True
-    hall.submit(Start(), "a")
-    hall.submit(Start(), "a")
+    for _ in range(2):
+        hall.submit(Start(), "a")
     assert hall.told == []
     hall.disk.come_back()
     hall.pass_time(STEP)
@@ -506,22 +428,6 @@ def test_an_act_that_comes_twice_is_done_once_and_answered_twice(hall: Hall) -> 
         hall.submit(AddNote("once"), "b")
     assert hall.told == [None] * 4
     assert [note.text for note in hall.engine.run.notes] == ["once"]
-    hall.submit(ConfirmPose(), "c")
-    hall.submit(ConfirmPose(), "c")
+    for _ in range(2):
+        hall.submit(ConfirmPose(), "c")
     assert hall.told[-1] == hall.told[-2] is not None
-
-
-def test_a_bag_that_is_slow_to_close_stops_no_clock(hall: Hall) -> None:
-    hall.drive.start(make_setup(timeout=3.0))
-    hall.pass_time(1.0)
-    hall.submit(Abort("enough"))
-    hall.disk.held = True
-    hall.pass_time(30.0)
-    shown = hall.engine.snapshot()
-    assert hall.engine.busy
-    assert shown.result is None
-    assert shown.refusals["set up"] == "the result of the last run is being written"
-    hall.disk.come_back()
-    hall.pass_time(0.1)
-    assert hall.engine.snapshot().result is not None
-    assert not hall.engine.busy

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -15,7 +18,6 @@ from madrob_console.archive.repair import RuleChange, next_issue, write_next_iss
 from madrob_console.archive.run_journal import is_held
 from madrob_console.archive.scored import open_run
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.core import Engine
 from madrob_console.pages.competition import competition_standings
 from madrob_console.referee.acts import Abort, Finalise, Reissue, Rule, SetUp
 from madrob_console.referee.journal import HOLD_FILE, Entry, Origin
@@ -23,7 +25,7 @@ from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from scoring.protocol import Outcome, Step
 from scoring.rulesets import RulesetName
-from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.drive import PULL, Drive, make_setup
 from tests.madrob_console.engine.held_disk import HeldDisk
 from tests.madrob_console.recorded_runs import completed, without_digests
 from tests.madrob_console.run_folders import summary
@@ -50,187 +52,174 @@ def cut_off(results: Path) -> Path:
     return folder
 
 
-def shown(engine: Engine, folder: Path) -> None:
-    told: list[str | None] = []
-    engine.open_run(engine.read_run(folder).result(), told.append)
-    assert told == [None]
+def files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_an_opened_run_shows_the_same_digits_and_writes_nothing(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
-    drive.whole_run(make_setup())
-    folder, live = drive.engine.folder, drive.engine.scored
-    assert folder is not None
-    assert live is not None
-    drive.engine.close()
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    later = Drive(tmp_path)
-    shown(later.engine, folder)
-    snapshot = later.engine.snapshot()
-    assert snapshot.opened
-    assert snapshot.result == live.result
-    assert snapshot.run.phase is Phase.STOPPED
-    assert snapshot.run.issue == 1
-    there = {path.name: path.read_bytes() for path in folder.iterdir()}
-    assert there.pop(HOLD_FILE) == b""
-    assert there == before
-    later.engine.close()
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+def document(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = msgspec.json.decode((folder / "result.json").read_bytes())
+    return found
 
 
-def test_an_earlier_run_is_ruled_finalised_and_issued_again_in_its_own_folder(
-    tmp_path: Path,
-) -> None:
-    folder = finished(tmp_path)
-    drive = Drive(tmp_path)
-    shown(drive.engine, folder)
-    drive.act(Rule(Step.CROSS, False, "came back"), Finalise(TeamWord.PROTESTED, "Ada", "no"))
-    document = msgspec.json.decode((folder / "result.json").read_bytes())
-    assert document["indicators"]["capability_level"]["value"] == 3
-    assert document["closure"]["team_word"] == "protested"
-    drive.engine.close()
-
-    again = Drive(tmp_path)
-    shown(again.engine, folder)
-    assert again.engine.run.phase is Phase.FINAL
-    again.act(Reissue("video"), Rule(Step.CROSS, True, "video"))
-    document = msgspec.json.decode((folder / "result.json").read_bytes())
-    assert document["issue"] == 2
-    assert document["indicators"]["capability_level"]["value"] == 6
-    assert (folder / "result_issue_1.json").exists()
-    again.engine.close()
-
-
-def test_a_run_that_was_re_issued_by_other_rules_is_ruled_and_signed_by_these(
-    tmp_path: Path,
-) -> None:
-    folder = finished(tmp_path)
+def issued_by_other_rules(folder: Path) -> None:
     change = RuleChange("rules of May", RulesetName.ROBUST_2026, "Ada", 1_700_000_100.0)
     issue = next_issue(RunPath(folder), change)
     assert issue is not None
     write_next_issue(issue, 1_700_000_101.0)
-    drive = Drive(tmp_path)
-    shown(drive.engine, folder)
-    assert drive.engine.run.ruleset is RulesetName.ROBUST_2026
-    assert all(step.done for step in drive.engine.snapshot().steps)  # these stop it a little later
-    drive.act(Rule(Step.CROSS, False, "came back"), Finalise(TeamWord.ACKNOWLEDGED, "Ada"))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return finished(tmp_path)
+
+
+@contextmanager
+def opened(folder: Path) -> Iterator[Drive]:
+    drive = Drive(folder.parent)
+    assert drive.open(folder) is None
+    yield drive
     drive.engine.close()
-    document = msgspec.json.decode((folder / "result.json").read_bytes())
-    assert (document["issue"], document["ruleset"]) == (2, "robust-2026")
-    assert document["closure"]["team_word"] == "acknowledged"
+
+
+def test_an_opened_run_shows_the_same_digits_and_writes_nothing(drive: Drive) -> None:
+    drive.whole_run(make_setup())
+    folder, live = drive.folder, drive.engine.scored
+    assert live is not None
+    drive.engine.close()
+    before = files(folder)
+    with opened(folder) as later:
+        snapshot = later.engine.snapshot()
+        assert (snapshot.opened, snapshot.result) == (True, live.result)
+        assert (snapshot.run.phase, snapshot.run.issue) == (Phase.STOPPED, 1)
+        assert files(folder) == before | {HOLD_FILE: b""}
+    assert files(folder) == before
+
+
+def test_an_earlier_run_is_ruled_finalised_and_issued_again_in_its_own_folder(
+    folder: Path,
+) -> None:
+    with opened(folder) as drive:
+        drive.act(Rule(Step.CROSS, False, "came back"), Finalise(TeamWord.PROTESTED, "Ada", "no"))
+        assert document(folder)["indicators"]["capability_level"]["value"] == 3
+        assert document(folder)["closure"]["team_word"] == "protested"
+    with opened(folder) as drive:
+        assert drive.engine.run.phase is Phase.FINAL
+        drive.act(Reissue("video"), Rule(Step.CROSS, True, "video"))
+        assert document(folder)["issue"] == 2
+        assert document(folder)["indicators"]["capability_level"]["value"] == 6
+        assert (folder / "result_issue_1.json").exists()
+
+
+def test_a_run_that_was_re_issued_by_other_rules_is_ruled_and_signed_by_these(
+    folder: Path,
+) -> None:
+    issued_by_other_rules(folder)
+    with opened(folder) as drive:
+        assert drive.engine.run.ruleset is RulesetName.ROBUST_2026
+        assert all(step.done for step in drive.engine.snapshot().steps)  # they stop it a bit later
+        drive.act(Rule(Step.CROSS, False, "came back"), Finalise(TeamWord.ACKNOWLEDGED, "Ada"))
+    assert (document(folder)["issue"], document(folder)["ruleset"]) == (2, "robust-2026")
+    assert document(folder)["closure"]["team_word"] == "acknowledged"
     assert check_run(RunPath(folder)).grade is Grade.SAME
 
 
 @pytest.mark.parametrize("final", [False, True])
 def test_a_run_that_was_re_issued_while_it_was_read_is_opened_only_once_it_is_read_again(
-    tmp_path: Path, *, final: bool
+    folder: Path, *, final: bool
 ) -> None:
-    folder = finished(tmp_path)
-    drive = Drive(tmp_path)
     if final:
-        shown(drive.engine, folder)
-        drive.act(Finalise(TeamWord.ACKNOWLEDGED, "Ada"))
-        drive.engine.close()
-        drive = Drive(tmp_path)
+        with opened(folder) as drive:
+            drive.act(Finalise(TeamWord.ACKNOWLEDGED, "Ada"))
+    drive = Drive(folder.parent)
     read = drive.engine.read_run(folder).result()
-    change = RuleChange("rules of May", RulesetName.ROBUST_2026, "Ada", 1_700_000_100.0)
-    issue = next_issue(RunPath(folder), change)
-    assert issue is not None
-    write_next_issue(issue, 1_700_000_101.0)
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    told: list[str | None] = []
+    issued_by_other_rules(folder)
+    before, told = files(folder), list[str | None]()
     drive.engine.open_run(read, told.append)
     assert told == [f"{folder.name}: was changed meanwhile: open it once more"]
-    assert drive.engine.run.phase is Phase.IDLE
-    assert drive.engine.folder is None
+    assert (drive.engine.run.phase, drive.engine.folder) == (Phase.IDLE, None)
     assert not is_held(folder / "journal.jsonl")
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-    shown(drive.engine, folder)
+    assert files(folder) == before
+    assert drive.open(folder) is None
     assert (drive.engine.run.issue, drive.engine.run.phase) == (2, Phase.STOPPED)
     assert drive.engine.run.ruleset is RulesetName.ROBUST_2026
     drive.engine.close()
 
 
-def test_a_run_that_was_cut_off_is_stopped_as_interrupted_and_scored(tmp_path: Path) -> None:
+def test_a_run_that_was_cut_off_is_found_stopped_as_interrupted_and_scored(tmp_path: Path) -> None:
     folder = cut_off(tmp_path)
-    drive = Drive(tmp_path)
-    shown(drive.engine, folder)
-    snapshot = drive.engine.snapshot()
-    assert snapshot.run.outcome is Outcome.INTERRUPTED
-    assert snapshot.elapsed is not None
-    assert 0 < snapshot.elapsed < 10
-    document = msgspec.json.decode((folder / "result.json").read_bytes())
-    assert document["outcome"] == "interrupted"
-    assert document["indicators"]["time_to_handle"]["value"] is not None
-    drive.engine.close()
-    once_more = Drive(tmp_path)
-    shown(once_more.engine, folder)
-    assert once_more.engine.run.outcome is Outcome.INTERRUPTED
-    once_more.engine.close()
+    finished(tmp_path, run_number=2)
+    (found,) = Drive(tmp_path).engine.snapshot().unfinished
+    assert (found.folder, found.subject, found.team) == (f"practice/{folder.name}", 3, "Delft")
+    assert (found.phase, found.last_event) == (Phase.RUNNING, "door opens")
+    assert found.recorded == sum(p.stat().st_size for p in folder.glob("*.mcap")) > 0
+    words = "practice run 1 of subject 3 Delft was cut off while running, last line +"
+    assert found.words.startswith(words)
+    for _ in range(2):
+        with opened(folder) as drive:
+            snapshot = drive.engine.snapshot()
+            assert (snapshot.run.outcome, snapshot.unfinished) == (Outcome.INTERRUPTED, ())
+            assert 0 < (snapshot.elapsed or 0) < 10
+            assert document(folder)["outcome"] == "interrupted"
+            assert document(folder)["indicators"]["time_to_handle"]["value"] is not None
 
 
-def test_a_run_that_goes_on_in_another_console_cannot_be_opened(tmp_path: Path) -> None:
-    running, other = Drive(tmp_path), Drive(tmp_path)
-    running.start(make_setup())
-    running.wait(1.0)
-    assert running.engine.folder is not None
+def test_a_run_that_was_cut_off_can_be_declared_invalid(tmp_path: Path, drive: Drive) -> None:
+    folder = cut_off(tmp_path)
+    assert drive.open(folder, invalid=True) is None
+    assert document(folder)["outcome"] == "aborted"
+    assert document(folder)["indicators"]["execution_time"]["value"] is None
+
+
+def test_a_run_that_goes_on_in_another_console_is_neither_cut_off_nor_opened(
+    tmp_path: Path, drive: Drive
+) -> None:
+    drive.start(make_setup())
+    other = Drive(tmp_path)
+    assert other.engine.snapshot().unfinished == ()
     with pytest.raises(MadrobError, match="another console works on this run"):
-        other.open(running.engine.folder)
+        other.open(drive.folder)
     assert other.engine.run.phase is Phase.IDLE
-    running.finish()
-    for drive in (running, other):
-        drive.engine.close()
+    other.engine.close()
 
 
-def test_no_run_is_opened_while_one_goes_on(tmp_path: Path) -> None:
-    folder = finished(tmp_path)
-    drive = Drive(tmp_path)
+def test_no_run_is_opened_while_one_goes_on(folder: Path, drive: Drive) -> None:
     drive.start(make_setup(run_number=2))
     assert drive.open(folder) == "a run is going on"
     drive.act(Abort("enough"))
     assert drive.open(folder) == "the result of the last run is being written"
     drive.finish()
     assert drive.open(folder) is None
-    drive.engine.close()
 
 
-def test_the_handle_zero_of_today_outlives_a_look_at_an_earlier_run(tmp_path: Path) -> None:
-    folder = finished(tmp_path)
-    drive = Drive(tmp_path)
+def test_the_handle_zero_of_today_outlives_a_look_at_an_earlier_run(
+    folder: Path, drive: Drive
+) -> None:
     drive.prepare(make_setup(run_number=2))
     zero = drive.engine.run.handle_zero
-    shown(drive.engine, folder)
+    assert drive.open(folder) is None
     drive.act(SetUp(make_setup(run_number=2)))
     assert drive.engine.run.handle_zero == zero != 0
     assert not drive.engine.snapshot().opened
-    drive.engine.close()
 
 
-def test_remarks_that_only_the_stored_result_knows_are_kept(tmp_path: Path) -> None:
-    folder = finished(tmp_path)
-    document = msgspec.json.decode((folder / "result.json").read_bytes())
-    document["quality"]["remarks"].append("/madrob/door/angle: 3 messages were lost on the way")
-    (folder / "result.json").write_bytes(msgspec.json.encode(document))
+def test_remarks_that_only_the_stored_result_knows_are_kept(folder: Path) -> None:
+    lost = "/madrob/door/angle: 3 messages were lost on the way"
+    changed = document(folder)
+    changed["quality"]["remarks"].append(lost)
+    (folder / "result.json").write_bytes(msgspec.json.encode(changed))
     without_digests(folder)
-    drive = Drive(tmp_path)
-    shown(drive.engine, folder)
-    result = drive.engine.snapshot().result
-    assert result is not None
-    assert result.quality.remarks == ("/madrob/door/angle: 3 messages were lost on the way",)
-    drive.engine.close()
+    with opened(folder) as drive:
+        result = drive.engine.snapshot().result
+        assert result is not None
+        assert result.quality.remarks == (lost,)
 
 
-def test_a_folder_without_its_journal_gets_one_again(tmp_path: Path) -> None:
-    folder = finished(tmp_path)
+def test_a_folder_without_its_journal_gets_one_again(folder: Path) -> None:
     (folder / "journal.jsonl").unlink()
-    drive = Drive(tmp_path)
-    shown(drive.engine, folder)
-    drive.act(Finalise(TeamWord.ABSENT, "Ada"))
-    drive.engine.close()
-    again = Drive(tmp_path)
-    shown(again.engine, folder)
-    assert again.engine.run.phase is Phase.FINAL
-    again.engine.close()
+    with opened(folder) as drive:
+        drive.act(Finalise(TeamWord.ABSENT, "Ada"))
+    with opened(folder) as drive:
+        assert drive.engine.run.phase is Phase.FINAL
 
 
 def never_started(results: Path) -> Path:
@@ -278,33 +267,6 @@ def test_a_folder_without_a_bag_is_refused_in_one_line(tmp_path: Path) -> None:
     assert "\n" not in str(refused.value)
 
 
-def test_a_run_that_was_cut_off_is_found_with_all_that_is_known_of_it(tmp_path: Path) -> None:
-    folder = cut_off(tmp_path)
-    finished(tmp_path, run_number=2)
-    drive = Drive(tmp_path)
-    (found,) = drive.engine.snapshot().unfinished
-    assert (found.folder, found.subject, found.team) == (f"practice/{folder.name}", 3, "Delft")
-    assert found.phase is Phase.RUNNING
-    assert found.last_event == "door opens"
-    assert found.recorded == sum(p.stat().st_size for p in folder.glob("*.mcap")) > 0
-    assert found.words.startswith(
-        "practice run 1 of subject 3 Delft was cut off while running, last line +"
-    )
-    shown(drive.engine, folder)
-    assert drive.engine.snapshot().unfinished == ()
-    drive.engine.close()
-
-
-def test_a_run_that_was_cut_off_can_be_declared_invalid(tmp_path: Path) -> None:
-    folder = cut_off(tmp_path)
-    drive = Drive(tmp_path)
-    assert drive.open(folder, invalid=True) is None
-    document = msgspec.json.decode((folder / "result.json").read_bytes())
-    assert document["outcome"] == "aborted"
-    assert document["indicators"]["execution_time"]["value"] is None
-    drive.engine.close()
-
-
 STAYS = "run 4 of subject 3 was set up meanwhile, and stays: the history (h) opens the other one"
 
 
@@ -327,21 +289,19 @@ def test_a_run_that_is_set_up_while_another_one_is_opened_stays(
     engine.open_run(read, told.append, invalid=True, instead_of=asked)  # it took longer to be read
     assert told == [STAYS, STAYS]
     assert engine.run.phase is Phase.READY
-    assert engine.run.setup is not None
-    assert engine.run.setup.run_number == 4
+    assert engine.run.number_in(3, PULL) == 4
     assert not engine.snapshot().opened
     assert (folder / "journal.jsonl").read_bytes() == journal
     assert len(engine.snapshot().unfinished) == 1
-    engine.open_run(engine.read_run(folder).result(), told.append, invalid=True)
-    engine.step(0.0)
-    assert told[2:] == [None]  # who asks for it now, gets it
+    assert drive.open(folder, invalid=True) is None  # who asks for it now, gets it
     assert engine.run.outcome is Outcome.ABORTED
     engine.close()
 
 
-def test_of_two_runs_that_are_opened_at_once_the_first_one_stays(tmp_path: Path) -> None:
+def test_of_two_runs_that_are_opened_at_once_the_first_one_stays(
+    tmp_path: Path, drive: Drive
+) -> None:
     first, second = finished(tmp_path), finished(tmp_path, run_number=2)
-    drive = Drive(tmp_path)
     asked = drive.engine.current_run.generation
     assert drive.open(first) is None
     told: list[str | None] = []
@@ -349,15 +309,3 @@ def test_of_two_runs_that_are_opened_at_once_the_first_one_stays(tmp_path: Path)
     drive.engine.open_run(read, told.append, instead_of=asked)
     assert told == ["another run was opened meanwhile"]
     assert drive.engine.folder == first
-    drive.engine.close()
-
-
-def test_a_run_that_goes_on_elsewhere_is_not_taken_for_one_that_was_cut_off(
-    tmp_path: Path,
-) -> None:
-    running = Drive(tmp_path)
-    running.start(make_setup())
-    other = Drive(tmp_path)
-    assert other.engine.snapshot().unfinished == ()
-    for drive in (running, other):
-        drive.engine.close()

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Callable
-from concurrent.futures import Future
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from madrob_console.archive.check import check_run
@@ -17,7 +17,6 @@ from madrob_console.archive.folders import NUMBERS_FILE, PRACTICE_FOLDER, RunPat
 from madrob_console.archive.history import History
 from madrob_console.archive.result_reader import read_whole_result
 from madrob_console.archive.scored import read_recorded_run
-from madrob_console.engine.disk import DiskJobs, DiskThreads, T
 from madrob_console.messages.codec import encode_text
 from madrob_console.messages.message_types import Message, MessageTypes
 from madrob_console.pages.tally import overall
@@ -31,41 +30,14 @@ from recorder.bag import RawMessage
 from recorder.reader import read_bag
 from scoring.rest import HandleRest
 from tests.madrob_console.engine.drive import Drive, Rehearsal, make_setup
-from tests.madrob_console.engine.faulty_source import TIMEOUT, FaultyDrive
+from tests.madrob_console.engine.faulty_source import FaultyDrive
+from tests.madrob_console.engine.held_disk import HeldDisk
 from tests.madrob_console.engine.spoilt import Edit
-from tests.madrob_console.recorded_runs import without_digests
 from tests.madrob_console.small_disk import disk_image, lock_folder
-from tests.watching import until
 
 READY = "ok: ready to open a file"
 LOOKED = 2.1
 """By then the disk was asked again, s."""
-
-
-class MuteKeeper(DiskJobs):
-    """A disk that answers when it is told to."""
-
-    def __init__(self) -> None:
-        self._jobs: list[Callable[[], object]] = []
-
-    def submit_job(
-        self,
-        job: Callable[[], T],
-        done: Callable[[Future[T]], None] | None = None,
-        *,
-        first: bool = True,
-    ) -> Future[T]:
-        self._jobs.append(lambda: DiskJobs.submit_job(self, job, done))
-        return Future()
-
-    def answer(self) -> None:
-        jobs, self._jobs = self._jobs, []
-        for job in jobs:
-            job()
-
-
-def no_folder(root: Path) -> None:
-    root.write_text("a file, not a folder")
 
 
 def no_parent(root: Path) -> None:
@@ -73,12 +45,9 @@ def no_parent(root: Path) -> None:
     root.parent.write_text("a file, not a folder")
 
 
-def link_to_nowhere(root: Path) -> None:
-    root.symlink_to(root / "nowhere")
-
-
-def numbers_are_a_folder(root: Path) -> None:
-    (root / PRACTICE_FOLDER / NUMBERS_FILE).mkdir(parents=True)
+def practice_is_a_link(root: Path) -> None:
+    root.mkdir()
+    (root / PRACTICE_FOLDER).symlink_to(root)  # its runs would be found by nobody
 
 
 def numbers_are_a_link(root: Path) -> None:
@@ -86,24 +55,21 @@ def numbers_are_a_link(root: Path) -> None:
     (root / PRACTICE_FOLDER / NUMBERS_FILE).symlink_to("/dev/zero")
 
 
-def practice_is_a_link(root: Path) -> None:
-    root.mkdir()
-    (root / PRACTICE_FOLDER).symlink_to(root)  # its runs would be found by nobody
+SPOILT: dict[str, Callable[[Path], object]] = {
+    "a file": lambda root: root.write_text("a file, not a folder"),
+    "a file above": no_parent,
+    "a link to nowhere": lambda root: root.symlink_to(root / "nowhere"),
+    "numbers are a folder": lambda root: (root / PRACTICE_FOLDER / NUMBERS_FILE).mkdir(
+        parents=True
+    ),
+    "numbers are a link": numbers_are_a_link,
+    "practice is a link": practice_is_a_link,
+}
 
 
-@pytest.mark.parametrize(
-    "spoil",
-    [
-        no_folder,
-        no_parent,
-        link_to_nowhere,
-        numbers_are_a_folder,
-        numbers_are_a_link,
-        practice_is_a_link,
-    ],
-)
+@pytest.mark.parametrize("spoil", SPOILT.values(), ids=SPOILT)
 def test_a_recorder_that_can_make_no_folder_is_found_before_the_start(
-    spoil: Callable[[Path], None], tmp_path: Path
+    spoil: Callable[[Path], object], tmp_path: Path
 ) -> None:
     root = tmp_path / "place" / "results"
     root.parent.mkdir()
@@ -112,34 +78,29 @@ def test_a_recorder_that_can_make_no_folder_is_found_before_the_start(
     assert drive.check(CheckName.RECORDER) == READY
     spoil(root)
     drive.wait(LOOKED)
-    said = drive.check(CheckName.RECORDER)
-    assert said.startswith(f"failed: {root.parent}")
+    assert drive.check(CheckName.RECORDER).startswith(f"failed: {root.parent}")
     blocked = {check.name for check in blocking(drive.engine.snapshot().checks)}
     assert CheckName.RECORDER in blocked
     drive.act(*(Waive(name, "I know better") for name in blocked))
-    waived = drive.engine.perform(Start())  # the disk refuses all the same
-    assert waived is not None
-    assert str(root.parent) in waived
+    assert str(root.parent) in str(drive.engine.perform(Start()))  # the disk refuses all the same
     assert drive.engine.run.phase is Phase.READY
     shutil.rmtree(root.parent) if root.parent.is_dir() else root.parent.unlink()
     drive.wait(LOOKED)
     assert drive.check(CheckName.RECORDER) == READY
     drive.act(Start())
-    drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
+    drive.engine.close()
 
 
 def test_a_disk_that_says_nothing_is_no_recorder_that_is_ready(tmp_path: Path) -> None:
-    mute = MuteKeeper()
-    drive = Drive(tmp_path, keepers=DiskThreads(mute, DiskJobs()))
+    disk = HeldDisk()
+    disk.held = True
+    drive = Drive(tmp_path, keepers=disk.keepers())
     drive.prepare(make_setup())
     for name in (CheckName.DISK, CheckName.RECORDER):
         assert drive.check(name).startswith("no data: ")
-    refused = drive.engine.perform(Start())
-    assert refused is not None
-    assert "free space unknown" in refused
-    mute.answer()
+    assert "free space unknown" in str(drive.engine.perform(Start()))
+    disk.come_back()
     drive.wait(LOOKED)
-    mute.answer()
     assert drive.check(CheckName.RECORDER) == READY
 
 
@@ -157,32 +118,6 @@ def test_a_disk_with_too_little_room_is_a_fault_as_long_as_nobody_waived_it(
     assert not any(fault.startswith("disk space") for fault in drive.engine.snapshot().all_faults)
 
 
-def fill_with_files(folder: Path) -> None:
-    for number in range(100_000):
-        (folder / str(number)).touch()
-
-
-@pytest.mark.needs("mkfs.ext4")
-@pytest.mark.machine
-def test_a_disk_that_hangs_is_no_recorder_that_is_ready(tmp_path: Path) -> None:
-    with disk_image(tmp_path / "disk") as disk:
-        drive = Drive(disk.folder, keepers=DiskThreads.threads())
-        drive.act(SetUp(make_setup()))
-        until_said(drive, READY)
-        with disk.stalled():
-            until_said(drive, "no data: look at the results folder: the disk does not answer")
-        until_said(drive, READY)
-        drive.engine.close()
-
-
-def until_said(drive: Drive, words: str) -> None:
-    def said() -> bool:
-        drive.wait(LOOKED)
-        return drive.check(CheckName.RECORDER) == words
-
-    until(said)
-
-
 @pytest.mark.needs("mkfs.ext4")
 @pytest.mark.machine
 def test_a_folder_that_takes_no_file_is_found_before_the_start(tmp_path: Path) -> None:
@@ -195,15 +130,16 @@ def test_a_folder_that_takes_no_file_is_found_before_the_start(tmp_path: Path) -
         drive.wait(LOOKED)
         assert "nothing can be written there" in drive.check(CheckName.RECORDER)
         lock_folder(root, locked=False)
-        drive.wait(LOOKED)
-        assert drive.check(CheckName.RECORDER) == READY
         many = disk.folder / "many"
         many.mkdir()
-        with pytest.raises(OSError, match="No space left"):
-            fill_with_files(many)
+        with pytest.raises(OSError, match="No space left"):  # noqa: PT012
+            for number in range(100_000):
+                (many / str(number)).touch()
         drive.wait(LOOKED)
         assert "No space left" in drive.check(CheckName.RECORDER)
         shutil.rmtree(many)
+        drive.wait(LOOKED)
+        assert drive.check(CheckName.RECORDER) == READY
         disk.turn_read_only()
         drive.wait(LOOKED)
         assert re.search("Read-only|nothing can be written", drive.check(CheckName.RECORDER))
@@ -223,9 +159,9 @@ def test_official_and_practice_runs_lie_apart_and_have_numbers_of_their_own(
     hall: Rehearsal, tmp_path: Path
 ) -> None:
     for one in (setup(1), setup(1, practice=True), setup(2, practice=True)):
-        hall.whole_run(one)
+        hall.start(one)
+        hall.give_up()
         assert (hall.folder.parent == tmp_path / "practice") == one.practice
-        assert check_run(RunPath(hall.folder)).found == ()
         snapshot = hall.engine.snapshot()
         assert (snapshot.practice, snapshot.simulated) == (one.practice, None)
     assert hall.engine.next_run_number(3, 1).result() == 2
@@ -233,41 +169,31 @@ def test_official_and_practice_runs_lie_apart_and_have_numbers_of_their_own(
     runs = History(tmp_path).refresh()
     assert [run.official for run in runs] == [True, False, False]
     assert [run.practice for run in runs] == [False, True, True]
-    assert {one.path for one in runs_at(tmp_path)} == {tmp_path / run.folder for run in runs}
-    assert [tally.completed for tally in overall(runs)] == [1]
-    assert [tally.completed for tally in overall(runs, official=False)] == [2]
-
-
-def test_a_practice_run_opens_again_from_where_it_lies(hall: Rehearsal, tmp_path: Path) -> None:
-    hall.whole_run(setup(practice=True))
-    (run,) = History(tmp_path).refresh()
-    hall.whole_run(setup())
-    assert hall.open(tmp_path / run.folder) is None
+    folders = {tmp_path / run.folder for run in runs}
+    assert {one.path for one in runs_at(tmp_path)} == folders
+    assert [found for folder in folders for found in check_run(RunPath(folder)).found] == []
+    assert [len(overall(runs, official=one)) for one in (True, False)] == [1, 1]
+    hall.act(SetUp(setup(2)))
+    assert hall.open(tmp_path / runs[1].folder) is None  # from where it lies
     assert hall.engine.snapshot().practice
 
 
 def test_a_simulated_testbed_over_ros_makes_every_run_practice_and_is_in_the_bag(
-    tmp_path: Path,
+    hall: Rehearsal, tmp_path: Path
 ) -> None:
-    hall = Rehearsal(tmp_path, OVER_ROS)
-    hall.whole_run(setup())
-    assert hall.engine.run.practice
-    assert hall.folder.parent.name == "practice"
-    (run,) = History(tmp_path).refresh()
-    assert (run.source, run.practice, run.official) == ("simulated", True, False)
-    said = [one for one in read_bag(hall.folder).messages() if one.topic == INFO_TOPIC]
-    assert [one.data for one in said] == [SAID.data]
-    assert check_run(RunPath(hall.folder)).found == ()
-    hall.engine.close()
-
-
-def test_what_is_announced_before_the_start_refuses_an_official_one(hall: Rehearsal) -> None:
     hall.prepare(setup())
     hall.source.told = OVER_ROS
     refused = hall.engine.perform(Start())
     assert refused == "the testbed is simulated, a run on it is practice: set it up again"
     hall.act(SetUp(setup()), ConfirmPose(), Start())
     assert hall.engine.run.practice
+    assert hall.folder.parent.name == "practice"
+    hall.give_up()
+    (run,) = History(tmp_path).refresh()
+    assert (run.source, run.practice, run.official) == ("simulated", True, False)
+    said = [one for one in read_bag(hall.folder).messages() if one.topic == INFO_TOPIC]
+    assert [one.data for one in said] == [SAID.data]
+    assert check_run(RunPath(hall.folder)).found == ()
 
 
 def test_what_is_announced_in_an_official_run_is_a_fault_of_it(
@@ -278,7 +204,7 @@ def test_what_is_announced_in_an_official_run_is_a_fault_of_it(
     hall.wait(1.0)
     words = f"{INFO_TOPIC}: the testbed is simulated (nominal): void this run after its stop"
     assert words in hall.engine.snapshot().all_faults
-    hall.finish()
+    hall.give_up()
     assert hall.folder.parent == tmp_path  # what it is was set before it started
     assert [fault.text for fault in hall.engine.run.faults] == [words]
     hall.act(SetUp(setup(2)))
@@ -291,27 +217,13 @@ def test_what_is_announced_in_an_official_run_is_a_fault_of_it(
     assert not hall.engine.run.practice
 
 
-def test_what_cannot_be_understood_is_said_and_makes_no_run_practice(tmp_path: Path) -> None:
-    hall = Rehearsal(tmp_path, Announcement(problem="what is that?"))
+def test_what_cannot_be_understood_is_said_and_makes_no_run_practice(hall: Rehearsal) -> None:
+    hall.source.told = Announcement(problem="what is that?")
     hall.start(setup())
     assert f"{INFO_TOPIC}: what is that?" in hall.engine.snapshot().all_faults
-    hall.finish()
+    hall.give_up()
     assert not hall.engine.run.practice
     assert [fault.text for fault in hall.engine.run.faults] == [f"{INFO_TOPIC}: what is that?"]
-    hall.engine.close()
-
-
-def test_a_practice_run_of_an_older_version_is_found_where_it_lies(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
-    drive.whole_run(make_setup())
-    drive.engine.close()
-    (tmp_path / "older").mkdir()
-    folder = drive.folder.rename(tmp_path / "older" / drive.folder.name)
-    result = folder / "result.json"
-    result.write_text(result.read_text().replace('"practice": true', '"later": true'))
-    without_digests(folder)
-    (run,) = History(tmp_path / "older").refresh()
-    assert (run.folder, run.practice) == (folder.name, True)
 
 
 HANDLE = "/madrob/handle/force"
@@ -336,17 +248,24 @@ def shifted(by: float) -> Edit:
     return edit
 
 
-def drifting_run(drive: FaultyDrive, by: float, number: int = 1) -> float | None:
-    """A run in which the load cell drifts by so much, N, after the start; the drift found."""
-    drive.act(SetUp(make_setup(timeout=TIMEOUT, countdown=1.0, run_number=number)))
-    drive.wait(2.1)
-    drive.act(ZeroHandle(), ConfirmPose())
+@pytest.fixture
+def drifting(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[FaultyDrive]:
+    """Its load cell drifted by so much in a run, N, after the start; nobody sees it any more."""
+    drive = FaultyDrive(tmp_path)
+    drive.set_up()
     drive.begin()
     drive.wait(2.0)
-    drive.faulty.fake(HANDLE, shifted(by))
+    drive.faulty.fake(HANDLE, shifted(request.param))
     rest = drive.result().rest
     assert rest is not None
-    return rest.drift
+    assert rest.drift == pytest.approx(request.param, abs=0.1)
+    drive.faulty.heal(HANDLE)
+    yield drive
+    drive.engine.close()
+
+
+def of_drift(by: float) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("drifting", [by], indirect=True)
 
 
 def test_the_samples_behind_the_zero_stand_in_state_journal_bag_and_result(drive: Drive) -> None:
@@ -358,7 +277,7 @@ def test_the_samples_behind_the_zero_stand_in_state_journal_bag_and_result(drive
     assert kept.span == pytest.approx(0.22, rel=0.5)
     assert kept.end - kept.begin == pytest.approx(0.98, abs=0.03)
     (line,) = (e for e in read_journal(folder / "journal.jsonl")[0] if e.what == ZeroHandle.name)
-    told = {name: getattr(kept, name) for name in kept.__slots__}
+    told = msgspec.to_builtins(kept)
     assert line.details == {"samples": told}
     stored = read_whole_result(str(folder))
     assert (stored["handle_zero"], stored["zero_samples"]) == (kept.mean, told)
@@ -367,70 +286,48 @@ def test_the_samples_behind_the_zero_stand_in_state_journal_bag_and_result(drive
     assert any("zero the handle: 5.9" in log.text for log in drive.engine.log.lines)
 
 
-def test_a_zero_of_before_the_set_up_has_its_samples_in_the_result(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
-    drive.wait(1.5)
-    drive.act(ZeroHandle())
-    kept = samples(drive)
-    drive.act(SetUp(make_setup()))
-    drive.wait(1.5)
-    drive.act(ConfirmPose(), Start())
-    drive.finish()
-    drive.engine.close()
-    assert json.loads((drive.folder / "result.json").read_text())["zero_samples"]["end"] == kept.end
-    assert check_run(RunPath(drive.folder)).found == ()
-
-
-def test_a_handle_that_drifted_is_to_be_zeroed_before_the_next_run(tmp_path: Path) -> None:
-    drive = FaultyDrive(tmp_path)
-    assert drifting_run(drive, -1.3) == pytest.approx(-1.3, abs=0.1)
-    drive.faulty.heal(HANDLE)  # nobody sees it any more
-    drive.act(SetUp(make_setup(run_number=2, timeout=TIMEOUT, countdown=1.0)))
-    drive.wait(2.1)
-    assert drive.check(CheckName.HANDLE).startswith("ok")
-    said = drive.check(CheckName.HANDLE_ZERO)
+@of_drift(-1.3)
+def test_a_handle_that_drifted_is_to_be_zeroed_before_the_next_run(drifting: FaultyDrive) -> None:
+    drifting.act(SetUp(make_setup(run_number=2)))
+    drifting.wait(2.1)
+    assert drifting.check(CheckName.HANDLE).startswith("ok")
+    said = drifting.check(CheckName.HANDLE_ZERO)
     assert said.startswith("failed: F7 zeroes the handle again: it was -1.")
-    drive.act(ConfirmPose())
-    assert (drive.engine.perform(Start()) or "").startswith("F7 zeroes the handle again")
-    drive.act(ZeroHandle())
-    assert not asked_for_a_zero(drive)
-    drive.act(Start())
-    drive.engine.close()
+    drifting.act(ConfirmPose())
+    refused = str(drifting.engine.perform(Start()))
+    assert refused.startswith("F7 zeroes the handle again")
+    drifting.act(ZeroHandle())
+    assert not asked_for_a_zero(drifting)
+    drifting.act(Start())
 
 
-def test_a_drift_can_be_waived_for_one_run(tmp_path: Path) -> None:
-    drive = FaultyDrive(tmp_path)
-    drifting_run(drive, 1.3)
-    drive.faulty.heal(HANDLE)
-    drive.act(SetUp(make_setup(run_number=2, timeout=TIMEOUT, countdown=1.0)))
-    drive.wait(2.1)
-    drive.act(Waive(CheckName.HANDLE_ZERO, "the cable was pulled"), ConfirmPose())
-    drive.begin()
-    result = drive.result()
-    assert "check waived: handle zero: the cable was pulled" in result.quality.remarks
-    drive.act(SetUp(make_setup(run_number=3)))
-    assert not asked_for_a_zero(drive)  # that run found the zero right
-    drive.engine.close()
+@of_drift(1.3)
+def test_a_drift_can_be_waived_for_one_run_and_is_not_asked_about_later(
+    drifting: FaultyDrive, tmp_path: Path
+) -> None:
+    first = drifting.folder
+    drifting.act(SetUp(make_setup(run_number=2, countdown=1.0)))
+    drifting.wait(2.1)
+    drifting.act(Waive(CheckName.HANDLE_ZERO, "the cable was pulled"), ConfirmPose())
+    drifting.begin()
+    remarks = drifting.result().quality.remarks
+    stored = json.loads((drifting.folder / "result.json").read_text())
+    assert stored["zero_samples"] == msgspec.to_builtins(samples(drifting))  # of the run before
+    assert check_run(RunPath(drifting.folder)).found == ()
+    assert "check waived: handle zero: the cable was pulled" in remarks
+    drifting.act(SetUp(make_setup(run_number=3)))
+    assert not asked_for_a_zero(drifting)  # that run found the zero right
+    other = Drive(tmp_path)
+    assert other.open(first) is None  # the drift of another day
+    other.act(SetUp(make_setup(run_number=4)))
+    assert not asked_for_a_zero(other)
+    other.engine.close()
 
 
-def test_a_drift_below_half_the_threshold_asks_for_nothing(tmp_path: Path) -> None:
-    drive = FaultyDrive(tmp_path)
-    assert drifting_run(drive, 0.7) == pytest.approx(0.7, abs=0.1)
-    drive.act(SetUp(make_setup(run_number=2)))
-    assert not asked_for_a_zero(drive)
-    drive.engine.close()
-
-
-def test_an_earlier_run_that_is_opened_asks_for_no_zero(tmp_path: Path) -> None:
-    first = FaultyDrive(tmp_path)
-    drifting_run(first, 1.3)
-    folder = first.folder
-    first.engine.close()
-    drive = Drive(tmp_path)
-    assert drive.open(folder) is None
-    drive.act(SetUp(make_setup(run_number=2)))
-    assert not asked_for_a_zero(drive)
-    drive.engine.close()
+@of_drift(0.7)
+def test_a_drift_below_half_the_threshold_asks_for_nothing(drifting: FaultyDrive) -> None:
+    drifting.act(SetUp(make_setup(run_number=2)))
+    assert not asked_for_a_zero(drifting)
 
 
 def test_a_zero_of_an_unsteady_force_stands_in_the_way_of_a_start(tmp_path: Path) -> None:
@@ -454,7 +351,6 @@ def test_a_zero_of_an_unsteady_force_stands_in_the_way_of_a_start(tmp_path: Path
 
 
 def test_there_is_no_zero_of_a_few_samples(drive: Drive) -> None:
-    drive.act(SetUp(make_setup()))
     drive.wait_until(lambda: drive.engine.snapshot().handle.force is not None)
     assert drive.engine.snapshot().refusals[ZeroHandle.name] == "no fresh handle force"
     drive.wait(0.5)

@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import re
+import shutil
 import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
@@ -43,7 +44,6 @@ from madrob_console.referee.acts import (
     Rule,
     TakeBack,
     Void,
-    WithdrawProtest,
 )
 from madrob_console.referee.acts.correct import last_decision
 from madrob_console.referee.records import ProtestEnd, TeamWord
@@ -52,6 +52,7 @@ from scoring.protocol import Step
 from tests.madrob_console.archive.frames import film
 from tests.madrob_console.engine.deck import Deck
 from tests.madrob_console.engine.test_amended_runs import Desk
+from tests.madrob_console.recorded_runs import completed
 from tests.recorder.samples import add_evidence, strings
 
 CROSSED = FileProtest("we were through earlier", "Delft", "step 4: cross the threshold", 6.5)
@@ -76,8 +77,7 @@ def found(desk: Desk) -> CompetitionStandings:
 
 
 def test_from_the_protest_over_the_replay_and_a_ruling_to_the_decision(desk: Desk) -> None:
-    desk.act(SIGNED)
-    desk.act(CROSSED)
+    desk.act(SIGNED, CROSSED)
     run = desk.listed
     assert (run.closing, run.protested, run.final) == (PROTEST_OPEN, True, False)
     assert run.protest_at == pytest.approx(6.5)
@@ -94,7 +94,11 @@ def test_from_the_protest_over_the_replay_and_a_ruling_to_the_decision(desk: Des
     # what the decision changes, other acts do
     desk.act(Rule(Step.CROSS, confirmed=True, reason="seen on video"), UPHELD)
     assert desk.engine.run.phase is Phase.STOPPED
-    desk.act(SIGNED)
+    last = last_decision(desk.engine.run)
+    assert last is not None
+    desk.act(SIGNED, TakeBack(last.kind, last.time, "another video"))
+    assert desk.listed.closing == PROTEST_OPEN
+    desk.act(UPHELD, SIGNED)
     run = desk.listed
     assert (run.closing, run.protested, run.protest_filed) == ("final", True, None)
     assert "protest 1 (step 4: cross the threshold) upheld (seen on video)" in [
@@ -107,36 +111,19 @@ def test_from_the_protest_over_the_replay_and_a_ruling_to_the_decision(desk: Des
 
 def test_while_a_protest_is_open_every_table_says_that_the_row_is_not_final(desk: Desk) -> None:
     desk.act(CROSSED)
-    standings = found(desk)
+    filed, standings = desk.engine.run.protests[0].time, found(desk)
     rows = csv.DictReader(io.StringIO(standings_csv(standings)))
     assert {row["open_protests"] for row in rows} == {"1"}
     told = json.loads(standings_json(standings, "1"))
     assert told["rulesets"][0]["overall"][0]["open_protests"] == 1
-    assert told["open_protests"][0]["filed"] == desk.engine.run.protests[0].time
+    assert told["open_protests"][0]["filed"] == filed
     page = standings_html(standings, "1")
     assert "NOT FINAL: 1 PROTEST open" in page
     assert "PROTEST open against run 1 of subject 3 in condition 1: NOT FINAL" in page
     (row,) = rows_of(RUNS, stored_run(RunPath(desk.run_folder)))
-    assert (row["protests"], row["open_protests"]) == (1, 1)
-    assert row["protest_filed"] == desk.engine.run.protests[0].time
-
-
-def test_a_protest_against_a_run_that_does_not_count_makes_its_row_not_final(
-    desk: Desk,
-) -> None:
-    desk.act(Void("robot unsafe"), CROSSED)
+    assert (row["protests"], row["open_protests"], row["protest_filed"]) == (1, 1, filed)
+    desk.act(Void("robot unsafe"))  # it counts nowhere, which the protest may be about
     assert "NOT FINAL: 1 PROTEST open" in "\n".join(standings_details(found(desk)))
-
-
-def test_a_decision_taken_back_and_a_withdrawal_are_on_disk(desk: Desk) -> None:
-    desk.act(CROSSED, UPHELD, SIGNED)
-    last = last_decision(desk.engine.run)
-    assert last is not None
-    desk.act(TakeBack(last.kind, last.time, "another video"))
-    assert desk.listed.closing == PROTEST_OPEN
-    desk.act(WithdrawProtest(1, "satisfied"))
-    assert (desk.listed.protest_filed, desk.listed.protested) == (None, True)
-    assert desk.agrees()
 
 
 def test_who_signed_under_protest_once_is_remembered_through_later_issues(desk: Desk) -> None:
@@ -146,83 +133,77 @@ def test_who_signed_under_protest_once_is_remembered_through_later_issues(desk: 
     assert desk.listed.closing == "final"
     assert desk.listed.protested
     assert ever_protested(desk.run_folder)
-
-
-def test_a_journal_that_cannot_be_used_is_taken_for_a_protested_one(desk: Desk) -> None:
     journal = desk.run_folder / "journal.jsonl"
     journal.unlink()
     assert not ever_protested(desk.run_folder)
-    journal.symlink_to(desk.run_folder / "result.json")
+    journal.symlink_to(desk.run_folder / "result.json")  # nobody can read it
     assert ever_protested(desk.run_folder)
 
 
 def test_the_report_tells_who_protested_and_what_was_decided(desk: Desk) -> None:
     desk.act(replace(CROSSED, text="<b>earlier</b>"))
     told = render("protests.html", run=desk.engine.run)
-    assert "&lt;b&gt;earlier&lt;/b&gt;" in told
-    assert "OPEN" in told
-    assert "6.500 s from the start" in told
+    for words in ("&lt;b&gt;earlier&lt;/b&gt;", "OPEN", "6.500 s from the start"):
+        assert words in told
     desk.act(UPHELD)
     told = render("protests.html", run=desk.engine.run)
     assert "UPHELD" in told
     assert "seen on video" in told
 
 
-def test_a_replay_knows_its_events_by_name_and_refuses_others_with_words(desk: Desk) -> None:
+def test_the_instant_in_question_is_found_by_what_screens_and_files_call_it(
+    desk: Desk, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    desk.act(SIGNED, CROSSED)
     replay = Replay(desk.run_folder, MessageTypes())
+    named = "protest", "protest 1", "Protest 1", "protest_1", "PROTEST_1 ", "6.5", "0:06.5", "6.5 s"
+    assert [replay.instant(one) for one in named] == pytest.approx([6.5] * len(named))
     events = {one["event"]: one["since_start"] for one in desk.document["events"]}
     assert replay.instant("door_opens") == pytest.approx(events["door_opens"])
     assert (replay.instant("start"), replay.instant("1:05.5")) == (0.0, 65.5)
-    with pytest.raises(MadrobError, match="no event of this run: give seconds, or one of start, "):
-        replay.instant("protest")
-
-
-@pytest.mark.parametrize(
-    "named",
-    ["protest", "protest 1", "Protest 1", "protest_1", "PROTEST_1 ", "6.5", "0:06.5", "6.5 s"],
-)
-def test_the_instant_in_question_is_found_by_what_screens_and_files_call_it(
-    desk: Desk, named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    desk.act(SIGNED, CROSSED)
-    assert Replay(desk.run_folder, MessageTypes()).instant(named) == pytest.approx(6.5)
+    none = r"'protest 2' is no .* one of start, stop, .*protest_1"
+    with pytest.raises(MadrobError, match=none):
+        replay.instant("protest 2")
     film(desk.run_folder, "/camera/left")
-    output = ("--output", str(tmp_path / "frames"))
-    assert main(["pictures", str(desk.run_folder), "--at", named, *output]) == 0
+    pictures = ["pictures", str(desk.run_folder), "--output", str(tmp_path / "frames"), "--at"]
+    assert main([*pictures, "Protest 1"]) == 0
     printed = capsys.readouterr().out
     assert len(list((tmp_path / "frames").iterdir())) == len(printed.splitlines()) == 1
-    assert main(["pictures", str(desk.run_folder), "--at", "protest 2", *output]) == 2
-    assert re.search(
-        "'protest 2' is no .* one of start, stop, .*protest_1", capsys.readouterr().err
-    )
-    with pytest.raises(MadrobError, match=r"'protest 2' is no .* one of start, stop, .*protest_1"):
-        Replay(desk.run_folder, MessageTypes()).instant("protest 2")
+    assert main([*pictures, "protest 2"]) == 2
+    assert re.search(none, capsys.readouterr().err)
 
 
-@pytest.mark.parametrize("time", [None, "soon", [1], {}, 10**400])
-def test_an_event_without_a_time_is_none_of_a_replay(desk: Desk, time: object) -> None:
-    journal = desk.run_folder / "journal.jsonl"
+def test_an_event_without_a_time_is_none_of_a_replay(tmp_path: Path) -> None:
+    folder = shutil.copytree(completed(), tmp_path / completed().name)
+    journal = folder / "journal.jsonl"
     lines = [json.loads(line) for line in journal.read_text().splitlines()]
-    for line in lines:
-        if line["details"].get("event") == "door_opens":
-            line["details"]["time"] = time
+    events = [line["details"] for line in lines if line["what"] == "event"]
+    times: list[object] = [None, "soon", [1], {}, 10**400]
+    for details, time in zip(events, times, strict=True):
+        details["time"] = time
     journal.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
-    replay = Replay(desk.run_folder, MessageTypes())
-    with pytest.raises(MadrobError, match="'door_opens' is no time and no event"):
-        replay.instant("door_opens")
+    replay = Replay(folder, MessageTypes())
+    for details in events:
+        with pytest.raises(MadrobError, match=f"'{details['event']}' is no time and no event"):
+            replay.instant(details["event"])
 
 
 # ---------------------------------------------------------------- the dossier
 
 
 def dossier(desk: Desk, *options: str) -> dict[str, bytes]:
-    """The files of the dossier by name."""
+    """The files of the dossier by name; all links of its report lead to what is there."""
     name = f"practice/{desk.run_folder.name}"
     code = main(["export", "--run", name, "--dossier", "--results", str(desk.results), *options])
     assert code == 0
     with zipfile.ZipFile(dossier_target(desk.run_folder)) as archive:
         assert archive.testzip() is None
-        return {name: archive.read(name) for name in archive.namelist()}
+        files = {name: archive.read(name) for name in archive.namelist()}
+    page = files[f"{desk.run_folder.name}/report.html"].decode()
+    led = {f"{desk.run_folder.name}/{name}" for name in re.findall(r'<a href="([^"#]+)', page)}
+    assert led
+    assert led <= set(files)
+    return files
 
 
 def test_the_dossier_has_all_that_a_protest_is_decided_by(desk: Desk) -> None:
@@ -240,77 +221,56 @@ def test_the_dossier_has_all_that_a_protest_is_decided_by(desk: Desk) -> None:
     tables = {f"tables/{name}_{table}.csv" for table in ("door", "handle", "passage")}
     assert tables <= {*files}
     assert any(one.endswith("_jointState.csv") for one in files)
-    assert b"Protest 1" in files[PROTESTS_FILE]
-    assert b"UPHELD" in files[PROTESTS_FILE]
-    assert b"we were through earlier" in files[PROTESTS_FILE]
+    for words in (b"Protest 1", b"UPHELD", b"we were through earlier", b", PRACTICE"):
+        assert words in files[PROTESTS_FILE]
     assert next(iter(files)) == PROTESTS_FILE
-    page = files[f"{name}/report.html"].decode()
-    assert "UPHELD" in page
+    assert b"UPHELD" in files[f"{name}/report.html"]
     sums = files[SUMS_FILE].decode()
     for one, content in files.items():
         if one != SUMS_FILE:
             assert f"{hashlib.sha256(content).hexdigest()}  {one}\n" in sums
-    assert f"  {PROTESTS_FILE}: the protests" in files[README_FILE].decode()
+    readme = files[README_FILE].decode()
+    assert f"  {PROTESTS_FILE}: the protests" in readme
+    packed = dossier_target(desk.run_folder)
+    assert packed.name == f"dossier_practice_{name}.zip"
+    assert readme.startswith(f"MADROB: dossier of the PRACTICE run {name}\n")
+    assert "not final" not in readme.splitlines()[4]
+    once = packed.read_bytes()
+    dossier(desk)
+    assert packed.read_bytes() == once  # the same run, the same bytes
 
 
 def test_a_report_that_is_made_for_the_dossier_shows_what_the_cameras_saw(desk: Desk) -> None:
-    desk.act(CROSSED)
     film(desk.run_folder, "/camera/left")
     assert not (desk.run_folder / "report.html").exists()
     files = dossier(desk)
-    name = desk.run_folder.name
-    page = files[f"{name}/report.html"].decode()
-    shown = set(re.findall(r'href="(pictures/[^"]+[.]jpg)"', page))
-    assert shown
-    assert {f"{name}/{picture}" for picture in shown} <= set(files)
+    assert re.search(
+        r'href="pictures/[^"]+[.]jpg"', str(files[f"{desk.run_folder.name}/report.html"])
+    )
     assert not (desk.run_folder / "pictures").exists()
+    assert re.search("run 1: completed, not final, PRACTICE", files[README_FILE].decode())
 
 
-def test_the_dossier_of_a_practice_run_says_so_as_an_export_does(desk: Desk) -> None:
-    files = dossier(desk)
-    assert dossier_target(desk.run_folder).name == f"dossier_practice_{desk.run_folder.name}.zip"
-    readme = files[README_FILE].decode().splitlines()
-    assert readme[0] == f"MADROB: dossier of the PRACTICE run {desk.run_folder.name}"
-    assert readme[3] == "RUNS"
-    assert re.search("run 1: completed, not final, PRACTICE, simulated", readme[4])
-    assert ", PRACTICE" in files[PROTESTS_FILE].decode().splitlines()[1]
-    desk.act(SIGNED)
-    signed = dossier(desk)[README_FILE].decode().splitlines()[4]
-    assert "not final" not in signed
-    assert "final, " in signed
-
-
-def test_the_same_run_gives_the_same_dossier_byte_by_byte(desk: Desk) -> None:
-    desk.act(CROSSED)
-    dossier(desk)
-    first = dossier_target(desk.run_folder).read_bytes()
-    dossier(desk)
-    assert dossier_target(desk.run_folder).read_bytes() == first
-
-
-def report_in(files: dict[str, bytes], desk: Desk) -> str:
-    """The report of the dossier, all of whose links lead to what is there."""
-    page = files[f"{desk.run_folder.name}/report.html"].decode()
-    led = {f"{desk.run_folder.name}/{name}" for name in re.findall(r'<a href="([^"#]+)', page)}
-    assert led
-    assert led <= set(files)
-    return page
-
-
-def test_evidence_and_recording_can_be_left_out_and_that_is_said(desk: Desk) -> None:
+@pytest.mark.parametrize(
+    ("option", "left_out", "links"),
+    [
+        ("--without-evidence", "evidence", ["_evidence_0.mcap"]),
+        ("--without-bags", "recording", ["_0.mcap", "metadata.yaml"]),
+    ],
+)
+def test_what_is_left_out_of_the_dossier_is_said(
+    desk: Desk, option: str, left_out: str, links: list[str]
+) -> None:
     desk.act(CROSSED)
     add_evidence(desk.run_folder, strings(["seen"]))
-    assert "not in this zip" not in report_in(dossier(desk), desk)
-    files = dossier(desk, "--without-evidence")
-    assert not any("_evidence_" in one for one in files)
-    assert "_evidence_0.mcap</a> (not in this zip)" in report_in(files, desk)
-    assert any(one.endswith("_0.mcap") for one in files)
-    assert "the evidence was left out on demand" in files[README_FILE].decode()
-    files = dossier(desk, "--without-bags")
-    assert not any(one.endswith(".mcap") for one in files)
-    assert "_0.mcap</a> (not in this zip)" in report_in(files, desk)
-    assert "metadata.yaml</a> (not in this zip)" in report_in(files, desk)
-    assert "the recording was left out on demand" in files[README_FILE].decode()
+    files = dossier(desk, option)
+    bags = [one for one in files if one.endswith(".mcap")]
+    assert len(bags) == (left_out == "evidence")
+    assert not any("_evidence_" in one for one in bags)
+    page = files[f"{desk.run_folder.name}/report.html"].decode()
+    for link in links:
+        assert f"{link}</a> (not in this zip)" in page
+    assert f"the {left_out} was left out on demand" in files[README_FILE].decode()
 
 
 def test_what_cannot_be_packed_is_named_and_the_rest_is_there(
@@ -343,13 +303,3 @@ def test_what_does_not_belong_together_is_refused_with_words(
 ) -> None:
     assert main(["export", *options]) == 2
     assert words in capsys.readouterr().err
-
-
-def test_the_help_says_as_the_refusal_does_that_one_run_is_packed_as_a_dossier(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    with pytest.raises(SystemExit):
-        main(["export", "--help"])
-    told = " ".join(capsys.readouterr().out.split())
-    assert "--run RUN with --dossier one run instead" in told
-    assert "--dossier with --run, all of that run" in told
