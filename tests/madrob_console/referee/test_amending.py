@@ -192,14 +192,13 @@ def test_of_a_final_result_only_what_opens_it_is_decided(acts: Sequence[Act | No
             assert mark_of(telling.entries) != mark_of(telling.entries[:-1])
 
 
-RULED = done(STOPPED, Rule(Step.CROSS, confirmed=False, reason="arm"), 130.0)
-VOIDED = done(STOPPED, Void("unsafe"), 130.0)
 SIGN = Finalise(TeamWord.ABSENT, "R. Eferee")
 
 
 def test_a_voided_run_is_not_valid_and_keeps_its_outcome() -> None:
-    assert (STOPPED.valid, VOIDED.valid) == (True, False)
-    assert (VOIDED.outcome, VOIDED.phase) == (Outcome.COMPLETED, Phase.STOPPED)
+    voided = done(STOPPED, Void("unsafe"), 130.0)
+    assert (STOPPED.valid, voided.valid) == (True, False)
+    assert (voided.outcome, voided.phase) == (Outcome.COMPLETED, Phase.STOPPED)
 
 
 def test_the_start_pose_changes_over_with_a_corrected_starting_side() -> None:
@@ -237,60 +236,83 @@ def test_a_final_result_is_opened_by_a_void_and_by_what_takes_it_back() -> None:
     assert [one.words for one in again.taken_back] == ["void (unsafe)"]
 
 
-LATER = done(RULED, Rule(Step.CLOSE, confirmed=True, reason="seen"), 131.0)
-MARKED = MarkIncident(IncidentKind.FALL).apply(situation(STOPPED), 111.0)
-WAIVED = Waive(CheckName.DOOR, "warped").apply(situation(RUNS[Phase.READY], FAILED), 1.0)
+RULE = Rule(Step.CROSS, confirmed=False, reason="arm")
+LATER = Rule(Step.CLOSE, confirmed=True, reason="seen")
+MARK = MarkIncident(IncidentKind.FALL)
+WAIVE = Waive(CheckName.DOOR, "warped")
+READY = RUNS[Phase.READY]
+
+
+def after_acts(run: Run, *acts: tuple[Act, float]) -> Run:
+    """The run after acts, each at its time."""
+    for act, at in acts:
+        run = act.apply(situation(run, FAILED), at)
+    return run
+
+
 OTHER = "this ruling is not the last one that stands"
 
 
 @pytest.mark.parametrize(
-    ("run", "back", "words"),
+    ("run", "acts", "back", "words"),
     [
-        (RULED, TakeBack(DecisionKind.RULING, 130.0, "?"), None),
-        (LATER, TakeBack(DecisionKind.RULING, 130.0, "?"), OTHER),
-        (MARKED, TakeBack(DecisionKind.RULING, 130.0, "?"), OTHER),
+        (STOPPED, [(RULE, 130.0)], TakeBack(DecisionKind.RULING, 130.0, "?"), None),
         (
-            done(RULED, SIGN),
+            STOPPED,
+            [(RULE, 130.0), (LATER, 131.0)],
+            TakeBack(DecisionKind.RULING, 130.0, "?"),
+            OTHER,
+        ),
+        (STOPPED, [(MARK, 131.0)], TakeBack(DecisionKind.RULING, 130.0, "?"), OTHER),
+        (
+            STOPPED,
+            [(RULE, 130.0), (SIGN, 131.0)],
             TakeBack(DecisionKind.RULING, 130.0, "?"),
             "the result is final: re-issue it first",
         ),
         (
-            done(done(RULED, Void("unsafe"), 131.0), SIGN),
+            STOPPED,
+            [(RULE, 130.0), (Void("unsafe"), 131.0), (SIGN, 132.0)],
             TakeBack(DecisionKind.RULING, 130.0, "?"),
             "the result is final: re-issue it first",
         ),
-        (MARKED, TakeBack(DecisionKind.INCIDENT, 111.0, "?"), None),
-        (replace(MARKED, phase=Phase.RUNNING), TakeBack(DecisionKind.INCIDENT, 111.0, "?"), None),
-        (replace(MARKED, phase=Phase.COUNTDOWN), TakeBack(DecisionKind.INCIDENT, 111.0, "?"), None),
-        (WAIVED, TakeBack(DecisionKind.WAIVER, 1.0, "?"), None),
+        *(
+            (RUNS[phase], [(MARK, 111.0)], TakeBack(DecisionKind.INCIDENT, 111.0, "?"), None)
+            for phase in (Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED)
+        ),
+        (READY, [(WAIVE, 1.0)], TakeBack(DecisionKind.WAIVER, 1.0, "?"), None),
     ],
 )
 def test_only_the_last_of_a_kind_that_is_within_reach_is_taken_back(
-    run: Run, back: TakeBack, words: str | None
+    run: Run, acts: list[tuple[Act, float]], back: TakeBack, words: str | None
 ) -> None:
-    assert back.refusal(situation(run)) == words
+    assert back.refusal(situation(after_acts(run, *acts))) == words
 
 
 @pytest.mark.parametrize(
-    ("run", "kind", "words"),
+    ("run", "acts", "kind", "words"),
     [
-        (RULED, DecisionKind.RULING, "step 4 denied (arm)"),
-        (MARKED, DecisionKind.INCIDENT, "incident at 6.000 s: fall"),
-        (WAIVED, DecisionKind.WAIVER, "check waived: door closed (warped)"),
-        (VOIDED, DecisionKind.VOID, "void (unsafe)"),
+        (STOPPED, [(RULE, 130.0)], DecisionKind.RULING, "step 4 denied (arm)"),
+        (STOPPED, [(MARK, 111.0)], DecisionKind.INCIDENT, "incident at 6.000 s: fall"),
+        (READY, [(WAIVE, 1.0)], DecisionKind.WAIVER, "check waived: door closed (warped)"),
+        (STOPPED, [(Void("unsafe"), 130.0)], DecisionKind.VOID, "void (unsafe)"),
         (
-            TO_CW.apply(situation(STOPPED), 130.0),
+            STOPPED,
+            [(TO_CW, 130.0)],
             DecisionKind.CORRECTION,
             "corrected: starting side from CCW to CW (typed wrongly)",
         ),
         (  # the last is the one that was made last, whatever its time says
-            MarkIncident(IncidentKind.FALL).apply(situation(RULED), 110.0),
+            STOPPED,
+            [(RULE, 130.0), (MARK, 110.0)],
             DecisionKind.INCIDENT,
             "incident at 5.000 s: fall",
         ),
     ],
 )
-def test_the_last_decision_has_words(run: Run, kind: DecisionKind, words: str) -> None:
-    last = last_decision(run)
+def test_the_last_decision_has_words(
+    run: Run, acts: list[tuple[Act, float]], kind: DecisionKind, words: str
+) -> None:
+    last = last_decision(after_acts(run, *acts))
     assert last is not None
     assert (last.kind, last.words) == (kind, words)

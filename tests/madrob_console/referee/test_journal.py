@@ -48,7 +48,7 @@ from madrob_console.referee.records import (
     merged,
 )
 from madrob_console.referee.records import TestbedFault as Fault
-from madrob_console.referee.run import Phase, Run, decide_false_starts
+from madrob_console.referee.run import Phase, Run
 from scoring.events import Evidence
 from scoring.procedure import Ruling, StepRecord, follow_procedure
 from scoring.protocol import EventName, LockDetection, Outcome, Signal, Step
@@ -550,7 +550,7 @@ def test_what_somebody_wrote_does_not_make_a_flag_too_long_to_be_read() -> None:
 FALSE_START = "1 false start UNDECIDED (handle touched)"
 STEP = "step 6 UNDECIDED (the referee confirms the lock)"
 NOT_DECIDED = replace(RUN, phase=Phase.STOPPED, false_starts=(TOUCH,))
-DECIDED = decide_false_starts(NOT_DECIDED, "nothing gained")
+DECIDED = replace(NOT_DECIDED, false_starts=(ACCEPTED,))
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -35,9 +36,17 @@ from tests.madrob_console.referee.test_amending import FINAL, SIGN
 
 SLOW = FileProtest("the robot was through earlier", "Graz", "step 4", 12.5)
 UPHELD = DecideProtest(1, ProtestEnd.UPHELD, "seen on video", "R. Eferee")
-FILED = done(STOPPED, SLOW)
-DECIDED = done(FILED, UPHELD, 300.0)
+Made = Callable[[], Run]
+"""Makes a run by acts, when the test runs."""
 VOID = Voiding(170.0, "the door was jammed", "Ada")
+
+
+def filed(**changes: object) -> Run:
+    return replace(done(STOPPED, SLOW), **changes)  # type: ignore[arg-type]
+
+
+def withdrawn() -> Run:
+    return done(filed(), WithdrawProtest(1, "satisfied"), 210.0)
 
 
 def test_a_final_result_is_open_again_and_its_next_issue_has_a_number() -> None:
@@ -46,10 +55,10 @@ def test_a_final_result_is_open_again_and_its_next_issue_has_a_number() -> None:
 
 
 def test_nothing_is_signed_over_an_open_protest_in_silence() -> None:
-    (flag,) = undecided(flags(FILED))
+    (flag,) = undecided(flags(filed()))
     assert (flag.kind, flag.weight) == (FlagKind.PROTEST, FlagWeight.ALARM)
-    assert "protest 1 (step 4) OPEN" in (SIGN.refusal(Situation(FILED, scored=True)) or "")
-    final = done(FILED, replace(SIGN, undecided=(flag.words,)))
+    assert "protest 1 (step 4) OPEN" in (SIGN.refusal(Situation(filed(), scored=True)) or "")
+    final = done(filed(), replace(SIGN, undecided=(flag.words,)))
     assert open_protests(final.protests)
     decided = done(final, UPHELD, 300.0)
     assert (decided.phase, decided.closure, decided.issue) == (Phase.STOPPED, None, 2)
@@ -59,31 +68,33 @@ def test_nothing_is_signed_over_an_open_protest_in_silence() -> None:
     assert done(decided, SIGN).phase is Phase.FINAL
 
 
-SECOND = done(done(FILED, WithdrawProtest(1, "satisfied"), 210.0), SLOW, 220.0)
-
-
 @pytest.mark.parametrize(
     ("run", "waiting", "words"),
     [
-        (FILED, [1], ["protest 1 (step 4) OPEN"]),
-        (replace(FILED, outcome=Outcome.ABORTED), [1], ["protest 1 (step 4) OPEN"]),
-        (replace(FILED, voided=VOID), [1], ["protest 1 (step 4) OPEN", "VOID"]),
-        (DECIDED, [], ["protest 1 (step 4) upheld (seen on video)"]),
-        (done(FILED, WithdrawProtest(1, "satisfied")), [], ["protest 1 (step 4) withdrawn"]),
-        (SECOND, [2], ["protest 2 (step 4) OPEN", "protest 1 (step 4) withdrawn"]),
+        (filed, [1], ["protest 1 (step 4) OPEN"]),
+        (lambda: filed(outcome=Outcome.ABORTED), [1], ["protest 1 (step 4) OPEN"]),
+        (lambda: filed(voided=VOID), [1], ["protest 1 (step 4) OPEN", "VOID"]),
+        (lambda: done(filed(), UPHELD, 300.0), [], ["protest 1 (step 4) upheld (seen on video)"]),
+        (withdrawn, [], ["protest 1 (step 4) withdrawn"]),
+        (
+            lambda: done(withdrawn(), SLOW, 220.0),
+            [2],
+            ["protest 2 (step 4) OPEN", "protest 1 (step 4) withdrawn"],
+        ),
     ],
 )
 def test_a_protest_is_a_flag_and_waits_until_it_is_decided_or_withdrawn(
-    run: Run, waiting: list[int], words: list[str]
+    run: Made, waiting: list[int], words: list[str]
 ) -> None:
-    assert [one.number for one in open_protests(run.protests)] == waiting
-    found = flags(run)
+    assert [one.number for one in open_protests(run().protests)] == waiting
+    found = flags(run())
     assert [flag.words[: len(say)] for flag, say in zip(found, words, strict=True)] == words
     assert len(undecided(found)) == len(waiting)
 
 
-@pytest.mark.parametrize("run", [FILED, done(FINAL, SLOW)], ids=["open", "final"])
-def test_a_decision_that_is_taken_back_leaves_the_protest_open_as_it_was(run: Run) -> None:
+@pytest.mark.parametrize("before", [STOPPED, FINAL], ids=["open", "final"])
+def test_a_decision_that_is_taken_back_leaves_the_protest_open_as_it_was(before: Run) -> None:
+    run = done(before, SLOW)
     decided = done(run, UPHELD, 300.0)
     last = last_decision(decided)
     assert last is not None
@@ -119,8 +130,18 @@ def situation(run: Run = STOPPED) -> Situation:
     return Situation(run, scored=True, indicators=doubted(BOTH))
 
 
-ALL_ACCEPTED, ONE_ACCEPTED = (act.apply(situation(), 130.0) for act in (ACCEPT, ON_ONE))
-ON_EACH = replace(ACCEPT, doubts={PASSAGE: (TOUCH,)}).apply(situation(ONE_ACCEPTED), 140.0)
+def not_accepted(**changes: object) -> Run:
+    return replace(STOPPED, **changes)  # type: ignore[arg-type]
+
+
+def all_accepted() -> Run:
+    return ACCEPT.apply(situation(), 130.0)
+
+
+def one_accepted() -> Run:
+    return ON_ONE.apply(situation(), 130.0)
+
+
 REMARK = "doubt accepted: time to handle, passage time (seen on video: right)"
 WAITS = "doubted: time to handle, passage time (1 doubt UNDECIDED)"
 
@@ -129,13 +150,13 @@ WAITS = "doubted: time to handle, passage time (1 doubt UNDECIDED)"
     ("run", "doubts", "words"),
     [
         (
-            STOPPED,
+            not_accepted,
             {TIME: (TOUCH,), SMOOTHNESS: (JITTER, "it stepped")},
             ["doubted: time to handle, smoothness of door actuation (3 doubts UNDECIDED)"],
         ),
-        (STOPPED, BOTH, [WAITS]),
+        (not_accepted, BOTH, [WAITS]),
         (
-            STOPPED,
+            not_accepted,
             dict.fromkeys(IndicatorName, (TOUCH, JITTER)),
             [
                 (
@@ -144,9 +165,9 @@ WAITS = "doubted: time to handle, passage time (1 doubt UNDECIDED)"
                 )
             ],
         ),
-        (ALL_ACCEPTED, BOTH, [REMARK]),
+        (all_accepted, BOTH, [REMARK]),
         (
-            ONE_ACCEPTED,
+            one_accepted,
             BOTH,
             [
                 "doubted: passage time (1 doubt UNDECIDED)",
@@ -154,20 +175,20 @@ WAITS = "doubted: time to handle, passage time (1 doubt UNDECIDED)"
             ],
         ),
         (  # a new doubt of a later issue
-            ALL_ACCEPTED,
+            all_accepted,
             BOTH | {TIME: (TOUCH, JITTER)},
             ["doubted: time to handle (1 doubt UNDECIDED)", REMARK],
         ),
-        (ALL_ACCEPTED, {TIME: (JITTER,)}, ["doubted: time to handle (1 doubt UNDECIDED)"]),
-        (ALL_ACCEPTED, {}, []),
-        (replace(STOPPED, outcome=Outcome.ABORTED), BOTH, []),
-        (replace(STOPPED, voided=VOID), BOTH, ["VOID, counts nowhere (the door was jammed)"]),
+        (all_accepted, {TIME: (JITTER,)}, ["doubted: time to handle (1 doubt UNDECIDED)"]),
+        (all_accepted, {}, []),
+        (lambda: not_accepted(outcome=Outcome.ABORTED), BOTH, []),
+        (lambda: not_accepted(voided=VOID), BOTH, ["VOID, counts nowhere (the door was jammed)"]),
     ],
 )
 def test_what_is_doubted_is_one_flag_that_waits_for_the_referee_and_stays_as_a_remark(
-    run: Run, doubts: dict[IndicatorName, tuple[str, ...]], words: list[str]
+    run: Made, doubts: dict[IndicatorName, tuple[str, ...]], words: list[str]
 ) -> None:
-    found = flags(run, indicators=doubted(doubts))
+    found = flags(run(), indicators=doubted(doubts))
     assert [flag.words for flag in found] == words
     for flag in found:
         assert len(flag.words) <= LONGEST_WORDS
@@ -180,36 +201,38 @@ def test_what_is_doubted_is_one_flag_that_waits_for_the_referee_and_stays_as_a_r
 @pytest.mark.parametrize(
     ("act", "here", "words"),
     [
-        (ACCEPT, situation(), None),
-        (replace(ACCEPT, reason=" "), situation(), "accepting a doubt needs a reason"),
+        (ACCEPT, situation, None),
+        (replace(ACCEPT, reason=" "), situation, "accepting a doubt needs a reason"),
         (
             ACCEPT,
-            replace(situation(), indicators=doubted({PASSAGE: (TOUCH,)})),
+            lambda: replace(situation(), indicators=doubted({PASSAGE: (TOUCH,)})),
             "what is doubted is something else by now: look again",
         ),
-        (replace(ACCEPT, doubts={}), situation(), "accepting doubts needs one that waits"),
-        (ACCEPT, situation(ALL_ACCEPTED), "no doubt waits for the referee"),
-        (ACCEPT, Situation(STOPPED, scored=False), "the result is being written"),
-        (SIGN, situation(), f"decide it first, or sign it knowing so: {WAITS}"),
-        (replace(SIGN, undecided=(WAITS,)), situation(), None),
-        (SIGN, situation(ALL_ACCEPTED), None),
+        (replace(ACCEPT, doubts={}), situation, "accepting doubts needs one that waits"),
+        (ACCEPT, lambda: situation(all_accepted()), "no doubt waits for the referee"),
+        (ACCEPT, lambda: Situation(STOPPED, scored=False), "the result is being written"),
+        (SIGN, situation, f"decide it first, or sign it knowing so: {WAITS}"),
+        (replace(SIGN, undecided=(WAITS,)), situation, None),
+        (SIGN, lambda: situation(all_accepted()), None),
     ],
 )
 def test_a_doubt_is_accepted_with_a_reason_and_not_signed_in_silence(
-    act: Act, here: Situation, words: str | None
+    act: Act, here: Callable[[], Situation], words: str | None
 ) -> None:
-    assert act.refusal(here) == words
+    assert act.refusal(here()) == words
 
 
 def test_the_answer_is_taken_back_and_the_doubt_waits_again() -> None:
-    last = last_decision(ON_EACH)
+    on_passage = replace(ACCEPT, doubts={PASSAGE: (TOUCH,)})
+    on_each = on_passage.apply(situation(one_accepted()), 140.0)
+    last = last_decision(on_each)
     assert last is not None
     assert last.words == "doubt accepted: passage time (seen on video: right)"
-    run = done(ON_EACH, TakeBack(DecisionKind.DOUBTS, last.time, "my mistake"))
-    assert run.accepted_doubts == ONE_ACCEPTED.accepted_doubts
+    run = done(on_each, TakeBack(DecisionKind.DOUBTS, last.time, "my mistake"))
+    assert run.accepted_doubts == one_accepted().accepted_doubts
 
 
 def test_the_journal_tells_what_was_accepted() -> None:
     assert act_named(ON_ONE.name, act_details(ON_ONE)) == ON_ONE
     stood = AcceptedDoubts(130.0, ON_ONE.reason, STOPPED.referee, {TIME: (TOUCH,)})
-    assert ONE_ACCEPTED.accepted_doubts == (stood,)
+    assert one_accepted().accepted_doubts == (stood,)
