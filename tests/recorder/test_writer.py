@@ -670,8 +670,9 @@ def test_any_bytes_and_times_survive_in_their_order_and_only_what_is_too_large_i
         reasons = {DropReason.TOO_LARGE: dropped} if dropped else {}
         assert writer.stats().drop_reasons == reasons
         assert all(m in kept or len(m.data) + 256 > queue_bytes for m in messages)
-        times = [message.receive_ns for message in kept] or [None]
-        assert (summary.start_ns, summary.end_ns) == (min(times), max(times))
+        times = [message.receive_ns for message in kept]
+        span = (min(times), max(times)) if times else (None, None)
+        assert (summary.start_ns, summary.end_ns) == span
         with AnyReader([folder]) as reader:
             assert (reader.message_count, len(reader.connections)) == (len(kept), len(TOPICS))
 

@@ -204,7 +204,7 @@ def test_handle_zero_is_subtracted() -> None:
 
 
 def test_eurobench_counts_a_masked_sensor_as_absent() -> None:
-    held = [clear(0.1, CW, 0), under(1, CW, 0), door(1.5, -0.2), under(2, CW, 0)]
+    held: list[Sample] = [clear(0.1, CW, 0), under(1, CW, 0), door(1.5, -0.2), under(2, CW, 0)]
     assert (2.0, LEFT("cw")) in events(held, ruleset=EUROBENCH_2020)
 
 

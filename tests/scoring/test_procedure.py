@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -59,7 +59,7 @@ def judged(samples: list[Sample], lock: LockDetection, **told: Any) -> Procedure
     )
 
 
-def steps(words: str, samples: Iterable[Sample], done: list[float], **told: Any) -> object:  # noqa: ANN401
+def steps(words: str, samples: Iterable[Sample], done: Sequence[float], **told: Any) -> object:  # noqa: ANN401
     """A row: when the steps that count are done, s from the start; the others are not."""
     return pytest.param(list(samples), told, done, id=words)
 
@@ -166,7 +166,7 @@ def steps(words: str, samples: Iterable[Sample], done: list[float], **told: Any)
     ],
 )
 def test_each_step_has_the_time_at_which_it_is_done(
-    samples: list[Sample], told: dict[str, Any], done: list[float]
+    samples: list[Sample], told: dict[str, Any], done: Sequence[float]
 ) -> None:
     procedure = judged(samples, **{"lock": LockDetection.AUTO, **told})
     assert times(procedure) == [*done, *[None] * (6 - len(done))]

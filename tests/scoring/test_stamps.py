@@ -255,7 +255,7 @@ def test_a_drift_is_the_rest_force_after_the_run_less_the_zero(
 )
 def test_a_touch_in_the_countdown_is_no_rest(force: Force, ends: float) -> None:
     before = rest(found(force).before)
-    assert (before.number, before.mean) == (25, pytest.approx(5.9, abs=0.05))
+    assert (before.number, before.mean) == pytest.approx((25, 5.9), abs=0.05)
     assert before.deviation == pytest.approx(0.05, rel=0.4)
     assert before.end < START + ends
 

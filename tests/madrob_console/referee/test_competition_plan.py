@@ -78,7 +78,7 @@ def uses_up(run: RunSummary) -> bool:
     return counts and run.source == "ros" and run.competition == CUP
 
 
-ABORTED = {"outcome": Outcome.ABORTED}
+ABORTED: dict[str, Any] = {"outcome": Outcome.ABORTED}
 NO_ATTEMPTS: list[dict[str, Any]] = [
     {"outcome": Outcome.INTERRUPTED},
     {"outcome": None},
@@ -254,11 +254,14 @@ CONDITIONS = [
         f'"{kind.benchmark_type.upper()}, {kind.way}"',
     )
 ]
+FAR = "2026-11-25T14:30+05:00"
+"""A time of another zone."""
 MOMENTS = {
     "9:05": "09:05",
     "14:30": "14:30",
     "2026-11-25T14:30": "2026-11-25 14:30",
     "2026-11-25 14:30:10": "2026-11-25 14:30",
+    FAR: f"{datetime.fromisoformat(FAR).astimezone():%Y-%m-%d %H:%M}",
 }
 TIMES = [
     (text, time)
@@ -352,6 +355,7 @@ def test_what_goes_on_is_not_what_comes_next(
 ) -> None:
     found = progress(plan((A, 2), (B, 1), (A, 1)))
     assert [(one.task, one.number) for one in found.upcoming(running)] == following
+    assert list(progress(plan((A, 1), (A, 1)), run(A)).upcoming(A)) == []
 
 
 @pytest.mark.parametrize("text", ["soon", "25:00", "14", "2026-11-25", "0226-11-25T14:30"])

@@ -166,6 +166,7 @@ def test_an_existing_journal_is_never_overwritten(tmp_path: Path) -> None:
     path.write_text("mine")
     with pytest.raises(FileExistsError):
         Journal().open(path)
+    Journal().close()  # none was opened
     assert path.read_text() == "mine"
 
 
@@ -219,10 +220,10 @@ STOPPED = [
     ),
 ]  # fmt: skip
 ROBUST = RulesetName.ROBUST_2026
-NO_EVIDENCE = {"topics": [], "problems": ["no room"]}
+NO_EVIDENCE: dict[str, Any] = {"topics": [], "problems": ["no room"]}
 
 
-def told(what: str, reason: str = "", **details: object) -> Entry:
+def told(what: str, reason: str = "", **details: Any) -> Entry:  # noqa: ANN401
     return Entry(21.0, Origin.SYSTEM, what, "Ada", reason, details)
 
 
@@ -252,6 +253,10 @@ def told(what: str, reason: str = "", **details: object) -> Entry:
         (
             [*STOPPED, told(Change.EVIDENCE_REMOVED, files=["a", "b"], bytes=5)],
             {"removed_evidence": (RemovedEvidence(21.0, 2, 5),)},
+        ),
+        (
+            [*STOPPED, told(Change.EVIDENCE_REMOVED, files=[], bytes=0)],
+            {"removed_evidence": (RemovedEvidence(21.0, 0, 0),)},
         ),
         (
             [*STOPPED, told(Change.EVIDENCE_RECORDED, **NO_EVIDENCE, file_bytes=7)],

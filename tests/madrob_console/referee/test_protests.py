@@ -121,7 +121,7 @@ def doubted(by_name: dict[IndicatorName, tuple[str, ...]]) -> dict[IndicatorName
     }
 
 
-BOTH = {TIME: (TOUCH,), PASSAGE: (TOUCH,)}
+BOTH: dict[IndicatorName, tuple[str, ...]] = {TIME: (TOUCH,), PASSAGE: (TOUCH,)}
 ACCEPT = AcceptDoubts(BOTH, "seen on video: right")
 ON_ONE = replace(ACCEPT, doubts={TIME: (TOUCH,)})
 
