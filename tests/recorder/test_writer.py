@@ -12,6 +12,7 @@ import subprocess
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -397,28 +398,25 @@ class Sample(NamedTuple):
     flush: bool = False
 
 
-def ours(samples: Sequence[Sample], channels: int = 3) -> bytes:
+def ours(samples: Sequence[Sample]) -> bytes:
     file = io.BytesIO()
-    writer = McapWriter(file.write)
-    writer.start("ros2", "test")
-    _register(writer.register_schema, writer.register_channel, channels)
-    for sample in samples:
-        writer.add_message(sample.channel, sample.time, sample.data, sample.time + 1)
-        if sample.flush:
-            writer.flush()
-    writer.add_metadata("setup", {"team": "Türen"})
-    writer.finish()
-    return file.getvalue()
+    return filled(McapWriter(file.write), file, samples, numbered=False)
 
 
-def library(samples: Sequence[Sample], channels: int = 3) -> bytes:
-    file, numbers = io.BytesIO(), dict.fromkeys(range(1, channels + 1), 0)
-    writer: Any = Writer(file, chunk_size=CHUNK_BYTES)
+def library(samples: Sequence[Sample]) -> bytes:
+    file = io.BytesIO()
+    return filled(Writer(file, chunk_size=CHUNK_BYTES), file, samples, numbered=True)
+
+
+def filled(writer: Any, file: io.BytesIO, samples: Sequence[Sample], *, numbered: bool) -> bytes:  # noqa: ANN401
+    """What one of the two writers makes of three channels; only the library is told numbers."""
     writer.start("ros2", "test")
-    _register(writer.register_schema, writer.register_channel, channels)
+    _register(writer.register_schema, writer.register_channel, 3)
+    count: Counter[int] = Counter()
     for channel, at, data, flush in samples:
-        numbers[channel] += 1
-        writer.add_message(channel, at, data, at + 1, numbers[channel])
+        count[channel] += 1
+        number = (count[channel],) if numbered else ()
+        writer.add_message(channel, at, data, at + 1, *number)
         if flush:
             writer.flush()
     writer.flush()
@@ -600,30 +598,22 @@ def test_rosbags_reads_the_same(bag: Path, recorded: list[RawMessage]) -> None:
 def test_mcap_ros2_decodes_it_by_the_schemas_of_the_file(
     bag: Path, recorded: list[RawMessage]
 ) -> None:
-    decoded: dict[str, Any] = {}
-    raw = []
     with (bag / "subject_001_0.mcap").open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        for schema, channel, message, value in reader.iter_decoded_messages():
-            assert schema is not None
-            raw.append(
-                RawMessage(
-                    channel.topic,
-                    schema.name,
-                    message.data,
-                    message.publish_time,
-                    message.log_time,
-                )
-            )
-            decoded[channel.topic] = value
+        decoded = list(reader.iter_decoded_messages())
+    raw = [
+        RawMessage(channel.topic, schema.name if schema else "", m.data, m.publish_time, m.log_time)
+        for schema, channel, m, _ in decoded
+    ]
     assert raw == by_time(recorded)
-    assert list(decoded["/madrob/door/angle"].position) == [0.49]
-    assert decoded["/madrob/handle/force"].wrench.force.x == 49.0
-    assert list(decoded["/madrob/passage/cw_left"].ranges)[:3] == [1.0, 2.0, float("inf")]
-    assert decoded["/madrob/door/locked"].data is False
-    assert decoded["/madrob/referee/event"].data == "event 49"
-    assert decoded["/madrob/referee/start_pose"].pose.position.y == 49.0
-    assert decoded["/madrob/referee/start_pose"].header.frame_id == "madrob_door"
+    last: dict[str, Any] = {channel.topic: value for _, channel, _, value in decoded}
+    assert list(last["/madrob/door/angle"].position) == [0.49]
+    assert last["/madrob/handle/force"].wrench.force.x == 49.0
+    assert list(last["/madrob/passage/cw_left"].ranges)[:3] == [1.0, 2.0, float("inf")]
+    assert last["/madrob/door/locked"].data is False
+    assert last["/madrob/referee/event"].data == "event 49"
+    assert last["/madrob/referee/start_pose"].pose.position.y == 49.0
+    assert last["/madrob/referee/start_pose"].header.frame_id == "madrob_door"
 
 
 @pytest.mark.machine
