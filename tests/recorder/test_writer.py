@@ -131,13 +131,14 @@ def test_a_disk_that_does_not_answer_ends_neither_the_run_nor_the_close(
 
 def test_a_bag_deleted_while_recording_is_reported(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag", [talk()], {}, flush_period=0.02) as writer:
+        assert not writer.put_message(replace(strings(["odd"])[0], receive_ns=-1))
         shutil.rmtree(tmp_path / "bag")
         wait_for(writer, RecorderState.FAILED)
         assert not writer.put_message(strings(["a"])[0])
         error = writer.stats().error
         assert error is not None
         assert "the file was deleted" in error
-        assert writer.close().dropped == {"/talk": 1}
+        assert writer.close().dropped == {"/talk": 2}
 
 
 def test_a_folder_renamed_while_recording_stays_a_bag(tmp_path: Path) -> None:
