@@ -122,6 +122,7 @@ COUNTS = {n: Thresholds(encoder_counts=n) for n in (720, 1800)}
         (lambda: lost(8.9, 9.2)(clean(SLAM)), None, SMOOTHNESS, ""),
         (lambda: blind(clean()), None, OCCUPATION, ""),
         (lambda: lost(5.4, 5.9)(clean()), None, OCCUPATION, ""),  # it may be the panel
+        (lambda: lost(2.7, 3.3)(clean()), None, OCCUPATION, "the door angle came too late for"),
         (lambda: spike(-0.06, 1.0)(clean()), None, UNSAFETY, ""),
         (lambda: ALTERNATES(clean()), None, UNSAFETY, "fits no motion"),
         (lambda: spike(6.0, 1e5)(clean()), None, UNSAFETY, ""),
