@@ -85,8 +85,11 @@ def by_topic(*messages: list[RawMessage]) -> list[tuple[str, int]]:
 
 def test_what_is_scored_comes_first_then_the_evidence_by_its_numbers(folder: Path) -> None:
     for number in (10, 9, 0):
-        add_evidence(folder, CAMERA, number)
+        add_evidence(folder, strings([str(number)], "/camera"), number)
     assert list_again(folder)
+    texts = [str(number) for number in (0, 9, 10)]
+    expected = [strings([text], "/camera")[0] for text in texts]
+    assert list(read_bag(folder, evidence=True).messages()) == expected
     assert told(folder)["relative_file_paths"] == [
         bag_file_name("run"),
         *(evidence_file_name("run", number) for number in (0, 9, 10)),
