@@ -4,15 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from mcap.data_stream import RecordBuilder
+from mcap.records import McapRecord
+from mcap.writer import Writer
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from recorder.bag import Durability, Qos, RawMessage, Reliability, Topic, evidence_file_name
+from recorder.bag import (
+    Durability,
+    Qos,
+    RawMessage,
+    Reliability,
+    Topic,
+    evidence_file_name,
+    qos_text,
+)
 from recorder.writer import BagWriter
 
 if TYPE_CHECKING:
@@ -81,6 +93,35 @@ def strings(texts: list[str], name: str = "/talk") -> list[RawMessage]:
 
 def talk() -> Topic:
     return topic("/talk", "std_msgs/msg/String")
+
+
+def by_library(
+    messages: Sequence[RawMessage],
+    topics: Sequence[Topic] | None = None,
+    **options: Any,  # noqa: ANN401
+) -> bytes:
+    """A recording as other programs write it, by the options of the mcap library."""
+    file, channels = BytesIO(), {}
+    writer = Writer(file, **options)
+    writer.start(profile="ros2")
+    for known in [talk()] if topics is None else topics:
+        schema = writer.register_schema(known.type, "ros2msg", known.definition.encode())
+        told = {"offered_qos_profiles": qos_text(known.qos), "topic_type_hash": known.type_hash}
+        channels[known.name] = writer.register_channel(known.name, "cdr", schema, told)
+    writer.add_metadata("madrob_run", {"setup": "{}"})
+    for number, one in enumerate(messages):
+        writer.add_message(channels[one.topic], one.receive_ns, one.data, one.publish_ns, number)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return file.getvalue()
+
+
+def encoded(*records: McapRecord) -> bytes:
+    """Records of an MCAP file, one after the other."""
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    content: bytes = builder.end()  # type: ignore[no-untyped-call]
+    return content
 
 
 def add_evidence(folder: Path, messages: Sequence[RawMessage], number: int = 0) -> Path:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import shutil
 import time
 import tracemalloc
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
-from io import BytesIO
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mcap.data_stream import RecordBuilder
 from mcap.records import (
     Channel,
     Chunk,
@@ -24,13 +24,13 @@ from mcap.records import (
     MetadataIndex,
     Schema,
 )
-from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+from mcap.writer import MCAP0_MAGIC, CompressionType
 
 from recorder.bag import BagInformation
 from recorder.errors import RecorderError
 from recorder.reader import read_bag
 from recorder.recovery import Recovered, recover
-from tests.recorder.samples import strings, talk
+from tests.recorder.samples import BEST_EFFORT, by_library, encoded, strings, talk
 
 EXAMPLES = 40
 LONGEST = 20.0
@@ -88,17 +88,7 @@ def whole_files() -> tuple[bytes, ...]:
 
 
 def recording(**options: object) -> bytes:
-    file = BytesIO()
-    writer = Writer(file, chunk_size=800, **options)  # type: ignore[arg-type]
-    writer.start(profile="ros2")
-    schema = writer.register_schema(talk().type, "ros2msg", talk().definition.encode())
-    qos = {"offered_qos_profiles": "- reliability: 2\n", "topic_type_hash": "RIHS01_ab"}
-    channel = writer.register_channel("/talk", "cdr", schema, qos)
-    writer.add_metadata("madrob_run", {"setup": "{}"})
-    for message in MESSAGES:
-        writer.add_message(channel, message.receive_ns, message.data, message.publish_ns)
-    writer.finish()  # type: ignore[no-untyped-call]
-    return file.getvalue()
+    return by_library(MESSAGES, [replace(talk(), qos=BEST_EFFORT)], chunk_size=800, **options)
 
 
 def record_starts(content: bytes) -> list[int]:
@@ -224,17 +214,18 @@ def test_no_file_of_many_can_break_reader_or_repair(
     fuzz(tmp_path / "place", 10 * request.config.getoption("--runs"))
 
 
-def encoded(*records: McapRecord) -> bytes:
-    builder = RecordBuilder()
-    for record in records:
-        record.write(builder)
-    content: bytes = builder.end()  # type: ignore[no-untyped-call]
-    return content
-
-
 def framed(opcode: int, body: bytes, length: int | None = None) -> bytes:
     size = len(body) if length is None else length
     return bytes([opcode]) + size.to_bytes(8, "little") + body
+
+
+@contextmanager
+def little_memory() -> Iterator[None]:
+    tracemalloc.start()
+    yield
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 40_000_000
 
 
 SCHEMA = Schema(1, talk().definition.encode(), "ros2msg", talk().type)
@@ -266,15 +257,11 @@ def test_a_claim_is_no_reason_to_take_memory(tmp_path: Path, content: bytes, wor
     folder = tmp_path / "bag"
     folder.mkdir()
     (folder / "bag_0.mcap").write_bytes(MCAP0_MAGIC + GOOD + content)
-    tracemalloc.start()
-    bag = read_bag(folder)
-    assert len(list(bag.messages())) == 1
-    recovered = recover(folder)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
+    with little_memory():
+        assert len(list(read_bag(folder).messages())) == 1
+        recovered = recover(folder)
     assert recovered.messages == 1
     assert recovered.cut[0].startswith(words)
-    assert peak < 40_000_000
 
 
 def test_a_record_of_two_gigabytes_is_not_read_into_memory(tmp_path: Path) -> None:
@@ -282,51 +269,38 @@ def test_a_record_of_two_gigabytes_is_not_read_into_memory(tmp_path: Path) -> No
     path.write_bytes(MCAP0_MAGIC + GOOD + framed(0x05, b"", 2**31))
     with path.open("r+b") as file:
         file.truncate(2**31 + 1000)  # takes no room: it is a hole
-    tracemalloc.start()
-    recovered = recover(path)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
+    with little_memory():
+        recovered = recover(path)
     assert recovered.messages == 1
     assert "claims 2147483648 bytes" in recovered.cut[0]
-    assert peak < 40_000_000
 
 
-def many_schemas() -> bytes:
-    return encoded(*(Schema(number, b"x" * 2**20, "ros2msg", "a/msg/B") for number in range(1, 20)))
-
-
-def many_channels() -> bytes:
-    return encoded(SCHEMA, *(Channel(n, f"/talk{n}", "cdr", {}, 1) for n in range(1, 1100)))
-
-
-def much_qos() -> bytes:
-    return encoded(
-        SCHEMA,
-        *(
-            Channel(n, f"/t{n}", "cdr", {"offered_qos_profiles": f"# {n}" + "x" * 30_000}, 1)
-            for n in range(1, 12)
-        ),
-        Message(11, 5, b"data", 4, 0),
-    )
-
-
-def much_metadata() -> bytes:
-    return encoded(*(Metadata(f"m{number}", {"a": "x" * 2**20}) for number in range(17)))
+SCHEMAS = [Schema(number, b"x" * 2**20, "ros2msg", "a/msg/B") for number in range(1, 20)]
+CHANNELS = [Channel(n, f"/talk{n}", "cdr", {}, 1) for n in range(1, 1100)]
+QOS = [{"offered_qos_profiles": f"# {n}" + "x" * 30_000} for n in range(1, 12)]
+TOPICS = [Channel(n, f"/t{n}", "cdr", told, 1) for n, told in enumerate(QOS, 1)]
+TOO_MUCH = "its types and records have more than 16777216 bytes"
+METADATA_OF_1_MB = [Metadata(f"m{number}", {"a": "x" * 2**20}) for number in range(17)]
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("records", "words"),
     [
-        (many_schemas(), "its types and records have more than 16777216 bytes"),
-        (many_channels(), "it has more than 1000 channels"),
-        (much_qos(), "its topics have more than 262144 bytes of QoS"),
-        (much_metadata(), "its types and records have more than 16777216 bytes"),
+        (SCHEMAS, TOO_MUCH),
+        ([SCHEMA, *CHANNELS], "it has more than 1000 channels"),
+        (
+            [SCHEMA, *TOPICS, Message(11, 5, b"data", 4, 0)],
+            "its topics have more than 262144 bytes of QoS",
+        ),
+        (METADATA_OF_1_MB, TOO_MUCH),
     ],
-    ids=lambda value: value if isinstance(value, str) else "file",
+    ids=["schemas", "channels", "QoS", "metadata"],
 )
-def test_absurd_counts_end_the_reading_in_words(tmp_path: Path, content: bytes, words: str) -> None:
+def test_absurd_counts_end_the_reading_in_words(
+    tmp_path: Path, records: list[McapRecord], words: str
+) -> None:
     path = tmp_path / "absurd.mcap"
-    path.write_bytes(MCAP0_MAGIC + content)
+    path.write_bytes(MCAP0_MAGIC + encoded(*records))
     began = time.monotonic()
     assert list(read_bag(path).messages()) == []
     assert recover(path).cut == (words,)

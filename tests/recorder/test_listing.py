@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -84,40 +85,47 @@ def by_topic(*messages: list[RawMessage]) -> list[tuple[str, int]]:
 
 def test_what_is_scored_comes_first_then_the_evidence_by_its_numbers(folder: Path) -> None:
     for number in (10, 9, 0):
-        add_evidence(folder, CAMERA, number)
+        add_evidence(folder, strings([str(number)], "/camera"), number)
     assert list_again(folder)
+    texts = [str(number) for number in (0, 9, 10)]
+    expected = [strings([text], "/camera")[0] for text in texts]
+    assert list(read_bag(folder, evidence=True).messages()) == expected
     assert told(folder)["relative_file_paths"] == [
         bag_file_name("run"),
         *(evidence_file_name("run", number) for number in (0, 9, 10)),
     ]
 
 
-def test_readers_of_others_find_all_messages_of_all_files(folder: Path) -> None:
+def test_readers_of_others_decode_all_messages_of_all_files(folder: Path) -> None:
     second = [CAMERA[0], EARLY]
-    files = [add_evidence(folder, CAMERA, 0), add_evidence(folder, second, 1)]
+    files = {
+        add_evidence(folder, CAMERA, 0): ["a", "b"],
+        add_evidence(folder, second, 1): ["a"] * 2,
+    }
     assert list_again(folder)
     assert read_by_rosbags(folder) == by_topic(SCORED, CAMERA, second)
     with AnyReader([folder]) as reader:
-        texts = [
-            getattr(reader.deserialize(data, connection.msgtype), "data", None)
-            for connection, _, data in reader.messages()
-            if connection.topic == "/camera"
-        ]
-    assert sorted(map(str, texts)) == ["a", "a", "b"]
-    for path in files:
+        camera = [c for c in reader.connections if c.topic == "/camera"]
+        read = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(camera)]
+    assert sorted(message.data for message in read) == ["a", "a", "b"]  # type: ignore[attr-defined]
+    for path, texts in files.items():
         with path.open("rb") as file:
             decoded = make_reader(file, decoder_factories=[DecoderFactory()])
-            texts = [message.data for *_, message in decoded.iter_decoded_messages()]
-            assert texts == (["a", "b"] if path is files[0] else ["a", "a"])
+            assert [message.data for *_, message in decoded.iter_decoded_messages()] == texts
 
 
-def test_what_is_scored_is_read_without_the_evidence(folder: Path) -> None:
-    add_evidence(folder, CAMERA)
-    assert list_again(folder)
-    bag = read_bag(folder)
-    assert list(bag.messages()) == SCORED
-    assert bag.complete
-    assert list(read_bag(folder, evidence=True).messages()) == CAMERA
+def test_evidence_is_read_apart_from_what_is_scored(folder: Path) -> None:
+    none = read_bag(folder, evidence=True)
+    assert (list(none.messages()), none.topics()) == ([], ())
+    file = add_evidence(folder, CAMERA)
+    for listed in (False, True):
+        bag = read_bag(folder)
+        assert (list(bag.messages()), bag.complete) == (SCORED, True)
+        assert list(read_bag(folder, evidence=True).messages()) == CAMERA
+        assert listed or list_again(folder)
+    assert list(read_bag(file).messages()) == CAMERA
+    (folder / "metadata.yaml").unlink()
+    assert list(read_bag(folder).messages()) == SCORED
 
 
 @settings(max_examples=25)
@@ -157,41 +165,35 @@ def test_whatever_evidence_holds_the_listing_is_what_is_read(
     assert read_by_rosbags(folder) == by_topic(expected)
 
 
-def unfinished(folder: Path) -> None:
-    file = folder / evidence_file_name("run", 1)
-    file.write_bytes(add_evidence(folder, CAMERA, 1).read_bytes()[:-20])
+def unfinished(file: Path) -> None:
+    add_evidence(file.parent, CAMERA, 1)
+    file.write_bytes(file.read_bytes()[:-20])
 
 
-def pipe(folder: Path) -> None:
-    os.mkfifo(folder / evidence_file_name("run", 1))
+def garbage(file: Path) -> None:
+    file.write_bytes(os.urandom(1000))
 
 
-def link(folder: Path) -> None:
-    (folder / evidence_file_name("run", 1)).symlink_to(folder / bag_file_name("run"))
-
-
-def garbage(folder: Path) -> None:
-    (folder / evidence_file_name("run", 1)).write_bytes(os.urandom(1000))
-
-
-@pytest.mark.parametrize("place", [unfinished, pipe, link, garbage])
-def test_evidence_that_nobody_can_open_is_left_out(
-    folder: Path, place: Callable[[Path], None]
+@pytest.mark.parametrize(
+    ("place", "name"),
+    [
+        (unfinished, evidence_file_name("run", 1)),
+        (os.mkfifo, evidence_file_name("run", 1)),
+        (lambda file: file.symlink_to("run_0.mcap"), evidence_file_name("run", 1)),
+        (garbage, evidence_file_name("run", 1)),
+        (lambda file: shutil.copy(file.with_name("run_0.mcap"), file), "copy.mcap"),
+    ],
+    ids=["unfinished", "pipe", "link", "garbage", "a copy of the recording"],
+)
+def test_what_is_no_whole_evidence_is_left_out(
+    folder: Path, place: Callable[[Path], object], name: str
 ) -> None:
     add_evidence(folder, CAMERA, 0)
-    place(folder)
+    place(folder / name)
     assert list_again(folder)
     files = [bag_file_name("run"), evidence_file_name("run", 0)]
     assert told(folder)["relative_file_paths"] == files
     assert read_by_rosbags(folder) == by_topic(SCORED, CAMERA)
-
-
-def test_a_copy_that_lies_beside_the_recording_does_not_become_one(folder: Path) -> None:
-    (folder / "copy.mcap").write_bytes((folder / bag_file_name("run")).read_bytes())
-    add_evidence(folder, CAMERA)
-    assert list_again(folder)
-    files = [bag_file_name("run"), evidence_file_name("run", 0)]
-    assert told(folder)["relative_file_paths"] == files
 
 
 def test_evidence_that_ends_first_is_listed_by_the_recording_when_it_ends(tmp_path: Path) -> None:
@@ -262,12 +264,14 @@ def test_recover_repairs_evidence_that_was_cut_off_and_lists_it(folder: Path) ->
     assert len(told(folder)["relative_file_paths"]) == 3
     assert read_by_rosbags(folder) == by_topic(SCORED, CAMERA, CAMERA)
     assert recover(folder).evidence == ()
+    again = torn(folder, 2)
+    assert recover(again).changed  # by its own name
+    assert read_by_rosbags(folder) == by_topic(SCORED, CAMERA, CAMERA, CAMERA)
 
 
 def test_hopeless_evidence_is_named_and_hinders_nothing(folder: Path) -> None:
-    garbage(folder)
-    pipe_of = folder / evidence_file_name("run", 2)
-    os.mkfifo(pipe_of)
+    garbage(folder / evidence_file_name("run", 1))
+    os.mkfifo(folder / evidence_file_name("run", 2))
     (folder / evidence_file_name("run", 3)).touch()
     torn(folder, 4)
     recording = folder / bag_file_name("run")
@@ -293,12 +297,6 @@ def test_evidence_that_is_still_written_is_not_touched(folder: Path) -> None:
         file.close()
         assert put_listing(fd) is not None
     assert len(read_by_rosbags(folder)) == len(SCORED) + 1
-
-
-def test_a_file_of_evidence_is_repaired_by_its_own_name(folder: Path) -> None:
-    file = torn(folder)
-    assert recover(file).changed
-    assert read_by_rosbags(folder) == by_topic(SCORED, CAMERA)
 
 
 def test_of_evidence_that_is_damaged_before_its_end_the_old_file_is_kept(folder: Path) -> None:

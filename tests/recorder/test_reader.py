@@ -16,7 +16,6 @@ import yaml
 import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.data_stream import RecordBuilder
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, ChunkIndex, Footer, McapRecord, Message, Schema, Statistics
 from mcap.summary import Summary
@@ -42,9 +41,10 @@ from tests.recorder.samples import (
     BEST_EFFORT,
     LATCHED,
     START_NS,
-    add_evidence,
+    by_library,
     door_messages,
     door_topics,
+    encoded,
     strings,
     talk,
     typestore,
@@ -76,51 +76,24 @@ def opened(place: Path, content: bytes) -> Bag:
     return read_bag(place)
 
 
-def encoded(*records: McapRecord) -> bytes:
-    builder = RecordBuilder()
-    for record in records:
-        record.write(builder)
-    content: bytes = builder.end()  # type: ignore[no-untyped-call]
-    return content
-
-
-def by_mcap(path: Path, options: dict[str, Any]) -> None:
-    """What other recorders may write, by the options of the mcap library."""
-    with path.open("wb") as file:
-        writer = Writer(file, **options)
-        writer.start(profile="ros2")
-        schema = writer.register_schema(talk().type, "ros2msg", talk().definition.encode())
-        channel = writer.register_channel("/talk", "cdr", schema)
-        for message in MESSAGES:
-            writer.add_message(channel, message.receive_ns, message.data, message.publish_ns)
-        writer.finish()  # type: ignore[no-untyped-call]
-
-
-@given(data=st.data())
-def test_a_torn_file_yields_everything_before_the_tear(
-    finished: bytes, place: Path, data: st.DataObject
+def test_a_torn_file_yields_every_whole_chunk_and_record_before_the_tear(
+    finished: bytes, place: Path
 ) -> None:
-    size = data.draw(st.integers(min_value=8, max_value=len(finished) - 1))
-    bag = opened(place, finished[:size])
-    messages = list(bag.messages())
-    assert messages == MESSAGES[: len(messages)]
-    assert not bag.complete
-    assert bag.problem is not None
-    assert bag.problem.endswith("what comes before that is read")
-    assert "\n" not in bag.problem
-
-
-def test_every_whole_chunk_of_a_torn_file_is_read(finished: bytes, place: Path) -> None:
-    counts = {
-        len(list(opened(place, finished[:size]).messages())) for size in range(8, len(finished), 29)
+    found: dict[int, set[str]] = {}
+    for size in range(8, len(finished), 29):
+        bag = opened(place, finished[:size])
+        messages = list(bag.messages())
+        assert messages == MESSAGES[: len(messages)]
+        assert (bag.complete, bag.topics()) in ((False, (talk(),)), (False, ()))
+        assert bag.problem is not None
+        assert bag.problem.endswith("what comes before that is read")
+        assert "\n" not in bag.problem
+        found[len(messages)] = set(bag.records)
+    notes = ["note 10", "note 30", "note 50"]
+    ends = {0: 0, 10: 1, 30: 2, 50: 3, 60: 3}
+    assert {count: records - {"rosbag2"} for count, records in found.items()} == {
+        count: {"madrob_run", *notes[:of]} for count, of in ends.items()
     }
-    assert counts == {0, 10, 30, 50, 60}
-
-
-def test_a_torn_file_keeps_its_records(finished: bytes, place: Path) -> None:
-    bag = opened(place, finished[: finished.index(b"note 50")])
-    assert set(bag.records) == {"madrob_run", "note 10", "note 30"}
-    assert bag.topics() == (talk(),)
 
 
 @given(data=st.data())
@@ -250,19 +223,10 @@ def test_bags_compressed_by_rosbag2_itself_are_refused(
     ],
 )
 def test_every_kind_of_mcap_file_is_read(tmp_path: Path, options: dict[str, Any]) -> None:
-    by_mcap(tmp_path / "any.mcap", options)
-    bag = read_bag(tmp_path / "any.mcap")
+    bag = opened(tmp_path / "any.mcap", by_library(MESSAGES, **options))
     assert list(bag.messages()) == MESSAGES
     assert [(topic.name, topic.type) for topic in bag.topics()] == [("/talk", talk().type)]
     assert bag.complete
-
-
-def test_the_order_of_writing_is_kept_whatever_the_times(tmp_path: Path) -> None:
-    backwards = list(reversed(MESSAGES))
-    with BagWriter(tmp_path / "bag", [talk()], {}) as writer:
-        for message in backwards:
-            writer.put_message(message)
-    assert list(read_bag(tmp_path / "bag").messages()) == backwards
 
 
 def split_bag(folder: Path, parts: int) -> None:
@@ -281,40 +245,30 @@ def split_bag(folder: Path, parts: int) -> None:
     )
 
 
-def test_a_split_bag_is_read_in_the_order_of_its_files(tmp_path: Path) -> None:
-    split_bag(tmp_path / "bag", parts=12)
-    bag = read_bag(tmp_path / "bag")
-    assert list(bag.messages()) == MESSAGES
-    assert bag.complete
-
-
-@pytest.mark.parametrize("text", [None, "", "[", "rosbag2_bagfile_information: 3", "a: b", "\x00"])
-def test_without_a_readable_metadata_yaml_the_files_are_found_but_not_taken_as_all(
-    tmp_path: Path, text: str | None
+@pytest.mark.parametrize(
+    ("name", "content", "count", "problem"),
+    [
+        ("bag_0.mcap", "as it is", 60, None),  # in the order of its files
+        *(
+            ("metadata.yaml", text, 60, "metadata.yaml")  # they are found but not taken as all
+            for text in (None, b"", b"[", b"rosbag2_bagfile_information: 3", b"a: b", b"\x00")
+        ),
+        *(("bag_1.mcap", content, 5, "bag_1.mcap") for content in (None, b"", b"not mcap")),
+    ],
+)
+def test_a_split_bag_is_read_up_to_its_first_bad_file(
+    tmp_path: Path, name: str, content: bytes | str | None, count: int, problem: str | None
 ) -> None:
     split_bag(tmp_path / "bag", parts=12)
-    metadata = tmp_path / "bag" / "metadata.yaml"
-    metadata.unlink()
-    if text is not None:
-        metadata.write_text(text)
+    changed = tmp_path / "bag" / name
+    if content is None:
+        changed.unlink()
+    elif isinstance(content, bytes):
+        changed.write_bytes(content)
     bag = read_bag(tmp_path / "bag")
-    assert list(bag.messages()) == MESSAGES
-    assert not bag.complete
-    assert bag.problem is not None
-    assert "metadata.yaml" in bag.problem
-
-
-@pytest.mark.parametrize("content", [None, b"", b"not mcap"])
-def test_a_split_bag_ends_at_its_first_bad_file(tmp_path: Path, content: bytes | None) -> None:
-    split_bag(tmp_path / "bag", parts=3)
-    bad = tmp_path / "bag" / "bag_1.mcap"
-    bad.unlink()
-    if content is not None:
-        bad.write_bytes(content)
-    bag = read_bag(tmp_path / "bag")
-    assert list(bag.messages()) == MESSAGES[:5]
-    assert bag.problem is not None
-    assert "bag_1.mcap" in bag.problem
+    assert list(bag.messages()) == MESSAGES[:count]
+    assert bag.complete is (problem is None)
+    assert (problem or "") in (bag.problem or "")
 
 
 def test_qos_and_type_hash_of_other_recordings_are_kept(tmp_path: Path) -> None:
@@ -332,96 +286,10 @@ def test_qos_and_type_hash_of_other_recordings_are_kept(tmp_path: Path) -> None:
     assert topic.definition == ""  # it is given in another language
 
 
-def test_what_is_no_bag_is_refused_in_one_line_with_the_remedy(tmp_path: Path) -> None:
-    json_file = tmp_path / "json.mcap"
-    with json_file.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        writer.register_channel("/chart", "json", 0)
-        writer.finish()  # type: ignore[no-untyped-call]
-    (tmp_path / "empty.mcap").write_bytes(b"")
-    (tmp_path / "text.mcap").write_text("hello, I am text")
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "old.db3").write_bytes(b"SQLite format 3\x00")
-    sqlite = tmp_path / "sqlite"
-    sqlite.mkdir()
-    (sqlite / "sqlite_0.db3").write_bytes(b"SQLite format 3\x00")
-    head = "rosbag2_bagfile_information: {relative_file_paths: "
-    gone = tmp_path / "gone"
-    gone.mkdir()
-    (gone / "metadata.yaml").write_text(head + "[gone_0.mcap]}")
-    up = tmp_path / "up"
-    up.mkdir()
-    (up / "metadata.yaml").write_text(head + "['..']}")
-    for name, words in {
-        "missing": "No such file or directory; check the path",
-        "empty.mcap": "is no bag: it is empty; choose a rosbag2 bag folder",
-        "text.mcap": "is no bag: it does not begin like an MCAP file; choose",
-        "json.mcap": "is no bag: /chart holds 'json', not CDR; choose",
-        "folder": "is no bag: the folder holds no recording; choose",
-        "old.db3": "is a sqlite3 bag; make it an mcap bag by `ros2 bag convert`",
-        "sqlite": "is a sqlite3 bag; make it an mcap bag by `ros2 bag convert`",
-        "gone": "gone_0.mcap: No such file or directory; check",
-        "up": "is not a file; choose",
-    }.items():
-        with pytest.raises(RecorderError) as caught:
-            read_bag(tmp_path / name)
-        assert words in str(caught.value)
-        assert str(tmp_path / name) in str(caught.value)
-        assert "\n" not in str(caught.value)
-
-
-def test_evidence_is_read_apart_from_what_is_scored(tmp_path: Path) -> None:
-    folder = tmp_path / "bag"
-    with BagWriter(folder, door_topics(), {}) as writer:
-        scored = [message for message in door_messages(3) if writer.put_message(message)]
-    seen = strings(["knock", "knock"], "/camera/says")
-    file = add_evidence(folder, seen)
-
-    assert list(read_bag(folder).messages()) == scored
-    assert list(read_bag(folder, evidence=True).messages()) == seen
-    assert list(read_bag(file).messages()) == seen
-    (folder / "metadata.yaml").unlink()
-    assert list(read_bag(folder).messages()) == scored
-
-
-def test_a_bag_without_evidence_has_none(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "bag", [talk()], {}):
-        pass
-    bag = read_bag(tmp_path / "bag", evidence=True)
-    assert list(bag.messages()) == []
-    assert bag.topics() == ()
-
-
 ROUNDS = 40
 
 
-def _write(
-    path: Path,
-    messages: list[RawMessage],
-    *,
-    compression: CompressionType = CompressionType.ZSTD,
-    indexes: IndexType = IndexType.ALL,
-    chunk_size: int = 2000,
-) -> Path:
-    """A recording as other programs write it."""
-    with path.open("wb") as file:
-        writer = Writer(file, chunk_size, compression, index_types=indexes)
-        writer.start("ros2")
-        channels = {}
-        for known in (*door_topics(), talk()):
-            schema = writer.register_schema(known.type, "ros2msg", known.definition.encode())
-            channels[known.name] = writer.register_channel(known.name, "cdr", schema)
-        for number, one in enumerate(messages):
-            writer.add_message(
-                channels[one.topic], one.receive_ns, one.data, one.publish_ns, number
-            )
-        writer.finish()  # type: ignore[no-untyped-call]
-    return path
-
-
-def _nearest(path: Path, topic: str, at_ns: int) -> RawMessage | None:
-    return Seeker(path).nearest(topic, at_ns, 2**62)
+ALL_TOPICS = (*door_topics(), talk())
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
@@ -430,8 +298,12 @@ def test_the_nearest_message_is_found_whoever_wrote_the_file(
     tmp_path: Path, compression: CompressionType, indexes: IndexType
 ) -> None:
     messages = door_messages(ROUNDS)
-    path = _write(tmp_path / "a.mcap", messages, compression=compression, indexes=indexes)
-    seeker = Seeker(path)
+    (tmp_path / "a.mcap").write_bytes(
+        by_library(
+            messages, ALL_TOPICS, chunk_size=2000, compression=compression, index_types=indexes
+        )
+    )
+    seeker = Seeker(tmp_path / "a.mcap")
     assert {topic.name for topic in seeker.topics} >= {m.topic for m in messages}
     for message in messages:
         for at_ns in (message.receive_ns, message.receive_ns + 9_000_000):
@@ -443,18 +315,14 @@ def test_the_nearest_message_is_found_whoever_wrote_the_file(
 
 
 def test_to_find_one_message_a_small_part_of_the_file_is_read(tmp_path: Path) -> None:
-    path = _write(
-        tmp_path / "a.mcap",
-        strings(["x" * 20_000] * 500),
-        compression=CompressionType.NONE,
-        chunk_size=100_000,
-    )
+    path, messages = tmp_path / "a.mcap", strings(["x" * 20_000] * 500)
+    path.write_bytes(by_library(messages, chunk_size=100_000, compression=CompressionType.NONE))
 
     def read() -> int:
         return int(Path("/proc/self/io").read_text().split()[1])
 
     before = read()
-    assert _nearest(path, "/talk", START_NS + 250 * 1_000_000) == strings(["x" * 20_000] * 251)[250]
+    assert Seeker(path).nearest("/talk", START_NS + 250 * 1_000_000, 2**62) == messages[250]
     assert read() - before < path.stat().st_size / 20
 
 
@@ -512,35 +380,36 @@ def test_however_many_chunks_claim_an_instant_few_are_unpacked_for_it(
     assert 0 < len(looked_at) < 6
 
 
-@given(cut=st.floats(0, 1), indexes=st.sampled_from([IndexType.ALL, IndexType.NONE]))
-@settings(max_examples=60, deadline=None)
+@pytest.fixture(scope="module", params=[IndexType.ALL, IndexType.NONE])
+def indexed(request: pytest.FixtureRequest) -> bytes:
+    return by_library(door_messages(ROUNDS), ALL_TOPICS, chunk_size=2000, index_types=request.param)
+
+
+@given(cut=st.floats(0, 1))
+@settings(max_examples=30)
 def test_in_a_torn_file_everything_that_is_read_is_found(
-    tmp_path_factory: pytest.TempPathFactory, cut: float, indexes: IndexType
+    indexed: bytes, place: Path, cut: float
 ) -> None:
-    path = tmp_path_factory.mktemp("torn") / "a.mcap"
-    data = _write(path, door_messages(ROUNDS), indexes=indexes).read_bytes()
-    path.write_bytes(data[: int(cut * len(data))])
     try:
-        there = list(read_bag(path).messages())
-        seeker = Seeker(path)
+        there = list(opened(place, indexed[: int(cut * len(indexed))]).messages())
+        seeker = Seeker(place)
     except (DamageError, RecorderError):
         there = []
     for message in there:
         assert seeker.nearest(message.topic, message.receive_ns, 0) == message
 
 
-@given(place=st.floats(0, 1), value=st.binary(min_size=1, max_size=9))
-@settings(max_examples=150, deadline=None)
+@given(at=st.floats(0, 1), value=st.binary(min_size=1, max_size=9))
+@settings(max_examples=75)
 def test_a_damaged_file_never_ends_in_another_error(
-    tmp_path_factory: pytest.TempPathFactory, place: float, value: bytes
+    indexed: bytes, place: Path, at: float, value: bytes
 ) -> None:
-    path = tmp_path_factory.mktemp("damaged") / "a.mcap"
-    data = bytearray(_write(path, door_messages(10)).read_bytes())
-    at = int(place * (len(data) - 1))
-    data[at : at + len(value)] = value
-    path.write_bytes(data)
+    data = bytearray(indexed)
+    begin = int(at * (len(data) - 1))
+    data[begin : begin + len(value)] = value
+    place.write_bytes(data)
     try:
-        seeker = Seeker(path)
+        seeker = Seeker(place)
     except DamageError:
         return
     for topic in seeker.topics:
@@ -625,29 +494,22 @@ def test_a_folder_whose_name_is_no_text_can_be_recorded_to(tmp_path: Path) -> No
     assert len(list(read_bag(folder).messages())) == 6
 
 
-def test_metadata_yaml_uses_no_anchors(folder: Path) -> None:
-    text = (folder / "metadata.yaml").read_text()
-    assert "&" not in text
-    assert "*" not in text
-
-
-def test_channels_say_the_same_as_metadata_yaml(folder: Path, summary: Summary) -> None:
-    document = yaml.safe_load((folder / "metadata.yaml").read_text())
-    in_yaml = {
-        topic["topic_metadata"]["name"]: topic["topic_metadata"]
-        for topic in document["rosbag2_bagfile_information"]["topics_with_message_count"]
-    }
+def test_channels_say_the_same_as_metadata_yaml_which_uses_no_anchors(
+    folder: Path, summary: Summary, information: dict[str, Any]
+) -> None:
+    assert not {"&", "*"} & set((folder / "metadata.yaml").read_text())
+    listed = [topic["topic_metadata"] for topic in information["topics_with_message_count"]]
+    in_yaml = {topic["name"]: topic for topic in listed}
     assert len(summary.channels) == len(in_yaml) == 6
     for channel in summary.channels.values():
-        there = in_yaml[channel.topic]
-        schema = summary.schemas[channel.schema_id]
-        assert channel.message_encoding == "cdr"
-        assert schema.name == there["type"]
-        assert channel.metadata["topic_type_hash"] == there["type_description_hash"]
-        assert (
-            yaml.safe_load(channel.metadata["offered_qos_profiles"])
-            == there["offered_qos_profiles"]
-        )
+        told = channel.metadata
+        assert in_yaml[channel.topic] == {
+            "name": channel.topic,
+            "type": summary.schemas[channel.schema_id].name,
+            "serialization_format": channel.message_encoding,
+            "offered_qos_profiles": yaml.safe_load(told["offered_qos_profiles"]),
+            "type_description_hash": told["topic_type_hash"],
+        }
 
 
 def test_schemas_hold_their_dependencies_as_rosbag2_writes_them(summary: Summary) -> None:
@@ -664,30 +526,24 @@ def test_schemas_hold_their_dependencies_as_rosbag2_writes_them(summary: Summary
     }
 
 
-def test_the_file_has_index_statistics_and_checksums(folder: Path, summary: Summary) -> None:
-    assert summary.statistics is not None
-    assert summary.statistics.message_count == 60
-    assert summary.statistics.channel_count == 6
-    assert summary.statistics.metadata_count == 2
+def test_the_file_has_index_statistics_and_checksums_and_repeats_metadata_yaml(
+    folder: Path, summary: Summary, information: dict[str, Any]
+) -> None:
+    told = summary.statistics
+    assert told is not None
+    assert (told.message_count, told.channel_count, told.metadata_count) == (60, 6, 2)
     assert {index.compression for index in summary.chunk_indexes} == {"zstd"}
     assert all(index.message_index_offsets for index in summary.chunk_indexes)
     with (folder / "run_0.mcap").open("rb") as file:
         reader = SeekingReader(file, validate_crcs=True)
         assert len(list(reader.iter_messages())) == 60
         header = reader.get_header()
-    assert header.profile == "ros2"
-    assert header.library.startswith("madrob recorder")
-
-
-def test_the_record_rosbag2_repeats_metadata_yaml(
-    folder: Path, information: dict[str, Any]
-) -> None:
-    with (folder / "run_0.mcap").open("rb") as file:
-        records = {record.name: record.metadata for record in SeekingReader(file).iter_metadata()}
+        records = {record.name: record.metadata for record in reader.iter_metadata()}
+    assert (header.profile, header.library.split("/")[0][:15]) == ("ros2", "madrob recorder")
     assert set(records) == {"madrob_run", "rosbag2"}
     again = yaml.safe_load(records["rosbag2"]["serialized_metadata"])
-    again.pop("topics_with_message_count")
-    information.pop("topics_with_message_count")
+    for one in (again, information):
+        one.pop("topics_with_message_count")
     assert again == information
 
 
@@ -713,11 +569,6 @@ def test_an_empty_bag_starts_at_the_end_of_time() -> None:
     assert len(information["topics_with_message_count"]) == 6
 
 
-@pytest.mark.parametrize("qos", [Qos(), BEST_EFFORT, LATCHED])
-def test_qos_survives_its_text(qos: Qos) -> None:
-    assert parse_qos(qos_text(qos)) == qos
-
-
 @pytest.mark.parametrize(
     ("text", "qos"),
     [
@@ -726,6 +577,7 @@ def test_qos_survives_its_text(qos: Qos) -> None:
             Qos(Reliability.BEST_EFFORT, Durability.TRANSIENT_LOCAL),
         ),
         ("- reliability: 1\n  durability: 2\n", Qos()),
+        *((qos_text(qos), qos) for qos in (Qos(), BEST_EFFORT, LATCHED)),
         ("[{reliability: reliable}, {reliability: best_effort}]", BEST_EFFORT),
         ("[{durability: transient_local}, {durability: volatile}]", Qos()),
         ("", Qos()),

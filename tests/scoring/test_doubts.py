@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,9 +15,10 @@ from scoring.indicator_table import IndicatorName as Name
 from scoring.procedure import Ruling
 from scoring.protocol import EventName, Outcome, Side, Step, Thresholds
 from scoring.result import Ending, Indicator, Result
-from scoring.rulesets import EUROBENCH_2020, PROTOCOL, ROBUST_2026, Ruleset, ruleset
+from scoring.rulesets import EUROBENCH_2020, PROTOCOL, ROBUST_2026, Ruleset
 from scoring.signals import DoorSample, PassageSample, Sample
 from tests.scoring.clean_run import (
+    NOMINAL,
     RATE,
     Fault,
     Motion,
@@ -42,25 +44,132 @@ from tests.scoring.disturbances import (
 )
 from tests.scoring.runs import CONDITION, START
 
+RULES = (PROTOCOL, EUROBENCH_2020, ROBUST_2026)
+EACH = pytest.mark.parametrize("rules", RULES, ids=lambda rules: rules.name)
+Scored = Callable[[str, Ruleset], Result]
+
+
+@pytest.fixture(scope="module")
+def score_of() -> Scored:
+    """The result of a disturbance by its name; without one that of the clean run."""
+    faults = {name: fault for name, (fault, _) in DISTURBANCES.items()}
+    return cache(lambda case, rules: scored(faults.get(case, list)(clean()), rules))
+
 
 def doubted(result: Result) -> set[Name]:
     return {name for name, indicator in result.indicators.items() if indicator.doubts}
 
 
-def test_a_clean_run_has_no_doubts() -> None:
-    for seed in range(20):
-        for rules in (PROTOCOL, EUROBENCH_2020, ROBUST_2026):
-            result = scored(clean(seed=seed), rules)
-            assert not doubted(result), result.indicators
+@EACH
+@pytest.mark.parametrize(
+    "seeds", [range(4), pytest.param(range(4, 60), marks=pytest.mark.slow)], ids=["few", "many"]
+)
+def test_a_clean_run_has_no_doubts(rules: Ruleset, seeds: range) -> None:
+    assert [doubted(scored(clean(seed=seed), rules)) for seed in seeds] == [set()] * len(seeds)
 
 
 @pytest.mark.parametrize("case", DISTURBANCES)
-def test_what_a_fault_spoils_is_doubted(case: str) -> None:
-    fault, expected = DISTURBANCES[case]
-    result = scored(fault(clean()))
-    assert expected <= doubted(result)
+def test_what_a_fault_spoils_is_doubted(case: str, score_of: Scored) -> None:
+    result = score_of(case, PROTOCOL)
+    assert DISTURBANCES[case][1] <= doubted(result)
     for indicator in result.indicators.values():
         assert all(words and words.isprintable() for words in indicator.doubts)
+
+
+SLAM = Motion(swing_time=1.2, closes=8.0)
+ALTERNATES = door_fault(lambda t, angle: angle + 0.5 * (int(t * RATE) % 2) * (6.0 < t < 8.0))
+
+
+def blind(samples: list[Sample]) -> list[Sample]:
+    """The passage sensors say nothing around the leaving."""
+    return [
+        changed(s, ranges=(math.nan,) * 4)
+        if isinstance(s, PassageSample) and 6.2 < s.time - START < 6.7
+        else s
+        for s in samples
+    ]
+
+
+def coarse(step: float) -> Fault:
+    return door_fault(lambda _, angle: round(angle / step) * step)
+
+
+def noisy(samples: list[Sample]) -> list[Sample]:
+    """An encoder of steps of 1 mrad and as much noise."""
+    random = np.random.RandomState(5)
+    return door_fault(
+        lambda _, angle: round((angle + 0.001 * random.standard_normal()) / 0.001) * 0.001
+    )(samples)
+
+
+PRESSED = force_fault(lambda t, force: 5.0 if -0.02 <= t < 0 else force)
+ROUNDED = force_fault(lambda _, force: round(force / 0.1) * 0.1)
+NOISY = Thresholds(encoder_counts=round(math.tau / 0.001), encoder_noise=0.001)
+COUNTS = {n: Thresholds(encoder_counts=n) for n in (720, 1800)}
+
+
+@pytest.mark.parametrize(
+    ("samples", "limits", "name", "words"),
+    [
+        (lambda: PRESSED(clean()), None, TOUCH, "rests on"),  # for one sample before the start
+        (
+            lambda: passage_fault(Side.CCW, 14.485, 14.51, there=True)(clean(Motion(closes=99.0))),
+            None,
+            LEVEL,
+            "",
+        ),
+        (lambda: lost(8.9, 9.2)(clean(SLAM)), None, UNSAFETY, ""),
+        (lambda: lost(8.9, 9.2)(clean(SLAM)), None, SMOOTHNESS, ""),
+        (lambda: blind(clean()), None, OCCUPATION, ""),
+        (lambda: lost(5.4, 5.9)(clean()), None, OCCUPATION, ""),  # it may be the panel
+        (lambda: lost(2.7, 3.3)(clean()), None, OCCUPATION, "the door angle came too late for"),
+        (lambda: spike(-0.06, 1.0)(clean()), None, UNSAFETY, ""),
+        (lambda: ALTERNATES(clean()), None, UNSAFETY, "fits no motion"),
+        (lambda: spike(6.0, 1e5)(clean()), None, UNSAFETY, ""),
+        (
+            lambda: spike(6.0, math.pi)(clean()),
+            None,
+            SMOOTHNESS,
+            "the door angle is beyond 1.75 rad, which it cannot be, once, 6.01 s after the start",
+        ),
+        (lambda: spike(-3.0, 1e5)(clean()), None, SMOOTHNESS, None),
+        (lambda: clean(noise=0.0), None, TOUCH, None),  # a silent load cell is not stuck
+        (lambda: ROUNDED(clean(noise=0.015)), None, TOUCH, None),
+        *(
+            row
+            for counts, known in COUNTS.items()
+            for row in (
+                (
+                    lambda counts=counts: coarse(math.tau / counts)(clean()),
+                    None,
+                    SMOOTHNESS,
+                    "another encoder: the door steps by",
+                ),
+                (lambda counts=counts: coarse(math.tau / counts)(clean()), known, SMOOTHNESS, None),
+            )
+        ),
+        (
+            lambda: noisy(clean()),
+            None,
+            SMOOTHNESS,
+            "another encoder: the door at rest varies by",
+        ),
+        (lambda: noisy(clean()), NOISY, SMOOTHNESS, None),
+    ],
+)
+def test_what_else_may_be_wrong_is_doubted_in_one_sentence(
+    samples: Callable[[], list[Sample]], limits: Thresholds | None, name: Name, words: str | None
+) -> None:
+    doubts = scored(samples(), thresholds=limits).indicators[name].doubts
+    told = [doubt for doubt in doubts if words is not None and words in doubt]
+    assert len(told) == 1 if words else bool(told) == (words is not None)
+    assert words is not None or doubts == ()
+
+
+def test_the_noise_of_an_encoder_makes_smoothness_less_certain() -> None:
+    known = scored(noisy(clean()), thresholds=NOISY).indicators[SMOOTHNESS].uncertainty
+    assert known is not None
+    assert known.expanded > 0.1
 
 
 REAL = {"door quivers about 0.03 rad": {SMOOTHNESS}, "handle's stamps 50 ms behind": {TOUCH}}
@@ -70,22 +179,17 @@ STAYS_OPEN = {EXECUTION, PASSAGE}
 """A door that quivers is not closed under rules with a hysteresis."""
 
 
-@pytest.mark.parametrize("rules", [PROTOCOL, EUROBENCH_2020, ROBUST_2026], ids=lambda r: r.name)
-def test_a_value_that_a_fault_moves_is_never_without_a_doubt(rules: Ruleset) -> None:
-    """Moved: by more than both uncertainties. With `-s` it prints what moves."""
-    plain = scored(clean(), rules).indicators
-    print(f"\n| {rules.name}: disturbance | moves |\n| -- | -- |")
-    for case, (fault, _) in DISTURBANCES.items():
-        spoilt = scored(fault(clean()), rules).indicators
-        moved = {name for name in Name if not agree(plain[name], spoilt[name])}
-        told = (
-            f"{name} {plain[name].text} -> {spoilt[name].text}" for name in Name if name in moved
-        )
-        print(f"| {case} | {'; '.join(told)} |")
-        real = REAL.get(case, set())
-        if rules is ROBUST_2026 and SMOOTHNESS in real:
-            real = real | STAYS_OPEN
-        assert not [n for n in moved - real if not spoilt[n].doubts], case
+@EACH
+@pytest.mark.parametrize("case", DISTURBANCES)
+def test_a_value_that_a_fault_moves_is_never_without_a_doubt(
+    case: str, rules: Ruleset, score_of: Scored
+) -> None:
+    """Moved: by more than both uncertainties."""
+    plain, spoilt = (score_of(name, rules).indicators for name in ("", case))
+    real = REAL.get(case, set())
+    real = real | STAYS_OPEN if rules is ROBUST_2026 and SMOOTHNESS in real else real
+    moved = {name for name in Name if not agree(plain[name], spoilt[name])}
+    assert not [name for name in moved - real if not spoilt[name].doubts]
 
 
 def agree(one: Indicator, other: Indicator) -> bool:
@@ -95,34 +199,18 @@ def agree(one: Indicator, other: Indicator) -> bool:
     return abs(one.value - other.value) <= math.hypot(*worth) + 1e-9
 
 
-@pytest.mark.parametrize(
-    "case",
-    [
-        "one sample on the starting side after the crossing",
-        "one sample on the destination side before",
-        "one sample on the starting side at 1 s",
-        "one force sample of 5 N",
-    ],
-)
-def test_one_bad_sample_turns_no_decision_of_the_robust_rules(case: str) -> None:
-    samples = clean()
-    plain, spoilt = (
-        scored(samples, ROBUST_2026),
-        scored(DISTURBANCES[case][0](samples), ROBUST_2026),
-    )
+@pytest.mark.parametrize("case", list(DISTURBANCES)[:4])
+def test_one_bad_sample_turns_no_decision_of_the_robust_rules(case: str, score_of: Scored) -> None:
+    assert case.startswith("one ")
+    plain, spoilt = (score_of(name, ROBUST_2026).indicators for name in ("", case))
     for name in (LEVEL, EXECUTION, TOUCH, OCCUPATION, PASSAGE):
-        assert spoilt.indicators[name].value == pytest.approx(
-            plain.indicators[name].value, abs=0.05
-        )
-    assert spoilt.indicators[LEVEL].value == 6
+        assert spoilt[name].value == pytest.approx(plain[name].value, abs=0.05)
+    assert spoilt[LEVEL].value == 6
 
 
-def test_a_quivering_door_opens_once_under_the_robust_rules() -> None:
-    spoilt = DISTURBANCES["door quivers about 0.03 rad"][0](clean())
-    openings = [
-        sum(event.event is EventName.DOOR_OPENS for event in scored(spoilt, rules).events)
-        for rules in (PROTOCOL, ROBUST_2026)
-    ]
+def test_a_quivering_door_opens_once_under_the_robust_rules(score_of: Scored) -> None:
+    results = [score_of("door quivers about 0.03 rad", rules) for rules in (PROTOCOL, ROBUST_2026)]
+    openings = [[e.event for e in found.events].count(EventName.DOOR_OPENS) for found in results]
     assert openings[0] > 20
     assert openings[1] == 1
 
@@ -130,139 +218,86 @@ def test_a_quivering_door_opens_once_under_the_robust_rules() -> None:
 def test_a_touch_that_did_not_hold_is_doubted_while_the_run_goes_on() -> None:
     run = Assessment(CONDITION, START)
     doubted_at = []
-    for sample in DISTURBANCES["one force sample of 5 N"][0](clean()):
+    for number, sample in enumerate(DISTURBANCES["one force sample of 5 N"][0](clean())):
         run.feed(sample)
-        if TOUCH in run.provisional_doubts():
+        if number % 10 == 0 and TOUCH in run.provisional_doubts():
             doubted_at.append(sample.time - START)
     assert 0.5 < doubted_at[0] < 0.8
     assert doubted_at[-1] == pytest.approx(15.7, abs=0.1)  # until the recording ends
     assert "the touch of the handle rests on 1 sample" in run.provisional_doubts()[TOUCH]
 
 
-@pytest.mark.parametrize("value", [1e160, 1e200, -1.7e308])
-@pytest.mark.parametrize("kind", [spike, force_spike])
-def test_numbers_that_only_the_published_rules_believe_lose_no_result(
-    kind: Callable[[float, float], Fault], value: float
-) -> None:
-    result = scored(kind(7.0, value)(clean()), EUROBENCH_2020)
-    for indicator in result.indicators.values():
-        assert indicator.text
-        if indicator.uncertainty is not None:
-            assert math.isfinite(indicator.uncertainty.expanded)
+WILD = door_fault(lambda t, _: 1.7e308 if int(t * RATE) % 2 else -1.7e308)
 
 
-def test_angles_that_alternate_beyond_all_bounds_lose_no_result() -> None:
-    wild = door_fault(lambda t, _: 1.7e308 if int(t * RATE) % 2 else -1.7e308)
-    assert len(scored(wild(clean()), EUROBENCH_2020).indicators) == len(Name)
+@pytest.mark.parametrize(
+    "fault",
+    [*(kind(7.0, v) for kind in (spike, force_spike) for v in (1e160, 1e200, -1.7e308)), WILD],
+)
+def test_numbers_that_only_the_published_rules_believe_lose_no_result(fault: Fault) -> None:
+    result = scored(fault(clean()), EUROBENCH_2020)
+    assert list(result.indicators) == list(Name)
+    assert all(indicator.text for indicator in result.indicators.values())
+    known = [one.uncertainty for one in result.indicators.values() if one.uncertainty is not None]
+    assert all(math.isfinite(one.expanded) for one in known)
 
 
-@pytest.mark.parametrize("rules", [PROTOCOL, EUROBENCH_2020, ROBUST_2026], ids=lambda r: r.name)
-@pytest.mark.parametrize("rate", [5.0, 9.0, 400.0])
+@pytest.mark.parametrize(
+    ("rules", "rate"), [*((rules, rate) for rules in RULES for rate in (5.0, 9.0)), (PROTOCOL, 400)]
+)
 def test_a_rate_far_from_the_testbeds_loses_no_result(rules: Ruleset, rate: float) -> None:
-    result = scored(clean(rate=rate), rules)
-    assert SMOOTHNESS in doubted(result)
+    assert SMOOTHNESS in doubted(scored(clean(rate=rate), rules))
 
 
-def test_a_force_that_is_up_for_one_sample_before_the_start_is_doubted() -> None:
-    pressed = force_fault(lambda t, force: 5.0 if -0.02 <= t < 0 else force)
-    assert TOUCH in doubted(scored(pressed(clean())))
-
-
-def test_one_sample_over_the_stop_is_doubted() -> None:
-    never_closed = clean(Motion(closes=99.0))
-    over_the_stop = passage_fault(Side.CCW, 14.485, 14.51, there=True)
-    assert LEVEL in doubted(scored(over_the_stop(never_closed)))
-
-
-def test_a_slam_that_falls_into_a_gap_is_doubted() -> None:
-    slam = clean(Motion(swing_time=1.2, closes=8.0))
-    assert {UNSAFETY, SMOOTHNESS} <= doubted(scored(lost(8.9, 9.2)(slam)))
-
-
-def test_readings_that_say_nothing_near_an_edge_are_doubted() -> None:
-    def blind(samples: list[Sample]) -> list[Sample]:
-        return [
-            changed(s, ranges=(math.nan,) * 4)
-            if isinstance(s, PassageSample) and 6.2 < s.time - START < 6.7
-            else s
-            for s in samples
-        ]
-
-    assert OCCUPATION in doubted(scored(blind(clean())))
-
-
-def test_a_robot_that_comes_while_the_door_says_nothing_may_be_the_panel() -> None:
-    assert OCCUPATION in doubted(scored(lost(5.4, 5.9)(clean())))
-
-
-def test_a_spike_just_before_the_start_is_doubted_and_many_are_one_sentence() -> None:
-    assert UNSAFETY in doubted(scored(spike(-0.06, 1.0)(clean())))
-    many = door_fault(lambda t, angle: angle + 0.5 * (int(t * RATE) % 2) * (6.0 < t < 8.0))
-    doubts = scored(many(clean())).indicators[UNSAFETY].doubts
-    assert len([words for words in doubts if "fits no motion" in words]) == 1
-
-
-def test_a_coarse_or_silent_load_cell_is_not_stuck() -> None:
-    assert not doubted(scored(clean(noise=0.0)))
-    coarse = force_fault(lambda _, force: round(force / 0.1) * 0.1)
-    assert TOUCH not in doubted(scored(coarse(clean(noise=0.015))))
-
-
-def test_a_run_scored_by_other_rules_stops_where_these_say() -> None:
-    samples = clean()
-    own = {r.name: scored(samples, r) for r in (PROTOCOL, ROBUST_2026)}
-    for by, others in ((PROTOCOL, ROBUST_2026), (ROBUST_2026, PROTOCOL)):
-        run = Assessment(CONDITION, START, ruleset=others, stopped_by=by)
-        for sample in samples:
-            run.feed(sample)
-        stop = own[by.name].stop
-        result = run.result(Ending(Outcome.COMPLETED, "all six steps done", stop))[0]
-        assert result.stop == own[others.name].stop
-        assert any(f"by the rules of {others.name}" in words for words in result.quality.remarks)
-
-
-@pytest.mark.parametrize("ruled", [1.0, -1.0])
-def test_a_ruling_keeps_no_run_from_stopping_where_other_rules_stop_it(ruled: float) -> None:
-    samples = clean()
-    stop = scored(samples).stop
-    assert stop is not None
-    run = Assessment(CONDITION, START, ruleset=ROBUST_2026, stopped_by=PROTOCOL)
-    for sample in samples:
+@pytest.mark.parametrize(
+    ("by", "others"), [(PROTOCOL, ROBUST_2026), (ROBUST_2026, PROTOCOL)], ids=["robust", "protocol"]
+)
+@pytest.mark.parametrize("ruled", [None, 1.0, -1.0])
+def test_a_run_scored_by_other_rules_stops_where_these_say_whatever_was_ruled(
+    by: Ruleset, others: Ruleset, ruled: float | None, score_of: Scored
+) -> None:
+    run = Assessment(CONDITION, START, ruleset=others, stopped_by=by)
+    for sample in clean():
         run.feed(sample)
-    ruling = Ruling(Step.CROSS, True, stop + ruled, "video", "Ada")
-    ending = Ending(Outcome.COMPLETED, "all six steps done", stop)
-    result = run.result(ending, [ruling])[0]
+    stop = score_of("", by).stop
+    assert stop is not None
+    rulings = [] if ruled is None else [Ruling(Step.CROSS, True, stop + ruled, "video", "Ada")]
+    result = run.result(Ending(Outcome.COMPLETED, "all six steps done", stop), rulings)[0]
+    assert result.stop == score_of("", others).stop
     assert result.indicators[LEVEL].value == 6
-    assert result.stop == scored(samples, ROBUST_2026).stop
+    assert any(f"by the rules of {others.name}" in words for words in result.quality.remarks)
 
 
-def test_doubts_change_no_value() -> None:
-    limits = Thresholds().doubt
-    never = type(limits)(
-        least_readings=0, least_hold=0, gap_intervals=1e9, missing=2, jitter=1e9,
-        one_sample=1e9, range_end=1e9, encoder=1e9, clipped=10**6,
-        stuck_time=1e9, drift=1e9, chatter=10**6, delay_intervals=1e9, rate=1e9,
-    )  # fmt: skip
-    for fault, _ in DISTURBANCES.values():
-        samples = fault(clean())
-        with_doubts, without = scored(samples), scored(samples, thresholds=Thresholds(doubt=never))
-        assert not doubted(without)
-        for name in Name:
-            assert with_doubts.indicators[name].value == without.indicators[name].value
+NEVER = type(Thresholds().doubt)(
+    least_readings=0, least_hold=0, gap_intervals=1e9, missing=2, jitter=1e9,
+    one_sample=1e9, range_end=1e9, encoder=1e9, clipped=10**6,
+    stuck_time=1e9, drift=1e9, chatter=10**6, delay_intervals=1e9, rate=1e9,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("case", DISTURBANCES)
+def test_doubts_change_no_value(case: str, score_of: Scored) -> None:
+    fault, _ = DISTURBANCES[case]
+    samples = fault(clean())
+    with_doubts, without = (scored(samples, thresholds=Thresholds(doubt=NEVER)), scored(samples))
+    assert not doubted(with_doubts)
+    values = [[found.indicators[name].value for name in Name] for found in (with_doubts, without)]
+    assert values[0] == values[1]
 
 
 @pytest.mark.parametrize("value", [1e6, -600.0, math.inf, math.nan])
-def test_an_impossible_force_is_no_reading_but_for_eurobench(value: float) -> None:
-    samples = clean()
-    spoilt = force_spike(1.0, value)(samples)
+def test_an_impossible_force_is_no_reading_but_for_eurobench(
+    value: float, score_of: Scored
+) -> None:
+    spoilt = force_spike(1.0, value)(clean())
     for rules in (PROTOCOL, ROBUST_2026):
-        plain, result = scored(samples, rules), scored(spoilt, rules)
+        plain, result = score_of("", rules).indicators, scored(spoilt, rules)
         for name in (ROUGHNESS, TOUCH):
-            assert result.indicators[name].value == plain.indicators[name].value
+            assert result.indicators[name].value == plain[name].value
         handle = result.quality.signals[1]
         assert (handle.no_reading, handle.impossible) == (1, int(math.isfinite(value)))
-    if math.isfinite(value):
-        assert scored(spoilt, EUROBENCH_2020).indicators[ROUGHNESS].value == abs(value)
+    published = scored(spoilt, EUROBENCH_2020).indicators[ROUGHNESS].value
+    assert published == abs(value) or not math.isfinite(value)
 
 
 def test_an_impossible_angle_opens_no_door() -> None:
@@ -272,32 +307,20 @@ def test_an_impossible_angle_opens_no_door() -> None:
     assert "1 of them impossible" in " ".join(result.quality.remarks)
 
 
-def test_an_impossible_angle_leaves_a_hole_in_the_motion_that_is_doubted() -> None:
-    assert {SMOOTHNESS, UNSAFETY} == set(doubted(scored(spike(6.0, 1e5)(clean()))))
-    words = "the door angle is beyond 1.75 rad, which it cannot be, once, 6.01 s after the start"
-    assert words in scored(spike(6.0, math.pi)(clean())).indicators[SMOOTHNESS].doubts
-    assert not doubted(scored(spike(-3.0, 1e5)(clean())))
-
-
 def test_the_limits_are_settings() -> None:
-    spoilt = force_spike(1.0, 900.0)(clean())
-    result = scored(spoilt, thresholds=Thresholds(largest_force=500.0))
+    result = scored(force_spike(1.0, 900.0)(clean()), thresholds=Thresholds(largest_force=500.0))
     assert result.indicators[ROUGHNESS].value == 900.0
 
 
-def test_every_ruleset_has_its_name() -> None:
-    for rules in (PROTOCOL, EUROBENCH_2020, ROBUST_2026):
-        assert ruleset(rules.name) is rules
-
-
 def test_standing_still_buys_no_smoothness_under_the_robust_rules() -> None:
-    short, held = clean(), clean(Motion(closes=9.5))
-    values = [
-        float(scored(s, ROBUST_2026).indicators[SMOOTHNESS].value or 0) for s in (short, held)
-    ]
-    assert values[1] == pytest.approx(values[0], rel=0.05)
-    bought = [float(scored(s).indicators[SMOOTHNESS].value or 0) for s in (short, held)]
-    assert bought[1] > 1.05 * bought[0]
+    def values(rules: Ruleset) -> list[float]:
+        runs = [scored(clean(motion), rules) for motion in (NOMINAL, Motion(closes=9.5))]
+        return [float(run.indicators[SMOOTHNESS].value or 0) for run in runs]
+
+    short, held = values(ROBUST_2026)
+    assert held == pytest.approx(short, rel=0.05)
+    short, held = values(PROTOCOL)
+    assert held > 1.05 * short
 
 
 def test_roughness_is_measured_from_the_rest_force_under_the_robust_rules() -> None:
@@ -305,44 +328,17 @@ def test_roughness_is_measured_from_the_rest_force_under_the_robust_rules() -> N
     result = scored(samples, ROBUST_2026)
     assert result.rest is not None
     assert result.rest.drift == pytest.approx(5.9, abs=0.05)
-    raw = float(scored(samples).indicators[ROUGHNESS].value or 0)
-    about_rest = float(result.indicators[ROUGHNESS].value or 0)
+    raw, about_rest = (run.indicators[ROUGHNESS].value for run in (scored(samples), result))
     assert raw == pytest.approx(45.9, abs=0.3)
-    assert 39 < about_rest < raw
-
-
-@pytest.mark.parametrize("counts", [720, 1800])
-def test_a_coarser_encoder_than_the_settings_say_is_doubted(counts: int) -> None:
-    step = math.tau / counts
-    coarse = door_fault(lambda _, angle: round(angle / step) * step)(clean())
-    doubts = scored(coarse).indicators[SMOOTHNESS].doubts
-    assert any("another encoder: the door steps by" in words for words in doubts)
-    assert not doubted(scored(coarse, thresholds=Thresholds(encoder_counts=counts)))
-
-
-def test_a_noisy_encoder_is_doubted_unless_the_settings_know_its_noise() -> None:
-    random = np.random.RandomState(5)
-    noise, step = 0.001, 0.001  # rad
-    noisy = door_fault(
-        lambda _, angle: round((angle + noise * random.standard_normal()) / step) * step
-    )(clean())
-    told = scored(noisy).indicators[SMOOTHNESS]
-    assert any("another encoder: the door at rest varies by" in words for words in told.doubts)
-    known = Thresholds(encoder_counts=round(math.tau / step), encoder_noise=noise)
-    same = scored(noisy, thresholds=known).indicators[SMOOTHNESS]
-    assert same.doubts == ()
-    assert same.uncertainty is not None
-    assert same.uncertainty.expanded > 0.1
+    assert 39 < float(about_rest or 0) < 45.5
 
 
 def test_a_freeze_in_motion_is_doubted_and_repaired_by_the_robust_rules() -> None:
     samples = clean(Motion(swing_time=2.0))
-    door = [s for s in samples if isinstance(s, DoorSample) and s.time >= START + 3.5]
-    first = door[0]
+    first = next(s for s in samples if isinstance(s, DoorSample) and s.time >= START + 3.5)
     frozen = door_fault(
         lambda t, angle: first.angle if 3.5 <= t < first.time - START + 0.1 else angle
     )(samples)
     assert {SMOOTHNESS, UNSAFETY} <= doubted(scored(frozen))
     plain, repaired = (scored(s, ROBUST_2026).indicators for s in (samples, frozen))
-    for name in Name:
-        assert agree(plain[name], repaired[name]), name
+    assert [name for name in Name if not agree(plain[name], repaired[name])] == []

@@ -12,7 +12,6 @@ from scoring.procedure import Ruling
 from scoring.protocol import (
     PASSAGE_SENSORS,
     EventName,
-    LockDetection,
     Outcome,
     Side,
     Step,
@@ -49,74 +48,124 @@ def steady_run() -> list[Sample]:
     return sorted(samples, key=lambda s: s.time)
 
 
+STEADY = steady_run()
+
+
 def result(ending: Ending = COMPLETED, ruleset: Ruleset = PROTOCOL) -> Result:
-    return assessment(steady_run(), ruleset=ruleset).result(ending)[0]
+    return assessment(STEADY, ruleset=ruleset).result(ending)[0]
 
 
 def value(found: Result, name: IndicatorName) -> float | int | None:
     return found.indicators[name].value
 
 
-def test_a_completed_run_has_all_values() -> None:
-    found = result()
-    assert list(found.indicators) == list(IndicatorName)
-    assert all(i.value is not None for i in found.indicators.values()), found.indicators
-    assert value(found, IndicatorName.EXECUTION_TIME) == 6.0
-    assert value(found, IndicatorName.TIME_TO_HANDLE) == 2.0
-    assert value(found, IndicatorName.DOOR_OCCUPATION_TIME) == 1.0
-    assert value(found, IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION) == 20.0
-    assert value(found, IndicatorName.CAPABILITY_LEVEL) == 6
+def test_a_completed_run_has_all_values_as_plain_numbers() -> None:
+    found = result().indicators
+    assert list(found) == list(IndicatorName)
+    assert {type(i.value) for i in found.values()} == {float, int}
+    times = {
+        IndicatorName.EXECUTION_TIME: 6.0,
+        IndicatorName.TIME_TO_HANDLE: 2.0,
+        IndicatorName.DOOR_OCCUPATION_TIME: 1.0,
+        IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION: 20.0,
+        IndicatorName.CAPABILITY_LEVEL: 6,
+    }
+    assert {name: found[name].value for name in times} == times
 
 
 def test_feeding_the_same_samples_gives_the_same_result_to_the_last_digit() -> None:
     assert result() == result()
 
 
-def test_an_aborted_run_has_no_indicators() -> None:
-    found = result(Ending(Outcome.ABORTED, "robot on fire", START + 4))
-    assert {i.reason for i in found.indicators.values()} == {"run aborted: invalid"}
-    assert found.events[-1].event is EventName.BENCHMARK_STOP
+REASON = dict.fromkeys(IndicatorName, "run aborted: invalid")
+NEVER = dict.fromkeys(IndicatorName, "the run never started")
+CUT_OFF = Ending(Outcome.INTERRUPTED, "cut off", None)
+DENIED = Ruling(Step.CROSS, False, START + 9, "arm only", "R")
 
 
-def test_a_run_aborted_in_the_countdown_has_no_events() -> None:
-    assert result(Ending(Outcome.ABORTED, "", START - 1)).events == ()
+@pytest.mark.parametrize(
+    ("samples", "ending", "rulings", "found"),
+    [
+        pytest.param(
+            STEADY, Ending(Outcome.ABORTED, "on fire", START + 4), [], REASON, id="aborted"
+        ),
+        pytest.param(
+            STEADY,
+            CUT_OFF,
+            [],
+            {
+                IndicatorName.EXECUTION_TIME: "no benchmark stop",
+                IndicatorName.TIME_TO_HANDLE: 2.0,
+            },
+            id="cut off, what can be computed stays",
+        ),
+        pytest.param(
+            [door(-1, 0.5), handle(-1, 10.0)], CUT_OFF, [], NEVER, id="cut off in the countdown"
+        ),
+        pytest.param(
+            STEADY,
+            Ending(Outcome.TIMEOUT, "5.5 s elapsed", START + 5.5),
+            [],
+            {IndicatorName.PASSAGE_TIME: "door never closed", IndicatorName.CAPABILITY_LEVEL: 4},
+            id="timeout before the closing",
+        ),
+        pytest.param(
+            STEADY,
+            COMPLETED,
+            [DENIED],
+            {
+                IndicatorName.CAPABILITY_LEVEL: 3,
+                IndicatorName.PASSAGE_TIME: "step 4 not done: denied by the referee",
+                IndicatorName.EXECUTION_TIME: 6.0,
+                IndicatorName.DOOR_OCCUPATION_TIME: 1.0,
+            },
+            id="denied",
+        ),
+    ],
+)
+def test_each_indicator_has_its_value_or_its_reason(
+    samples: list[Sample],
+    ending: Ending,
+    rulings: list[Ruling],
+    found: dict[IndicatorName, float | str],
+) -> None:
+    result, _ = assessment(samples).result(ending, rulings)
+    told = {name: result.indicators[name].reason or result.indicators[name].value for name in found}
+    assert told == found
 
 
-def test_an_interrupted_run_without_a_stop_keeps_what_can_be_computed() -> None:
-    found = result(Ending(Outcome.INTERRUPTED, "cut off", None))
-    assert value(found, IndicatorName.EXECUTION_TIME) is None
-    assert value(found, IndicatorName.TIME_TO_HANDLE) == 2.0
-    assert EventName.BENCHMARK_STOP not in [e.event for e in found.events]
-
-
-def test_a_timeout_before_the_closing_says_why_there_is_no_passage_time() -> None:
-    found = result(Ending(Outcome.TIMEOUT, "5.5 s elapsed", START + 5.5))
-    assert found.indicators[IndicatorName.PASSAGE_TIME].reason == "door never closed"
-    assert value(found, IndicatorName.CAPABILITY_LEVEL) == 4
+@pytest.mark.parametrize(
+    ("ending", "last"),
+    [
+        (Ending(Outcome.ABORTED, "robot on fire", START + 4), EventName.BENCHMARK_STOP),
+        (Ending(Outcome.ABORTED, "", START - 1), None),
+        (CUT_OFF, EventName.DOOR_CLOSES),
+    ],
+)
+def test_a_run_without_a_stop_has_no_event_of_it(ending: Ending, last: EventName | None) -> None:
+    events = [event.event for event in result(ending).events]
+    assert events[-1:] == ([] if last is None else [last])
 
 
 def test_rows_cover_the_run_and_its_settle_time() -> None:
-    _, rows = assessment(steady_run()).result(COMPLETED)
+    _, rows = assessment(STEADY).result(COMPLETED)
     assert rows.joint_state.time[0] >= START
     assert START + 6.9 < rows.joint_state.time[-1] <= START + 7
     assert math.isfinite(rows.joint_state.acceleration[0])  # the filters saw the pre-roll
-    _, cut = assessment(steady_run()).result(Ending(Outcome.TIMEOUT, "", START + 6))
+    _, cut = assessment(STEADY).result(Ending(Outcome.TIMEOUT, "", START + 6))
     assert cut.joint_state.time[-1] <= START + 6
 
 
 def test_eurobench_uses_all_rows_and_counts_events() -> None:
-    samples = steady_run()
-    found, rows = assessment(samples, ruleset=EUROBENCH_2020).result(COMPLETED)
-    assert len(rows.joint_state.time) == sum(s.signal.name == "DOOR" for s in samples)
+    found, rows = assessment(STEADY, ruleset=EUROBENCH_2020).result(COMPLETED)
+    assert len(rows.joint_state.time) == sum(s.signal.name == "DOOR" for s in STEADY)
     assert value(found, IndicatorName.CAPABILITY_LEVEL) == 4
 
 
 def test_a_ruling_changes_level_and_what_depends_on_it_and_nothing_else() -> None:
-    denied = [Ruling(Step.CROSS, False, START + 9, "arm only", "R")]
-    run = assessment(steady_run())
-    before, after = run.result(COMPLETED)[0], run.result(COMPLETED, denied)[0]
-    changed = {name for name, i in before.indicators.items() if i != after.indicators[name]}
-    assert before.indicators.keys() == after.indicators.keys()
+    run = assessment(STEADY)
+    before, after = (run.result(COMPLETED, rulings)[0].indicators for rulings in ((), [DENIED]))
+    changed = {name for name in IndicatorName if before[name] != after[name]}
     assert changed == {IndicatorName.CAPABILITY_LEVEL, IndicatorName.PASSAGE_TIME}
 
 
@@ -131,23 +180,10 @@ def test_a_run_without_data_has_reasons_only(ruleset: Ruleset) -> None:
     assert any("nothing recorded" in remark for remark in found.quality.remarks)
 
 
-def test_values_are_plain_numbers() -> None:
-    assert {type(i.value) for i in result().indicators.values()} == {float, int}
-
-
 def test_panel_against_the_opening_side_is_kept_in_the_quality() -> None:
-    samples = [*steady_run(), door(9, -0.05), door(9.02, -0.05)]
+    samples = [*STEADY, door(9, -0.05), door(9.02, -0.05)]
     found = assessment(samples).result(COMPLETED)[0]
     assert any("against the opening side" in remark for remark in found.quality.remarks)
-
-
-def test_a_run_cut_off_in_the_countdown_has_nothing() -> None:
-    found = assessment([door(-1, 0.5), handle(-1, 10.0)]).result(
-        Ending(Outcome.INTERRUPTED, "cut off", None)
-    )[0]
-    assert found.events == ()
-    assert {i.reason for i in found.indicators.values()} == {"the run never started"}
-    assert all(record.final is None for record in found.steps)
 
 
 @pytest.mark.parametrize(("limit", "remarked"), [(0.1, True), (0.2, False)])
@@ -159,14 +195,6 @@ def test_stamps_that_differ_from_reception_are_remarked_from_the_testbeds_limit_
     found = assessment(samples, thresholds=Thresholds(largest_skew=limit)).quality()
     told = "door angle: stamps differ from reception by up to 0.150 s"
     assert (told in found.remarks) is remarked
-
-
-def test_a_denied_step_is_the_reason_why_there_is_no_passage_time() -> None:
-    ruling = Ruling(Step.CROSS, False, START + 6, "one foot stayed", "Ada")
-    run = assessment(passage_through(), lock=LockDetection.SETTLE)
-    result, _ = run.result(Ending(Outcome.COMPLETED, "all six steps done", START + 6), [ruling])
-    passage = result.indicators[IndicatorName.PASSAGE_TIME]
-    assert passage.reason == "step 4 not done: denied by the referee"
 
 
 PLACE = PASSAGE_SENSORS.index(sensor(Side.CW, 2))
@@ -236,13 +264,15 @@ def test_stamps_are_those_that_count() -> None:
     assert (series.latch_time.tolist(), series.latch_engaged.tolist()) == ([START + 2], [True])
 
 
-def test_rows_that_count_end_with_the_settle_time_and_are_all_by_the_published_rules() -> None:
-    for rules, expected in (
-        (PROTOCOL, (START, START + 7.0)),
-        (EUROBENCH_2020, (-math.inf, math.inf)),
-    ):
-        found = SeriesAssessment(CONDITION, START, ruleset=rules)
-        for sample in passage_through():
-            found.feed(sample)
-        series = found.series(Ending(Outcome.COMPLETED, "", START + 6.0), ())
-        assert (series.rows_from, series.rows_until) == expected
+@pytest.mark.parametrize(
+    ("rules", "rows"),
+    [(PROTOCOL, (START, START + 7.0)), (EUROBENCH_2020, (-math.inf, math.inf))],
+)
+def test_rows_that_count_end_with_the_settle_time_and_are_all_by_the_published_rules(
+    rules: Ruleset, rows: tuple[float, float]
+) -> None:
+    found = SeriesAssessment(CONDITION, START, ruleset=rules)
+    for sample in passage_through():
+        found.feed(sample)
+    series = found.series(COMPLETED, ())
+    assert (series.rows_from, series.rows_until) == rows

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from types import FrameType
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from scoring.evaluate import Assessment
-from scoring.events import EventDetector
 from scoring.protocol import (
     PASSAGE_SENSORS,
     Condition,
@@ -41,181 +41,189 @@ from tests.scoring.runs import (
     under,
 )
 
-
-def names(found: EventDetector, stop: float) -> list[tuple[float, str]]:
-    return [(round(e.time - START, 6), e.name.value) for e in found.events(START + stop)]
-
-
-def test_a_whole_run_gives_its_events_in_order() -> None:
-    assert names(detector(passage_through()), 6.0) == [
-        (0.0, "benchmark_start"),
-        (2.0, "handle_is_touched"),
-        (3.0, "door_opens"),
-        (4.0, "humanoid_approaches_the_door_on_ccw_side"),
-        (5.0, "humanoid_moves_to_cw_side"),
-        (6.0, "door_closes"),
-        (6.0, "benchmark_stop"),
-    ]
+TOUCH, OPENS, CLOSES = "handle_is_touched", "door_opens", "door_closes"
+APPROACH = "humanoid_approaches_the_door_on_{}_side".format
+LEFT = "humanoid_moves_to_{}_side".format
 
 
-def test_touch_is_the_first_force_beyond_the_threshold_and_only_one() -> None:
-    found = detector([handle(0.5, 1.96), handle(1, 1.9614), handle(2, 0), handle(3, -50)])
-    assert names(found, 9)[1:-1] == [(1.0, "handle_is_touched")]
+def events(samples: Iterable[Sample], stop: float = 9.0, **told: Any) -> list[tuple[float, str]]:  # noqa: ANN401
+    found = detector(samples, **told).events(START + stop)
+    assert (found[0].name, found[0].time) == (EventName.BENCHMARK_START, START)
+    assert (found[-1].name, found[-1].time) == (EventName.BENCHMARK_STOP, START + stop)
+    return [(round(e.time - START, 6), e.name.value) for e in found[1:-1]]
+
+
+def scan(time: float, distance: float, ranges: int = 4, least: float = 0.0) -> PassageSample:
+    """All elements of one strip read this, m."""
+    at = START + time
+    return PassageSample(at, at, Strip.CCW_LEFT, (distance,) * ranges, least, 2.5)
+
+
+CCW, CW = Side.CCW, Side.CW
+BEFORE: list[Sample] = [door(-0.5, 1.0), handle(-0.5, 9.0), under(-0.5, CCW)]
+AT_THE_START = [(0.0, TOUCH), (0.0, OPENS), (0.0, APPROACH("ccw"))]
+SEEN: list[Sample] = [clear(0.1, CCW), under(1, CCW)]
+BOTH: list[Sample] = [under(4, CCW), under(4.4, CW)]
+WHOLE = [
+    (2.0, TOUCH),
+    (3.0, OPENS),
+    (4.0, APPROACH("ccw")),
+    (5.0, LEFT("cw")),
+    (6.0, CLOSES),
+]
+NOT_USED = [
+    (which, element)
+    for which in Strip
+    for element in range(4)
+    if (which, element) not in {(s.strip, s.element) for s in PASSAGE_SENSORS}
+]
+
+
+@pytest.mark.parametrize(
+    ("samples", "stop", "found"),
+    [
+        pytest.param(passage_through(), 6.0, WHOLE, id="a whole run"),
+        pytest.param([*passage_through(), door(8.0, 0.5)], 6.0, WHOLE, id="none after the stop"),
+        pytest.param(
+            [handle(0.5, 1.96), handle(1, 1.9614), handle(2, 0), handle(3, -50)],
+            9.0,
+            [(1.0, TOUCH)],
+            id="a touch is beyond the threshold, and only one",
+        ),
+        pytest.param(
+            BEFORE, 9.0, [*AT_THE_START, (9.0, LEFT("ccw"))], id="up before the start, at the start"
+        ),
+        pytest.param(
+            [*BEFORE, door(1, 0.0), handle(1, 0.0), clear(1, CCW)],
+            9.0,
+            [*AT_THE_START, (1.0, CLOSES), (1.0, LEFT("ccw"))],
+            id="up before the start and down after it",
+        ),
+        pytest.param(
+            [door(-1, 0.5), door(-0.1, 0.0), door(0.1, 0.0)], 9.0, [], id="closed at the start"
+        ),
+        pytest.param(
+            [door(t, a) for t, a in enumerate([0.0, 0.03, 0.0299, -0.4, 0.0])],
+            9.0,
+            [(1, OPENS), (2, CLOSES), (3, OPENS), (4, CLOSES)],
+            id="every opening and closing counts",
+        ),
+        pytest.param(
+            [door(0.5, -0.2), under(1, CW, 0), door(1.5, -0.5), clear(2, CW, 0)],
+            9.0,
+            [(0.5, OPENS)],
+            id="a masked sensor that saw nothing",
+        ),
+        pytest.param(
+            [
+                *(clear(0.1, CW, 0), under(1, CW, 0), door(1.5, -0.2), clear(2, CW, 0)),
+                *(door(3, -0.5), clear(4, CW, 0)),
+            ],
+            9.0,
+            [(1, APPROACH("cw")), (1.5, OPENS), (4, LEFT("cw"))],
+            id="a masked sensor keeps its state",
+        ),
+        *(
+            pytest.param(
+                [*before, scan(2, distance)], 9.0, found, id=f"{distance} keeps what was: {found}"
+            )
+            for distance in (math.nan, -0.1, 2.6)
+            for before, found in (
+                (SEEN, [(1, APPROACH("ccw")), (9, LEFT("ccw"))]),
+                (SEEN[:1], []),
+            )
+        ),
+        pytest.param(
+            [scan(0.1, math.inf, least=0.1), scan(1, -math.inf, least=0.1), scan(2, math.inf)],
+            9.0,
+            [(1.0, APPROACH("ccw")), (2.0, LEFT("ccw"))],
+            id="infinities are readings",
+        ),
+        pytest.param(
+            [*SEEN, scan(2, 0.0, ranges=0)],
+            9.0,
+            [(1, APPROACH("ccw")), (9.0, LEFT("ccw"))],
+            id="a shorter message leaves the other sensors as they are",
+        ),
+        pytest.param(
+            [*(s for s in passage_through() if s.time < START + 4.9), door(6, 0.0)],
+            6.0,
+            [*WHOLE[:3], (6.0, LEFT("cw")), (6.0, CLOSES)],
+            id="still under the sensors at the stop",
+        ),
+        *(
+            pytest.param(
+                [*BOTH, *cleared], 6.0, [(4, APPROACH("ccw")), (6.0, LEFT(to))], id=f"both, to {to}"
+            )
+            for cleared, to in (
+                ([clear(6.2, CCW), clear(6.5, CW)], "cw"),
+                ([clear(6.2, CW), clear(6.5, CCW)], "ccw"),
+                ([], "ccw"),
+            )
+        ),
+        pytest.param(
+            [latch(-1, True), latch(1, True), latch(2, False), latch(5, True)],
+            9.0,
+            [(2.0, "door_is_unlocked"), (5.0, "door_is_locked")],
+            id="of the latch only changes",
+        ),
+        *(
+            pytest.param(
+                [strip(0.1, which), strip(1, which, [0.0] * element + [1.5])], 9.0, [], id=which
+            )
+            for which, element in NOT_USED
+        ),
+        *(
+            pytest.param(
+                [
+                    *(clear(0.1, s.side, s.index), under(1, s.side, s.index, height)),
+                    clear(2, s.side, s.index),
+                ],
+                9.0,
+                [(1, APPROACH(s.side)), (2, LEFT(s.side))] if height > 0.5 else [],
+                id=f"{s.side}-{s.index} {height} m",
+            )
+            for s in PASSAGE_SENSORS
+            for height in (0.5, 0.51)
+        ),
+    ],
+)
+def test_events_are_those_of_the_definition(
+    samples: list[Sample], stop: float, found: list[tuple[float, str]]
+) -> None:
+    assert sorted(events(samples, stop)) == sorted(found)
+
+
+def test_six_sensors_near_the_hinge_are_not_used() -> None:
+    assert len(NOT_USED) == 6
 
 
 def test_handle_zero_is_subtracted() -> None:
     resting = [handle(t / 10, 5.9) for t in range(20)]
-    assert names(detector(resting, zero=5.9), 9)[1:-1] == []
-    assert names(detector(resting), 9)[1:-1] == [(0.0, "handle_is_touched")]
-
-
-def test_what_is_up_before_the_start_happens_at_the_start() -> None:
-    before: list[Sample] = [door(-0.5, 1.0), handle(-0.5, 9.0), under(-0.5, Side.CCW)]
-    expected = [
-        (0.0, "handle_is_touched"),
-        (0.0, "door_opens"),
-        (0.0, "humanoid_approaches_the_door_on_ccw_side"),
-        (9.0, "humanoid_moves_to_ccw_side"),
-    ]
-    assert sorted(names(detector(before), 9)[1:-1]) == sorted(expected)
-    after: list[Sample] = [door(1, 0.0), handle(1, 0.0), clear(1, Side.CCW)]
-    expected[3:] = [(1.0, "door_closes"), (1.0, "humanoid_moves_to_ccw_side")]
-    assert sorted(names(detector([*before, *after]), 9)[1:-1]) == sorted(expected)
-
-
-def test_door_open_before_the_start_and_closed_at_it_is_no_event() -> None:
-    assert names(detector([door(-1, 0.5), door(-0.1, 0.0), door(0.1, 0.0)]), 9)[1:-1] == []
-
-
-def test_every_opening_and_closing_counts() -> None:
-    angles = [0.0, 0.03, 0.0299, -0.4, 0.0]
-    found = detector([door(t, a) for t, a in enumerate(angles)])
-    assert [n for _, n in names(found, 9)][1:-1] == ["door_opens", "door_closes"] * 2
-
-
-def test_events_after_the_stop_are_left_out() -> None:
-    found = detector([*passage_through(), door(8.0, 0.5)])
-    assert all(time <= 6.0 for time, _ in names(found, 6.0))
-
-
-@pytest.mark.parametrize("used", PASSAGE_SENSORS, ids=lambda s: f"{s.side}-{s.index}")
-def test_each_used_sensor_sees_a_robot_higher_than_half_a_metre(used: object) -> None:
-    side, index = used.side, used.index  # type: ignore[attr-defined]
-    low = detector([clear(0.1, side, index), under(1, side, index, 0.5)])
-    assert names(low, 9)[1:-1] == []
-    high = detector([clear(0.1, side, index), under(1, side, index, 0.51), clear(2, side, index)])
-    assert [e for _, e in names(high, 9)][1:-1] == [
-        f"humanoid_approaches_the_door_on_{side}_side",
-        f"humanoid_moves_to_{side}_side",
-    ]
-
-
-def test_the_six_sensors_near_the_hinge_are_not_used() -> None:
-    used = {(s.strip, s.element) for s in PASSAGE_SENSORS}
-    for which in Strip:
-        for element in range(4):
-            if (which, element) in used:
-                continue
-            heights = [0.0] * 4
-            heights[element] = 1.5
-            assert names(detector([strip(0.1, which), strip(1, which, heights)]), 9)[1:-1] == []
-
-
-def test_a_masked_sensor_keeps_its_state() -> None:
-    masked: list[Sample] = [
-        door(0.5, -0.2),
-        under(1, Side.CW, 0),
-        door(1.5, -0.5),
-        clear(2, Side.CW, 0),
-    ]
-    assert not [n for _, n in names(detector(masked), 9) if "humanoid" in n]
-    held: list[Sample] = [
-        under(1, Side.CW, 0),
-        door(1.5, -0.2),
-        clear(2, Side.CW, 0),
-        door(3, -0.5),
-    ]
-    found = detector([clear(0.1, Side.CW, 0), *held, clear(4, Side.CW, 0)])
-    assert (4.0, "humanoid_moves_to_cw_side") in names(found, 9)
+    assert [events(resting, zero=zero) for zero in (5.9, 0.0)] == [[], [(0.0, TOUCH)]]
 
 
 def test_eurobench_counts_a_masked_sensor_as_absent() -> None:
-    held: list[Sample] = [
-        clear(0.1, Side.CW, 0),
-        under(1, Side.CW, 0),
-        door(1.5, -0.2),
-        under(2, Side.CW, 0),
-    ]
-    found = detector(held, ruleset=EUROBENCH_2020)
-    assert (2.0, "humanoid_moves_to_cw_side") in names(found, 9)
+    held: list[Sample] = [clear(0.1, CW, 0), under(1, CW, 0), door(1.5, -0.2), under(2, CW, 0)]
+    assert (2.0, LEFT("cw")) in events(held, ruleset=EUROBENCH_2020)
 
 
 def test_masks_are_open_intervals_of_one_side_only() -> None:
     numbers = Thresholds()
-    for side, upper in ((Side.CW, numbers.mask_to_cw), (Side.CCW, numbers.mask_to_ccw)):
-        for index in range(5):
-            low, high = numbers.mask_from[index], upper[index]
-            inside = (low + high) / 2 * side.sign
-            assert numbers.masked(side, index, inside)
-            assert not numbers.masked(side, index, -inside)
-            assert not numbers.masked(side, index, low * side.sign)
-            assert not numbers.masked(side, index, high * side.sign)
-
-
-@pytest.mark.parametrize("distance", [math.nan, -0.1, 2.6])
-def test_no_reading_keeps_the_state(distance: float) -> None:
-    bad = PassageSample(START + 2, START + 2, Strip.CCW_LEFT, (distance,) * 4, 0.0, 2.5)
-    assert names(detector([clear(0.1, Side.CCW), bad]), 9)[1:-1] == []
-    held = detector([clear(0.1, Side.CCW), under(1, Side.CCW), bad])
-    assert (9.0, "humanoid_moves_to_ccw_side") in names(held, 9)
-
-
-def test_infinities_are_readings() -> None:
-    def ranges(time: float, distance: float) -> PassageSample:
-        at = START + time
-        return PassageSample(at, at, Strip.CCW_LEFT, (distance,) * 4, 0.1, 2.5)
-
-    found = detector([ranges(0.1, math.inf), ranges(1, -math.inf), ranges(2, math.inf)])
-    assert names(found, 9)[1:-1] == [
-        (1.0, "humanoid_approaches_the_door_on_ccw_side"),
-        (2.0, "humanoid_moves_to_ccw_side"),
-    ]
-
-
-def test_a_shorter_message_leaves_the_other_sensors_as_they_are() -> None:
-    short = PassageSample(START + 2, START + 2, Strip.CCW_LEFT, (), 0.0, 2.5)
-    found = detector([clear(0.1, Side.CCW), under(1, Side.CCW), short])
-    assert (9.0, "humanoid_moves_to_ccw_side") in names(found, 9)
-
-
-def test_robot_still_on_one_side_at_the_stop_has_left_there_at_the_stop() -> None:
-    samples = [s for s in passage_through() if s.time < START + 4.9]
-    found = detector([*samples, door(6, 0.0)])
-    assert (6.0, "humanoid_moves_to_cw_side") in names(found, 6.0)
-
-
-@pytest.mark.parametrize(
-    ("first", "reached"), [(Side.CCW, Side.CW), (Side.CW, Side.CCW), (None, Side.CCW)]
-)
-def test_both_sides_occupied_at_the_stop(first: Side | None, reached: Side) -> None:
-    samples: list[Sample] = [under(4, Side.CCW), under(4.4, Side.CW)]
-    if first is not None:
-        samples += [clear(6.2, first), clear(6.5, first.opposite)]
-    assert (6.0, f"humanoid_moves_to_{reached}_side") in names(detector(samples), 6.0)
-
-
-def test_latch_events_are_changes_only() -> None:
-    found = detector([latch(-1, True), latch(1, True), latch(2, False), latch(5, True)])
-    assert names(found, 9)[1:-1] == [(2.0, "door_is_unlocked"), (5.0, "door_is_locked")]
+    for side, upper in ((CW, numbers.mask_to_cw), (CCW, numbers.mask_to_ccw)):
+        for index, (low, high) in enumerate(zip(numbers.mask_from, upper, strict=True)):
+            angles = [(low + high) / 2, -(low + high) / 2, low, high]
+            masked = [numbers.masked(side, index, angle * side.sign) for angle in angles]
+            assert masked == [True, False, False, False]
 
 
 def test_asking_during_the_countdown_changes_nothing() -> None:
-    found = detector([under(-2, Side.CCW)])
+    found = detector([under(-2, CCW)])
     found.events()
     found.evidence()
-    for sample in (clear(-1, Side.CCW), clear(1, Side.CCW)):
+    for sample in (clear(-1, CCW), clear(1, CCW)):
         found.feed(sample)
-    assert names(found, 9)[1:-1] == []
+    assert len(found.events(START + 9)) == 2
 
 
 values = st.floats(allow_nan=True, allow_infinity=True, width=32)
@@ -244,15 +252,12 @@ def test_any_signal_gives_well_formed_events(
     listed = [e.name for e in found]
     assert all(START <= e.time <= START + stop for e in found)
     assert [e.time for e in found] == sorted(e.time for e in found)
-    for once in (EventName.BENCHMARK_START, EventName.BENCHMARK_STOP):
-        assert listed.count(once) == 1
+    assert listed.count(EventName.BENCHMARK_START) == listed.count(EventName.BENCHMARK_STOP) == 1
     assert listed.count(EventName.HANDLE_IS_TOUCHED) <= 1
     for pair in (EventName.approaches, EventName.moves_to):
         assert listed.count(pair(Side.CW)) + listed.count(pair(Side.CCW)) <= 1
     turns = [n for n in listed if n in (EventName.DOOR_OPENS, EventName.DOOR_CLOSES)]
-    assert turns == [
-        (EventName.DOOR_OPENS, EventName.DOOR_CLOSES)[i % 2] for i in range(len(turns))
-    ]
+    assert [turn is EventName.DOOR_CLOSES for turn in turns] == [i % 2 for i in range(len(turns))]
 
 
 RATE = 50

@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
 
@@ -58,156 +59,155 @@ def without(*names: EventName) -> tuple[Event, ...]:
     return tuple(event for event in NOMINAL if event.name not in names)
 
 
-def test_the_indicators_of_a_nominal_run_follow_from_its_events() -> None:
-    assert execution_time(NOMINAL, CCW_TO_CW, PROTOCOL).value == 10.75
-    assert time_to_handle(NOMINAL).value == 2.5
-    assert door_occupation_time(NOMINAL, CCW_TO_CW, PROTOCOL).value == 4.0
-    assert passage_time(NOMINAL, ALL_STEPS, PROTOCOL).value == 8.0
-    assert capability_level(NOMINAL, CCW_TO_CW, ALL_STEPS, PROTOCOL).value == 6
+CW_TO_CCW = Condition.from_number(11)
+LATE = (*NOMINAL, Event(22.0, EventName.MOVES_TO_CW))
+BACK = (*without(EventName.MOVES_TO_CW), Event(18.0, EventName.MOVES_TO_CCW))
+FOUR = (Step.TOUCH, Step.UNLOCK, Step.OPEN, Step.CROSS)
+NAN = np.full(2, np.nan)
+NO_ARRAY = np.array([])
 
 
-def test_published_rules_end_the_execution_at_the_last_closing_or_crossing() -> None:
-    assert execution_time(NOMINAL, CCW_TO_CW, EUROBENCH_2020).value == 10.5
-    late = (*NOMINAL, Event(22.0, EventName.MOVES_TO_CW))
-    assert execution_time(late, CCW_TO_CW, EUROBENCH_2020).value == 12.0
+def approached(at: float) -> tuple[Event, ...]:
+    return (Event(at, EventName.APPROACHES_CCW), Event(18.0, EventName.MOVES_TO_CW))
 
 
-@pytest.mark.parametrize(
-    ("ruleset", "lacking", "reason"),
-    [
-        (PROTOCOL, EventName.BENCHMARK_START, "no benchmark start"),
-        (PROTOCOL, EventName.BENCHMARK_STOP, "no benchmark stop"),
-        (EUROBENCH_2020, EventName.BENCHMARK_START, "no benchmark start"),
-        (EUROBENCH_2020, EventName.DOOR_CLOSES, "door never closed"),
-        (EUROBENCH_2020, EventName.MOVES_TO_CW, "robot never reached the destination side"),
-    ],
-)
-def test_execution_time_names_the_event_that_is_missing(
-    ruleset: Ruleset, lacking: EventName, reason: str
-) -> None:
-    assert execution_time(without(lacking), CCW_TO_CW, ruleset).reason == reason
+def execution(
+    events: Sequence[Event], ruleset: Ruleset = EUROBENCH_2020, condition: Condition = CCW_TO_CW
+) -> Indicator:
+    return execution_time(events, condition, ruleset)
 
 
-def test_execution_time_of_published_rules_needs_no_stop() -> None:
-    events = without(EventName.BENCHMARK_STOP)
-    assert execution_time(events, CCW_TO_CW, EUROBENCH_2020).value == 10.5
+def occupation(
+    events: Sequence[Event], ruleset: Ruleset = PROTOCOL, condition: Condition = CCW_TO_CW
+) -> Indicator:
+    return door_occupation_time(events, condition, ruleset)
 
 
-def test_a_handle_never_touched_has_no_time_to_it() -> None:
-    assert time_to_handle(without(EventName.HANDLE_IS_TOUCHED)).reason == "handle never touched"
-    assert time_to_handle(without(EventName.BENCHMARK_START)).reason == "no benchmark start"
+def passage(events: Sequence[Event], ruleset: Ruleset, done: Iterable[Step] = ()) -> Indicator:
+    return passage_time(events, tuple(done), ruleset)
 
 
-def test_occupation_counts_from_the_starting_to_the_destination_side_only() -> None:
-    cw_to_ccw = Condition.from_number(11)
-    approach = "robot never approached on the starting side"
-    assert door_occupation_time(NOMINAL, cw_to_ccw, PROTOCOL).reason == approach
-    back = (*without(EventName.MOVES_TO_CW), Event(18.0, EventName.MOVES_TO_CCW))
-    through = "robot never reached the destination side"
-    assert door_occupation_time(back, CCW_TO_CW, PROTOCOL).reason == through
+def level(
+    done: Iterable[Step],
+    ruleset: Ruleset = PROTOCOL,
+    events: Sequence[Event] = NOMINAL,
+    condition: Condition = CCW_TO_CW,
+) -> Indicator:
+    return capability_level(events, condition, tuple(done), ruleset)
 
 
-@pytest.mark.parametrize("approach", [18.0, 18.5])
-def test_published_rules_want_an_occupation_above_zero(approach: float) -> None:
-    events = (Event(approach, EventName.APPROACHES_CCW), Event(18.0, EventName.MOVES_TO_CW))
-    published = door_occupation_time(events, CCW_TO_CW, EUROBENCH_2020)
-    assert published.reason == "robot left no later than it approached"
-    assert door_occupation_time(events, CCW_TO_CW, PROTOCOL).value == 18.0 - approach
+def smoothness(jerks: list[float], problem: str | None = None, *, opened: bool = True) -> Indicator:
+    return smoothness_of_door_actuation(np.array(jerks), opened=opened, problem=problem)
 
 
 @pytest.mark.parametrize(
-    ("done", "lacking", "reason"),
+    ("indicator", "found"),
     [
-        ((), EventName.HANDLE_IS_TOUCHED, "handle never touched"),
-        ((Step.TOUCH,), EventName.DOOR_OPENS, "door never opened"),
-        ((Step.TOUCH,), EventName.DOOR_IS_LOCKED, "step 3 not done: open the door"),
+        (lambda: execution(NOMINAL, PROTOCOL), 10.75),
+        (lambda: execution(without(EventName.BENCHMARK_START), PROTOCOL), "no benchmark start"),
+        (lambda: execution(without(EventName.BENCHMARK_STOP), PROTOCOL), "no benchmark stop"),
+        (lambda: execution(NOMINAL), 10.5),  # the published rules: the last closing or crossing
+        (lambda: execution(LATE), 12.0),
+        (lambda: execution(without(EventName.BENCHMARK_STOP)), 10.5),
+        (lambda: execution(without(EventName.BENCHMARK_START)), "no benchmark start"),
+        (lambda: execution(without(EventName.DOOR_CLOSES)), "door never closed"),
         (
-            (Step.TOUCH, Step.UNLOCK, Step.OPEN),
-            EventName.MOVES_TO_CW,
+            lambda: execution(without(EventName.MOVES_TO_CW)),
             "robot never reached the destination side",
         ),
+        (lambda: time_to_handle(NOMINAL), 2.5),
+        (lambda: time_to_handle(without(EventName.HANDLE_IS_TOUCHED)), "handle never touched"),
+        (lambda: time_to_handle(without(EventName.BENCHMARK_START)), "no benchmark start"),
+        (lambda: occupation(NOMINAL), 4.0),
         (
-            (Step.TOUCH, Step.UNLOCK, Step.OPEN, Step.CROSS),
-            EventName.DOOR_CLOSES,
-            "door never closed",
+            lambda: occupation(NOMINAL, condition=CW_TO_CCW),
+            "robot never approached on the starting side",
         ),
+        (lambda: occupation(BACK), "robot never reached the destination side"),
+        *(
+            row
+            for at in (18.0, 18.5)
+            for row in (
+                (lambda at=at: occupation(approached(at)), 18.0 - at),
+                (
+                    lambda at=at: occupation(approached(at), EUROBENCH_2020),
+                    "robot left no later than it approached",
+                ),
+            )
+        ),
+        (lambda: passage(NOMINAL, PROTOCOL, Step), 8.0),
+        (lambda: passage(NOMINAL, PROTOCOL, set(Step) - {Step.LOCK}), 8.0),  # it needs no locking
+        (lambda: passage(without(EventName.HANDLE_IS_TOUCHED), PROTOCOL), "handle never touched"),
+        (lambda: passage(without(EventName.DOOR_OPENS), PROTOCOL, FOUR[:1]), "door never opened"),
+        (lambda: passage(NOMINAL, PROTOCOL, FOUR[:1]), "step 3 not done: open the door"),
         (
-            (Step.TOUCH, Step.UNLOCK, Step.OPEN, Step.CROSS),
-            EventName.DOOR_IS_LOCKED,
-            "step 5 not done: close the door",
+            lambda: passage(without(EventName.MOVES_TO_CW), PROTOCOL, FOUR[:3]),
+            "robot never reached the destination side",
         ),
-        (tuple(Step), EventName.HANDLE_IS_TOUCHED, "touch not detected"),
-        (tuple(Step), EventName.DOOR_CLOSES, "closing not detected"),
+        (lambda: passage(without(EventName.DOOR_CLOSES), PROTOCOL, FOUR), "door never closed"),
+        (lambda: passage(NOMINAL, PROTOCOL, FOUR), "step 5 not done: close the door"),
+        (
+            lambda: passage(without(EventName.HANDLE_IS_TOUCHED), PROTOCOL, Step),
+            "touch not detected",
+        ),
+        (lambda: passage(without(EventName.DOOR_CLOSES), PROTOCOL, Step), "closing not detected"),
+        (lambda: passage(without(EventName.MOVES_TO_CW), EUROBENCH_2020), 8.0),
+        (
+            lambda: passage(without(EventName.HANDLE_IS_TOUCHED), EUROBENCH_2020),
+            "handle never touched",
+        ),
+        (lambda: passage(without(EventName.DOOR_CLOSES), EUROBENCH_2020), "door never closed"),
+        (lambda: level(()), 0),  # a step counts only after all before it
+        (lambda: level([Step.TOUCH]), 1),
+        (lambda: level([Step.UNLOCK, Step.OPEN, Step.CROSS]), 0),
+        (lambda: level(set(Step) - {Step.CROSS}), 3),
+        (lambda: level(Step), 6),
+        (lambda: level((), EUROBENCH_2020), 4),  # four events in any order
+        (
+            lambda: level(
+                (), EUROBENCH_2020, tuple(reversed(without(EventName.HANDLE_IS_TOUCHED)))
+            ),
+            3,
+        ),
+        (lambda: level((), EUROBENCH_2020, condition=CW_TO_CCW), 2),
+        (lambda: level(Step, EUROBENCH_2020, ()), 0),
+        (lambda: unsafety_of_door_operation(np.array([np.nan, 0.5, -2.25, np.inf])), 2.25),
+        (lambda: unsafety_of_door_operation(NAN, "too slow"), "too slow"),
+        (lambda: unsafety_of_door_operation(NAN), "no acceleration of the door during the run"),
+        (lambda: smoothness([2.0, -3.0, np.nan]), 4.0),  # ten over the mean absolute jerk
+        (lambda: smoothness([], opened=False), "door never opened"),
+        (lambda: smoothness([]), "no acceleration while the door was open"),
+        (lambda: smoothness([], "too slow"), "too slow"),
+        (lambda: smoothness([0.0] * 4), "door stood still while open"),
+        (lambda: roughness_of_door_actuation(np.array([5.9, -32.5, np.nan, -np.inf])), 32.5),
+        (lambda: roughness_of_door_actuation(NAN), "no handle force recorded"),
+        (lambda: roughness_of_door_actuation(NO_ARRAY), "no handle force recorded"),
+        (
+            lambda: Indicator.of(IndicatorName.EXECUTION_TIME, math.inf),
+            "out of the range of numbers",
+        ),
     ],
 )
-def test_a_passage_needs_touch_opening_crossing_and_closing(
-    done: tuple[Step, ...], lacking: EventName, reason: str
+def test_an_indicator_has_its_value_or_the_reason_why_there_is_none(
+    indicator: Callable[[], Indicator], found: float | str
 ) -> None:
-    assert passage_time(without(lacking), done, PROTOCOL).reason == reason
-
-
-def test_a_passage_needs_no_locking() -> None:
-    assert passage_time(NOMINAL, ALL_STEPS - {Step.LOCK}, PROTOCOL).value == 8.0
-
-
-def test_published_rules_time_the_passage_wherever_the_robot_is() -> None:
-    events = without(EventName.MOVES_TO_CW)
-    assert passage_time(events, (), EUROBENCH_2020).value == 8.0
-    events = without(EventName.HANDLE_IS_TOUCHED)
-    assert passage_time(events, (), EUROBENCH_2020).reason == "handle never touched"
-    events = without(EventName.DOOR_CLOSES)
-    assert passage_time(events, (), EUROBENCH_2020).reason == "door never closed"
+    told = (None, found) if isinstance(found, str) else (found, None)
+    assert (indicator().value, indicator().reason) == told
 
 
 @pytest.mark.parametrize(
-    ("done", "level"),
+    ("value", "reason", "words"),
     [
-        (frozenset(), 0),
-        ({Step.TOUCH}, 1),
-        ({Step.UNLOCK, Step.OPEN, Step.CROSS}, 0),
-        ({Step.TOUCH, Step.UNLOCK, Step.OPEN, Step.CLOSE, Step.LOCK}, 3),
-        (tuple(Step), 6),
+        (None, None, "either a value or the reason"),
+        (1.0, "why", "either a value or the reason"),
+        (math.nan, None, "nan is no value"),
     ],
 )
-def test_a_step_counts_only_after_all_before_it(
-    done: frozenset[Step] | tuple[Step, ...], level: int
+def test_an_indicator_has_either_a_value_or_a_reason(
+    value: float | None, reason: str | None, words: str
 ) -> None:
-    assert capability_level(NOMINAL, CCW_TO_CW, done, PROTOCOL).value == level
-
-
-def test_published_rules_count_four_events_in_any_order() -> None:
-    assert capability_level(NOMINAL, CCW_TO_CW, (), EUROBENCH_2020).value == 4
-    backwards = tuple(reversed(without(EventName.HANDLE_IS_TOUCHED)))
-    assert capability_level(backwards, CCW_TO_CW, (), EUROBENCH_2020).value == 3
-    assert capability_level(NOMINAL, Condition.from_number(11), (), EUROBENCH_2020).value == 2
-    assert capability_level((), CCW_TO_CW, ALL_STEPS, EUROBENCH_2020).value == 0
-
-
-def test_unsafety_is_the_largest_acceleration_of_either_sign() -> None:
-    values = np.array([np.nan, 0.5, -2.25, np.inf])
-    assert unsafety_of_door_operation(values).value == 2.25
-    nothing = np.full(3, np.nan)
-    assert unsafety_of_door_operation(nothing, "too slow").reason == "too slow"
-    assert (
-        unsafety_of_door_operation(nothing).reason == "no acceleration of the door during the run"
-    )
-
-
-def test_smoothness_is_ten_over_the_mean_absolute_jerk() -> None:
-    assert smoothness_of_door_actuation(np.array([2.0, -3.0, np.nan]), opened=True).value == 4.0
-    none = np.array([])
-    assert smoothness_of_door_actuation(none, opened=False).reason == "door never opened"
-    unknown = "no acceleration while the door was open"
-    assert smoothness_of_door_actuation(none, opened=True).reason == unknown
-    assert smoothness_of_door_actuation(none, opened=True, problem="too slow").reason == "too slow"
-    still = smoothness_of_door_actuation(np.zeros(4), opened=True)
-    assert still.reason == "door stood still while open"
-
-
-def test_roughness_is_the_largest_force_of_either_sign() -> None:
-    assert roughness_of_door_actuation(np.array([5.9, -32.5, np.nan, -np.inf])).value == 32.5
-    for nothing in (np.array([]), np.full(2, np.nan)):
-        assert roughness_of_door_actuation(nothing).reason == "no handle force recorded"
+    with pytest.raises(ScoringError, match=words):
+        Indicator(value, "s", reason)
 
 
 def test_a_sinusoidal_door_has_the_unsafety_of_its_closed_form() -> None:
@@ -244,17 +244,6 @@ def test_an_indicator_without_its_row_cannot_be_imported() -> None:
         exec(
             compile(forgotten, "indicator_table.py", "exec"), {"__name__": indicator_table.__name__}
         )
-
-
-def test_an_indicator_has_either_a_value_or_a_reason() -> None:
-    name = IndicatorName.EXECUTION_TIME
-    with pytest.raises(ScoringError, match="either a value or the reason"):
-        Indicator(None, "s", None)
-    with pytest.raises(ScoringError, match="either a value or the reason"):
-        Indicator(1.0, "s", "why")
-    with pytest.raises(ScoringError, match="nan is no value"):
-        Indicator(math.nan, "s", None)
-    assert Indicator.of(name, math.inf).reason == "out of the range of numbers"
 
 
 EVENTS = st.lists(
@@ -307,21 +296,18 @@ def test_values_are_plain_finite_numbers_whatever_comes_in(
 
 
 @given(st.integers(-(2**40), 2**40), st.integers(1, 20), RULESETS)
-def test_a_shift_in_time_changes_no_indicator(shift: int, number: int, ruleset: Ruleset) -> None:
+def test_a_shift_in_time_changes_no_indicator_and_the_sides_decide_which_events_count(
+    shift: int, number: int, ruleset: Ruleset
+) -> None:
     condition = Condition.from_number(number)
     later = tuple(Event(event.time + shift, event.name) for event in NOMINAL)
-    assert execution_time(later, condition, ruleset).value == pytest.approx(
-        execution_time(NOMINAL, condition, ruleset).value, abs=1e-3
-    )
-    here, there = (passage_time(events, ALL_STEPS, ruleset) for events in (NOMINAL, later))
-    assert there.value == pytest.approx(here.value, abs=1e-3)
-
-
-def test_the_sides_of_the_condition_decide_which_passage_events_count() -> None:
-    for number in range(1, 21):
-        condition = Condition.from_number(number)
-        valued = door_occupation_time(NOMINAL, condition, PROTOCOL).value is not None
-        assert valued == (condition.starting_side is Side.CCW)
+    for indicator in (execution, occupation):
+        here, there = (indicator(events, ruleset, condition).value for events in (NOMINAL, later))
+        assert there == (here and pytest.approx(here, abs=1e-3))
+    here, there = (passage(events, ruleset, Step).value for events in (NOMINAL, later))
+    assert there == pytest.approx(here, abs=1e-3)
+    valued = occupation(NOMINAL, ruleset, condition).value is not None
+    assert valued == (condition.starting_side is Side.CCW)
 
 
 @pytest.mark.parametrize(
@@ -374,31 +360,32 @@ def test_values_whose_uncertainties_overlap_are_not_distinguishable(
     assert distinguishable(two, one, second, first) is apart
 
 
-def test_a_mean_is_known_better_than_its_values() -> None:
-    mean = Uncertainty.of_mean([Uncertainty(0.3, 0.6), Uncertainty(0.4, 0.8)])
-    assert mean is not None
-    assert mean.u == pytest.approx(0.25)
-    assert mean.expanded == pytest.approx(0.5)
-    assert Uncertainty.of_mean([Uncertainty(0.3, 0.6)]) == Uncertainty(0.3, 0.6)
-    assert Uncertainty.of_mean([Uncertainty(0.3, 0.6), None]) is None
-    assert Uncertainty.of_mean([]) is None
+FOURFOLD = [Uncertainty(0.01, 0.02)] * 4
 
 
-def test_a_mean_of_values_that_scatter_is_known_no_better_than_they_repeat() -> None:
-    parts = [Uncertainty(0.01, 0.02)] * 4
-    assert Uncertainty.of_mean(parts, 3.0) == Uncertainty(1.5, 3.0)
-    measured = Uncertainty.of_mean(parts)
-    assert measured == Uncertainty.of_mean(parts, 0.0) == Uncertainty.of_mean(parts, 0.0099)
-    assert Uncertainty.of_mean([*parts, None], 3.0) is None
+@pytest.mark.parametrize(
+    ("parts", "scatter", "mean"),
+    [
+        ([Uncertainty(0.3, 0.6), Uncertainty(0.4, 0.8)], 0.0, (0.25, 0.5)),  # better known
+        ([Uncertainty(0.3, 0.6)], 0.0, (0.3, 0.6)),
+        ([Uncertainty(0.3, 0.6), None], 0.0, None),
+        ([], 0.0, None),
+        (FOURFOLD, 0.0099, (0.005, 0.01)),
+        (FOURFOLD, 3.0, (1.5, 3.0)),  # no better than they repeat
+        ([*FOURFOLD, None], 3.0, None),
+    ],
+)
+def test_a_mean_is_known_as_its_values_are_and_as_they_repeat(
+    parts: list[Uncertainty | None], scatter: float, mean: tuple[float, float] | None
+) -> None:
+    found = Uncertainty.of_mean(parts, scatter)
+    assert (found and (found.u, found.expanded)) == (mean and pytest.approx(mean))
 
 
-def test_every_name_finds_its_ruleset() -> None:
+def test_every_name_finds_its_ruleset_and_another_is_refused_with_them() -> None:
     assert ruleset("protocol") is PROTOCOL
     assert ruleset("eurobench-2020") is EUROBENCH_2020
     assert {ruleset(name).name for name in RulesetName} == set(RulesetName)
-
-
-def test_an_unknown_name_is_refused_with_the_allowed_ones() -> None:
     with pytest.raises(ScoringError, match=r"'eurobench'.*protocol or eurobench-2020"):
         ruleset("eurobench")
 
@@ -412,35 +399,41 @@ def test_the_two_differ_in_every_choice_but_share_filter_orders_and_frequencies(
     assert PROTOCOL.savgol_window != EUROBENCH_2020.savgol_window
 
 
-@pytest.mark.parametrize("benchmark_type", BenchmarkType)
-def test_braking_tables_have_a_force_for_each_of_181_degrees(benchmark_type: BenchmarkType) -> None:
-    table = braking_table(benchmark_type, Side.CW)
-    assert len(table) == 181
-    assert braking_table(benchmark_type, Side.CCW) == tuple(reversed(table))
-
-
-def test_braking_tables_brake_where_the_protocol_says() -> None:
-    sudden_force = braking_table(BenchmarkType.SUDDEN_FORCE, Side.CW)
-    assert (sudden_force[111], sudden_force[112], sudden_force[180]) == (0, 4000, 4000)
-    sudden_ramp = braking_table(BenchmarkType.SUDDEN_RAMP, Side.CW)
-    assert sudden_ramp[112:130] == (
-        *(2000, 2000, 3000, 3000, 5000, 5000),
-        *(8000,) * 3,
-        *(12000,) * 3,
-        *(20000,) * 5,
-        0,
-    )
-    wind = braking_table(BenchmarkType.WIND_RAMP, Side.CW)
-    borders = [i for i in range(1, 181) if wind[i] != wind[i - 1]]
-    assert borders == [7, 18, 33, 53, 130, 150, 165, 176]
-    assert [wind[i] for i in (0, *borders)] == [0, 1000, 2000, 3000, 4000, 3000, 2000, 1000, 0]
-
-
-def test_only_no_force_switches_the_brake_off() -> None:
-    off = [kind for kind in BenchmarkType if door_controller_mode(kind) == 0]
-    assert off == [BenchmarkType.NO_FORCE]
-    assert set(braking_table(BenchmarkType.NO_FORCE, Side.CW)) == {0}
-    assert set(braking_table(BenchmarkType.CONSTANT_FORCE, Side.CCW)) == {4000}
+@pytest.mark.parametrize(
+    ("kind", "mode", "steps"),
+    [
+        (BenchmarkType.NO_FORCE, 0, {0: 0}),
+        (BenchmarkType.CONSTANT_FORCE, 1, {0: 4000}),
+        (BenchmarkType.SUDDEN_FORCE, 1, {0: 0, 112: 4000}),
+        (
+            BenchmarkType.SUDDEN_RAMP,
+            1,
+            {0: 0, 112: 2000, 114: 3000, 116: 5000, 118: 8000, 121: 12000, 124: 20000, 129: 0},
+        ),
+        (
+            BenchmarkType.WIND_RAMP,
+            1,
+            {
+                0: 0,
+                7: 1000,
+                18: 2000,
+                33: 3000,
+                53: 4000,
+                130: 3000,
+                150: 2000,
+                165: 1000,
+                176: 0,
+            },
+        ),
+    ],
+)
+def test_braking_tables_brake_where_the_protocol_says(
+    kind: BenchmarkType, mode: int, steps: dict[int, int]
+) -> None:
+    table = braking_table(kind, Side.CW)
+    found = {i: force for i, force in enumerate(table) if i == 0 or force != table[i - 1]}
+    assert (found, len(table), door_controller_mode(kind)) == (steps, 181, mode)
+    assert braking_table(kind, Side.CCW) == tuple(reversed(table))
 
 
 @pytest.mark.machine

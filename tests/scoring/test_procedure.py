@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -22,161 +24,165 @@ from tests.scoring.runs import (
     under,
 )
 
+WHOLE = passage_through()
+UNTOUCHED = [s for s in WHOLE if s.signal.name != "HANDLE"]
+UNDER_THE_SENSORS = [s for s in WHOLE if s.time != START + 5]
+SPRUNG = [*WHOLE[:-1], door(6.5, 0.2), door(7.5, 0.2)]
+TURNS_BACK: list[Sample] = [
+    handle(2, 9), door(3, 0.5), under(4, Side.CCW), under(4.4, Side.CW),
+    clear(5, Side.CW), clear(6, Side.CCW), door(7, 0.0), door(9, 0.0),
+]  # fmt: skip
+DONE = [2, 3, 3, 5, 6, 6]
+REFEREE = {"lock": LockDetection.REFEREE}
 
-def times(procedure: Procedure) -> list[float | None]:
-    return [None if s.final is None else round(s.final - START, 6) for s in procedure.steps]
+
+def sampled(samples: Iterable[Sample]) -> list[Sample]:
+    return sorted(samples, key=lambda s: s.time)
 
 
-def until(samples: list[Sample], time: float) -> Assessment:
-    return assessment([s for s in samples if s.time <= START + time])
+def until(time: float) -> list[Sample]:
+    return [s for s in WHOLE if s.time <= START + time]
 
 
 def ruling(step: Step, confirmed: bool | None, time: float = 20.0) -> Ruling:
     return Ruling(step, confirmed, START + time, "seen", "R. Eferee")
 
 
-def test_a_whole_run_completes_at_the_time_of_closing() -> None:
-    run = assessment(passage_through())
-    assert run.procedure().completed == START + 6
-    assert times(run.procedure(stop=START + 6)) == [2, 3, 3, 5, 6, 6]
-    assert run.procedure(stop=START + 6).level == 6
+def times(procedure: Procedure) -> list[float | None]:
+    return [None if s.final is None else round(s.final - START, 6) for s in procedure.steps]
 
 
-def test_step_six_waits_for_the_settle_time() -> None:
-    run = until(passage_through(), 6.5)
-    assert run.procedure().settling
-    assert run.procedure().completed is None
-    assert until(passage_through(), 7.0).procedure().completed == START + 6
+def judged(samples: list[Sample], lock: LockDetection, **told: Any) -> Procedure:  # noqa: ANN401
+    stop, rulings = told.get("stop"), told.get("rulings", ())
+    return assessment(samples, lock=lock).procedure(
+        rulings, stop=None if stop is None else START + stop
+    )
 
 
-def test_a_door_that_springs_open_within_the_settle_time_is_not_locked() -> None:
-    samples = [*passage_through()[:-1], door(6.5, 0.2), door(7.5, 0.2)]
-    procedure = assessment(samples).procedure()
-    assert procedure.level == 4
-    closed = [*samples, door(8, 0.0), door(9, 0.0)]
-    assert times(assessment(closed).procedure(stop=START + 8)) == [2, 3, 3, 5, 8, 8]
+def steps(words: str, samples: Iterable[Sample], done: Sequence[float], **told: Any) -> object:  # noqa: ANN401
+    """A row: when the steps that count are done, s from the start; the others are not."""
+    return pytest.param(list(samples), told, done, id=words)
 
 
-def test_steps_count_only_in_order() -> None:
-    untouched = [s for s in passage_through() if s.signal.name != "HANDLE"]
-    assert assessment(untouched).procedure(stop=START + 9).level == 0
+@pytest.mark.parametrize(
+    ("samples", "told", "done"),
+    [
+        steps("a whole run", WHOLE, DONE, stop=6),
+        steps("live, crossing is when the starting side clears", WHOLE, [2, 3, 3, 4.6, 6, 6]),
+        steps("the settle time is waited for", until(6.5), [2, 3, 3, 4.6, 6]),
+        steps("sprung open within the settle time", SPRUNG, [2, 3, 3, 4.6]),
+        steps(
+            "sprung open and closed again",
+            [*SPRUNG, door(8, 0.0), door(9, 0.0)],
+            [2, 3, 3, 5, 8, 8],
+            stop=8,
+        ),
+        steps("only in order", UNTOUCHED, [], stop=9),
+        steps("opened before the touch", [door(1.0, 0.5), *WHOLE[2:4]], [2, 2, 2]),
+        steps("closed again before it", [door(0.5, 0.5), door(1, 0.0), handle(2, 9)], [2]),
+        steps("turns back, live", TURNS_BACK, [2, 3, 3]),
+        steps("turns back, at the stop", TURNS_BACK, [2, 3, 3], stop=9),
+        steps("closes under the sensors", UNDER_THE_SENSORS, [2, 3, 3, 6, 6, 6], stop=6),
+        steps(
+            "and leaves later",
+            [*UNDER_THE_SENSORS, clear(7.5, Side.CW)],
+            [2, 3, 3, 6, 6, 6],
+            stop=6,
+        ),
+        steps("the starting side is occupied", until(4.5), [2, 3, 3]),
+        steps("the starting side is clear", until(4.7), [2, 3, 3, 4.6]),
+        steps(
+            "somebody on the destination side before the opening",
+            [under(1, Side.CW), handle(2, 9), door(3, 0.5), door(4, 0.0)],
+            [2, 3, 3],
+        ),
+        steps(
+            "a latch that never unlocked",
+            sampled([*WHOLE, latch(-0.5, True), latch(7.5, True)]),
+            [2],
+        ),
+        steps(
+            "a latch decides, live",
+            sampled([*WHOLE, latch(-0.5, True), latch(2.6, False), latch(7.5, True)]),
+            [2, 2.6, 3, 4.6, 6, 7.5],
+        ),
+        steps(
+            "a latch decides, at the stop",
+            sampled([*WHOLE, latch(-0.5, True), latch(2.6, False), latch(7.5, True)]),
+            [2, 2.6, 3, 5, 6, 7.5],
+            stop=7.5,
+        ),
+        steps(
+            "settle ignores the latch",
+            sampled([*WHOLE, latch(-0.5, True)]),
+            DONE,
+            stop=6,
+            lock=LockDetection.SETTLE,
+        ),
+        steps("the referee says that it is locked", WHOLE, [2, 3, 3, 4.6, 6], **REFEREE),
+        steps(
+            "and has said so",
+            WHOLE,
+            [2, 3, 3, 4.6, 6, 12],
+            rulings=[ruling(Step.LOCK, True, 12.0)],
+            **REFEREE,
+        ),
+        steps("sensor without a latch", WHOLE, [2, 3, 3, 4.6, 6], lock=LockDetection.SENSOR),
+        *(
+            steps(f"{step.name} denied", WHOLE, DONE[: step - 1], stop=6, rulings=[denied])
+            for step, denied in ((step, ruling(step, False)) for step in Step)
+        ),
+        steps(
+            "confirmed, later ones count at their own times",
+            UNTOUCHED,
+            [0, 3, 3, 5, 6, 6],
+            stop=6,
+            rulings=[ruling(Step.TOUCH, True)],
+        ),
+        steps(
+            "the latest ruling counts",
+            WHOLE,
+            DONE,
+            stop=6,
+            rulings=[ruling(Step.CROSS, False, 10), ruling(Step.CROSS, True, 11)],
+        ),
+        steps(
+            "taken back",
+            WHOLE,
+            DONE,
+            stop=6,
+            rulings=[ruling(Step.CROSS, False), ruling(Step.CROSS, None)],
+        ),
+        steps(
+            "closing confirmed against an open door",
+            [*(s for s in WHOLE if s.time < START + 6), door(9, 0.5)],
+            [2, 3, 3, 4.6, 4.6],
+            rulings=[ruling(Step.CLOSE, True, 8)],
+        ),
+        *(
+            steps(f"stopped at {stop} s", sampled([*WHOLE, latch(-0.5, False)]), done, stop=stop)
+            for stop, done in ((2.5, [2, 2]), (4.5, [2, 2, 3, 4.5]), (8.0, [2, 2, 3, 5, 6]))
+        ),
+    ],
+)
+def test_each_step_has_the_time_at_which_it_is_done(
+    samples: list[Sample], told: dict[str, Any], done: Sequence[float]
+) -> None:
+    procedure = judged(samples, **{"lock": LockDetection.AUTO, **told})
+    assert times(procedure) == [*done, *[None] * (6 - len(done))]
+    assert procedure.level == len(done)
+    assert procedure.completed == (START + done[5] if len(done) == 6 else None)
 
 
-def test_a_door_opened_before_the_touch_counts_from_the_touch() -> None:
-    samples = [door(1.0, 0.5), *passage_through()[2:]]
-    assert times(assessment(samples).procedure())[:3] == [2, 2, 2]
-
-
-def test_a_door_closed_again_before_the_touch_does_not_count() -> None:
-    samples: list[Sample] = [door(0.5, 0.5), door(1, 0.0), handle(2, 9)]
-    assert times(assessment(samples).procedure())[:3] == [2, None, None]
-
-
-def test_a_robot_that_turns_back_has_not_crossed() -> None:
-    samples: list[Sample] = [
-        handle(2, 9), door(3, 0.5), under(4, Side.CCW), under(4.4, Side.CW),
-        clear(5, Side.CW), clear(6, Side.CCW), door(7, 0.0), door(9, 0.0),
-    ]  # fmt: skip
-    run = assessment(samples)
-    assert run.procedure().level == 3
-    assert run.procedure(stop=START + 9).level == 3
-
-
-def test_a_robot_that_closes_under_the_sensors_completes_at_the_closing() -> None:
-    samples = [s for s in passage_through() if s.time != START + 5]
-    run = assessment(samples)
-    assert run.procedure().completed == START + 6
-    assert times(run.procedure(stop=START + 6)) == [2, 3, 3, 6, 6, 6]
-    left = assessment([*samples, clear(7.5, Side.CW)])
-    assert times(left.procedure(stop=START + 6)) == [2, 3, 3, 6, 6, 6]
-
-
-def test_while_the_starting_side_is_occupied_the_robot_is_not_through() -> None:
-    run = until(passage_through(), 4.5)
-    assert run.procedure().level == 3
-    assert until(passage_through(), 4.7).procedure().level == 4
-
-
-def test_somebody_on_the_destination_side_before_the_opening_is_no_crossing() -> None:
-    samples: list[Sample] = [under(1, Side.CW), handle(2, 9), door(3, 0.5), door(4, 0.0)]
-    assert assessment(samples).procedure().level == 3
-
-
-def test_a_latch_that_spoke_before_the_start_decides_unlocking_and_locking() -> None:
-    samples = passage_through()
-    samples[1:1] = [latch(-0.5, True)]
-    samples += [latch(7.5, True)]
-    samples.sort(key=lambda s: s.time)
-    never_unlocked = assessment(samples)
-    assert never_unlocked.procedure().level == 1
-    samples += [latch(2.6, False)]
-    samples.sort(key=lambda s: s.time)
-    run = assessment(samples)
-    assert times(run.procedure()) == [2, 2.6, 3, 4.6, 6, 7.5]
-    assert times(run.procedure(stop=START + 7.5)) == [2, 2.6, 3, 5, 6, 7.5]
-
-
-def test_settle_ignores_the_latch() -> None:
-    samples = sorted([*passage_through(), latch(-0.5, True)], key=lambda s: s.time)
-    assert assessment(samples, lock=LockDetection.SETTLE).procedure().completed == START + 6
-
-
-def test_under_referee_only_the_referee_stops_the_run() -> None:
-    run = assessment([*passage_through(), door(30, 0.0)], lock=LockDetection.REFEREE)
-    assert run.procedure().completed is None
-    confirmed = run.procedure([ruling(Step.LOCK, True, 12.0)])
-    assert confirmed.completed == START + 12
-
-
-def test_the_sensor_mode_without_a_value_leaves_it_to_the_referee() -> None:
-    run = assessment(passage_through(), lock=LockDetection.SENSOR)
-    assert run.procedure().completed is None
-    assert "referee" in (run.procedure().steps[-1].reason or "")
-
-
-@pytest.mark.parametrize("step", list(Step))
-def test_a_denied_step_ends_the_chain_and_keeps_the_automatic_finding(step: Step) -> None:
-    procedure = assessment(passage_through()).procedure([ruling(step, False)], stop=START + 6)
-    assert procedure.level == step - 1
-    assert all(record.sensors is not None for record in procedure.steps)
-    assert procedure.steps[step - 1].reason == "denied by the referee: seen"
-
-
-def test_a_confirmed_step_lets_the_later_ones_count_at_their_own_times() -> None:
-    untouched = [s for s in passage_through() if s.signal.name != "HANDLE"]
-    run = assessment(untouched)
-    procedure = run.procedure([ruling(Step.TOUCH, True)], stop=START + 6)
-    assert times(procedure) == [0, 3, 3, 5, 6, 6]
-    assert [record.sensors for record in procedure.steps] == [None] * 6
-
-
-def test_the_latest_ruling_counts() -> None:
-    rulings = [ruling(Step.CROSS, False, 10), ruling(Step.CROSS, True, 11)]
-    assert assessment(passage_through()).procedure(rulings, stop=START + 6).level == 6
-
-
-def test_a_ruling_taken_back_leaves_what_the_sensors_say() -> None:
-    run = assessment(passage_through())
-    taken_back = [ruling(Step.CROSS, False), ruling(Step.CROSS, None)]
-    assert run.procedure(taken_back, stop=START + 6) == run.procedure((), stop=START + 6)
-
-
-def test_a_step_confirmed_against_an_open_door_does_not_lock_it() -> None:
-    samples = [s for s in passage_through() if s.time < START + 6]
-    run = assessment([*samples, door(9, 0.5)])
-    assert run.procedure([ruling(Step.CLOSE, True, 8)]).completed is None
-
-
-def test_times_of_steps_never_go_back() -> None:
-    samples = [*passage_through(), latch(-0.5, False)]
-    for stop in (2.5, 4.5, 5.5, 6.0, 8.0):
-        found = times(
-            assessment(sorted(samples, key=lambda s: s.time)).procedure(stop=START + stop)
-        )
-        done = [t for t in found if t is not None]
-        assert done == sorted(done)
-        assert found[: len(done)] == done
-        assert all(t <= stop for t in done)
+def test_what_hinders_a_step_is_told_and_what_the_sensors_found_is_kept() -> None:
+    assert assessment(until(6.5)).procedure().settling
+    silent = assessment(WHOLE, lock=LockDetection.SENSOR).procedure()
+    assert "referee" in (silent.steps[-1].reason or "")
+    denied = assessment(WHOLE).procedure([ruling(Step.CROSS, False)], stop=START + 6)
+    assert all(record.sensors is not None for record in denied.steps)
+    assert denied.steps[3].reason == "denied by the referee: seen"
+    confirmed = assessment(UNTOUCHED).procedure([ruling(Step.TOUCH, True)], stop=START + 6)
+    assert [record.sensors for record in confirmed.steps] == [None] * 6
 
 
 @pytest.mark.parametrize("start_side", list(Side))
@@ -184,8 +190,7 @@ def test_sides_that_clear_at_the_same_stamp_are_judged_alike_live_and_at_the_sto
     start_side: Side,
 ) -> None:
     to = start_side.opposite
-    condition = replace(CONDITION, starting_side=start_side)
-    run = Assessment(condition, START)
+    run = Assessment(replace(CONDITION, starting_side=start_side), START)
     for sample in (
         door(-1, 0.0), handle(-1, 0.0), handle(2, 10.0), door(3, 0.5), under(4, start_side),
         under(4.4, to), clear(5, start_side), clear(5, to), door(6, 0.0), door(7, 0.0),

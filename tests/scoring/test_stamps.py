@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,60 +34,64 @@ def admitted(samples: list[DoorSample]) -> tuple[StampGuard, list[float]]:
     return guard, [sample.time for sample in kept if sample is not None]
 
 
-def test_good_stamps_pass_unchanged() -> None:
-    samples = stream([0.0, 0.001, -0.001, 0.0])
-    guard, times = admitted(samples)
-    assert times == [s.time for s in samples]
-    assert (guard.dropped, guard.shifted) == (0, 0)
+BEGIN = 1000.0
+UNSET = [-(BEGIN + i * PERIOD) for i in range(100)]
 
 
-def test_repeated_and_backward_stamps_are_dropped_and_counted() -> None:
-    guard, times = admitted(stream([0.0, -0.02, -0.1, 0.0]))
-    assert len(times) == 2
-    assert guard.dropped == 2
-
-
-@pytest.mark.parametrize("jump", [3600.0, -3600.0, 0.7, -0.7])
-def test_a_stepped_clock_is_shifted_back(jump: float) -> None:
-    guard, times = admitted(stream([0.0] * 5 + [jump] * 5))
-    assert times == pytest.approx([1000.0 + i * PERIOD for i in range(10)], abs=1e-6)
-    assert guard.shifted == 5
-    assert [step.jump for step in guard.steps] == pytest.approx([jump], abs=1e-6)
-
-
-def test_a_clock_stepped_there_and_back_ends_where_it_was() -> None:
-    guard, times = admitted(stream([0.0] * 3 + [3600.0] * 3 + [0.0] * 3))
-    assert times == pytest.approx([1000.0 + i * PERIOD for i in range(9)], abs=1e-6)
-    assert len(guard.steps) == 2
+@pytest.mark.parametrize(
+    ("offsets", "kept", "dropped", "shifted", "steps"),
+    [
+        (
+            [0.0, 0.001, -0.001, 0.0],
+            [0.0, 0.001 + PERIOD, 2 * PERIOD - 0.001, 3 * PERIOD],
+            0,
+            0,
+            [],
+        ),
+        ([0.0, -0.02, -0.1, 0.0], [0.0, 3 * PERIOD], 2, 0, []),  # repeated and backward
+        *(
+            ([0.0] * 5 + [jump] * 5, [i * PERIOD for i in range(10)], 0, 5, [jump])
+            for jump in (3600.0, -3600.0, 0.7, -0.7)  # a stepped clock is shifted back
+        ),
+        (
+            [0.0] * 3 + [3600.0] * 3 + [0.0] * 3,
+            [i * PERIOD for i in range(9)],
+            0,
+            6,
+            [3600.0, -3600.0],
+        ),
+        (  # slow drift is no step
+            [i * 0.005 for i in range(400)],
+            [i * (PERIOD + 0.005) for i in range(400)],
+            0,
+            0,
+            [],
+        ),
+        (  # nor a stamp that stood still and goes on
+            [-i * PERIOD for i in range(100)] + [0.0] * 100,
+            [0.0, *(i * PERIOD for i in range(100, 200))],
+            99,
+            0,
+            [],
+        ),
+        ([*UNSET, *[0.0] * 100], [i * PERIOD for i in range(100, 200)], 100, 0, []),  # missing
+    ],
+)
+def test_stamps_are_kept_dropped_or_shifted_back(
+    offsets: list[float], kept: list[float], dropped: int, shifted: int, steps: list[float]
+) -> None:
+    guard, times = admitted(stream(offsets))
+    assert times == pytest.approx([BEGIN + time for time in kept], abs=1e-6)
+    assert (guard.dropped, guard.shifted) == (dropped, shifted)
+    assert [step.jump for step in guard.steps] == pytest.approx(steps, abs=1e-6)
 
 
 def test_messages_delivered_late_keep_their_stamps() -> None:
-    begin = 1000.0
-    stamps = [begin + i * PERIOD for i in range(100)]
-    logs = [t if i < 20 else max(t, begin + 1.6) for i, t in enumerate(stamps)]
+    stamps = [BEGIN + i * PERIOD for i in range(100)]
+    logs = [t if i < 20 else max(t, BEGIN + 1.6) for i, t in enumerate(stamps)]
     samples = [DoorSample(t, log, 0.0) for t, log in zip(stamps, logs, strict=True)]
     guard, times = admitted(samples)
-    assert times == stamps
-    assert guard.steps == []
-
-
-def test_slow_drift_is_no_step() -> None:
-    guard, _ = admitted(stream([i * 0.005 for i in range(400)]))
-    assert guard.steps == []
-
-
-def test_a_stamp_that_stood_still_is_no_step_when_it_goes_on() -> None:
-    still = [-i * PERIOD for i in range(100)]
-    guard, times = admitted(stream([*still, *[0.0] * 100]))
-    assert times == [1000.0] + [1000.0 + i * PERIOD for i in range(100, 200)]
-    assert (guard.dropped, guard.shifted, guard.steps) == (99, 0, [])
-
-
-def test_a_missing_stamp_is_dropped_and_is_no_step() -> None:
-    unset = [-(1000.0 + i * PERIOD) for i in range(100)]
-    guard, times = admitted(stream([*unset, *[0.0] * 100]))
-    assert times == [1000.0 + i * PERIOD for i in range(100, 200)]
-    assert (guard.dropped, guard.shifted, guard.steps) == (100, 0, [])
+    assert (times, guard.steps) == (stamps, [])
 
 
 def test_a_clock_that_jumps_all_the_time_is_told_in_a_few_words() -> None:
@@ -126,34 +131,37 @@ def test_quality_of_nothing_has_no_numbers() -> None:
     assert (quality.samples, quality.rate, quality.jitter, quality.skew) == (0, None, None, None)
 
 
-def counted(times: list[float]) -> QualityCounter:
+CALM = [BEGIN + i * PERIOD for i in range(100)]
+
+
+@pytest.mark.parametrize(
+    ("times", "begin", "end", "remarks"),
+    [
+        (CALM, None, None, []),
+        (
+            CALM,
+            BEGIN - 2.0,
+            BEGIN + 8.0,
+            ["nothing in the first 2.0 s of", "nothing in the last 6.0 s of"],
+        ),
+        (CALM, BEGIN - 0.09, BEGIN + 2.0, []),
+        (
+            [*CALM, *(1002.0 + i * PERIOD / 30 for i in range(3000))],
+            None,
+            None,
+            ["uneven"],
+        ),  # flood
+        (sorted([*CALM, *(time + 0.006 for time in CALM)]), None, None, ["uneven"]),  # two publish
+    ],
+)
+def test_what_is_uneven_or_begins_late_or_ends_early_is_told(
+    times: list[float], begin: float | None, end: float | None, remarks: list[str]
+) -> None:
     counter = QualityCounter(Signal.HANDLE, Thresholds())
     for time in times:
         counter.admit(DoorSample(time, time, 0.0))
-    return counter
-
-
-def test_a_signal_that_begins_late_or_ends_early_is_told() -> None:
-    counter = counted([12.0 + i * PERIOD for i in range(100)])
-    quality = counter.quality(begin=10.0, end=20.0)
-    assert quality.begins_late == pytest.approx(2.0)
-    assert quality.ends_early == pytest.approx(6.02)
-    assert quality.remarks(largest_skew=0.1) == [
-        "handle force: nothing in the first 2.0 s of the recording",
-        "handle force: nothing in the last 6.0 s of the recording",
-    ]
-    assert counter.quality(begin=11.9, end=14.0).remarks(largest_skew=0.1) == []
-
-
-def test_a_flood_and_a_second_publisher_show_in_the_intervals() -> None:
-    calm = [1000.0 + i * PERIOD for i in range(100)]
-    assert counted(calm).quality().remarks(largest_skew=0.1) == []
-    flooded = counted([*calm, *(1002.0 + i * PERIOD / 30 for i in range(3000))])
-    doubled = counted(sorted([*calm, *(time + 0.006 for time in calm)]))
-    for counter in (flooded, doubled):
-        assert "handle force: uneven intervals of" in "".join(
-            counter.quality().remarks(largest_skew=0.1)
-        )
+    told = counter.quality(begin=begin, end=end).remarks(largest_skew=0.1)
+    assert all("handle force: " + say in line for say, line in zip(remarks, told, strict=True))
 
 
 Force = Callable[[float], float]
@@ -188,107 +196,79 @@ def test_samples_are_told_by_number_mean_standard_deviation_span_and_time() -> N
     assert rest(rest_of([1.0], [4.0])).deviation == 0.0
 
 
-def test_a_handle_that_comes_back_to_its_zero_has_no_drift() -> None:
-    told = found(pushed)
-    before, after = rest(told.before), rest(told.after)
-    assert (before.number, after.number) == (25, 25)
-    assert before.end < START
-    assert after.end == START + TIMES[-1]
-    assert (before.mean, after.mean) == pytest.approx((5.9, 5.9), abs=0.05)
-    assert (before.deviation, after.deviation) == pytest.approx((0.05, 0.05), rel=0.4)
-    assert told.drift == pytest.approx(0, abs=0.05)
-    assert not told.drifted(Thresholds().touch_force)
-    assert (told.no_before, told.no_after) == (None, None)
+def trembling(size: float, rate: float) -> Force:
+    """Free until 3 s, then in a hand that trembles."""
+    return lambda t: 8.0 + size * np.sin(rate * t) if t > 3 else 5.9
 
 
-def test_a_drift_is_the_rest_force_after_the_run_less_the_zero() -> None:
-    told = found(lambda t: pushed(t) - 5.54 * (t > 3))
-    assert told.drift == pytest.approx(-5.54, abs=0.05)
-    assert told.drifted(Thresholds().touch_force)
-
-
-def test_half_the_threshold_is_no_drift_yet() -> None:
-    assert not moved(-0.98, 1.96)
-    assert moved(-0.981, 1.96)
-
-
-def test_a_handle_that_trembles_in_a_hand_is_not_free() -> None:
-    told = found(lambda t: 8.0 + 0.4 * np.sin(12 * t) if t > 3 else 5.9)
-    assert (told.after, told.drift) == (None, None)
-    assert told.no_after == "the handle was not free at the end of the recording"
-
-
-def test_a_handle_that_is_let_go_at_the_very_end_is_not_free() -> None:
-    assert found(lambda t: 25.9 if 2 <= t < 7.8 else 5.9).after is None
-
-
-def test_what_is_steady_is_measured_by_the_noise_before_the_run() -> None:
-    def trembles(t: float) -> float:
-        return 5.9 + (0.4 * np.sin(40 * t) if t > 3 else 0)
-
-    assert found(trembles, noise=0.05).after is None
-    assert found(trembles, noise=0.3).after is not None
-
-
-def test_a_free_handle_is_never_taken_for_a_held_one_by_its_noise() -> None:
-    for noise in (0.0, 0.01, 0.1, 0.3):
-        assert found(pushed, noise=noise).drift is not None
-
-
-def test_a_force_that_does_not_change_any_more_is_no_rest() -> None:
-    times = TIMES + START
-    forces = np.where(TIMES < 3, 5.9 + 0.05 * np.sin(37 * TIMES), 21.25)
-    told = rest_force(times, forces, START, zero=5.9)
-    assert told.after is None
-    assert told.no_after == "the force does not change any more at the end of the recording"
+NOT_FREE = "the handle was not free at the end of the recording"
+TOO_FEW = "too few samples, or a gap, in the last half second of the recording"
 
 
 @pytest.mark.parametrize(
-    "keep",
+    ("force", "told", "drift"),
     [
-        lambda t: t < 7.3,  # silent at the end
-        lambda t: not 7.6 < t < 7.75,  # a gap
-        lambda t: t < 7 or round(t * 50) % 4 == 0,  # six samples in half a second
+        pytest.param(pushed, {}, 0.0, id="back to its zero"),
+        pytest.param(lambda t: pushed(t) - 5.54 * (t > 3), {}, -5.54, id="drifted"),
+        pytest.param(pushed, {"zero": 0.0}, 5.9, id="never zeroed"),
+        pytest.param(trembling(0.4, 12), {}, NOT_FREE, id="trembles in a hand"),
+        pytest.param(trembling(0.4, 40), {"noise": 0.3}, 2.1, id="no more than the noise before"),
+        pytest.param(lambda t: 25.9 if 2 <= t < 7.8 else 5.9, {}, NOT_FREE, id="let go at the end"),
+        pytest.param(pushed, {"keep": lambda t: t < 7.3}, TOO_FEW, id="silent at the end"),
+        pytest.param(pushed, {"keep": lambda t: not 7.6 < t < 7.75}, TOO_FEW, id="a gap"),
+        pytest.param(
+            pushed, {"keep": lambda t: t < 7 or round(t * 50) % 4 == 0}, TOO_FEW, id="six samples"
+        ),
+        *(
+            pytest.param(pushed, {"noise": noise}, 0.0, id=f"free, noise of {noise} N")
+            for noise in (0.0, 0.01, 0.1, 0.3)
+        ),
+        pytest.param(
+            lambda t: 5.9 + 3 * np.sin(20 * t) * (t < 1), {}, 0.0, id="never quiet before the start"
+        ),
+        pytest.param(
+            lambda t: 21.25 if t > 3 else 5.9 + np.sin(37 * t), {"noise": 0.0},
+            "the force does not change any more at the end of the recording", id="stuck",
+        ),
+    ],
+)  # fmt: skip
+def test_a_drift_is_the_rest_force_after_the_run_less_the_zero(
+    force: Force, told: dict[str, Any], drift: float | str
+) -> None:
+    measured = found(force, **told)
+    if isinstance(drift, str):
+        assert (measured.after, measured.drift, measured.no_after) == (None, None, drift)
+    else:
+        assert measured.drift == pytest.approx(drift, abs=0.15)
+        assert measured.drifted(Thresholds().touch_force) == (abs(drift) > 0.98)
+        assert rest(measured.after).end == START + TIMES[-1]
+        assert measured.no_after is None
+
+
+@pytest.mark.parametrize(
+    ("force", "ends"),
+    [
+        (pushed, 0.0),
+        (lambda t: 12.0 + np.sin(20 * t) if -0.7 < t < 3 else 5.9, -0.69),  # a touch
+        (lambda t: 12.0 if -0.9 < t < 3 else 5.9, -0.89),  # a hand that bears on it evenly
     ],
 )
-def test_too_few_samples_and_gaps_tell_nothing(keep: Force) -> None:
-    told = found(pushed, keep=keep)
-    assert (told.after, told.drift) == (None, None)
-    assert told.no_after == "too few samples, or a gap, in the last half second of the recording"
-
-
-def test_a_touch_in_the_countdown_is_no_rest() -> None:
-    before = rest(found(lambda t: 12.0 + np.sin(20 * t) if -0.7 < t < 3 else 5.9).before)
-    assert before.end < START - 0.69
-    assert before.mean == pytest.approx(5.9, abs=0.05)
-
-
-def test_a_hand_that_bears_on_the_handle_evenly_before_the_start_moves_no_rest_force() -> None:
-    before = rest(found(lambda t: 12.0 if -0.9 < t < 3 else 5.9).before)
-    assert before.mean == pytest.approx(5.9, abs=0.05)
-
-
-def test_a_handle_that_was_never_zeroed_has_a_rest_force_all_the_same() -> None:
-    told = found(pushed, zero=0.0)
-    assert rest(told.before).mean == pytest.approx(5.9, abs=0.05)
-    assert told.drift == pytest.approx(5.9, abs=0.05)
+def test_a_touch_in_the_countdown_is_no_rest(force: Force, ends: float) -> None:
+    before = rest(found(force).before)
+    assert (before.number, before.mean) == pytest.approx((25, 5.9), abs=0.05)
+    assert before.deviation == pytest.approx(0.05, rel=0.4)
+    assert before.end < START + ends
 
 
 def test_a_handle_that_is_never_quiet_before_the_start_has_no_rest_force_there() -> None:
     told = found(lambda t: 5.9 + (3 * np.sin(20 * t) if t < 1 else 0))
     assert told.before is None
     assert told.no_before == "the handle was not quiet for half a second before the start"
-    assert told.drift == pytest.approx(0, abs=0.05)
 
 
-def test_a_recording_that_ends_in_the_countdown_has_nothing_after_the_run() -> None:
-    told = found(pushed, keep=lambda t: t < 0.2)
-    assert told.after is None
-    times = TIMES[TIMES < 0.2] + START
-    forces = np.sin(times)
-    assert rest_force(times, forces, START).no_after == (
-        "the recording ends within half a second of the start"
-    )
+def test_half_the_threshold_is_no_drift_yet() -> None:
+    assert not moved(-0.98, 1.96)
+    assert moved(-0.981, 1.96)
 
 
 @pytest.mark.parametrize("force", [1e308, -1e308])
@@ -297,13 +277,13 @@ def test_forces_that_no_handle_bears_tell_nothing(force: float) -> None:
     assert (told.before, told.after, told.drift) == (None, None, None)
 
 
-def test_nothing_recorded_tells_nothing() -> None:
-    assert rest_force([], [], START).drift is None
-
-
-def test_a_stamp_of_long_ago_costs_nothing() -> None:
+def test_a_stamp_of_long_ago_costs_nothing_and_nothing_recorded_tells_nothing() -> None:
     times = np.concatenate([[1.0], TIMES + START * 1000])
     assert rest_force(times, np.full(times.size, 5.9), START * 1000, zero=5.9).drift == 0
+    assert rest_force([], [], START).drift is None
+    early = TIMES[TIMES < 0.2] + START
+    told = rest_force(early, np.sin(early), START)
+    assert told.no_after == "the recording ends within half a second of the start"
 
 
 def test_a_result_has_the_rest_force_and_the_drift() -> None:

@@ -341,6 +341,6 @@ def _longest(found: object) -> int:
             return len(found)
         case dict():
             return max(map(_longest, found.values()), default=0)
-        case list():
+        case list() | tuple():
             return max(map(_longest, found), default=0)
     return 0

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from madrob_console.referee.acts import (
-    Abort,
     AcceptDoubts,
     Act,
     Correct,
@@ -28,12 +27,11 @@ from madrob_console.referee.acts import (
     WithdrawProtest,
     act_details,
 )
-from madrob_console.referee.acts.act import Ask
 from madrob_console.referee.acts.correct import last_decision
 from madrob_console.referee.checks import Check, CheckState
-from madrob_console.referee.flags import Flag, undecided
+from madrob_console.referee.flags import undecided
 from madrob_console.referee.journal import Entry, Origin
-from madrob_console.referee.lists import NO_TEAMS, TeamList
+from madrob_console.referee.lists import TeamList
 from madrob_console.referee.rebuild import Change, after, mark_of, rebuild
 from madrob_console.referee.records import (
     CheckName,
@@ -42,11 +40,8 @@ from madrob_console.referee.records import (
     ProtestEnd,
     TeamWord,
 )
-from madrob_console.referee.run import Phase, Run, stop
-from scoring.indicator_table import IndicatorName
-from scoring.procedure import StepRecord
+from madrob_console.referee.run import Phase, Run
 from scoring.protocol import BenchmarkType, Condition, Outcome, Side, StartPose, Step
-from scoring.result import Indicator
 from tests.madrob_console.referee.test_acts import (
     DOUBTED,
     FAILED,
@@ -54,6 +49,7 @@ from tests.madrob_console.referee.test_acts import (
     RUNS,
     SETUP,
     STOPPED,
+    done,
     situation,
 )
 
@@ -196,196 +192,127 @@ def test_of_a_final_result_only_what_opens_it_is_decided(acts: Sequence[Act | No
             assert mark_of(telling.entries) != mark_of(telling.entries[:-1])
 
 
+SIGN = Finalise(TeamWord.ABSENT, "R. Eferee")
+
+
 def test_a_voided_run_is_not_valid_and_keeps_its_outcome() -> None:
-    assert STOPPED.valid
-    void = Void("unsafe").apply(situation(STOPPED), 130.0)
-    assert not void.valid
-    assert (void.outcome, void.phase) == (Outcome.COMPLETED, Phase.STOPPED)
-    words = "the run is void already: that can be taken back"
-    assert Void("again").refusal(situation(void)) == words
-
-
-@pytest.mark.parametrize(
-    ("outcome", "words"),
-    [
-        (Outcome.ABORTED, "an aborted run is invalid already"),
-        (Outcome.INTERRUPTED, "an interrupted run counts nowhere already"),
-    ],
-)
-def test_only_a_valid_run_is_voided(outcome: Outcome, words: str) -> None:
-    assert Void("?").refusal(situation(replace(STOPPED, outcome=outcome))) == words
-
-
-def test_a_run_is_voided_before_its_result_is_written_too() -> None:
-    assert Void("robot unsafe").refusal(Situation(STOPPED, scored=False)) is None
-    final = Situation(FINAL, scored=False)
-    assert Void("robot unsafe").refusal(final) == "the result is being written"
+    voided = done(STOPPED, Void("unsafe"), 130.0)
+    assert (STOPPED.valid, voided.valid) == (True, False)
+    assert (voided.outcome, voided.phase) == (Outcome.COMPLETED, Phase.STOPPED)
 
 
 def test_the_start_pose_changes_over_with_a_corrected_starting_side() -> None:
     setup = replace(SETUP, start_pose=StartPose(1.5, 0.3, 170.0))
     run = TO_CW.apply(situation(replace(STOPPED, setup=setup)), 130.0)
-    assert run.setup is not None
-    assert run.setup.start_pose == StartPose(-1.5, 0.3, 10.0)
-    assert run.setup.problem() is None
+    mirrored = replace(setup, run_number=7, condition=CW, start_pose=StartPose(-1.5, 0.3, 10.0))
+    assert run.setup == mirrored
+    assert mirrored.problem() is None
     assert run.set_up_as == setup
-    opening = Correct(3, replace(SETUP.condition, opening_side=Side.CW), "?")
-    kept = opening.apply(situation(replace(STOPPED, setup=setup)), 130.0).setup
-    assert kept is not None
-    assert kept.start_pose == setup.start_pose
+    assert [one.words for one in run.corrections] == ["starting side from CCW to CW"]
+    opening = replace(SETUP.condition, opening_side=Side.CW)
+    kept = Correct(3, opening, "?").apply(situation(replace(STOPPED, setup=setup)), 130.0)
+    assert kept.setup == replace(setup, run_number=0, condition=opening)
+    assert [one.words for one in kept.corrections] == ["opening side from CCW to CW"]
 
 
 def test_a_run_has_one_number_in_each_series_that_it_was_in() -> None:
     run = TO_CW.apply(situation(STOPPED), 130.0)
-    assert run.setup is not None
-    assert run.setup.run_number == 7
-    assert run.number_in(3, CW) == 7
-    assert run.number_in(3, SETUP.condition) == SETUP.run_number
-    assert run.number_in(4, CW) is None
+    series = [(3, CW), (3, SETUP.condition), (4, CW)]
+    assert [run.number_in(*one) for one in series] == [7, SETUP.run_number, None]
 
 
-@pytest.mark.parametrize(
-    ("act", "words"),
-    [
-        (Correct(3, SETUP.condition, "?"), "that is what is set up"),
-        (Correct(0, SETUP.condition, "?"), "subject 0: use a number from 1 to 999"),
-        (Correct(4, SETUP.condition, " "), "a correction needs a reason"),
-    ],
-)
-def test_a_bad_correction_is_refused_with_words(act: Act, words: str) -> None:
-    assert act.refusal(situation(STOPPED)) == words
+def test_the_name_of_another_subject_is_the_one_in_the_list() -> None:
+    here = replace(situation(STOPPED), teams=TeamList({3: "Delft", 12: "Graz"}))
+    act = Correct(12, SETUP.condition, "slip", "?").named(here)
+    corrected = replace(SETUP, subject=12, team="Graz", run_number=0)
+    assert act.apply(here, 130.0).setup == corrected
 
 
 def test_a_final_result_is_opened_by_a_void_and_by_what_takes_it_back() -> None:
-    void = Void("unsafe").apply(situation(FINAL), 130.0)
+    void = done(FINAL, Void("unsafe"), 130.0)
     assert (void.phase, void.issue, void.closure) == (Phase.STOPPED, 2, None)
-    signed = Finalise(TeamWord.ABSENT, "R. Eferee").apply(situation(void), 131.0)
-    back = TakeBack(DecisionKind.VOID, 130.0, "my mistake")
-    assert back.refusal(situation(signed)) is None
-    again = back.apply(situation(signed), 132.0)
+    again = done(done(void, SIGN), TakeBack(DecisionKind.VOID, 130.0, "my mistake"))
     assert (again.phase, again.issue, again.valid) == (Phase.STOPPED, 3, True)
     assert [one.words for one in again.taken_back] == ["void (unsafe)"]
 
 
-def test_a_ruling_of_a_final_result_is_not_taken_back_unseen() -> None:
-    ruled = Rule(Step.CROSS, confirmed=False, reason="arm").apply(situation(STOPPED), 130.0)
-    final = Finalise(TeamWord.ABSENT, "R. Eferee").apply(situation(ruled), 131.0)
-    words = "the result is final: re-issue it first"
-    assert TakeBack.impossible(situation(final)) == words
-    assert TakeBack(DecisionKind.RULING, 130.0, "?").refusal(situation(final)) == words
+RULE = Rule(Step.CROSS, confirmed=False, reason="arm")
+LATER = Rule(Step.CLOSE, confirmed=True, reason="seen")
+MARK = MarkIncident(IncidentKind.FALL)
+WAIVE = Waive(CheckName.DOOR, "warped")
+READY = RUNS[Phase.READY]
 
 
-def test_what_is_not_the_last_of_its_kind_any_more_is_not_taken_back() -> None:
-    run = Rule(Step.CROSS, confirmed=False, reason="arm").apply(situation(STOPPED), 130.0)
-    back = TakeBack(DecisionKind.RULING, 130.0, "my mistake")
-    later = Rule(Step.CLOSE, confirmed=True, reason="seen").apply(situation(run), 131.0)
-    assert back.refusal(situation(run)) is None
-    assert back.refusal(situation(later)) == "this ruling is not the last one that stands"
-    marked = MarkIncident(IncidentKind.FALL).apply(situation(STOPPED), 131.0)
-    assert back.refusal(situation(marked)) == "this ruling is not the last one that stands"
+def after_acts(run: Run, *acts: tuple[Act, float]) -> Run:
+    """The run after acts, each at its time."""
+    for act, at in acts:
+        run = act.apply(situation(run, FAILED), at)
+    return run
 
 
-def test_the_last_decision_is_the_one_that_was_made_last_whatever_its_time_says() -> None:
-    run = Rule(Step.CROSS, confirmed=False, reason="arm").apply(situation(STOPPED), 130.0)
-    run = MarkIncident(IncidentKind.FALL).apply(situation(run), 110.0)
-    last = last_decision(run)
-    assert last is not None
-    assert (last.kind, last.words) == (DecisionKind.INCIDENT, "incident at 5.000 s: fall")
-
-
-def test_each_phase_that_has_a_decision_can_take_it_back() -> None:
-    for phase in (Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED):
-        run = MarkIncident(IncidentKind.FALL).apply(situation(RUNS[phase]), 111.0)
-        assert TakeBack.impossible(situation(run)) is None
-    waived = Waive(CheckName.DOOR, "warped").apply(situation(RUNS[Phase.READY], FAILED), 1.0)
-    assert TakeBack.impossible(situation(waived)) is None
-    assert TakeBack.impossible(situation(RUNS[Phase.READY])) == "there is nothing to take back"
-
-
-def test_an_abort_that_came_too_late_asks_whether_the_run_is_void() -> None:
-    refused = Abort("robot unsafe").refusal(situation(STOPPED))
-    assert refused == "the run has stopped: void it instead"
-    over = stop(RUNS[Phase.RUNNING], Outcome.ABORTED, 120.0, "fire")
-    assert Abort("again").refusal(situation(over)) == "the run has stopped"
-    ask = Void.instead_of_abort("robot unsafe")
-    assert "over before the abort (robot unsafe)" in ask.title
-    assert ask.make() == Void("robot unsafe")
-
-
-@dataclass
-class View:
-    """What a screen shows of a run."""
-
-    run: Run
-    checks: tuple[Check, ...] = ()
-    steps: tuple[StepRecord, ...] = ()
-    flags: tuple[Flag, ...] = ()
-    teams: TeamList = NO_TEAMS
-    elapsed: float | None = None
-    indicators: Mapping[IndicatorName, Indicator] = field(default_factory=dict)
+OTHER = "this ruling is not the last one that stands"
 
 
 @pytest.mark.parametrize(
-    ("key", "act"),
+    ("run", "acts", "back", "words"),
     [
-        ("starting", Correct(3, CW, "slip")),
+        (STOPPED, [(RULE, 130.0)], TakeBack(DecisionKind.RULING, 130.0, "?"), None),
         (
-            "opening",
-            Correct(3, replace(SETUP.condition, opening_side=Side.CW), "slip"),
+            STOPPED,
+            [(RULE, 130.0), (LATER, 131.0)],
+            TakeBack(DecisionKind.RULING, 130.0, "?"),
+            OTHER,
+        ),
+        (STOPPED, [(MARK, 131.0)], TakeBack(DecisionKind.RULING, 130.0, "?"), OTHER),
+        (
+            STOPPED,
+            [(RULE, 130.0), (SIGN, 131.0)],
+            TakeBack(DecisionKind.RULING, 130.0, "?"),
+            "the result is final: re-issue it first",
         ),
         (
-            "Wind Ramp",
-            Correct(
-                3,
-                replace(SETUP.condition, benchmark_type=BenchmarkType.WIND_RAMP),
-                "slip",
-            ),
+            STOPPED,
+            [(RULE, 130.0), (Void("unsafe"), 131.0), (SIGN, 132.0)],
+            TakeBack(DecisionKind.RULING, 130.0, "?"),
+            "the result is final: re-issue it first",
+        ),
+        *(
+            (RUNS[phase], [(MARK, 111.0)], TakeBack(DecisionKind.INCIDENT, 111.0, "?"), None)
+            for phase in (Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED)
+        ),
+        (READY, [(WAIVE, 1.0)], TakeBack(DecisionKind.WAIVER, 1.0, "?"), None),
+    ],
+)
+def test_only_the_last_of_a_kind_that_is_within_reach_is_taken_back(
+    run: Run, acts: list[tuple[Act, float]], back: TakeBack, words: str | None
+) -> None:
+    assert back.refusal(situation(after_acts(run, *acts))) == words
+
+
+@pytest.mark.parametrize(
+    ("run", "acts", "kind", "words"),
+    [
+        (STOPPED, [(RULE, 130.0)], DecisionKind.RULING, "step 4 denied (arm)"),
+        (STOPPED, [(MARK, 111.0)], DecisionKind.INCIDENT, "incident at 6.000 s: fall"),
+        (READY, [(WAIVE, 1.0)], DecisionKind.WAIVER, "check waived: door closed (warped)"),
+        (STOPPED, [(Void("unsafe"), 130.0)], DecisionKind.VOID, "void (unsafe)"),
+        (
+            STOPPED,
+            [(TO_CW, 130.0)],
+            DecisionKind.CORRECTION,
+            "corrected: starting side from CCW to CW (typed wrongly)",
+        ),
+        (  # the last is the one that was made last, whatever its time says
+            STOPPED,
+            [(RULE, 130.0), (MARK, 110.0)],
+            DecisionKind.INCIDENT,
+            "incident at 5.000 s: fall",
         ),
     ],
 )
-def test_the_dialog_asks_what_was_wrong_and_then_for_the_reason(key: str, act: Act) -> None:
-    ask = Correct.ask_questions(View(STOPPED), "c")
-    assert isinstance(ask, Ask)
-    then = ask.make(key)
-    assert isinstance(then, Ask)
-    assert then.make("slip") == act
-
-
-def test_another_subject_is_asked_for_first_and_then_its_team_and_the_reason() -> None:
-    ask = Correct.ask_questions(View(STOPPED), "c")
-    assert isinstance(ask, Ask)
-    then = ask.make("subject")
-    assert isinstance(then, Ask)
-    assert then.make("12a") == "subject '12a': use a number from 1 to 999"
-    last = then.make("12")
-    assert isinstance(last, Ask)
-    assert last.title == "Correct the subject from 3 to 12"
-    assert last.make("Graz", "slip") == Correct(12, SETUP.condition, "slip", "Graz")
-
-
-def test_the_name_of_another_subject_is_the_one_in_the_list() -> None:
-    view = View(STOPPED)
-    view.teams = teams = TeamList({3: "Delft", 12: "Graz"})
-    ask = Correct.ask_questions(view, "c")
-    assert isinstance(ask, Ask)
-    then = ask.make("subject")
-    assert isinstance(then, Ask)
-    unlisted, last = then.make("13"), then.make("12")
-    assert isinstance(unlisted, Ask)
-    assert "which is not in the list of teams" in unlisted.title
-    assert isinstance(last, Ask)
-    assert last.title == "Correct the subject from 3 to 12, Graz"
-    act = last.make("slip")
-    assert isinstance(act, Correct)
-    here = replace(situation(STOPPED), teams=teams)
-    after = act.named(here).apply(here, 130.0).setup
-    assert after is not None
-    assert (after.subject, after.team, after.team_reason) == (12, "Graz", "")
-
-
-def test_the_dialog_says_what_it_takes_back() -> None:
-    ask = TakeBack.ask_questions(View(Void("unsafe").apply(situation(STOPPED), 130.0)), "z")
-    assert isinstance(ask, Ask)
-    assert ask.title == "Take back the last decision: void (unsafe)"
-    assert ask.make("slip") == TakeBack(DecisionKind.VOID, 130.0, "slip")
-    assert TakeBack.ask_questions(View(STOPPED), "z") == "there is nothing to take back"
+def test_the_last_decision_has_words(
+    run: Run, acts: list[tuple[Act, float]], kind: DecisionKind, words: str
+) -> None:
+    last = last_decision(after_acts(run, *acts))
+    assert last is not None
+    assert (last.kind, last.words) == (kind, words)

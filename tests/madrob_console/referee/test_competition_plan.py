@@ -78,66 +78,98 @@ def uses_up(run: RunSummary) -> bool:
     return counts and run.source == "ros" and run.competition == CUP
 
 
-def test_a_plan_that_nobody_has_begun_is_left_from_its_first_line_on() -> None:
-    found = progress(plan((A, 2), (B, 1)))
-    assert found.lines == (Attempts(A, planned=2), Attempts(B, planned=1))
-    assert (found.planned, found.left) == (3, 3)
-    assert found.next == PlannedAttempt(A, 1, 2)
-    assert list(found.upcoming()) == [PlannedAttempt(A, 1, 2), PlannedAttempt(B, 1, 1)]
-
-
-def test_no_plan_has_no_next_run_and_nothing_is_out_of_it() -> None:
-    found = progress(Plan(), run(A))
-    assert found.next is None
-    assert not found.out_of_plan(A)
-    assert found.tasks == (Attempts(A, 0, 1, 1, 6),)
-
-
-def test_in_rounds_the_attempts_of_a_team_fill_its_lines_in_their_order() -> None:
-    rounds = plan((A, 1), (B, 1), (A, 2))
-    found = progress(rounds, run(A, level=3), run(A, 1.0, level=5))
-    assert found.lines == (Attempts(A, 1, 1, 1, 3), Attempts(B, 1), Attempts(A, 2, 1, 1, 5))
-    assert found.tasks == (Attempts(A, 3, 2, 2, 5), Attempts(B, 1))
-    assert list(found.upcoming()) == [PlannedAttempt(B, 1, 1), PlannedAttempt(A, 3, 3)]
-
-
-def test_an_aborted_run_has_used_up_its_attempt_and_may_be_repeated_within_the_plan() -> None:
-    found = progress(plan((A, 1), (B, 1)), run(A, outcome=Outcome.ABORTED))
-    assert found.tasks[0] == Attempts(A, 1, 1, 0, None)
-    assert found.next == PlannedAttempt(B, 1, 1)
-    assert not found.out_of_plan(A)
-    again = progress(
-        plan((A, 1), (B, 1)), run(A, outcome=Outcome.ABORTED), run(A, 1.0, run_number=2)
-    )
-    assert again.out_of_plan(A)
-    assert (again.lines[0].beyond, again.lines[0].valid, again.lines[0].left) == (1, 1, 0)
+ABORTED: dict[str, Any] = {"outcome": Outcome.ABORTED}
+NO_ATTEMPTS: list[dict[str, Any]] = [
+    {"outcome": Outcome.INTERRUPTED},
+    {"outcome": None},
+    {"voided": True},
+    {"source": "simulated"},
+    {"source": "replay"},
+    {"problem": "damaged"},
+    {"competition": "Spring Cup"},
+]
 
 
 @pytest.mark.parametrize(
-    "fields",
+    ("of", "runs", "lines", "others", "upcoming"),
     [
-        {"outcome": Outcome.INTERRUPTED},
-        {"outcome": None},
-        {"voided": True},
-        {"source": "simulated"},
-        {"source": "replay"},
-        {"problem": "damaged"},
-        {"competition": "Spring Cup"},
+        (
+            plan((A, 2), (B, 1)),
+            [],
+            [Attempts(A, 2), Attempts(B, 1)],
+            [],
+            [PlannedAttempt(A, 1, 2), PlannedAttempt(B, 1, 1)],
+        ),
+        (Plan(), [run(A)], [], [Attempts(A, 0, 1, 1, 6)], []),
+        (  # in rounds the attempts of a team fill its lines in their order
+            plan((A, 1), (B, 1), (A, 2)),
+            [run(A, level=3), run(A, 1.0, level=5)],
+            [Attempts(A, 1, 1, 1, 3), Attempts(B, 1), Attempts(A, 2, 1, 1, 5)],
+            [],
+            [PlannedAttempt(B, 1, 1), PlannedAttempt(A, 3, 3)],
+        ),
+        (  # an aborted run has used up its attempt
+            plan((A, 1), (B, 1)),
+            [run(A, **ABORTED)],
+            [Attempts(A, 1, 1, 0, None), Attempts(B, 1)],
+            [],
+            [PlannedAttempt(B, 1, 1)],
+        ),
+        (  # and is repeated within the plan once
+            plan((A, 1), (B, 1)),
+            [run(A, **ABORTED), run(A, 1.0, run_number=2)],
+            [Attempts(A, 1, 2, 1, 6), Attempts(B, 1)],
+            [],
+            [PlannedAttempt(B, 1, 1)],
+        ),
+        (
+            plan((B, 1)),
+            [run(A, level=2), run(B, level=4)],
+            [Attempts(B, 1, 1, 1, 4)],
+            [Attempts(A, 0, 1, 1, 2)],
+            [],
+        ),
+        *(
+            (plan((A, 1)), [run(A, **fields)], [Attempts(A, 1)], [], [PlannedAttempt(A, 1, 1)])
+            for fields in NO_ATTEMPTS
+        ),
+        (
+            plan((A, 1), (B, 1)),
+            [run(A, voided=True, protest_filed=1.0), run(B, protest_filed=1.0)],
+            [Attempts(A, 1, open_protests=1), Attempts(B, 1, 1, 1, 6, open_protests=1)],
+            [],
+            [PlannedAttempt(A, 1, 1)],
+        ),
     ],
 )
-def test_what_is_no_attempt_comes_next_again(fields: dict[str, Any]) -> None:
-    found = progress(plan((A, 1), (B, 1)), run(A, **fields))
-    assert found.next == PlannedAttempt(A, 1, 1)
-    assert found.tasks[0] == Attempts(A, 1)
+def test_the_lines_of_a_plan_are_filled_in_their_order(
+    of: Plan,
+    runs: list[RunSummary],
+    lines: list[Attempts],
+    others: list[Attempts],
+    upcoming: list[PlannedAttempt],
+) -> None:
+    found = progress(of, *runs)
+    assert list(found.lines) == lines
+    assert [one for one in found.tasks if not one.planned] == others
+    assert list(found.upcoming()) == upcoming
+    assert found.next == (upcoming[0] if upcoming else None)
 
 
-def test_runs_out_of_plan_stand_behind_the_planned_ones() -> None:
-    found = progress(plan((B, 1)), run(A, level=2), run(B, level=4))
-    assert found.tasks == (Attempts(B, 1, 1, 1, 4), Attempts(A, 0, 1, 1, 2))
-    assert found.out_of_plan(A)
-    assert found.out_of_plan(B)  # the team has had what is planned
-    assert found.out_of_plan(Task(9, 9))
-    assert found.next is None
+@pytest.mark.parametrize(
+    ("of", "runs", "out"),
+    [
+        (Plan(), [run(A)], []),
+        (plan((B, 1)), [run(A), run(B)], [A, B, Task(9, 9)]),  # B has had what is planned
+        (plan((A, 1), (B, 1)), [run(A, **ABORTED)], [Task(9, 9)]),  # it may be repeated
+        (plan((A, 1), (B, 1)), [run(A, **ABORTED), run(A, 1.0, run_number=2)], [A, Task(9, 9)]),
+    ],
+)
+def test_who_has_had_what_is_planned_is_out_of_plan(
+    of: Plan, runs: list[RunSummary], out: list[Task]
+) -> None:
+    found = progress(of, *runs)
+    assert [task for task in (A, B, Task(9, 9)) if found.out_of_plan(task)] == out
 
 
 def test_damaged_runs_are_counted_because_nobody_knows_what_they_are() -> None:
@@ -169,15 +201,11 @@ def test_every_attempt_of_any_history_is_counted_once(of: Plan, runs: list[RunSu
 
 
 @given(PLANS, histories())
-def test_the_order_in_which_runs_are_found_does_not_matter(
+def test_neither_the_order_of_runs_nor_what_is_no_attempt_changes_anything(
     of: Plan, runs: list[RunSummary]
 ) -> None:
-    assert plan_progress(of, runs, CUP) == plan_progress(of, runs[::-1], CUP)
-
-
-@given(PLANS, histories())
-def test_what_is_no_attempt_changes_nothing(of: Plan, runs: list[RunSummary]) -> None:
     found = plan_progress(of, runs, CUP)
+    assert found == plan_progress(of, runs[::-1], CUP)
     attempts = plan_progress(of, [run for run in runs if uses_up(run)], CUP)
     assert (found.tasks, found.lines) == (attempts.tasks, attempts.lines)
 
@@ -211,17 +239,50 @@ def read(file: Path, text: str | bytes) -> Plan:
     return read_plan(file)
 
 
+USUAL = (
+    "3,1,2\n4,1,1\n3,7,1\n",
+    "subject,condition,attempts\r\n3,1,2\r\n4,1\r\n3,7\r\n",
+    'Subject;Condition;Attempts\n# morning\n003; 01 ;2\n\n"4";1;1;\n3;7;1',
+)
+KINDS = [Condition.from_number(number) for number in range(1, 21)]
+CONDITIONS = [
+    (kind.number, words)
+    for kind in KINDS
+    for words in (
+        str(kind.number),
+        f'"{kind.way.partition(" to ")[0]}, {kind.benchmark_type}"',
+        f'"{kind.benchmark_type.upper()}, {kind.way}"',
+    )
+]
+FAR = "2026-11-25T14:30+05:00"
+"""A time of another zone."""
+MOMENTS = {
+    "9:05": "09:05",
+    "14:30": "14:30",
+    "2026-11-25T14:30": "2026-11-25 14:30",
+    "2026-11-25 14:30:10": "2026-11-25 14:30",
+    FAR: f"{datetime.fromisoformat(FAR).astimezone():%Y-%m-%d %H:%M}",
+}
+TIMES = [
+    (text, time)
+    for typed, time in MOMENTS.items()
+    for text in (f"subject,time,condition\n3,{typed},1\n", f"3,1,1,{typed}\n")
+]
+READ = plan((A, 2), (B, 1), (C, 1)).lines
+
+
 @pytest.mark.parametrize(
-    "text",
+    ("text", "lines"),
     [
-        "3,1,2\n4,1,1\n3,7,1\n",
-        "subject,condition,attempts\r\n3,1,2\r\n4,1\r\n3,7\r\n",
-        'Subject;Condition;Attempts\n# morning\n003; 01 ;2\n\n"4";1;1;\n3;7;1',
+        *((text, READ) for text in USUAL),
+        *((f"3,{words}", plan((Task(3, number), 1)).lines) for number, words in CONDITIONS),
+        *((text, (PlanLine(A, 1, time),)) for text, time in TIMES),
     ],
 )
-def test_every_usual_way_to_write_a_plan_is_read(file: Path, text: str) -> None:
-    found = read(file, text)
-    assert found == Plan(plan((A, 2), (B, 1), (C, 1)).lines, (), str(file))
+def test_every_usual_way_to_write_a_plan_is_read(
+    file: Path, text: str, lines: tuple[PlanLine, ...]
+) -> None:
+    assert read(file, text) == Plan(lines, (), str(file))
 
 
 @pytest.mark.parametrize(
@@ -252,29 +313,6 @@ def test_a_bad_line_is_named_and_the_others_count(file: Path, text: str, problem
     assert found.problems == (f"plan.csv line 3: {problem}",)
 
 
-@pytest.mark.parametrize("condition", [Condition.from_number(number) for number in range(1, 21)])
-def test_a_condition_is_its_number_or_its_words(file: Path, condition: Condition) -> None:
-    short, _, _ = condition.way.partition(" to ")
-    door = condition.benchmark_type
-    for text in (condition.number, f'"{short}, {door}"', f'"{door.upper()}, {condition.way}"'):
-        assert read(file, f"3,{text}").lines == plan((Task(3, condition.number), 1)).lines
-
-
-@pytest.mark.parametrize(
-    ("text", "time"),
-    [
-        ("9:05", "09:05"),
-        ("14:30", "14:30"),
-        ("2026-11-25T14:30", "2026-11-25 14:30"),
-        ("2026-11-25 14:30:10", "2026-11-25 14:30"),
-    ],
-)
-def test_a_line_may_have_a_time(file: Path, text: str, time: str) -> None:
-    named = read(file, f"subject,time,condition\n3,{text},1\n")
-    assert named == read(file, f"3,1,1,{text}\n") == Plan((PlanLine(A, 1, time),), (), str(file))
-    assert progress(named).lines == (Attempts(A, 1, time=time),)
-
-
 @pytest.mark.parametrize(
     ("planned", "late"),
     [
@@ -303,23 +341,29 @@ def test_the_first_attempt_of_a_line_has_its_time_and_tells_the_last_delay() -> 
     assert 720 <= found.last_delay < 780
 
 
-def test_what_goes_on_is_not_what_comes_next() -> None:
-    found = progress(plan((A, 2), (B, 1), (A, 1)))
-    for running, following in (
+@pytest.mark.parametrize(
+    ("running", "following"),
+    [
         (None, [(A, 1), (B, 1), (A, 3)]),
         (A, [(A, 2), (B, 1), (A, 3)]),
         (B, [(A, 1), (A, 3)]),
         (C, [(A, 1), (B, 1), (A, 3)]),
-    ):
-        assert [(one.task, one.number) for one in found.upcoming(running)] == following
+    ],
+)
+def test_what_goes_on_is_not_what_comes_next(
+    running: Task | None, following: list[tuple[Task, int]]
+) -> None:
+    found = progress(plan((A, 2), (B, 1), (A, 1)))
+    assert [(one.task, one.number) for one in found.upcoming(running)] == following
+    assert list(progress(plan((A, 1), (A, 1)), run(A)).upcoming(A)) == []
 
 
 @pytest.mark.parametrize("text", ["soon", "25:00", "14", "2026-11-25", "0226-11-25T14:30"])
 def test_what_is_no_time_is_named_and_its_line_counts_without(file: Path, text: str) -> None:
-    found = read(file, f"3,1,2\n4,1,1,{text}\n")
-    assert found.lines == plan((A, 2), (Task(4, 1), 1)).lines
     why = f"time '{text}' is none: write 14:30 or 2026-11-25T14:30; the line counts without it"
-    assert found.problems == (f"plan.csv line 2: {why}",)
+    assert read(file, f"4,1,1,{text}\n") == Plan(
+        plan((B, 1)).lines, (f"plan.csv line 1: {why}",), str(file)
+    )
 
 
 def test_a_plan_has_an_end(file: Path) -> None:

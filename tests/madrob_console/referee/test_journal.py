@@ -5,30 +5,35 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from contextlib import suppress
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import msgspec
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
-from madrob_console.referee.acts import Abort, Finalise, Rule, SetUp, Situation, act_details
+from madrob_console.referee.acts import Finalise, SetUp, Situation, act_details
+from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.flags import (
     LONGEST_WORDS,
     Flag,
     FlagKind,
     FlagWeight,
     flags,
-    undecided,
     untold_remarks,
     worst,
 )
-from madrob_console.referee.journal import Entry, Journal, Origin, read_journal
-from madrob_console.referee.rebuild import Change, act_of, rebuild
+from madrob_console.referee.journal import Entry, Journal, Origin, read_journal, up_to_date
+from madrob_console.referee.rebuild import Change, rebuild
 from madrob_console.referee.records import (
     CheckName,
     Closure,
@@ -36,17 +41,20 @@ from madrob_console.referee.records import (
     FaultKind,
     Incident,
     IncidentKind,
+    Reissuing,
+    RemovedEvidence,
     TeamWord,
     Voiding,
     Waiver,
     merged,
 )
 from madrob_console.referee.records import TestbedFault as Fault
-from madrob_console.referee.run import Phase, Run, decide_false_starts
+from madrob_console.referee.run import Phase, Run
 from scoring.events import Evidence
-from scoring.procedure import Procedure, Ruling, follow_procedure
+from scoring.procedure import Ruling, StepRecord, follow_procedure
 from scoring.protocol import EventName, LockDetection, Outcome, Signal, Step
 from scoring.quality import Quality, SignalQuality
+from scoring.rulesets import RulesetName
 from tests.madrob_console.referee.test_acts import SETUP
 from tests.madrob_console.ui.fake_engine import a_setup
 
@@ -62,11 +70,12 @@ entries = st.builds(
 )
 
 
-@given(entries)
-def test_a_line_comes_back_as_it_was(entry: Entry) -> None:
-    line = entry.to_json()
-    assert "\n" not in line
-    assert Entry.from_json(line) == entry
+@given(st.lists(entries, max_size=5))
+@example([Entry(1.0, Origin.REFEREE, "note", reason="\u2028a\x85b\u2029c\udcff")])
+def test_lines_come_back_from_the_file_as_they_were(lines: list[Entry]) -> None:
+    with opened() as (journal, path):
+        assert journal.append(lines) == len(lines)
+        assert read_all_lines(path) == [entry for entry in lines if entry.what != "withdrawn"]
 
 
 @given(st.text())
@@ -79,27 +88,80 @@ def line(number: int) -> Entry:
     return Entry(float(number), Origin.SYSTEM, f"line {number}")
 
 
-def test_several_lines_are_brought_to_the_disk_by_one_sync(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@contextmanager
+def opened() -> Iterator[tuple[Journal, Path]]:
+    with TemporaryDirectory() as folder:
+        journal, path = Journal(), Path(folder) / "journal.jsonl"
+        journal.open(path)
+        yield journal, path
+        journal.close()
+
+
+def read_all_lines(path: Path) -> list[Entry]:
+    """What stands, without the lines that withdraw others."""
+    return [entry for entry in read_journal(path)[0] if entry.what != "withdrawn"]
+
+
+def broken(*_arguments: object) -> None:
+    raise OSError(5, "Input/output error")
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(1, 3), st.sampled_from([9, 9, 0, 1]), st.booleans(), st.booleans()),
+        max_size=8,
+    )
+)
+def test_whatever_the_disk_refuses_what_it_was_said_to_have_stands_and_nothing_else(
+    steps: list[tuple[int, int, bool, bool]],
 ) -> None:
-    journal, synced = Journal(), list[int]()
-    journal.open(tmp_path / "journal.jsonl")
+    """Each step adds lines; `room` of them fit, else a part; a sync or a truncation may fail."""
+    stands: list[Entry] = []
+    write, numbers = os.write, count()
+    with opened() as (journal, path):
+        for many, room, syncs, truncates in steps:
+            left = [room]
+
+            def limited(file: int, data: bytes, left: list[int] = left) -> int:
+                if threading.current_thread() is not threading.main_thread():
+                    return write(file, data)
+                left[0] -= 1
+                return write(file, data if left[0] >= 0 else data[: len(data) // 2])
+
+            lines = [line(next(numbers)) for _ in range(many)]
+            with pytest.MonkeyPatch.context() as sick:
+                sick.setattr(os, "write", limited)
+                sick.setattr(os, "fsync", (lambda _: None) if syncs else broken)
+                sick.setattr(os, "ftruncate", os.ftruncate if truncates else broken)
+                on_disk = journal.append(lines)
+            assert on_disk in ((0, min(many, room)) if syncs else (0,))
+            assert (journal.refused is None) == (on_disk == many)
+            stands += lines[:on_disk]
+            assert read_all_lines(path)[: len(stands)] == stands
+        assert journal.append([line(-1), line(-2)]) == 2
+        assert read_all_lines(path) == [*stands, line(-1), line(-2)]
+
+
+def test_several_lines_are_brought_to_the_disk_by_one_sync(monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: list[int] = []
     monkeypatch.setattr(os, "fsync", synced.append)
-    assert journal.append([line(0), line(1)]) == 2
-    assert journal.append([]) == 0
+    with opened() as (journal, _):
+        assert (journal.append([line(0), line(1)]), journal.append([])) == (2, 0)
     assert len(synced) == 1
-    journal.close()
-    assert read_journal(tmp_path / "journal.jsonl") == ((line(0), line(1)), ())
 
 
-def test_a_torn_last_line_is_set_aside(tmp_path: Path) -> None:
+def test_a_torn_last_line_is_set_aside_and_the_journal_goes_on_behind_it(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
-    whole = (line(0).to_json() + "\n" + line(1).to_json() + "\n").encode()
-    for cut in range(len(line(0).to_json()) + 2, len(whole) - 1):
+    lines = [line(0), line(1)]
+    whole = "".join(one.to_json() + "\n" for one in lines).encode()
+    for cut in range(len(whole)):
         path.write_bytes(whole[:cut])
         found, remarks = read_journal(path)
-        assert found[:1] == (line(0),)
-        assert len(found) + len(remarks) == 2
+        assert list(found) == lines[: len(found)]
+        torn = whole[:cut].splitlines()[len(found) :]
+        assert len(remarks) == len(torn)
+        up_to_date(path, lines).close()
+        assert list(read_journal(path)[0]) == lines
 
 
 def test_an_existing_journal_is_never_overwritten(tmp_path: Path) -> None:
@@ -107,6 +169,7 @@ def test_an_existing_journal_is_never_overwritten(tmp_path: Path) -> None:
     path.write_text("mine")
     with pytest.raises(FileExistsError):
         Journal().open(path)
+    Journal().close()  # none was opened
     assert path.read_text() == "mine"
 
 
@@ -146,79 +209,115 @@ def test_a_full_disk_takes_the_lines_that_it_has_room_for_and_no_part_of_one(
     assert remarks == ()
 
 
-def test_the_state_is_rebuilt_from_the_journal() -> None:
-    def act(time: float, act: SetUp | Rule | Abort) -> Entry:
-        return Entry(time, Origin.REFEREE, act.name, details=act_details(act))
+SET_UP = Entry(1.0, Origin.REFEREE, "set up", details=act_details(SetUp(SETUP)))
+STARTED = [
+    SET_UP,
+    Entry(2.0, Origin.CLOCK, Change.COUNTDOWN_BEGINS, details={"time": 2.0}),
+    Entry(7.0, Origin.CLOCK, Change.RUN_STARTS, details={"time": 7.0}),
+]
+STOPPED = [
+    *STARTED,
+    Entry(
+        20.0, Origin.CLOCK, Change.RUN_STOPS, reason="done",
+        details={"outcome": "completed", "time": 19.0},
+    ),
+]  # fmt: skip
+ROBUST = RulesetName.ROBUST_2026
+NO_EVIDENCE: dict[str, Any] = {"topics": [], "problems": ["no room"]}
 
-    lines = [
-        act(1.0, SetUp(SETUP)),
-        Entry(2.0, Origin.REFEREE, "start"),
-        Entry(7.0, Origin.CLOCK, Change.RUN_STARTS, details={"time": 7.0}),
-        act(9.0, Rule(Step.TOUCH, confirmed=True, reason="seen")),
-        Entry(
-            20.0, Origin.CLOCK, Change.RUN_STOPS, reason="done",
-            details={"outcome": "completed", "time": 19.0},
+
+def told(what: str, reason: str = "", **details: Any) -> Entry:  # noqa: ANN401
+    return Entry(21.0, Origin.SYSTEM, what, "Ada", reason, details)
+
+
+@pytest.mark.parametrize(
+    ("entries", "fields"),
+    [
+        ([SET_UP, Entry(2.0, Origin.REFEREE, "start")], {"phase": Phase.COUNTDOWN, "start": 7.0}),
+        ([SET_UP, Entry(2.0, Origin.REFEREE, "start", id="a")], {"phase": Phase.READY}),
+        ([Entry(2.0, Origin.REFEREE, "start")], {"phase": Phase.IDLE}),
+        (STARTED, {"phase": Phase.RUNNING, "start": 7.0, "setup": SETUP, "handle_zero": 5.9}),
+        (
+            [*STARTED, told(Change.TIMEOUT_ELAPSED, "300 s", time=18.0)],
+            {"timeout_at": 18.0, "outcome_reason": "300 s"},
         ),
-    ]  # fmt: skip
-    run = rebuild([Entry.from_json(entry.to_json()) for entry in lines], handle_zero=5.9)
-    assert (run.phase, run.outcome) == (Phase.STOPPED, Outcome.COMPLETED)
-    assert (run.start, run.stop, run.handle_zero) == (7.0, 19.0, 5.9)
-    assert run.setup == SETUP
-    assert run.rulings[0].step is Step.TOUCH
-
-
-def test_a_damaged_line_is_named() -> None:
-    with pytest.raises(MadrobError, match="rule on a step"):
-        act_of(Entry(1.0, Origin.REFEREE, "rule on a step", details={"step": 9}))
-    with pytest.raises(MadrobError, match="run stops"):
-        rebuild([Entry(1.0, Origin.CLOCK, "run stops", details={"outcome": "won"})])
-
-
-@pytest.mark.parametrize("text", ["robot\u2028never touched", "a\x85b", "a\u2029b", "\udcff"])
-def test_every_character_of_a_reason_survives(text: str, tmp_path: Path) -> None:
-    journal, path = Journal(), tmp_path / "journal.jsonl"
-    journal.open(path)
-    entry = Entry(1.0, Origin.REFEREE, "note", reason=text)
-    assert journal.append([entry]) == 1
-    journal.close()
-    assert read_journal(path) == ((entry,), ())
-
-
-def test_what_the_disk_took_and_could_not_sync_is_no_part_of_the_journal(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+        (
+            STOPPED,
+            {"phase": Phase.STOPPED, "outcome": Outcome.COMPLETED, "outcome_reason": "done"},
+        ),
+        (STOPPED, {"stop": 19.0, "start": 7.0}),
+        ([*STARTED, told(Change.ROBOT_STARTS, time=7.5)], {"robot_start": 7.5}),
+        (
+            [*STARTED, told(Change.FALSE_START, time=6.0, event="door_opens")],
+            {"false_starts": (FalseStart(6.0, EventName.DOOR_OPENS),)},
+        ),
+        ([*STOPPED, told(Change.UNRECORDED, messages=3)], {"unrecorded": 3}),
+        ([*STOPPED, told(Change.UNRECORDED, messages=-3)], {"unrecorded": 0}),
+        (
+            [*STOPPED, told(Change.EVIDENCE_REMOVED, files=["a", "b"], bytes=5)],
+            {"removed_evidence": (RemovedEvidence(21.0, 2, 5),)},
+        ),
+        (
+            [*STOPPED, told(Change.EVIDENCE_REMOVED, files=[], bytes=0)],
+            {"removed_evidence": (RemovedEvidence(21.0, 0, 0),)},
+        ),
+        (
+            [*STOPPED, told(Change.EVIDENCE_RECORDED, **NO_EVIDENCE, file_bytes=7)],
+            {"evidence": EvidenceAccount((), ("no room",), file_bytes=7)},
+        ),
+        ([*STOPPED, told(Change.RESULT_WRITTEN, issue=2)], {"issue": 2}),
+        (
+            [*STOPPED, told(Change.REISSUED, "new rules", ruleset="robust-2026")],
+            {
+                "issue": 2,
+                "ruleset": ROBUST,
+                "changed": 21.0,
+                "reissues": (
+                    Reissuing(
+                        21.0, 2, Change.REISSUED, "new rules", "Ada", RulesetName("robust-2026")
+                    ),
+                ),
+            },
+        ),
+        ([*STARTED, told(Change.REISSUED, "new rules")], {"issue": 0}),
+        ([*STOPPED, told(Change.REISSUED, "new rules")], {"issue": 2, "ruleset": None}),
+        ([*STARTED, told("of a later version")], {"phase": Phase.RUNNING}),
+        (
+            [
+                told(Change.FAULT, "door angle: silent for 1.0 s", time=100.5, kind="silent"),
+                told(Change.FAULT, "door angle: of an earlier version", time=100.5),
+                told(Change.FAULT, "all: silent for 3.0 s", time=100.5, kind="silent"),
+                told(Change.FAULT, "of a later version", time=100.5, kind="moon"),
+            ],
+            {
+                "faults": (
+                    Fault(100.5, "door angle: of an earlier version"),
+                    Fault(100.5, "all: silent for 3.0 s", FaultKind.SILENT),
+                    Fault(100.5, "of a later version"),
+                )
+            },
+        ),
+    ],
+)
+def test_the_state_is_rebuilt_from_the_journal(
+    entries: list[Entry], fields: dict[str, object]
 ) -> None:
-    journal, path = Journal(), tmp_path / "journal.jsonl"
-    journal.open(path)
-    assert journal.append([line(0)]) == 1
-    monkeypatch.setattr(os, "fsync", broken)
-    assert journal.append([line(1), line(2)]) == 0
-    assert journal.refused is not None
-    assert journal.refused.strerror == "Input/output error"
-    assert read_journal(path) == ((line(0),), ())
-    monkeypatch.undo()
-    assert journal.append([line(2), line(3)]) == 2
-    assert journal.refused is None
-    assert read_journal(path) == ((line(0), line(2), line(3)), ())
+    run = rebuild([Entry.from_json(entry.to_json()) for entry in entries], handle_zero=5.9)
+    assert {name: getattr(run, name) for name in fields} == fields
 
 
-def test_where_nothing_can_be_taken_back_a_line_withdraws_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    journal, path = Journal(), tmp_path / "journal.jsonl"
-    journal.open(path)
-    assert journal.append([line(0)]) == 1
-    monkeypatch.setattr(os, "ftruncate", broken)
-    with monkeypatch.context() as sick:
-        sick.setattr(os, "fsync", broken)
-        assert journal.append([line(1), line(2)]) == 0
-        assert journal.append([line(1), line(2)]) == 0
-    assert journal.append([line(2), line(3)]) == 2
-    what = [entry.what for entry in read_journal(path)[0] if entry.what != "withdrawn"]
-    assert what == ["line 0", "line 2", "line 3"]
-
-
-def broken(*_arguments: object) -> None:
-    raise OSError(5, "Input/output error")
+@pytest.mark.parametrize(
+    "entry",
+    [
+        Entry(1.0, Origin.REFEREE, "rule on a step", details={"step": 9}),
+        Entry(1.0, Origin.CLOCK, "run stops", details={"outcome": "won"}),
+        Entry(1.0, Origin.CLOCK, "robot starts", details={"time": -1.0}),
+        Entry(1.0, Origin.CLOCK, "result written"),
+    ],
+)
+def test_a_damaged_line_is_named(entry: Entry) -> None:
+    with pytest.raises(MadrobError, match=entry.what):
+        rebuild([entry])
 
 
 def act(number: int, name: str = "finalise") -> Entry:
@@ -256,6 +355,10 @@ NEEDED = [signal for signal in Signal if not signal.optional]
 
 RUN = Run(start=100.0, stop=150.0, outcome=Outcome.COMPLETED)
 TOUCH = FalseStart(98.0, EventName.HANDLE_IS_TOUCHED)
+ACCEPTED = replace(TOUCH, accepted="nothing gained")
+FALL = Incident(140.0, IncidentKind.FALL)
+VOID = Voiding(170.0, "the door was jammed", "Ada")
+REMARK, CAUTION, ALARM = FlagWeight
 
 
 def ruled(step: Step, confirmed: bool | None) -> Ruling:
@@ -266,145 +369,164 @@ def late(time: float) -> Fault:
     return Fault(time, "all 6 topics: stamps 0.12 s late, for 1.0 s", FaultKind.SKEW)
 
 
-def waived(check: CheckName) -> Waiver:
-    return Waiver(check, "known", "Ada", 90.0)
+def waived(*checks: CheckName) -> tuple[Waiver, ...]:
+    return tuple(Waiver(check, "known", "Ada", 90.0) for check in checks)
 
 
-NAMED = replace(a_setup(), team_reason="renamed since")
-"""The team has another name than in the list."""
-
-
-@pytest.mark.parametrize(
-    ("run", "words", "weight"),
-    [
-        (
-            replace(RUN, setup=NAMED),
-            "team's name other than the list's: renamed since",
-            FlagWeight.REMARK,
-        ),
-        (
-            replace(RUN, false_starts=(TOUCH,)),
-            "1 false start UNDECIDED (handle touched)",
-            FlagWeight.ALARM,
-        ),
-        (
-            replace(RUN, false_starts=(TOUCH, FalseStart(99.0, EventName.DOOR_OPENS), TOUCH)),
-            "3 false starts UNDECIDED (first: handle touched)",
-            FlagWeight.ALARM,
-        ),
-        (
-            replace(RUN, false_starts=(replace(TOUCH, accepted="nothing gained"),)),
-            "1 false start accepted",
-            FlagWeight.REMARK,
-        ),
-        (
-            replace(RUN, faults=(late(99.0), late(101.0))),
-            "2 testbed faults",
-            FlagWeight.REMARK,
-        ),
-        (
-            replace(RUN, faults=(late(99.0), Fault(101.0, "of an earlier version"))),
-            "2 testbed faults",
-            FlagWeight.CAUTION,
-        ),
-        (
-            replace(RUN, faults=(Fault(99.0, "keep one", FaultKind.SEVERAL_PUBLISHERS),)),
-            "1 testbed fault",
-            FlagWeight.CAUTION,
-        ),
-        (
-            replace(RUN, unrecorded=1),
-            "the recording lacks 1 message: the result cannot be made again from it",
-            FlagWeight.CAUTION,
-        ),
-        (
-            replace(RUN, incidents=(Incident(140.0, IncidentKind.FALL),)),
-            "1 incident (fall)",
-            FlagWeight.REMARK,
-        ),
-        (
-            replace(RUN, waivers=(waived(CheckName.CLOCK),)),
-            "waived: clock skew",
-            FlagWeight.REMARK,
-        ),
-        (
-            replace(RUN, waivers=tuple(waived(name) for name in (CheckName.CLOCK, CheckName.POSE))),
-            "waived: clock skew, start pose",
-            FlagWeight.CAUTION,
-        ),
-        (
-            replace(RUN, voided=Voiding(170.0, "the door was jammed", "Ada")),
-            "VOID, counts nowhere (the door was jammed)",
-            FlagWeight.CAUTION,
-        ),
-        (
-            replace(RUN, rulings=(ruled(Step.OPEN, False), ruled(Step.CROSS, False))),
-            "steps 3, 4 denied",
-            FlagWeight.CAUTION,
-        ),
-        (
-            replace(RUN, rulings=(ruled(Step.CROSS, False), ruled(Step.CROSS, True))),
-            "step 4 confirmed",
-            FlagWeight.CAUTION,
-        ),
-        (
-            replace(RUN, closure=Closure(170.0, "Ada", TeamWord.PROTESTED)),
-            "PROTESTED by the team",
-            FlagWeight.CAUTION,
-        ),
-    ],
-)
-def test_what_a_decision_hangs_on_is_a_flag(run: Run, words: str, weight: FlagWeight) -> None:
-    (flag,) = flags(run)
-    assert (flag.words, flag.weight) == (words, weight)
-    assert flag.undecided == ("UNDECIDED" in words)
+def locking(mode: LockDetection, *rulings: Ruling) -> tuple[StepRecord, ...]:
+    """Five steps done; only the referee can say whether the door is locked."""
+    evidence = Evidence(100.0, 150.0, None, (), None, (), latch_before_start=False, crossed=None)
+    every = (*(ruled(step, True) for step in list(Step)[:5]), *rulings)
+    return follow_procedure(evidence, lock_detection=mode, settle_time=1.0, rulings=every).steps
 
 
 def a_signal(signal: Signal = Signal.DOOR, gap: float = 0.021) -> SignalQuality:
     return SignalQuality(signal, 900, 50.0, gap, 0, 0.0002, 0, 0, 0, 0.01)
 
 
-SOUND = a_signal()
+def flagged(run: Run, *found: tuple[str, FlagWeight], **known: object) -> object:
+    """A row: the flags of a run, the heaviest first, by their words and weights."""
+    return pytest.param(run, known, list(found), id=found[0][0] if found else "none")
+
+
+def seen(*signals: SignalQuality, words: str = "") -> object:
+    found = [(words, CAUTION)] if words else []
+    return flagged(RUN, *found, quality=Quality(signals))
 
 
 @pytest.mark.parametrize(
-    ("signals", "words"),
+    ("run", "known", "found"),
     [
-        ([a_signal(gap=0.5)], None),
-        ([a_signal(gap=0.51)], "door angle: no sample for 0.5 s"),
-        ([replace(SOUND, ends_early=3.0)], "door angle: no sample for 3.0 s"),
-        ([replace(SOUND, begins_late=3.0)], "door angle: no sample for 3.0 s"),
-        ([replace(SOUND, samples=0, largest_gap=None)], "door angle: nothing recorded"),
-        ([replace(SOUND, shifted=9)], "door angle: clock stepped, stamps shifted"),
-        ([a_signal(Signal.LATCH, 9.0)], None),
-        (
-            [a_signal(signal, 3.0) for signal in (Signal.DOOR, Signal.HANDLE)],
-            "door angle, handle force: no sample for 3.0 s",
+        flagged(
+            replace(RUN, setup=replace(a_setup(), team_reason="renamed since")),
+            ("team's name other than the list's: renamed since", REMARK),
         ),
-        (
-            [a_signal(signal, 1.0 + at) for at, signal in enumerate(NEEDED)],
-            "all 6 topics: no sample for 6.0 s",
+        flagged(
+            replace(RUN, setup=replace(a_setup(), out_of_plan=True)),
+            ("out of plan: more than the competition planned", CAUTION),
+        ),
+        flagged(
+            replace(RUN, false_starts=(TOUCH,)),
+            ("1 false start UNDECIDED (handle touched)", ALARM),
+        ),
+        flagged(
+            replace(RUN, false_starts=(TOUCH, FalseStart(99.0, EventName.DOOR_OPENS), TOUCH)),
+            ("3 false starts UNDECIDED (first: handle touched)", ALARM),
+        ),
+        flagged(replace(RUN, false_starts=(ACCEPTED,)), ("1 false start accepted", REMARK)),
+        flagged(replace(RUN, faults=(late(99.0), late(101.0))), ("2 testbed faults", REMARK)),
+        flagged(
+            replace(RUN, faults=(late(99.0), Fault(101.0, "of an earlier version"))),
+            ("2 testbed faults", CAUTION),
+        ),
+        flagged(
+            replace(RUN, faults=(Fault(99.0, "keep one", FaultKind.SEVERAL_PUBLISHERS),)),
+            ("1 testbed fault", CAUTION),
+        ),
+        flagged(
+            replace(RUN, unrecorded=1),
+            ("the recording lacks 1 message: the result cannot be made again from it", CAUTION),
+        ),
+        flagged(replace(RUN, incidents=(FALL,)), ("1 incident (fall)", REMARK)),
+        flagged(replace(RUN, waivers=waived(CheckName.CLOCK)), ("waived: clock skew", REMARK)),
+        flagged(
+            replace(RUN, waivers=waived(CheckName.CLOCK, CheckName.POSE)),
+            ("waived: clock skew, start pose", CAUTION),
+        ),
+        flagged(replace(RUN, voided=VOID), ("VOID, counts nowhere (the door was jammed)", CAUTION)),
+        flagged(
+            replace(RUN, rulings=(ruled(Step.OPEN, False), ruled(Step.CROSS, False))),
+            ("steps 3, 4 denied", CAUTION),
+        ),
+        flagged(
+            replace(RUN, rulings=(ruled(Step.CROSS, False), ruled(Step.CROSS, True))),
+            ("step 4 confirmed", CAUTION),
+        ),
+        flagged(
+            replace(RUN, closure=Closure(170.0, "Ada", TeamWord.PROTESTED)),
+            ("PROTESTED by the team", CAUTION),
+        ),
+        flagged(  # what was taken back is none
+            replace(
+                RUN,
+                incidents=(replace(FALL, withdrawn="it was the other robot"),),
+                rulings=(ruled(Step.CROSS, False), ruled(Step.CROSS, None)),
+                closure=Closure(170.0, "Ada", TeamWord.ACKNOWLEDGED),
+            ),
+            source=SourceKind.ROS,
+        ),
+        flagged(
+            replace(RUN, false_starts=(ACCEPTED, TOUCH), incidents=(FALL,), unrecorded=1),
+            ("1 false start UNDECIDED (handle touched)", ALARM),
+            ("the recording lacks 1 message: the result cannot be made again from it", CAUTION),
+            ("1 false start accepted", REMARK),
+            ("SIMULATED: not an official result", REMARK),
+            ("1 incident (fall)", REMARK),
+            source=SourceKind.SIMULATED,
+        ),
+        seen(a_signal(gap=0.5)),
+        seen(a_signal(gap=0.51), words="door angle: no sample for 0.5 s"),
+        seen(replace(a_signal(), ends_early=3.0), words="door angle: no sample for 3.0 s"),
+        seen(replace(a_signal(), begins_late=3.0), words="door angle: no sample for 3.0 s"),
+        seen(
+            replace(a_signal(), samples=0, largest_gap=None), words="door angle: nothing recorded"
+        ),
+        seen(replace(a_signal(), shifted=9), words="door angle: clock stepped, stamps shifted"),
+        seen(a_signal(Signal.LATCH, 9.0)),
+        seen(
+            *(a_signal(signal, 3.0) for signal in (Signal.DOOR, Signal.HANDLE)),
+            words="door angle, handle force: no sample for 3.0 s",
+        ),
+        seen(
+            *(a_signal(signal, 1.0 + at) for at, signal in enumerate(NEEDED)),
+            words="all 6 topics: no sample for 6.0 s",
+        ),
+        *(
+            flagged(
+                replace(RUN, **void),  # there is nothing to decide on a run that counts nowhere
+                *found,
+                steps=locking(LockDetection.REFEREE),
+            )
+            for void, found in (
+                ({"outcome": Outcome.ABORTED}, ()),
+                ({"voided": VOID}, [("VOID, counts nowhere (the door was jammed)", CAUTION)]),
+            )
+        ),
+        *(
+            flagged(RUN, (f"step 6 UNDECIDED ({why})", ALARM), steps=locking(mode))
+            for mode, why in (
+                (LockDetection.REFEREE, "the referee confirms the lock"),
+                (LockDetection.SENSOR, "latch sensor silent: the referee decides"),
+            )
+        ),
+        *(
+            flagged(RUN, steps=locking(LockDetection.REFEREE, ruled(Step.LOCK, verdict)))
+            for verdict in (True, False)
         ),
     ],
 )
-def test_what_may_have_been_missed_is_a_flag(
-    signals: list[SignalQuality], words: str | None
+def test_what_a_decision_hangs_on_is_a_flag_and_the_heaviest_comes_first(
+    run: Run, known: dict[str, Any], found: list[tuple[str, FlagWeight]]
 ) -> None:
-    wanted = [] if words is None else [Flag(FlagKind.FAULT, words, FlagWeight.CAUTION)]
-    assert list(flags(RUN, quality=Quality(tuple(signals)))) == wanted
+    flagged = flags(run, **known)
+    assert [(flag.words, flag.weight) for flag in flagged] == found
+    assert all(flag.undecided == ("UNDECIDED" in flag.words) for flag in flagged)
+    assert worst(flagged) is (found[0][1] if found else None)
+    assert REMARK.rank < CAUTION.rank < ALARM.rank
 
 
 def test_a_remark_that_a_fault_has_told_is_not_told_again() -> None:
     off = "stamps differ from reception by up to"
-    quality = Quality(
-        remarks=(
-            *(f"{signal.value}: {off} 0.{at} s" for at, signal in enumerate(NEEDED)),
-            *("door angle: 2 gaps, the longest 0.300 s", "the journal lacks 1 line"),
-        )
-    )
     others = ["door angle: 2 gaps, the longest 0.300 s", "the journal lacks 1 line"]
+    each = [f"{signal.value}: {off} 0.{at} s" for at, signal in enumerate(NEEDED)]
+    quality = Quality(remarks=(*each, *others))
     assert untold_remarks(RUN, quality) == [f"all 6 topics: {off} 0.5 s", *others]
-    run = replace(RUN, faults=(late(110.0),))
+    run = replace(RUN, faults=(late(110.0),), false_starts=(TOUCH, ACCEPTED))
+    assert run.remarks() == [
+        "false start: handle_is_touched (not decided)",
+        "false start: handle_is_touched (accepted: nothing gained)",
+        "fault at 10.0 s: all 6 topics: stamps 0.12 s late, for 1.0 s",
+    ]
     told = replace(quality, remarks=(*quality.remarks, *run.remarks()))
     assert untold_remarks(run, told) == others
 
@@ -427,122 +549,48 @@ def test_one_cause_is_one_line(told: list[tuple[str, str]], lines: list[str]) ->
     assert merged(told) == lines
 
 
-def test_a_fault_that_is_noted_again_has_its_newest_words() -> None:
-    entries = [
-        Entry(101.0, Origin.SYSTEM, Change.FAULT, reason=words, details=details)
-        for words, details in (
-            ("door angle: silent for 1.0 s", {"time": 100.5, "kind": "silent"}),
-            ("door angle: of an earlier version", {"time": 100.5}),
-            ("door angle, handle force: silent for 3.0 s", {"time": 100.5, "kind": "silent"}),
-            ("of a later version", {"time": 100.5, "kind": "moon"}),
-        )
-    ]
-    assert rebuild(entries).faults == (
-        Fault(100.5, "door angle: of an earlier version"),
-        Fault(100.5, "door angle, handle force: silent for 3.0 s", FaultKind.SILENT),
-        Fault(100.5, "of a later version"),
-    )
-
-
-def test_what_was_taken_back_is_no_flag() -> None:
-    fall = Incident(140.0, IncidentKind.FALL, withdrawn="it was the other robot")
-    rulings = (ruled(Step.CROSS, False), ruled(Step.CROSS, None))
-    acknowledged = Closure(170.0, "Ada", TeamWord.ACKNOWLEDGED)
-    run = replace(RUN, incidents=(fall,), rulings=rulings, closure=acknowledged)
-    assert flags(run, source=SourceKind.ROS) == ()
-    assert worst(()) is None
-
-
-def test_a_run_beyond_the_plan_is_flagged() -> None:
-    setup = replace(a_setup(), out_of_plan=True)
-    (flag,) = flags(replace(RUN, setup=setup), source=SourceKind.ROS)
-    words = "out of plan: more than the competition planned"
-    assert flag == Flag(FlagKind.OUT_OF_PLAN, words, FlagWeight.CAUTION)
-
-
-def test_a_result_of_no_real_testbed_is_flagged() -> None:
-    (flag,) = flags(RUN, source=SourceKind.SIMULATED)
-    assert flag == Flag(FlagKind.PRACTICE, "SIMULATED: not an official result", FlagWeight.REMARK)
-
-
-def locking(mode: LockDetection, *rulings: Ruling) -> Procedure:
-    """Five steps done; only the referee can say whether the door is locked."""
-    evidence = Evidence(100.0, 150.0, None, (), None, (), latch_before_start=False, crossed=None)
-    early = [ruled(step, True) for step in list(Step)[:5]]
-    return follow_procedure(
-        evidence, lock_detection=mode, settle_time=1.0, rulings=(*early, *rulings)
-    )
-
-
-@pytest.mark.parametrize("mode", [LockDetection.REFEREE, LockDetection.SENSOR])
-def test_a_lock_that_only_the_referee_can_judge_is_undecided(mode: LockDetection) -> None:
-    found = undecided(flags(RUN, locking(mode).steps))
-    assert [flag.kind for flag in found] == [FlagKind.UNDECIDED_STEP]
-    assert "step 6 UNDECIDED" in found[0].words
-    for verdict in (True, False):
-        decided = locking(mode, ruled(Step.LOCK, verdict))
-        assert undecided(flags(RUN, decided.steps)) == ()
-
-
-def test_the_heaviest_flag_comes_first() -> None:
-    run = replace(
-        RUN,
-        false_starts=(replace(TOUCH, accepted="nothing gained"), TOUCH),
-        incidents=(Incident(140.0, IncidentKind.FALL),),
-    )
-    found = flags(run, source=SourceKind.SIMULATED)
-    weights = [flag.weight for flag in found]
-    assert weights == sorted(weights, key=lambda weight: -weight.rank)
-    assert weights[0] is worst(found) is FlagWeight.ALARM
-    assert FlagWeight.REMARK.rank < FlagWeight.CAUTION.rank < FlagWeight.ALARM.rank
-
-
-@pytest.mark.parametrize(
-    "run",
-    [
-        replace(RUN, outcome=Outcome.ABORTED),
-        replace(RUN, voided=Voiding(170.0, "the door was jammed", "Ada")),
-    ],
-)
-def test_there_is_nothing_to_decide_on_a_run_that_counts_nowhere(run: Run) -> None:
-    touched = replace(run, false_starts=(TOUCH,))
-    assert undecided(flags(touched, locking(LockDetection.REFEREE).steps)) == ()
-
-
 def test_what_somebody_wrote_does_not_make_a_flag_too_long_to_be_read() -> None:
-    run = replace(RUN, voided=Voiding(170.0, "why " * 500, "Ada"))
-    (flag,) = flags(run)
+    (flag,) = flags(replace(RUN, voided=replace(VOID, reason="why " * 500)))
     assert msgspec.json.decode(msgspec.json.encode(flag), type=Flag) == flag
     assert len(flag.words) <= LONGEST_WORDS
 
 
-def a_result(run: Run, mode: LockDetection = LockDetection.SETTLE) -> Situation:
-    return Situation(run, scored=True, steps=locking(mode).steps)
+FALSE_START = "1 false start UNDECIDED (handle touched)"
+STEP = "step 6 UNDECIDED (the referee confirms the lock)"
+NOT_DECIDED = replace(RUN, phase=Phase.STOPPED, false_starts=(TOUCH,))
+DECIDED = replace(NOT_DECIDED, false_starts=(ACCEPTED,))
 
 
-def test_nothing_undecided_is_signed_in_silence() -> None:
-    run = replace(RUN, phase=Phase.STOPPED, false_starts=(TOUCH,))
-    silent = Finalise(TeamWord.ACKNOWLEDGED, "Ada")
-    refused = silent.refusal(a_result(run, LockDetection.REFEREE))
-    assert refused is not None
-    assert "1 false start UNDECIDED (handle touched)" in refused
-    assert "step 6 UNDECIDED" in refused
-    knowing = replace(silent, undecided=("1 false start UNDECIDED (handle touched)",))
-    assert knowing.refusal(a_result(run)) is None
-    refused = knowing.refusal(a_result(run, LockDetection.REFEREE))
-    assert refused is not None
-    assert "step 6 UNDECIDED" in refused
-    assert "false start" not in refused
-
-
-def test_what_was_decided_meanwhile_is_not_signed_as_undecided() -> None:
-    run = replace(RUN, phase=Phase.STOPPED, false_starts=(TOUCH,))
-    knowing = Finalise(TeamWord.ABSENT, "Ada", "", ("1 false start UNDECIDED (handle touched)",))
-    decided = decide_false_starts(run, "nothing gained")
-    assert knowing.refusal(a_result(decided)) == (
-        "what was undecided is decided by now: look again"
-    )
-    assert Finalise(TeamWord.ABSENT, "Ada").refusal(a_result(decided)) is None
+@pytest.mark.parametrize(
+    ("run", "mode", "knowing", "words"),
+    [
+        (
+            NOT_DECIDED,
+            LockDetection.REFEREE,
+            (),
+            f"decide it first, or sign it knowing so: {FALSE_START}; {STEP}",
+        ),
+        (NOT_DECIDED, LockDetection.SETTLE, (FALSE_START,), None),
+        (
+            NOT_DECIDED,
+            LockDetection.REFEREE,
+            (FALSE_START,),
+            f"decide it first, or sign it knowing so: {STEP}",
+        ),
+        (
+            DECIDED,
+            LockDetection.SETTLE,
+            (FALSE_START,),
+            "what was undecided is decided by now: look again",
+        ),
+        (DECIDED, LockDetection.SETTLE, (), None),
+    ],
+)
+def test_nothing_is_signed_but_what_the_referee_knows(
+    run: Run, mode: LockDetection, knowing: tuple[str, ...], words: str | None
+) -> None:
+    here = Situation(run, scored=True, steps=locking(mode))
+    assert Finalise(TeamWord.ABSENT, "Ada", "", knowing).refusal(here) == words
 
 
 def test_a_flag_of_a_later_version_is_one_that_weighs() -> None:

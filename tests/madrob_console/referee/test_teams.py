@@ -18,7 +18,6 @@ from madrob_console.referee.lists import (
     merge_teams,
     read_teams,
 )
-from madrob_console.referee.records import RunSetup
 from tests.madrob_console.ui.fake_engine import a_setup
 
 
@@ -30,6 +29,16 @@ def file(tmp_path: Path) -> Path:
 def read(file: Path, text: str | bytes) -> TeamList:
     file.write_bytes(text if isinstance(text, bytes) else text.encode())
     return read_teams(file)
+
+
+WALKERS = {3: "Walk-Man", 12: "Team Walker"}
+SCRIPTS = {
+    1: "門ロボット",
+    2: "🤖 Bots 👩‍👩‍👧",
+    3: "Bots; Delft, NL",
+    4: 'The "A" Team',
+    5: "Zürich",
+}
 
 
 @pytest.mark.parametrize(
@@ -45,19 +54,12 @@ def read(file: Path, text: str | bytes) -> TeamList:
     ],
 )
 def test_every_usual_way_to_write_the_list_is_read(file: Path, text: str) -> None:
-    assert read(file, text) == TeamList({3: "Walk-Man", 12: "Team Walker"})
+    assert read(file, text) == TeamList(WALKERS)
 
 
 def test_names_of_every_script_and_with_separators_in_quotes_are_kept(file: Path) -> None:
-    names = {
-        1: "門ロボット",
-        2: "🤖 Bots 👩‍👩‍👧",
-        3: "Bots; Delft, NL",
-        4: 'The "A" Team',
-        5: "Zürich",
-    }
-    text = "\n".join(f'{n},"{name.replace(chr(34), chr(34) * 2)}"' for n, name in names.items())
-    assert read(file, text) == TeamList(names)
+    quoted = (f'{n},"{name.replace(chr(34), chr(34) * 2)}"\n' for n, name in SCRIPTS.items())
+    assert read(file, "".join(quoted)) == TeamList(SCRIPTS)
 
 
 @pytest.mark.parametrize(
@@ -112,20 +114,31 @@ def test_what_is_taken_from_a_name_is_said(file: Path, value: str, name: str, pr
     assert teams.problems == (f"teams.csv line 1: {problem}: the team is '{shown}'",)
 
 
-def test_of_two_lines_for_one_subject_the_first_counts(file: Path) -> None:
-    teams = read(file, "3,Walk-Man\n# later\n3,Runner\n")
-    assert teams.names == {3: "Walk-Man"}
-    assert teams.problems == (
-        "teams.csv line 3: subject 3 is 'Runner' here, 'Walk-Man' in line 1, which counts: cut one",
-    )
-
-
-def test_two_subjects_of_one_team_are_said_and_kept(file: Path) -> None:
-    teams = read(file, "3,Walk-Man\n4,WALK-MAN\n")
-    assert teams.names == {3: "Walk-Man", 4: "WALK-MAN"}
-    assert teams.problems == (
-        "teams.csv line 2: 'WALK-MAN' is subject 4 here and 3 in line 1, both count: correct one",
-    )
+@pytest.mark.parametrize(
+    ("text", "names", "problem"),
+    [
+        (
+            "3,Walk-Man\n# later\n3,Runner\n",
+            {3: "Walk-Man"},
+            "line 3: subject 3 is 'Runner' here, 'Walk-Man' in line 1, which counts: cut one",
+        ),
+        (
+            "3,Walk-Man\n4,WALK-MAN\n",
+            {3: "Walk-Man", 4: "WALK-MAN"},
+            "line 2: 'WALK-MAN' is subject 4 here and 3 in line 1, both count: correct one",
+        ),
+        (
+            b"3,Walk-Man\n4,Z\xfcrich\n5,Next\n",
+            {3: "Walk-Man", 5: "Next"},
+            "line 2: not in UTF-8; save the file as CSV in UTF-8",
+        ),
+    ],
+)
+def test_what_two_lines_say_differently_is_named(
+    file: Path, text: str | bytes, names: dict[int, str], problem: str
+) -> None:
+    teams = read(file, text)
+    assert (teams.names, teams.problems) == (names, (f"teams.csv {problem}",))
 
 
 def test_many_problems_are_counted(file: Path) -> None:
@@ -146,12 +159,6 @@ def test_what_is_no_list_is_refused(file: Path, data: bytes, problem: str) -> No
     with pytest.raises(MadrobError, match="teams file ") as caught:
         read(file, data)
     assert str(caught.value) == f"teams file {file}: {problem}; correct teams_file of [competition]"
-
-
-def test_a_name_in_another_encoding_costs_only_its_line(file: Path) -> None:
-    teams = read(file, b"3,Walk-Man\n4,Z\xfcrich\n5,Next\n")
-    assert teams.names == {3: "Walk-Man", 5: "Next"}
-    assert teams.problems == ("teams.csv line 2: not in UTF-8; save the file as CSV in UTF-8",)
 
 
 def test_a_huge_file_is_not_taken_into_memory(file: Path) -> None:
@@ -205,43 +212,38 @@ SETTINGS = {9: "Own"}
 """The teams of the settings."""
 
 
-def named(subject: int, team: str, reason: str = "") -> RunSetup:
-    return replace(a_setup(), subject=subject, team=team, team_reason=reason)
+NO_REASON = "subject 3 is 'Delft Walkers' in the list of teams: another name needs a reason"
+NOT_IN_IT = "subject 4 is not in the list of teams: a name needs a reason"
 
 
-def test_another_name_than_the_list_has_needs_a_reason() -> None:
-    teams = TeamList({3: "Delft Walkers"})
-    assert teams.problem(named(3, "Delft Walkers")) is None
-    assert teams.problem(named(3, "delft walkers")) == (
-        "subject 3 is 'Delft Walkers' in the list of teams: another name needs a reason"
-    )
-    assert teams.problem(named(3, "")) is not None
-    assert teams.problem(named(3, "Delft", "renamed")) is None
-    assert teams.problem(named(3, "Delft", "  ")) is not None
-    assert teams.problem(named(4, "Late")) == (
-        "subject 4 is not in the list of teams: a name needs a reason"
-    )
-    assert teams.problem(named(4, "")) is None
-
-
-def test_without_a_list_names_are_free() -> None:
-    assert TeamList().problem(named(3, "Anybody")) is None
-    assert not TeamList().differs(3, "Anybody")
+@pytest.mark.parametrize(
+    ("subject", "team", "reason", "problem"),
+    [
+        (3, "Delft Walkers", "", None),
+        (3, "delft walkers", "", NO_REASON),
+        (3, "", "", NO_REASON),
+        (3, "Delft", "renamed", None),
+        (3, "Delft", "  ", NO_REASON),
+        (4, "Late", "", NOT_IN_IT),
+        (4, "", "", None),
+    ],
+)
+def test_another_name_than_the_list_has_needs_a_reason(
+    subject: int, team: str, reason: str, problem: str | None
+) -> None:
+    setup = replace(a_setup(), subject=subject, team=team, team_reason=reason)
+    assert TeamList({3: "Delft Walkers"}).problem(setup) == problem
+    assert TeamList().problem(setup) is None
+    assert not TeamList().differs(subject, team)
 
 
 def test_the_file_and_the_settings_are_one_list(file: Path) -> None:
+    (missing,) = TeamSource(SETTINGS, file).read().problems
+    assert missing.endswith("No such file or directory); correct teams_file of [competition]")
     file.write_text("3,Walk-Man\n")
     listed = TeamSource(SETTINGS, file).read()
     assert listed == TeamList({3: "Walk-Man", 9: "Own"}, (), str(file))
     assert TeamSource(SETTINGS).read() == TeamList(SETTINGS)
-
-
-def test_a_file_that_is_not_there_leaves_the_teams_of_the_settings(file: Path) -> None:
-    listed = TeamSource(SETTINGS, file).read()
-    assert listed.names == SETTINGS
-    (problem,) = listed.problems
-    why = "cannot be read (No such file or directory); correct teams_file of [competition]"
-    assert problem == f"teams file {file}: {why}"
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -89,41 +90,14 @@ def test_the_table_of_the_protocol_comes_from_the_angles_behind_it() -> None:
     assert found.mask_to(Side.CCW) == pytest.approx(table.mask_to_ccw, abs=0.001)
 
 
-def test_the_lintel_height_is_what_is_read_without_the_panel() -> None:
-    found = propose(sweep())
-    assert found.lintel_height == FLOOR
-    assert found.panel_height == pytest.approx(FLOOR - PANEL)
-
-
-def test_without_a_floor_in_sight_there_is_no_lintel_height_and_the_masks_are_the_same() -> None:
+def every(change: Callable[[Swept], Swept]) -> Sweep:
+    """A sweep in which all sensors read something else."""
     plain = sweep()
-    blind = {
-        sensor: replace(s, distance=np.where(s.distance == FLOOR, math.inf, s.distance))
-        for sensor, s in plain.sensors.items()
-    }
-    found = propose(replace(plain, sensors=blind))
-    assert found.lintel_height is None
-    assert found.mask_from == propose(plain).mask_from
+    return replace(plain, sensors={sensor: change(s) for sensor, s in plain.sensors.items()})
 
 
-def test_a_panel_too_close_to_be_measured_is_the_panel() -> None:
-    found = propose(sweep(spoil=lambda _, d: np.where(d == PANEL, -math.inf, d)))
-    assert found.mask_from == propose(sweep()).mask_from
-
-
-def test_the_side_that_sees_the_panel_first_sets_the_beginning_of_both() -> None:
-    found = propose(sweep({**SEEN, FIRST: (0.2, 0.25)}))
-    assert found.mask_from[0] == pytest.approx(0.045, abs=STEP)
-
-
-def test_a_sensor_that_never_sees_the_panel_gets_no_mask() -> None:
-    found = propose(sweep({**SEEN, FIRST: None}))
-    assert found.views[0].first is None
-    assert found.mask_to(Side.CW)[0] == 0.0
-    assert found.mask_to(Side.CCW)[0] > 0.0
-    both = {**SEEN, FIRST: None, PASSAGE_SENSORS[5]: None}
-    masks = propose(sweep(both))
-    assert masks.mask_from[0] == masks.mask_to(Side.CCW)[0] == 0.0
+def without_floor(s: Swept) -> Swept:
+    return replace(s, distance=np.where(s.distance == FLOOR, math.inf, s.distance))
 
 
 def glitches(*at: float) -> Spoil:
@@ -136,15 +110,39 @@ def glitches(*at: float) -> Spoil:
     return spoil
 
 
-def test_single_glitches_are_counted_and_change_nothing() -> None:
-    found = propose(sweep(spoil=glitches(-0.8, 0.0, 0.9)))
-    assert found.views[0].strays == 3
-    assert found.mask_to(Side.CW) == propose(sweep()).mask_to(Side.CW)
+@pytest.mark.parametrize(
+    ("spoilt", "lintel", "strays"),
+    [
+        (sweep, FLOOR, 0),
+        (lambda: every(without_floor), None, 0),
+        (lambda: sweep(spoil=lambda _, d: np.where(d == PANEL, -math.inf, d)), FLOOR, 0),  # close
+        (lambda: sweep(spoil=glitches(-0.8, 0.0, 0.9)), FLOOR, 3),
+        (lambda: sweep(spoil=at(0.15 - STEP / 2, 0.15 + STEP / 2, FLOOR)), FLOOR, 0),  # a hole
+        (lambda: replace(sweep(), door_lost=100), FLOOR, 0),
+    ],
+    ids=["plain", "no floor in sight", "a panel too close", "glitches", "a hole", "few lost"],
+)
+def test_what_does_not_concern_the_panel_changes_no_mask(
+    spoilt: Callable[[], Sweep], lintel: float | None, strays: int
+) -> None:
+    found, plain = propose(spoilt()), propose(sweep())
+    assert (found.lintel_height, found.views[0].strays) == (lintel, strays)
+    assert lintel is None or found.panel_height == pytest.approx(FLOOR - PANEL)
+    assert found.mask_from == plain.mask_from
+    assert [found.mask_to(side) for side in Side] == [plain.mask_to(side) for side in Side]
 
 
-def test_a_reading_of_nothing_under_the_panel_does_not_cut_the_mask() -> None:
-    holes = sweep(spoil=lambda a, d: np.where(np.abs(a - 0.15) < STEP / 2, FLOOR, d))
-    assert propose(holes).mask_to(Side.CW) == propose(sweep()).mask_to(Side.CW)
+def test_the_side_that_sees_the_panel_first_sets_the_beginning_of_both() -> None:
+    found = propose(sweep({**SEEN, FIRST: (0.2, 0.25)}))
+    assert found.mask_from[0] == pytest.approx(0.045, abs=STEP)
+
+
+def test_a_sensor_that_never_sees_the_panel_gets_no_mask() -> None:
+    found = propose(sweep({**SEEN, FIRST: None}))
+    assert found.views[0].first is None
+    assert (found.mask_to(Side.CW)[0], found.mask_to(Side.CCW)[0] > 0.0) == (0.0, True)
+    masks = propose(sweep({**SEEN, FIRST: None, PASSAGE_SENSORS[5]: None}))
+    assert masks.mask_from[0] == masks.mask_to(Side.CCW)[0] == 0.0
 
 
 def at(low: float, high: float, distance: float) -> Spoil:
@@ -171,62 +169,56 @@ def test_somebody_near_is_noticed(spoil: Spoil, words: str) -> None:
         propose(sweep(spoil=spoil))
 
 
-@pytest.mark.parametrize("side", list(Side))
-def test_a_door_swept_to_one_side_or_not_far_enough_is_refused(side: Side) -> None:
-    reach = LEAST_SWEEP - 0.02
-    door = DOOR[DOOR * side.sign < reach]
-    with pytest.raises(ScoringError, match="to both sides"):
-        propose(sweep(door=door))
+NOTHING = Swept(np.array([]), np.array([]), 0)
 
 
-def test_a_panel_that_never_left_a_sensor_is_refused() -> None:
-    with pytest.raises(ScoringError, match=r"still saw the panel at -1\.\d+ rad.*farther"):
-        propose(sweep({**SEEN, FIRST: (0.2, 1.5)}))
-
-
-def test_a_sweep_in_large_steps_is_refused() -> None:
-    with pytest.raises(ScoringError, match=r"only \d+ times: sweep more slowly"):
-        propose(sweep(door=np.concatenate([np.arange(-1.2, 1.2, 0.06)] * 3)))
-
-
-def test_too_few_samples_are_refused() -> None:
-    with pytest.raises(ScoringError, match="60 door angles are too few"):
-        propose(sweep(door=DOOR[::20]))
-    none = np.array([])
-    for sensor, words in ((FIRST, "0 readings are too few"),):
-        short = sweep()
-        short = replace(short, sensors={**short.sensors, sensor: Swept(none, none, 0)})
-        with pytest.raises(ScoringError, match=words):
-            propose(short)
-
-
-def test_values_that_are_no_numbers_are_refused_once_they_are_many() -> None:
+def with_first(**changes: Any) -> Sweep:  # noqa: ANN401
     plain = sweep()
-    assert propose(replace(plain, door_lost=100)) is not None
-    with pytest.raises(ScoringError, match=r"200 of 1400 door angles are no numbers"):
-        propose(replace(plain, door_lost=200))
-    lossy = {**plain.sensors, FIRST: replace(plain.sensors[FIRST], lost=200)}
-    with pytest.raises(ScoringError, match=r"cw 0 .*200 of 1400 samples are no reading"):
-        propose(replace(plain, sensors=lossy))
+    first = replace(plain.sensors[FIRST], **changes)
+    return replace(plain, sensors={**plain.sensors, FIRST: first})
 
 
-def test_a_door_angle_with_the_wrong_sign_is_named() -> None:
-    plain = sweep()
-    turned = {sensor: replace(s, angle=-s.angle) for sensor, s in plain.sensors.items()}
-    with pytest.raises(ScoringError, match="check the sign of the door angle"):
-        propose(replace(plain, sensors=turned))
-    with pytest.raises(ScoringError, match=r"no sensor saw the panel .*: check the sensors"):
-        propose(sweep(dict.fromkeys(PASSAGE_SENSORS)))
-
-
-def test_more_sensors_with_trouble_are_counted() -> None:
-    plain = sweep()
-    spoilt = {
-        s: replace(one, distance=np.where(one.angle > 0.8, 1.1, one.distance))
-        for s, one in plain.sensors.items()
-    }
-    with pytest.raises(ScoringError, match=r"\(9 more sensors are no better\)"):
-        propose(replace(plain, sensors=spoilt))
+@pytest.mark.parametrize(
+    ("spoilt", "words"),
+    [
+        *(
+            (lambda s=side: sweep(door=DOOR[DOOR * s.sign < LEAST_SWEEP - 0.02]), "to both sides")
+            for side in Side
+        ),
+        (
+            lambda: sweep({**SEEN, FIRST: (0.2, 1.5)}),
+            r"still saw the panel at -1\.\d+ rad.*farther",
+        ),
+        (
+            lambda: sweep(door=np.concatenate([np.arange(-1.2, 1.2, 0.06)] * 3)),
+            r"only \d+ times: sweep more slowly",
+        ),
+        (lambda: sweep(door=DOOR[::20]), "60 door angles are too few"),
+        (
+            lambda: with_first(angle=NOTHING.angle, distance=NOTHING.distance),
+            "0 readings are too few",
+        ),
+        (lambda: replace(sweep(), door_lost=200), r"200 of 1400 door angles are no numbers"),
+        (lambda: with_first(lost=200), r"cw 0 .*200 of 1400 samples are no reading"),
+        (
+            lambda: every(lambda s: replace(s, angle=-s.angle)),
+            "check the sign of the door angle",
+        ),
+        (
+            lambda: sweep(dict.fromkeys(PASSAGE_SENSORS)),
+            r"no sensor saw the panel .*: check the sensors",
+        ),
+        (
+            lambda: every(lambda s: replace(s, distance=at(0.8, 9, 1.1)(s.angle, s.distance))),
+            r"\(9 more sensors are no better\)",
+        ),
+    ],
+)
+def test_a_sweep_that_tells_too_little_is_refused_with_what_to_do(
+    spoilt: Callable[[], Sweep], words: str
+) -> None:
+    with pytest.raises(ScoringError, match=words):
+        propose(spoilt())
 
 
 @settings(max_examples=30)
@@ -260,39 +252,64 @@ def collected(*samples: DoorSample | PassageSample) -> Sweep:
     return log.sweep()
 
 
-def test_a_reading_belongs_to_the_door_angle_at_its_own_time() -> None:
-    found = collected(
-        door(1.00, -0.10), scan(1.01, 2.0, 2.1, 2.2, 0.05), door(1.02, -0.20), door(1.04, -0.20)
-    )
-    sensor = found.sensors[FIRST]  # cw_right[3]
-    assert sensor.angle == pytest.approx([0.15])
-    assert sensor.distance == pytest.approx([0.05])
-    assert found.door == pytest.approx([-0.1, -0.2, -0.2])
+FULL = (2.0, 2.0, 2.0, 2.0)
 
 
-def test_readings_in_gaps_before_and_after_the_door_are_not_used() -> None:
-    full = (2.0, 2.0, 2.0, 2.0)
-    found = collected(
-        scan(0.9, *full), door(1.0, 0.0), scan(1.01, *full), door(1.02, 0.0), scan(1.5, *full),
-        door(2.0, 1.0), scan(2.1, *full),
-    )  # fmt: skip
-    assert len(found.sensors[FIRST].angle) == 1
-
-
-def test_what_is_no_number_is_counted_and_an_infinity_is_a_reading() -> None:
-    found = collected(
-        door(1.0, 0.0), door(1.01, math.nan), scan(1.02, 2.0, 2.0, 2.0, math.nan),
-        scan(1.03, 2.0, 2.0), scan(1.04, 2.0, 2.0, 2.0, 9.9), scan(1.05, 2.0, 2.0, 2.0, math.inf),
-        door(1.06, 0.0),
-    )  # fmt: skip
-    assert found.door_lost == 1
-    assert found.sensors[FIRST].lost == 3
-    assert found.sensors[FIRST].distance.tolist() == [math.inf]
-
-
-def test_repeated_stamps_are_dropped() -> None:
-    found = collected(door(1.0, 0.1), door(1.0, 0.2), door(1.01, 0.3))
-    assert found.door.tolist() == [0.1, 0.3]
+@pytest.mark.parametrize(
+    ("samples", "doors", "lost", "readings"),
+    [
+        pytest.param(
+            [
+                *(door(1.00, -0.10), scan(1.01, 2.0, 2.1, 2.2, 0.05), door(1.02, -0.20)),
+                door(1.04, -0.20),
+            ],
+            [-0.1, -0.2, -0.2],
+            (0, 0),
+            [(0.15, 0.05)],
+            id="a reading belongs to the door angle at its own time",
+        ),
+        pytest.param(
+            [
+                *(scan(0.9, *FULL), door(1.0, 0.0), scan(1.01, *FULL), door(1.02, 0.0)),
+                *(scan(1.5, *FULL), door(2.0, 1.0), scan(2.1, *FULL)),
+            ],
+            [0.0, 0.0, 1.0],
+            (0, 0),
+            [(0.0, 2.0)],
+            id="none in gaps, before and after the door",
+        ),
+        pytest.param(
+            [
+                *(door(1.0, 0.0), door(1.01, math.nan), scan(1.02, 2.0, 2.0, 2.0, math.nan)),
+                *(scan(1.03, 2.0, 2.0), scan(1.04, 2.0, 2.0, 2.0, 9.9)),
+                *(scan(1.05, 2.0, 2.0, 2.0, math.inf), door(1.06, 0.0)),
+            ],
+            [0.0, 0.0],
+            (1, 3),
+            [(0.0, math.inf)],
+            id="what is no number is counted, an infinity is a reading",
+        ),
+        pytest.param(
+            [door(1.0, 0.1), door(1.0, 0.2), door(1.01, 0.3)],
+            [0.1, 0.3],
+            (0, 0),
+            [],
+            id="repeated stamps are dropped",
+        ),
+    ],
+)
+def test_samples_become_a_sweep(
+    samples: list[DoorSample | PassageSample],
+    doors: list[float],
+    lost: tuple[int, int],
+    readings: list[tuple[float, float]],
+) -> None:
+    found = collected(*samples)
+    first = found.sensors[FIRST]  # cw_right[3]
+    assert found.door == pytest.approx(doors)
+    assert (found.door_lost, first.lost) == lost
+    pairs = list(zip(first.angle, first.distance, strict=True))
+    assert pairs == [pytest.approx(pair) for pair in readings]
 
 
 def test_several_recordings_count_as_one() -> None:
@@ -324,17 +341,17 @@ def test_a_level_has_median_noise_and_drift() -> None:
     assert found.drift == pytest.approx(6.0, abs=1.5)
 
 
-def test_rest_reads_zero_and_the_weight_its_force() -> None:
-    found = propose_scale(level(600.0), level(2600.0))
-    assert found.scale == pytest.approx(GRAVITY / 1000)
+@pytest.mark.parametrize(
+    ("loaded", "towards", "per_unit"),
+    [(2600.0, Side.CCW, 1), (-1400.0, Side.CCW, -1), (-1400.0, Side.CW, 1)],
+)
+def test_rest_reads_zero_and_the_weight_its_force(
+    loaded: float, towards: Side, per_unit: int
+) -> None:
+    found = propose_handle(level(600.0), level(loaded), 2.0, towards)
+    assert found.scale == pytest.approx(per_unit * GRAVITY / 1000)
     assert 600.0 * found.scale + found.offset == pytest.approx(0.0, abs=1e-12)
-    assert 2600.0 * found.scale + found.offset == pytest.approx(2 * GRAVITY)
-
-
-def test_a_reading_that_falls_when_pulled_towards_ccw_gives_a_negative_scale() -> None:
-    assert propose_scale(level(600.0), level(-1400.0)).scale == pytest.approx(-GRAVITY / 1000)
-    towards_cw = propose_handle(level(600.0), level(-1400.0), 2.0, Side.CW)
-    assert towards_cw.scale == pytest.approx(GRAVITY / 1000)
+    assert abs(loaded * found.scale + found.offset) == pytest.approx(2 * GRAVITY)
 
 
 @given(st.floats(-1e4, 1e4), st.floats(1e-3, 1e3), st.sampled_from([-1, 1]), st.floats(0.1, 20))
@@ -370,12 +387,20 @@ def test_a_mass_that_is_none_is_refused(mass: float) -> None:
         propose_scale(level(0.0), level(100.0), mass)
 
 
-def test_too_few_samples_or_too_many_without_a_number_are_refused() -> None:
-    with pytest.raises(ScoringError, match=r"^a: 3 forces in 0.0 s are too few"):
-        SteadyForce.of("a", [1.0, 1.01, 1.02], [5.0, 5.0, 5.0])
-    with pytest.raises(ScoringError, match="0 forces"):
-        SteadyForce.of("a", [], [])
-    times = [number / 50 for number in range(100)]
-    with pytest.raises(ScoringError, match="20 of 100 forces are no numbers"):
-        SteadyForce.of("a", times, [5.0] * 80 + [math.nan] * 20)
-    assert SteadyForce.of("a", times, [5.0] * 95 + [math.inf] * 5).samples == 95
+TIMES = [number / 50 for number in range(100)]
+
+
+@pytest.mark.parametrize(
+    ("times", "forces", "words"),
+    [
+        ([1.0, 1.01, 1.02], [5.0, 5.0, 5.0], r"^a: 3 forces in 0.0 s are too few"),
+        ([], [], "0 forces"),
+        (TIMES, [5.0] * 80 + [math.nan] * 20, "20 of 100 forces are no numbers"),
+    ],
+)
+def test_too_few_samples_or_too_many_without_a_number_are_refused(
+    times: list[float], forces: list[float], words: str
+) -> None:
+    assert SteadyForce.of("a", TIMES, [5.0] * 95 + [math.inf] * 5).samples == 95
+    with pytest.raises(ScoringError, match=words):
+        SteadyForce.of("a", times, forces)
