@@ -384,8 +384,8 @@ def test_files_of_a_site_are_those_of_its_runs_and_tell_no_path_of_the_machine(
     assert zipped.read_bytes() == b"PK"
 
 
-def test_two_halls_are_one_competition(results: Path) -> None:
-    other = results.parent / "other"
+def test_two_halls_are_one_competition_whatever_their_folders_are_called(results: Path) -> None:
+    other = results.parent / os.fsdecode(b"hall \xff")
     shutil.copytree(results, other)  # the same names, as two testbeds may give
     site = results.parent / "both"
     assert main(["publish", str(site), str(results), str(other)]) == 0
