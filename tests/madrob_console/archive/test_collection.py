@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -170,18 +169,6 @@ def test_a_run_is_found_from_whatever_folder_it_is_named(
     assert (run.folder, run.subject, run.problem) == (run.folder, 4, None)
 
 
-def test_standings_of_practice_alone_say_how_to_see_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    for number in (1, 2):
-        write(tmp_path / "c", summary(4, run_number=number, source="simulated", practice=True))
-    said = "madrob: note: no official run, 2 of practice: --practice shows them\n"
-    for option, words in (([], said), (["--practice"], "")):
-        assert main(["standings", *option, str(tmp_path / "c")]) == 0
-        assert capsys.readouterr().err == words
-
-
 def test_testbeds_that_differ_say_so_in_one_line() -> None:
     def runs(hall: str, **told: object) -> list[RunSummary]:
         every: dict[str, Any] = {**told, "testbed": hall}
@@ -198,31 +185,26 @@ def test_testbeds_that_differ_say_so_in_one_line() -> None:
     assert "thresholds" not in how_testbeds_differ([*runs("A", rate=50.0), *other])
 
 
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (["standings", "--details"], ["3 Team 3: 4 completed; on Hall A, Hall B", "TWICE: "]),
+        ([*COMMANDS[1], "--settings", "cup.toml"], ["4 of 6 attempts done", "the same run as"]),
+        (COMMANDS[2], ["4 runs"]),
+        (["standings", "--results", "a"], ["give one of the two"]),
+    ],
+    ids=["standings", "plan", "export", "named twice"],
+)
 def test_standings_plan_and_export_take_several_folders(
-    halls: Path, capsys: pytest.CaptureFixture[str]
+    command: list[str], said: list[str], halls: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    shutil.copytree(
-        next(Path("a").glob(f"{SAME_NAME}*")), Path("b") / f"{SAME_NAME}_20200101_000000"
-    )
-    every = ["a", "merged", "b"]
-    assert main(["standings", "--details", *every]) == 0
-    said = capsys.readouterr().out
-    assert "3 Team 3: 4 completed; on Hall A, Hall B" in said
-    assert "TWICE: " in said
+    run = next(Path("a").glob(f"{SAME_NAME}*"))
+    shutil.copytree(run, Path("b") / f"{SAME_NAME}_20200101_000000")
     Path("plan.csv").write_text("3,7,6\n")
-    Path("madrob.toml").write_text('[competition]\nname = "Autumn Cup"\n')
-    settings = ["--settings", "madrob.toml"]
-    assert main(["plan", "--plan", "plan.csv", *settings, *every]) == 0
+    Path("cup.toml").write_text('[competition]\nname = "Autumn Cup"\n')
+    assert main([*command, "a", "merged", "b"]) == (2 if "--results" in command else 0)
     told = capsys.readouterr()
-    assert "4 of 6 attempts done" in told.out
-    assert "the same run as" in told.err
-    assert main(["export", "--subject", "3", "--output", "team.zip", *every]) == 0
-    assert "4 runs" in capsys.readouterr().out
-    with zipfile.ZipFile("team.zip") as packed:
-        names = {name.partition("/")[0] for name in packed.namelist() if "/" in name}
-    assert len(names) == 4
-    assert main(["standings", "--results", "a", "merged"]) == 2
-    assert "give one of the two" in capsys.readouterr().err
+    assert [words for words in said if words not in told.out + told.err] == []
 
 
 FIELDS = "subject, sub, cond, run, team, outcome, closed, ruleset, testbed, competition"
