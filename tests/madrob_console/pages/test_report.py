@@ -118,6 +118,12 @@ def run_of(kind: str) -> tuple[Path, Scored]:
     return folder, score_opened(folder)
 
 
+@cache
+def page_of(kind: str) -> str:
+    folder, scored = run_of(kind)
+    return report_html(scored, place=Surroundings().place_of(folder, scored))
+
+
 @pytest.fixture(scope="module")
 def scored() -> Scored:
     return run_of("signed")[1]
@@ -131,8 +137,8 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def page(scored: Scored) -> Page:
-    return Page(report_html(scored))
+def page() -> Page:
+    return Page(page_of("signed"))
 
 
 # ---------------------------------------------------------------- every page
@@ -144,7 +150,7 @@ def test_the_page_of_any_run_is_whole_by_itself_and_has_the_numbers_of_its_resul
 ) -> None:
     folder, scored = run_of(kind)
     result, place = scored.result, Surroundings().place_of(folder, scored)
-    text = report_html(scored, place=place)
+    text = page_of(kind)
     page = Page(text)
     assert report_html(scored, place=place) == text
     assert text.startswith("<!DOCTYPE html>")
@@ -239,8 +245,7 @@ TOLD: dict[str, dict[str, tuple[str, ...]]] = {
 
 @pytest.mark.parametrize("kind", TOLD)
 def test_what_is_known_of_a_run_is_told(kind: str) -> None:
-    folder, scored = run_of(kind)
-    page = Page(report_html(scored, place=Surroundings().place_of(folder, scored)))
+    page = Page(page_of(kind))
     page.tells(TOLD[kind])
     assert ("The run took" in page.text) == (
         kind not in {"aborted in the countdown", "interrupted"}
@@ -278,8 +283,8 @@ def test_numbers_beside_the_indicators_are_those_of_the_run(page: Page, scored: 
     assert f"door occupation time {float(end) - float(begin):.1f}" in page.part("Figures")
 
 
-def test_figures_are_dark_where_the_page_is(scored: Scored) -> None:
-    text = report_html(scored)
+def test_figures_are_dark_where_the_page_is() -> None:
+    text = page_of("signed")
     body = text[text.index("</head>") :]
     assert "var(--orange)" in body
     assert re.findall(r"(?:fill|stroke|background): ?#", body) == []
