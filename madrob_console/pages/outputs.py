@@ -14,7 +14,7 @@ from rich.cells import set_cell_size
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.common.formatting import counted
-from madrob_console.common.names import terminal_safe
+from madrob_console.common.names import terminal_safe, valid_text
 from madrob_console.pages.competition import (
     BY_BEST,
     BY_NUMBER,
@@ -116,7 +116,7 @@ def standings_document(found: CompetitionStandings, software: str) -> dict[str, 
         "protested": found.protested,
         "open_protests": [
             {
-                "folder": run.folder,
+                "folder": valid_text(run.folder),
                 "subject": run.subject,
                 "condition": run.condition,
                 "run_number": run.run_number,
@@ -142,7 +142,7 @@ def standings_document(found: CompetitionStandings, software: str) -> dict[str, 
         ],
         "flagged": [
             {
-                "folder": run.folder,
+                "folder": valid_text(run.folder),
                 "subject": run.subject,
                 "condition": run.condition,
                 "run_number": run.run_number,
@@ -152,7 +152,7 @@ def standings_document(found: CompetitionStandings, software: str) -> dict[str, 
         ],
         "left_out": [
             {
-                "folder": run.folder,
+                "folder": valid_text(run.folder),
                 "subject": run.subject,
                 "team": run.team,
                 "condition": run.condition,
@@ -163,8 +163,8 @@ def standings_document(found: CompetitionStandings, software: str) -> dict[str, 
                 "damaged": run.problem is not None,
                 "run_id": run.run_id,
                 "testbed": run.testbed,
-                "same_run_as": run.twin or None,
-                "why": why,
+                "same_run_as": valid_text(run.twin) or None,
+                "why": valid_text(why),
             }
             for run, why in found.left_out
         ],

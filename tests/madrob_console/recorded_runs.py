@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from functools import cache
@@ -10,6 +11,7 @@ from tempfile import TemporaryDirectory
 
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.referee.acts import (
+    Act,
     AddNote,
     ConfirmPose,
     DeclareTimeout,
@@ -24,6 +26,7 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
+from recorder.survey import put_listing
 from scoring.protocol import Step
 from tests.madrob_console.engine.drive import Drive, make_setup, signed
 
@@ -33,40 +36,61 @@ INCIDENT_AT, STOP_AT = 3.0, 5.0
 """Of the run that was appealed, s from its start."""
 
 
+def new_drive(scenario: Scenario = Scenario.NOMINAL, competition: str = "") -> Drive:
+    """A referee with a results folder that stays as long as the process."""
+    _kept.append(TemporaryDirectory())
+    return Drive(Path(_kept[-1].name), scenario, competition=competition)
+
+
+def _closed(drive: Drive) -> Path:
+    drive.engine.close()
+    return drive.folder
+
+
 @cache
 def recorded(scenario: Scenario) -> Path:
     """The folder of a finished run of a scenario; it is never to be changed."""
-    _kept.append(TemporaryDirectory())
-    drive = Drive(Path(_kept[-1].name), scenario)
+    drive = new_drive(scenario)
     drive.whole_run(make_setup(timeout=20.0 if scenario is Scenario.NOMINAL else 4.0))
     if scenario is Scenario.NOMINAL:  # with everything that a referee can decide
         drive.act(Rule(Step.CROSS, confirmed=False, reason="one foot stayed"))
         drive.act(Finalise(TeamWord.PROTESTED, "Ada"), Reissue("video"))
         drive.act(Rule(Step.CROSS, confirmed=True, reason="video"))
-    drive.engine.close()
-    return drive.folder
+    return _closed(drive)
 
 
 @cache
 def completed(run_number: int = 1, competition: str = "") -> Path:
     """The folder of a nominal run of which nobody has said anything; never to be changed."""
-    _kept.append(TemporaryDirectory())
-    drive = Drive(Path(_kept[-1].name), competition=competition)
+    drive = new_drive(competition=competition)
     drive.whole_run(make_setup(run_number=run_number))
-    drive.engine.close()
-    return drive.folder
+    return _closed(drive)
 
 
 @cache
 def final() -> Path:
     """The folder of a nominal run that its team acknowledged; never to be changed."""
-    _kept.append(TemporaryDirectory())
-    drive = Drive(Path(_kept[-1].name))
+    drive = new_drive()
     drive.whole_run(make_setup())
     drive.act(signed(drive.engine.snapshot()))
     drive.wait(3.0)
-    drive.engine.close()
-    return drive.folder
+    return _closed(drive)
+
+
+@cache
+def ended_after(duration: float, *acts: Act) -> Path:
+    """A run that somebody or something ends so long after its start; the countdown is 2 s.
+
+    Its folder is never to be changed.
+    """
+    drive = new_drive()
+    drive.prepare(make_setup())
+    drive.act(Start())
+    drive.wait(duration)
+    if acts:
+        drive.act(*acts)
+        drive.finish()
+    return _closed(drive)
 
 
 @cache
@@ -75,8 +99,7 @@ def appealed() -> Path:
 
     Its folder is never to be changed.
     """
-    _kept.append(TemporaryDirectory())
-    drive = Drive(Path(_kept[-1].name))
+    drive = new_drive()
     drive.act(SetUp(make_setup()))
     drive.wait(1.5)
     drive.act(Waive(CheckName.HANDLE, "spring is warm"), ConfirmPose(), Start())
@@ -91,8 +114,7 @@ def appealed() -> Path:
     drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee", "they saw it differently"))
     drive.act(Reissue("appeal granted"), Rule(Step.OPEN, confirmed=True, reason="video"))
     drive.act(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee"))
-    drive.engine.close()
-    return drive.folder
+    return _closed(drive)
 
 
 def copy_run(root: Path, run_number: int, scenario: Scenario = Scenario.TOUCH_ONLY) -> Path:
@@ -107,6 +129,13 @@ def without_digests(run: Path) -> None:
     """Leave the journal of a run as earlier versions wrote it: it holds no digest of the result."""
     path = run / JOURNAL_FILE
     path.write_text(re.sub(r', "lines": \d+, "sha256": "[0-9a-f]{64}"', "", path.read_text()))
+
+
+def list_files(run: Path) -> None:
+    """Write what its bag holds into the metadata, as the recorder does."""
+    fd = os.open(run, os.O_DIRECTORY)
+    assert put_listing(fd) is not None
+    os.close(fd)
 
 
 def publish(run: Path, folder: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -143,6 +144,12 @@ def summary(
         indicators=packed_indicators(**indicators),
         **told,
     )
+
+
+def put_hole(path: Path) -> None:
+    """A file of 20 GB with nothing in it."""
+    path.touch()
+    os.truncate(path, 20 * 10**9)
 
 
 def write(root: Path, run: RunSummary) -> Path:

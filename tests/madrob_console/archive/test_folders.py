@@ -2,10 +2,9 @@ from __future__ import annotations
 
 import fcntl
 import os
-import threading
 import time
-from collections.abc import Iterator
-from datetime import datetime
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -23,6 +22,7 @@ from madrob_console.archive.folders import (
 )
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import atomic_write, free_space
+from tests.madrob_console.run_folders import put_hole
 
 START = 1_700_000_000.25
 RUN = RunName(subject=3, condition=7, run=1)
@@ -68,24 +68,16 @@ def test_other_names_are_no_run_folders(name: str) -> None:
     assert parse_folder_name(name) is None
 
 
-def test_the_first_run_number_is_1_even_without_a_results_folder(tmp_path: Path) -> None:
-    assert next_run_number(tmp_path / "none", 3, 7) == 1
-
-
 def test_run_numbers_count_up_for_each_subject_and_condition(tmp_path: Path) -> None:
     root = tmp_path / "new" / "results"
+    assert next_run_number(root, 3, 7) == 1
     folder = reserve_run_folder(root, RUN, START)
     assert folder == root / RUN.folder_name(START)
     assert not folder.exists()  # the recorder makes it
     reserve_run_folder(root, RunName(3, 7, 5), START)
-    assert next_run_number(root, 3, 7) == 6
-    assert next_run_number(root, 3, 8) == 1
-    assert next_run_number(root, 30, 7) == 1
-
-
-def test_folders_that_came_from_elsewhere_count(tmp_path: Path) -> None:
-    (tmp_path / RunName(3, 7, 12).folder_name(START)).mkdir()
-    assert next_run_number(tmp_path, 3, 7) == 13
+    (root / RunName(3, 8, 12).folder_name(START)).mkdir()  # it came from elsewhere
+    numbers = [next_run_number(root, *whose) for whose in ((3, 7), (3, 8), (3, 9), (30, 7))]
+    assert numbers == [6, 13, 1, 1]
 
 
 def test_a_number_is_never_used_again_even_when_its_folder_is_gone(tmp_path: Path) -> None:
@@ -107,20 +99,15 @@ def test_a_torn_last_line_costs_nothing_but_itself(tmp_path: Path) -> None:
 
 
 def test_two_consoles_never_get_the_same_number(tmp_path: Path) -> None:
-    made: list[Path] = []
-
-    def claim(start: float) -> None:
+    def claim(start: float) -> Path | None:
         try:
-            made.append(reserve_run_folder(tmp_path, RUN, start))
+            return reserve_run_folder(tmp_path, RUN, start)
         except MadrobError:
-            return
+            return None
 
-    threads = [threading.Thread(target=claim, args=(START + i,)) for i in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(made) == 1
+    with ThreadPoolExecutor(8) as consoles:
+        made = list(consoles.map(claim, [START + i for i in range(8)]))
+    assert made.count(None) == 7
     assert next_run_number(tmp_path, RUN.subject, RUN.condition) == RUN.run + 1
 
 
@@ -144,51 +131,39 @@ def test_when_all_numbers_are_used_it_says_so(tmp_path: Path) -> None:
         next_run_number(tmp_path, 3, 7)
 
 
-def test_a_file_in_place_of_the_results_folder_is_one_clear_line(tmp_path: Path) -> None:
-    root = tmp_path / "results"
-    root.write_text("not a folder")
-    for use in (
-        lambda: reserve_run_folder(root, RUN, START),
-        lambda: next_run_number(root, 3, 7),
-        lambda: run_folder_names(root),
-    ):
-        with pytest.raises(MadrobError, match=r"results: cannot be used for results \(.*; choose"):
-            use()
-    assert root.read_text() == "not a folder"
+Use = Callable[[Path], object]
+USES: tuple[Use, ...] = (
+    lambda root: reserve_run_folder(root, RUN, START),
+    lambda root: next_run_number(root, 3, 7),
+    run_folder_names,
+)
+NO_PLACES: dict[str, tuple[str, Use]] = {
+    "a file": ("", Path.touch),
+    "a pipe": (NUMBERS_FILE, os.mkfifo),
+    "a link": (NUMBERS_FILE, lambda path: path.symlink_to("/dev/zero")),
+    "a link outside": (NUMBERS_FILE, lambda path: path.symlink_to(path.parents[1] / "outside")),
+    "a folder": (NUMBERS_FILE, Path.mkdir),
+    "sparse": (NUMBERS_FILE, put_hole),
+}
 
 
-def test_a_link_in_place_of_the_numbers_file_is_not_written_through(tmp_path: Path) -> None:
-    outside = tmp_path / "outside"
+@pytest.mark.parametrize("case", NO_PLACES)
+def test_what_is_no_results_folder_or_no_file_of_numbers_is_named_at_once(
+    tmp_path: Path, case: str
+) -> None:
+    name, make = NO_PLACES[case]
+    root, outside = tmp_path / "results", tmp_path / "outside"
     outside.write_text("precious")
-    root = tmp_path / "results"
-    root.mkdir()
-    (root / NUMBERS_FILE).symlink_to(outside)
-    with pytest.raises(MadrobError):
-        reserve_run_folder(root, RUN, START)
-    assert outside.read_text() == "precious"
-
-
-@pytest.mark.parametrize("kind", ["pipe", "link", "folder", "sparse"])
-def test_a_numbers_file_that_is_none_is_named_at_once(tmp_path: Path, kind: str) -> None:
-    numbers_file = tmp_path / NUMBERS_FILE
-    match kind:
-        case "pipe":
-            os.mkfifo(numbers_file)
-        case "link":
-            numbers_file.symlink_to("/dev/zero")
-        case "folder":
-            numbers_file.mkdir()
-        case "sparse":
-            with numbers_file.open("wb") as file:
-                file.truncate(20 * 10**9)
-    for use in (
-        lambda: reserve_run_folder(tmp_path, RUN, START),
-        lambda: next_run_number(tmp_path, 3, 7),
-    ):
+    (root if name else tmp_path).mkdir(exist_ok=True)
+    make(root / name)
+    words = rf"{NUMBERS_FILE}: cannot be used \(.*\); put a plain"
+    for use in USES[:2] if name else USES:
         with pytest.raises(
-            MadrobError, match=rf"{NUMBERS_FILE}: cannot be used \(.*\); put a plain"
+            MadrobError,
+            match=words if name else r"results: cannot be used for results \(.*; choose",
         ):
-            use()
+            use(root)
+    assert outside.read_text() == "precious"
 
 
 def test_whoever_locks_the_numbers_file_keeps_nobody_from_starting(tmp_path: Path) -> None:
@@ -209,38 +184,25 @@ def test_of_two_that_saw_a_number_free_the_first_line_has_it(
 
 
 def test_only_run_folders_are_runs(tmp_path: Path) -> None:
-    folders = {_made(tmp_path, RUN, START + 100), _made(tmp_path, RunName(9, 20, 2), START)}
-    (tmp_path / "notes").mkdir()
+    runs = (RUN.folder_name(START + 100), RunName(9, 20, 2).folder_name(START))
+    for name in (*runs, "notes"):
+        (tmp_path / name).mkdir()
     (tmp_path / RunName(4, 1, 1).folder_name(START)).write_text("a file")
-    (tmp_path / RunName(5, 1, 1).folder_name(START)).symlink_to(min(folders))
-    assert {tmp_path / name for name in run_folder_names(tmp_path)} == folders
+    (tmp_path / RunName(5, 1, 1).folder_name(START)).symlink_to(tmp_path / runs[0])
+    assert set(run_folder_names(tmp_path)) == set(runs)
     assert run_folder_names(tmp_path / "none") == []
 
 
-def test_a_folder_name_tells_run_and_start() -> None:
-    started = datetime.fromtimestamp(int(START)).astimezone()
-    assert parse_folder_name(RUN.folder_name(START)) == (RUN, started)
-    assert parse_folder_name("notes") is None
-
-
-def test_a_file_is_replaced_whole_and_nothing_else_is_left(tmp_path: Path) -> None:
-    path = tmp_path / "result.json"
-    atomic_write(path, b"old")
-    atomic_write(path, b"new and longer")
-    assert path.read_bytes() == b"new and longer"
-    assert list(tmp_path.iterdir()) == [path]
-    assert path.stat().st_mode & 0o777 == 0o666 & ~_umask()
-
-
-def test_a_link_is_replaced_and_what_it_led_to_stays(tmp_path: Path) -> None:
-    outside = tmp_path / "outside"
+def test_a_file_is_replaced_whole_and_what_a_link_led_to_stays(tmp_path: Path) -> None:
+    path, outside = tmp_path / "result.json", tmp_path / "outside"
     outside.write_bytes(b"precious")
-    link = tmp_path / "result.json"
-    link.symlink_to(outside)
-    atomic_write(link, b"new")
+    path.symlink_to(outside)
+    for content in (b"old", b"new and longer"):
+        atomic_write(path, content)
+        assert (path.read_bytes(), path.is_symlink()) == (content, False)
     assert outside.read_bytes() == b"precious"
-    assert link.read_bytes() == b"new"
-    assert not link.is_symlink()
+    assert set(tmp_path.iterdir()) == {path, outside}
+    assert path.stat().st_mode & 0o777 == 0o666 & ~_umask()
 
 
 def test_a_failed_write_leaves_what_was_there(tmp_path: Path) -> None:
@@ -259,12 +221,6 @@ def test_free_space_is_known_for_a_folder_yet_to_be_made(tmp_path: Path) -> None
     assert free > 0
     (tmp_path / "file").touch()
     assert free_space(tmp_path / "file" / "b") is None
-
-
-def _made(root: Path, run: RunName, start: float) -> Path:
-    folder = reserve_run_folder(root, run, start)
-    folder.mkdir()
-    return folder
 
 
 def _umask() -> int:

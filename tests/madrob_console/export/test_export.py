@@ -6,17 +6,17 @@ import hashlib
 import json
 import os
 import re
+import shutil
 import subprocess
 import time
 import unicodedata
 import zipfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import jsonschema
-import msgspec
 import pytest
 import yaml
 from hypothesis import given
@@ -29,6 +29,7 @@ from madrob_console.cli.main import main
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold, open_plain
+from madrob_console.common.names import terminal_safe
 from madrob_console.export import pack, zip_file
 from madrob_console.export.dossier import protest_lines
 from madrob_console.export.foxglove_layout import HandleZero, foxglove_layout
@@ -56,13 +57,13 @@ from madrob_console.referee.journal import HOLD_FILE
 from madrob_console.referee.records import Protest, RemovedEvidence
 from madrob_console.referee.run import Run
 from madrob_console.testbeds.simulated import Scenario
-from recorder.bag import evidence_file_name
+from recorder.bag import evidence_file_name, is_evidence
 from recorder.reader import read_bag
-from recorder.survey import put_listing
 from recorder.writer import BagWriter
 from scoring.protocol import Outcome, Signal, Thresholds
-from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.pages.competition_runs import put_recorded
+from tests.madrob_console.recorded_runs import list_files, recorded
 from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, summary, write
 from tests.recorder.samples import add_evidence, strings, talk
 
@@ -77,12 +78,11 @@ def _own_settings(
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A results folder with a recorded run of team 3."""
+def recorded_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A results folder with a recorded practice run of team 3."""
+    source = recorded(Scenario.TOUCH_ONLY)
     root = tmp_path_factory.mktemp("recorded")
-    drive = Drive(root, Scenario.NO_TOUCH)
-    drive.whole_run(make_setup(timeout=2.0))
-    drive.engine.close()
+    shutil.copytree(source, root / "practice" / source.name)
     return root
 
 
@@ -119,137 +119,125 @@ def export(root: Path, *, bags: bool = True, practice: bool = False) -> pack.Exp
     )
 
 
+def held(folder: Path) -> Hold:
+    """An engine works on the run."""
+    return Hold(folder / HOLD_FILE)
+
+
+def command(root: Path, *options: object) -> int:
+    return main(["export", "--subject=3", f"--results={root}", *map(str, options)])
+
+
+def read(path: Path) -> dict[str, bytes]:
+    """The files of a zip."""
+    with zipfile.ZipFile(path) as packed:
+        assert packed.testzip() is None
+        return {name: packed.read(name) for name in packed.namelist()}
+
+
+def text_of(path: Path) -> str:
+    return read(path)["README.txt"].decode()
+
+
 def unpacked(path: Path, target: Path) -> Path:
     """A clean folder with what is in a zip."""
     with zipfile.ZipFile(path) as packed:
-        assert packed.testzip() is None
         packed.extractall(target)
     return target
 
 
-@contextmanager
-def held(folder: Path) -> Iterator[None]:
-    """An engine works on the run."""
-    with Hold(folder / HOLD_FILE):
-        yield
-
-
 @pytest.mark.machine
 def test_a_team_opens_every_file_of_its_zip_as_the_text_in_it_says(
-    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recorded_root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = tmp_path / "home.zip"
-    assert (
-        main(
-            [
-                *["export", "--practice", "--subject=3"],
-                f"--results={recorded}",
-                f"--output={target}",
-            ]
-        )
-        == 0
-    )
+    assert command(recorded_root, "--practice", "--output", target) == 0
     said = capsys.readouterr()
-    assert said.out.splitlines()[-1] == str(target)
-    assert said.err == ""
+    assert (said.out.splitlines()[-1], said.err) == (str(target), "")
     home = unpacked(target, tmp_path / "home")
     sums = subprocess.run(
         ["sha256sum", "-c", "SHA256SUMS"], cwd=home, capture_output=True, text=True, check=True
     )
     assert sums.stdout.count(": OK") == sum(path.is_file() for path in home.rglob("*")) - 1
-    (run,) = folders(recorded)
-    for path in run.iterdir():
-        assert (home / run.name / path.name).read_bytes() == path.read_bytes()
+    (run,) = recorded_root.glob("practice/*")
+    assert all(
+        (home / run.name / one.name).read_bytes() == one.read_bytes() for one in run.iterdir()
+    )
     text = (home / "README.txt").read_text()
     begin = text.index("import pandas")
-    namespace: dict[str, object] = {}
     lines = text[begin : text.index("\n\n", begin)]
     assert lines.count("\n") == 2
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(home)
-        exec(lines, namespace)
+        exec(lines, {})
     assert "acceleration" in capsys.readouterr().out
     assert f"ros2 bag play {run.name}\n" in text
     assert len(list(read_bag(home / run.name).messages())) > 1000
     schema = json.loads((home / "madrob_result_schema_1.json").read_text())
     jsonschema.validate(json.loads((home / run.name / "result.json").read_text()), schema)
-    assert json.loads((home / "madrob_foxglove_layout.json").read_text())["layout"]
+    layout = json.loads((home / "madrob_foxglove_layout.json").read_text())
+    (_, above, below) = layout["configById"]["Plot!handle"]["paths"]
+    zero = (float(above["value"]) + float(below["value"])) / 2
+    assert zero == pytest.approx(5.9, abs=0.1)  # of the newest run
+    assert f"({zero:.2f} N, run " in above["label"]
 
 
 def test_a_zip_has_the_name_of_the_list_and_tells_the_others(
     root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    teams = tmp_path / "teams.csv"
+    teams, target = tmp_path / "teams.csv", tmp_path / "3.zip"
     teams.write_text("3,Delft Walkers\n")
     write(root, summary(3, run_number=4, hour=9, team="TEST"))
-    target = tmp_path / "3.zip"
-    called = [f"--results={root}", f"--output={target}", f"--teams={teams}"]
-    assert main(["export", "--subject=3", *called]) == 0
-    text = (unpacked(target, tmp_path / "home") / "README.txt").read_text()
+    assert command(root, f"--output={target}", f"--teams={teams}") == 0
+    text = text_of(target)
     assert text.startswith("MADROB: runs of subject 3 Delft Walkers\n")
     first, second, _, last = sorted(path.name for path in root.glob("subject_003*"))
-    names = f"  Team 3: {first}, {second} and 1 more\n  TEST: {last}\n"
-    assert f"OTHER NAMES OF THE TEAM, IN SOME OF ITS RUNS\n{names}" in text
+    names = [f"Team 3: {first}, {second} and 1 more", f"TEST: {last}"]
+    assert "OTHER NAMES OF THE TEAM, IN SOME OF ITS RUNS\n  " + "\n  ".join(names) in text
     said = capsys.readouterr().out.splitlines()
-    assert f"note: another name of the team, TEST: {last}" in said
-    assert f"note: another name of the team, Team 3: {first}, {second} and 1 more" in said
+    assert {f"note: another name of the team, {name}" for name in names} <= set(said)
 
 
-def test_without_a_list_the_name_of_a_practice_run_is_not_that_of_the_zip(root: Path) -> None:
+def test_only_the_teams_official_runs_are_packed_oldest_first_into_the_same_bytes(
+    root: Path,
+) -> None:
     write(root, summary(3, run_number=4, hour=9, team="TEST", source="simulated"))
-    assert export(root).path == root / "exports" / file_name(3, "Team 3", NOW)
-
-
-def test_only_the_teams_runs_are_packed_oldest_first(root: Path) -> None:
+    runs = sorted(run_folder_names(root))
     made = export(root)
-    assert made.path == root / "exports" / file_name(3, "Team 3", NOW)
-    with zipfile.ZipFile(made.path) as packed:
-        names = packed.namelist()
+    names = list(read(made.path))
     packed_runs = list(dict.fromkeys(name.split("/")[0] for name in names if "/" in name))
-    assert packed_runs == [folder.name for folder in folders(root)]
+    assert packed_runs == [folder.name for folder in folders(root)[:3]]
     assert names[-4:] == [
         "madrob_result_schema_1.json",
         "madrob_foxglove_layout.json",
         "README.txt",
         "SHA256SUMS",
     ]
+    assert made.path == root / "exports" / file_name(3, "Team 3", NOW)
     assert (made.runs, made.files, made.problems) == (3, len(names), ())
-    assert made.size == made.path.stat().st_size
+    data = made.path.read_bytes()
+    assert made.size == len(data)
+    assert export(root).path.read_bytes() == data
+    assert sorted(run_folder_names(root)) == runs  # zips are no runs
 
 
-def test_the_same_runs_give_the_same_bytes(root: Path) -> None:
-    first = export(root).path.read_bytes()
-    assert export(root).path.read_bytes() == first
-
-
-def test_the_zips_are_no_runs(root: Path) -> None:
-    before = sorted(run_folder_names(root))
-    export(root)
-    assert sorted(run_folder_names(root)) == before
-
-
-def test_recordings_can_be_left_out(root: Path) -> None:
-    (folders(root)[0] / "x_0.mcap.torn").write_bytes(b"torn")
-    with zipfile.ZipFile(export(root, bags=False).path) as packed:
-        assert not any("mcap" in name or "metadata" in name for name in packed.namelist())
-        text = packed.read("README.txt").decode()
+def test_what_the_cameras_saw_goes_along_and_recordings_can_be_left_out(root: Path) -> None:
+    run = folders(root)[0]
+    (run / "x_0.mcap.torn").write_bytes(b"torn")
+    assert "cameras" not in text_of(export(root).path)
+    (run / "pictures").mkdir()
+    pictures = {"index.json": b"index", "01_door_opens_camera.jpg": b"picture"}
+    for name, data in pictures.items():
+        (run / "pictures" / name).write_bytes(data)
+    packed = read(export(root, bags=False).path)
+    assert {f"{run.name}/pictures/{name}": pictures[name] for name in pictures}.items() <= (
+        packed.items()
+    )
+    assert not any("mcap" in name or "metadata" in name for name in packed)
+    text = packed["README.txt"].decode()
+    assert "what the cameras saw at each event" in text
     assert "ros2 bag play" not in text
     assert "  the recording was left out on demand\n" in text
-
-
-def test_what_the_cameras_saw_goes_along(root: Path, tmp_path: Path) -> None:
-    run = folders(root)[0]
-    (run / "report.html").write_text("page")
-    assert "cameras" not in text_in(export(root))
-    (run / "pictures").mkdir()
-    for name in ("index.json", "01_door_opens_camera.jpg"):
-        (run / "pictures" / name).write_bytes(name.encode())
-    made = export(root, bags=False)
-    there = unpacked(made.path, tmp_path / "there") / run.name / "pictures"
-    assert {path.name: path.read_bytes() for path in there.iterdir()} == {
-        path.name: path.read_bytes() for path in (run / "pictures").iterdir()
-    }
-    assert "what the cameras saw at each event" in text_in(made)
 
 
 FRAMES = strings(["a picture", "another"])
@@ -268,9 +256,7 @@ def bag_of(folder: Path, *numbers: int) -> int:
         path.rename(folder / path.name)
     for number in numbers:
         add_evidence(folder, FRAMES, number)
-    fd = os.open(folder, os.O_DIRECTORY)
-    assert put_listing(fd) is not None
-    os.close(fd)
+    list_files(folder)
     return len(FRAMES)
 
 
@@ -282,44 +268,32 @@ def opened_by_others(folder: Path) -> tuple[list[str], int]:
     return listed["rosbag2_bagfile_information"]["relative_file_paths"], count
 
 
-def test_evidence_is_packed_and_the_readme_tells_of_it(
-    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("evidence", [True, False])
+def test_evidence_is_packed_or_left_out_and_metadata_lists_what_is_there(
+    *, evidence: bool, root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = folders(root)[0]
-    bag_of(run, 0, 1)
-    assert main(["export", "--subject=3", f"--results={root}"]) == 0
+    count = bag_of(run, 0, 1)
+    assert command(root, *([] if evidence else ["--without-evidence"])) == 0
     said = capsys.readouterr()
-    assert re.fullmatch(
+    note = (
         r"madrob: note: packing 0\.\d MB, 0\.\d MB of it evidence "
-        r"\(--without-evidence leaves that out\)\n",
-        said.err,
+        r"\(--without-evidence leaves that out\)\n"
     )
+    assert re.fullmatch(note if evidence else "", said.err)
     there = unpacked(Path(said.out.splitlines()[-1]), tmp_path / "there")
-    names = [f"{run.name}_0.mcap", f"{run.name}_evidence_0.mcap", f"{run.name}_evidence_1.mcap"]
-    assert opened_by_others(there / run.name) == (names, 6)
+    names = [f"{run.name}_0.mcap", *(f"{run.name}_evidence_{n}.mcap" for n in (0, 1))]
+    expected = (names, 3 * count) if evidence else (names[:1], count)
+    assert opened_by_others(there / run.name) == expected
+    assert bool(list(there.rglob("*evidence*"))) == evidence
     text = (there / "README.txt").read_text()
-    assert f"  {run.name}_evidence_0.mcap: evidence: cameras and" in text
-
-
-def test_evidence_can_be_left_out_and_metadata_lists_what_is_there(
-    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    run = folders(root)[0]
-    count = bag_of(run, 0)
-    assert main(["export", "--subject=3", "--without-evidence", f"--results={root}"]) == 0
-    said = capsys.readouterr()
-    assert said.err == ""
-    there = unpacked(Path(said.out.splitlines()[-1]), tmp_path / "there")
-    assert opened_by_others(there / run.name) == ([f"{run.name}_0.mcap"], count)
-    assert not list(there.rglob("*evidence*"))
-    text = (there / "README.txt").read_text()
-    assert "NOT IN THIS ARCHIVE\n  the evidence was left out on demand\n" in text
-    assert "evidence: cameras" not in text
-    plain = export(root, bags=False)
-    with zipfile.ZipFile(plain.path) as packed:
-        assert not any("evidence" in name for name in packed.namelist())
-        text = packed.read("README.txt").decode()
-        assert "the recording was left out on demand\n  the evidence was left out" in text
+    assert (f"  {run.name}_evidence_0.mcap: evidence: cameras and" in text) == evidence
+    left_out = "NOT IN THIS ARCHIVE\n  the evidence was left out on demand\n"
+    assert (left_out in text) != evidence
+    plain = read(export(root, bags=False).path)
+    assert not any("evidence" in name for name in plain)
+    both = b"the recording was left out on demand\n  the evidence was left out"
+    assert both in plain["README.txt"]
 
 
 def test_reports_link_to_what_is_in_the_zip_only(root: Path, tmp_path: Path) -> None:
@@ -348,51 +322,32 @@ def test_reports_link_to_what_is_in_the_zip_only(root: Path, tmp_path: Path) -> 
         report=report,
     )
     assert made.problems == (f"{second.name}/report.html: cannot be made",)
-    there = unpacked(target, tmp_path / "there")
     gone = "<a>&lt;it&gt;</a> (not in this zip)"
     kept = [f'<a href="{target}">&lt;it&gt;</a>' for target in targets]
-    assert (there / first.name / "report.html").read_text() == "".join(
+    packed = read(target)
+    assert packed[f"{first.name}/report.html"].decode() == "".join(
         [gone, kept[1], gone, kept[3], kept[4], gone, gone]
     )
-    assert not (there / second.name / "report.html").exists()
-    assert not (there / third.name / "report.html").exists()
+    assert sum("report.html" in name for name in packed) == 1
 
 
 def test_a_zip_has_reports_as_they_are_now_and_never_a_copy(tmp_path: Path) -> None:
     first, second = put_recorded(tmp_path)
-    flags = [f"--results={tmp_path}", "--output", str(tmp_path / "a.zip"), "--practice"]
-    assert main(["export", "--subject=3", *flags]) == 0
-    there = unpacked(tmp_path / "a.zip", tmp_path / "there")
+    target = tmp_path / "a.zip"
+    assert command(tmp_path, f"--output={target}", "--practice") == 0
+    packed = read(target)
     for run, other in ((first, second), (second, first)):
-        page = (there / run.name / "report.html").read_text()
+        page = packed[f"{run.name}/report.html"].decode()
         assert "evil" not in page
         assert f'<a href="../{other.name}/report.html">' in page
         assert '<a href="result.json">' in page
-    text = (there / "README.txt").read_text()
-    assert re.search(r"\nAs of \d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC: ", text)
-    for recording in second.glob("*.mcap"):
-        recording.unlink()
-    assert main(["export", "--subject=3", *flags]) == BAD_INPUT
-    there = unpacked(tmp_path / "a.zip", tmp_path / "less")
-    assert f"{second.name}/report.html: cannot be made: " in (there / "README.txt").read_text()
-    assert [path.parent.name for path in there.rglob("report.html")] == [first.name]
-
-
-def test_evidence_that_nobody_can_open_is_named_and_not_packed(root: Path, tmp_path: Path) -> None:
-    run = folders(root)[0]
-    bag_of(run, 0)
-    (run / evidence_file_name(run.name, 1)).write_bytes(b"garbage")
-    (run / evidence_file_name(run.name, 2)).touch()  # cut off before the first byte
-    (run / f"{evidence_file_name(run.name, 0)}.torn").write_bytes(b"torn")
-    made = export(root)
-    (problem,) = made.problems
-    assert problem == (
-        f"{run.name}/{evidence_file_name(run.name, 1)}: is evidence that is not whole: "
-        "`madrob recover` repairs it, then export again"
-    )
-    there = unpacked(made.path, tmp_path / "there")
-    assert len(list(there.rglob("*evidence*"))) == 1
-    assert opened_by_others(there / run.name)[1] == 4
+    as_of = r"\nAs of \d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC: "
+    assert re.search(as_of, packed["README.txt"].decode())
+    next(second.glob("*.mcap")).unlink()
+    assert command(tmp_path, f"--output={target}", "--practice") == BAD_INPUT
+    packed = read(target)
+    assert f"{second.name}/report.html: cannot be made: " in packed["README.txt"].decode()
+    assert [name for name in packed if "report.html" in name] == [f"{first.name}/report.html"]
 
 
 def test_the_run_that_goes_on_is_left_out_and_named(
@@ -401,82 +356,127 @@ def test_the_run_that_goes_on_is_left_out_and_named(
     going_on, done = folders(root)[2], folders(root)[1]
     (going_on / "result.json").unlink()
     with held(going_on), held(done):  # the engine holds a run until the next one is set up
-        assert main(["export", "--subject=3", f"--results={root}"]) == 2
+        assert command(root) == 2
         said = capsys.readouterr()
-        assert said.err == f"madrob: {going_on.name}: this run goes on: export again after it\n"
-        made = Path(said.out.splitlines()[-1])
-        for folder in folders(root)[:2]:
-            (folder / "result.json").unlink()
-    with zipfile.ZipFile(made) as packed:
-        names = packed.namelist()
-        assert f"{going_on.name}: this run goes on" in packed.read("README.txt").decode()
-    assert not any(name.startswith(going_on.name) for name in names)
-    assert any(name.startswith(done.name) for name in names)
+    assert said.err == f"madrob: {going_on.name}: this run goes on: export again after it\n"
+    packed = read(Path(said.out.splitlines()[-1]))
+    assert f"{going_on.name}: this run goes on" in packed["README.txt"].decode()
+    assert not any(name.startswith(going_on.name) for name in packed)
+    assert any(name.startswith(done.name) for name in packed)
 
 
-def test_a_team_without_runs_is_told_in_a_line_and_makes_no_zip(
-    root: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for team, words in (
+@pytest.mark.parametrize(
+    ("team", "words"),
+    [
         ("7", "there are runs of subject 3, 4"),
         ("999", "subject 999 has no runs"),
-    ):
-        assert main(["export", f"--subject={team}", f"--results={root}"]) == 2
-        said = capsys.readouterr()
-        assert said.err.count("\n") == 1
-        assert words in said.err
+        ("4", "only run of subject 4 goes on"),
+        ("5", "--practice"),
+    ],
+)
+def test_a_team_without_runs_to_pack_is_told_in_a_line_and_makes_no_zip(
+    team: str, words: str, root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (only,) = folders(root, 4)
     (only / "result.json").unlink()
-    with held(only), pytest.raises(MadrobError, match="only run of subject 4 goes on"):
-        export_team(collected_in(root), 4, DEFAULT_MAPPINGS, NOW)
+    if team == "5":
+        write(root, summary(5, practice=True))
+    with held(only):
+        assert main(["export", f"--subject={team}", f"--results={root}"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
     assert not (root / "exports").exists()
 
 
-def test_nothing_from_outside_and_nothing_half_written_is_packed(
-    root: Path, tmp_path: Path
+def put_file(path: Path) -> None:
+    path.parent.mkdir(parents=True)
+    path.write_text("somebody's")
+
+
+def emptied(folder: Path) -> None:
+    shutil.rmtree(folder)
+    folder.mkdir()
+
+
+DEEP = "/".join(["d" * 60] * 12)
+Spoil = Callable[[Path], object]
+SPOILT: dict[str, tuple[Spoil, list[str]]] = {
+    "a link to a file": (
+        lambda run: (run / "link.csv").symlink_to("/etc/passwd"),
+        ["/link.csv: cannot be read (it is a link)"],
+    ),
+    "a link to a folder": (lambda run: (run / "linked").symlink_to("/etc"), ["/linked: is a link"]),
+    "a pipe": (
+        lambda run: os.mkfifo(run / "pipe.csv"),
+        ["/pipe.csv: cannot be read (no plain file)"],
+    ),
+    "half a file": (lambda run: (run / ".report.html.1234.part").write_text("half"), []),
+    "a folder": (lambda run: put_file(run / "figures" / "door.svg"), []),
+    "folders without end": (
+        lambda run: put_file(run / DEEP / "file"),
+        [f"/{'/'.join(['d' * 60] * 6)}: too many folders, one in another"],
+    ),
+    "a name that is no text": (
+        lambda run: (run / os.fsdecode(b"\xff.csv")).write_text("no text"),
+        [".csv: its name is no text"],
+    ),
+    "a result that is damaged": (
+        lambda run: (run / "result.json").write_bytes(b"\xff{"),
+        [": result.json is damaged"],
+    ),
+    "a journal that is empty": (
+        lambda run: (run / "journal.jsonl").write_bytes(b""),
+        [": result.json is not what the journal says"],
+    ),
+    "no files": (emptied, []),
+    "an old recording": (lambda run: os.utime(next(run.glob("*_0.mcap")), (0, 0)), []),
+    "a strange name": (lambda run: (run / "back\\slash\nline.csv").write_text("odd"), []),
+    "evidence that is garbage": (
+        lambda run: (run / evidence_file_name(run.name, 1)).write_bytes(b"garbage"),
+        [": is evidence that is not whole: `madrob recover` repairs it, then export again"],
+    ),
+    "evidence without a byte": (
+        lambda run: (run / evidence_file_name(run.name, 1)).touch(),
+        [],
+    ),
+    "evidence torn": (
+        lambda run: (run / f"{evidence_file_name(run.name, 0)}.torn").write_bytes(b"torn"),
+        [],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", SPOILT)
+def test_what_is_spoilt_or_not_of_the_run_is_named_and_the_rest_is_packed(
+    case: str, root: Path
 ) -> None:
-    secret = tmp_path / "secret.txt"
-    secret.write_text("secret")
-    first, second, third = folders(root)
-    (first / "link.csv").symlink_to(secret)
-    (first / "linked").symlink_to(tmp_path, target_is_directory=True)
-    os.mkfifo(first / "pipe.csv")
-    (second / ".report.html.1234.part").write_text("half")
-    (second / "figures").mkdir()
-    (second / "figures" / "door.svg").write_text("<svg/>")
-    (root / third.name).rename(tmp_path / third.name)
-    (root / third.name).symlink_to(tmp_path / third.name, target_is_directory=True)
+    first, *others = folders(root)
+    bag_of(first, 0)
+    spoil, problems = SPOILT[case]
+    spoil(first)
     made = export(root)
-    assert made.runs == 2
-    assert made.problems == (
-        f"{first.name}/linked: is a link",
-        f"{first.name}/link.csv: cannot be read (it is a link)",
-        f"{first.name}/pipe.csv: cannot be read (no plain file)",
-    )
-    with zipfile.ZipFile(made.path) as packed:
-        assert f"{second.name}/figures/door.svg" in packed.namelist()
-        assert not any("link" in name or ".part" in name for name in packed.namelist())
-        assert b"secret" not in b"".join(packed.read(name) for name in packed.namelist())
+    assert [words.startswith(first.name) for words in made.problems] == [True] * len(problems)
+    assert all(why in words for why, words in zip(problems, made.problems, strict=True))
+    packed = read(made.path)
+    text, sums = packed["README.txt"].decode(), packed["SHA256SUMS"].decode().splitlines()
+    assert all(terminal_safe(words) in text for words in made.problems)
+    assert {f"{other.name}/result.json" for other in others} <= set(packed)
+    assert max(map(len, packed)) <= LONGEST_PATH
+    assert not [name for name in packed if "link" in name or name.endswith((".part", ".torn"))]
+    assert b"root:" not in b"".join(packed.values())
+    assert (f"{first.name}/figures/door.svg" in packed) == (case == "a folder")
+    evidence = [name for name in packed if is_evidence(name)]
+    assert len(evidence) == (0 if case == "no files" else 1)
+    told = {name: hashlib.sha256(data).hexdigest() for name, data in packed.items()}
+    del told["SHA256SUMS"]
+    assert sorted(sums) == sorted(f"{digest}  {name}" for name, digest in told.items())
 
 
-@pytest.mark.machine
-def test_damaged_run_folders_are_packed_as_they_are(root: Path, tmp_path: Path) -> None:
-    first, second, third = folders(root)
-    (first / "result.json").write_bytes(b"\xff{")
-    for path in second.iterdir():
-        path.unlink()
-    (third / "back\\slash\nline.csv").write_text("odd")
-    (third / "journal.jsonl").write_bytes(b"")
-    (third / "bag_1.mcap").write_bytes(b"")
-    os.utime(third / "bag_1.mcap", (0, 0))
-    made = export(root)
-    damaged, told = made.problems
-    assert damaged.startswith(f"{first.name}: result.json is damaged")
-    assert told.startswith(f"{third.name}: result.json is not what the journal says")
-    with zipfile.ZipFile(made.path) as packed:
-        assert "result.json is damaged" in packed.read("README.txt").decode()
-    home = unpacked(made.path, tmp_path / "home")
-    subprocess.run(["sha256sum", "-c", "--quiet", "SHA256SUMS"], cwd=home, check=True)
+def test_a_run_that_is_a_link_is_not_packed(root: Path, tmp_path: Path) -> None:
+    last = folders(root)[2]
+    last.rename(tmp_path / last.name).joinpath("secret").touch()
+    last.symlink_to(tmp_path / last.name, target_is_directory=True)
+    assert export(root).runs == 2
 
 
 def test_names_that_lead_out_of_the_folder_or_steer_a_terminal_are_replaced_and_named(
@@ -494,26 +494,21 @@ def test_names_that_lead_out_of_the_folder_or_steer_a_terminal_are_replaced_and_
         "\x07\x07": "__2",
         "\x07..": "__3",
         "result\x07.json": "result_2.json",
+        "C:/plain.csv": "C_/plain.csv",
     }
-    for number, name in enumerate(hostile):
-        (first / name).write_text(str(number))
-    (first / "plain.csv").write_text("plain")
-    (first / "..\\..\\hidden.bat").write_text("left out")
     (first / "C:").mkdir()
-    (first / "C:" / "plain.csv").write_text("inside")
+    for name in (*hostile, "plain.csv", "..\\..\\hidden.bat"):
+        (first / name).write_text(name)
     target = tmp_path / "home.zip"
-    assert main(["export", "--subject=3", f"--results={root}", f"--output={target}"]) == 0
+    assert command(root, f"--output={target}") == 0
     notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ")]
-    with zipfile.ZipFile(target) as packed:
-        packed_names = packed.namelist()
-        assert packed.read(f"{first.name}/result.json") == (first / "result.json").read_bytes()
-        text = packed.read("README.txt").decode()
-        for number, name in enumerate(hostile.values()):
-            assert packed.read(f"{first.name}/{name}") == str(number).encode(), name
-        assert packed.read(f"{first.name}/C_/plain.csv") == b"inside"
-    assert f"{first.name}/plain.csv" in packed_names
-    assert not any("hidden" in name for name in packed_names)
-    assert len(notes) == len(hostile) + 1
+    packed = read(target)
+    for name, called in {**hostile, "plain.csv": "plain.csv"}.items():
+        assert packed[f"{first.name}/{called}"].decode() == name
+    assert packed[f"{first.name}/result.json"] == (first / "result.json").read_bytes()
+    assert not any("hidden" in name for name in packed)
+    text = packed["README.txt"].decode()
+    assert len(notes) == len(hostile)
     assert all(note.removeprefix("note: ") in text for note in notes)
     assert text.count("UNDER ANOTHER NAME") == 1
 
@@ -531,47 +526,23 @@ def test_every_name_becomes_a_safe_one_of_its_own(names: list[str]) -> None:
     assert safe_names(called.values()) == {name: name for name in called.values()}
 
 
-def test_folders_in_folders_without_end_are_named_and_the_rest_is_packed(root: Path) -> None:
-    first = folders(root)[0]
-    deep = first
-    for _ in range(12):
-        deep /= "d" * 60
-        deep.mkdir()
-        (deep / "file").write_text("deep")
-    made = export(root)
-    [problem] = made.problems
-    assert problem.endswith(f"{'d' * 60}: too many folders, one in another")
-    with zipfile.ZipFile(made.path) as packed:
-        names = packed.namelist()
-    assert max(map(len, names)) <= LONGEST_PATH
-    assert sum("file" in name for name in names) == 5
-
-
-def test_what_cannot_be_read_is_named_and_the_rest_is_packed(
-    root: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_what_vanishes_meanwhile_is_named_and_the_rest_is_packed(
+    root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first, second, _ = folders(root)
-    (first / os.fsdecode(b"\xff.csv")).write_text("no text")
+    first = folders(root)[0]
 
     def vanishing(path: str, *, folder: int) -> int:
-        if path == "metadata.yaml" and os.fstat(folder).st_ino == second.stat().st_ino:
+        if path == "metadata.yaml" and os.fstat(folder).st_ino == first.stat().st_ino:
             os.unlink(path, dir_fd=folder)
         return open_plain(path, folder=folder)
 
     monkeypatch.setattr("madrob_console.export.zip_file.open_plain", vanishing)
-    assert main(["export", "--subject=3", f"--results={root}"]) == 2
-    said = capsys.readouterr()
-    lines = said.err.splitlines()
-    assert len(lines) == 2
-    assert lines[0].endswith(".csv: its name is no text")
-    assert f"{second.name}/metadata.yaml: cannot be read (No such file" in lines[1]
-    made = Path(said.out.splitlines()[-1])
-    with zipfile.ZipFile(made) as packed:
-        names = packed.namelist()
-        assert lines[1].removeprefix("madrob: ") in packed.read("README.txt").decode()
-        sums = packed.read("SHA256SUMS").decode()
-    assert f"{second.name}/result.json" in names
-    assert all(sums.count(f"  {name}\n") == 1 for name in names if name != "SHA256SUMS")
+    made = export(root)
+    (problem,) = made.problems
+    assert problem.startswith(f"{first.name}/metadata.yaml: cannot be read (No such file")
+    packed = read(made.path)
+    assert problem in packed["README.txt"].decode()
+    assert f"{first.name}/result.json" in packed
 
 
 def test_a_file_that_shrinks_is_named_and_has_no_sum(
@@ -592,8 +563,7 @@ def test_a_file_that_shrinks_is_named_and_has_no_sum(
     assert made.problems == (
         f"{first.name}/metadata.yaml: its last 10 bytes cannot be read (it became shorter)",
     )
-    with zipfile.ZipFile(made.path) as packed:
-        assert f"{first.name}/metadata.yaml" not in packed.read("SHA256SUMS").decode()
+    assert f"{first.name}/metadata.yaml" not in read(made.path)["SHA256SUMS"].decode()
 
 
 def test_a_disk_that_refuses_leaves_no_half_zip(
@@ -626,24 +596,16 @@ def test_a_result_that_changes_meanwhile_is_named(
     assert export(root).problems == (f"{first.name}: its result changed meanwhile: export again",)
 
 
-def text_in(made: pack.Export) -> str:
-    with zipfile.ZipFile(made.path) as packed:
-        return packed.read("README.txt").decode()
-
-
-def test_the_text_says_how_each_run_ended(root: Path) -> None:
+def test_the_text_says_how_each_run_ended_and_what_a_decision_hangs_on(root: Path) -> None:
     write(root, summary(3, run_number=4, hour=5, outcome=Outcome.ABORTED, values={}))
-    text = text_in(export(root))
-    assert "condition 7, run 1: completed, not final; " in text
-    assert "condition 7, run 4: aborted, not final\n" in text
-
-
-def test_the_text_says_what_a_decision_on_a_run_hangs_on(root: Path) -> None:
-    result = folders(root)[0] / "result.json"
-    told = json.loads(result.read_text()) | {"flags": [msgspec.to_builtins(UNDECIDED_START)]}
-    result.write_text(json.dumps(told))
-    text = text_in(export(root))
-    assert "run 1: completed, not final, 1 false start UNDECIDED (handle touched); " in text
+    write(root, summary(3, run_number=5, hour=6, flags=(UNDECIDED_START,)))
+    text = text_of(export(root).path)
+    for words in (
+        "run 1: completed, not final; ",
+        "run 4: aborted, not final\n",
+        "run 5: completed, not final, 1 false start UNDECIDED (handle touched)\n",
+    ):
+        assert f"condition 7, {words}" in text
 
 
 def test_practice_runs_are_packed_apart_wherever_they_lie(root: Path) -> None:
@@ -654,24 +616,13 @@ def test_practice_runs_are_packed_apart_wherever_they_lie(root: Path) -> None:
     write(root / "practice", moved)
     official, practice = export(root), export(root, practice=True)
     assert (official.runs, practice.runs) == (3, 3)
-    assert "PRACTICE" not in text_in(official)
-    assert where_they_were.folder not in text_in(official)
-    text = text_in(practice)
+    assert not re.search(f"PRACTICE|{where_they_were.folder}", text_of(official.path))
+    text = text_of(practice.path)
     assert text.startswith("MADROB: PRACTICE runs of subject 3 ")
     assert "condition 7, run 4: completed, not final, PRACTICE, simulated\n" in text
     assert "condition 7, run 1: completed, not final, PRACTICE\n" in text
     assert moved.folder in text
     assert "_practice_" in practice.path.name
-
-
-@pytest.mark.parametrize("practice", [True, False])
-def test_a_team_that_has_only_runs_of_the_other_kind_is_told_so(
-    tmp_path: Path, *, practice: bool
-) -> None:
-    write(tmp_path, summary(3, practice=not practice))
-    with pytest.raises(MadrobError, match="--practice"):
-        export(tmp_path, practice=practice)
-    assert not (tmp_path / "exports").exists()
 
 
 @given(team=st.text(max_size=60), subject=st.integers(1, 999))
@@ -683,43 +634,45 @@ def test_every_team_name_gives_a_plain_file_name(team: str, subject: int) -> Non
     assert all(char in "_-." or unicodedata.category(char)[0] in "LN" for char in name)
 
 
-def test_the_layout_shows_the_topics_of_the_testbed() -> None:
-    own = TopicMapping(
-        Signal.HANDLE, "/door/handle", "madrob_msgs/msg/Handle", "force", scale=0.0098
+def layout_of(own: TopicMapping | None = None, *known: Any) -> dict[str, Any]:  # noqa: ANN401
+    """The layout of a testbed whose handle is read otherwise."""
+    others = [one for one in DEFAULT_MAPPINGS if own is None or one.signal is not Signal.HANDLE]
+    return foxglove_layout([*others, *([] if own is None else [own])], *known)
+
+
+def test_the_layout_shows_the_topics_of_the_testbed_by_their_own_stamps() -> None:
+    layout = layout_of(
+        TopicMapping(Signal.HANDLE, "/door/handle", "madrob_msgs/msg/Handle", "force", scale=0.0098)
     )
-    mappings = [own, *(m for m in DEFAULT_MAPPINGS if m.signal is not Signal.HANDLE)]
-    layout = foxglove_layout(mappings)
-    plots = [p for key, p in layout["configById"].items() if key.startswith("Plot!")]
-    lines = {line["value"]: line["label"] for plot in plots for line in plot["paths"]}
+    paths = [path for panel in layout["configById"].values() for path in panel.get("paths", ())]
+    lines = {path["value"]: path.get("label") for path in paths}
     assert lines["/madrob/door/angle.position[0]"] == "angle, rad"
     assert lines["/door/handle.force"] == "force, N, as published"
     assert lines["/madrob/passage/ccw_right.ranges[0]"] == "ccw 4, distance down"
-    assert len([value for value in lines if value.startswith("/")]) == 13
+    methods = {path["value"]: path["timestampMethod"] for path in paths}
+    stamped = {methods[value] for value in methods if value.startswith("/madrob/passage")}
+    assert stamped == {methods["/madrob/door/angle.position[0]"]} == {"headerStamp"}
+    assert methods["/madrob/door/locked.data"] == "receiveTime"  # it has no stamp
+    plots = [panel for key, panel in layout["configById"].items() if key.startswith("Plot!")]
+    shown = {path["value"] for plot in plots for path in plot["paths"]}
+    assert len([value for value in shown if value.startswith("/")]) == 13
     assert set(layout) == {"configById", "layout", "globalVariables", "userNodes", "playbackConfig"}
     assert _panels(layout["layout"]) == set(layout["configById"])
 
 
-def test_the_layout_goes_by_the_messages_own_stamps_and_has_the_thresholds_as_published() -> None:
+def test_the_layout_has_the_thresholds_as_published() -> None:
     own = TopicMapping(Signal.HANDLE, "/door/handle", "geometry_msgs/msg/WrenchStamped",
                        "wrench.force.x", scale=0.5, offset=1.0)  # fmt: skip
-    mappings = [own, *(m for m in DEFAULT_MAPPINGS if m.signal is not Signal.HANDLE)]
     limits = Thresholds(closed_angle=0.04, touch_force=3.0, lintel_height=2.5, present_height=0.4)
-    layout = foxglove_layout(mappings, limits, HandleZero(6.0, "run 2 of condition 1"))
+    layout = layout_of(own, limits, HandleZero(6.0, "run 2 of condition 1"))
     paths = [path for panel in layout["configById"].values() for path in panel.get("paths", ())]
-    assert {p["timestampMethod"] for p in paths if p["value"].startswith("/madrob/passage")} == {
-        "headerStamp"
-    }
-    methods = {path["value"]: path["timestampMethod"] for path in paths}
-    assert methods["/madrob/door/angle.position[0]"] == "headerStamp"
-    assert methods["/madrob/door/locked.data"] == "receiveTime"  # it has no stamp
-    levels = [float(path["value"]) for path in paths if not path["value"].startswith("/")]
-    assert sorted(levels) == [-0.04, 0.04, 2.1, 2.1, 4.0, 16.0]
-    words = {path["value"]: path["label"] for path in paths}
-    assert words["16"] == "touch, 3.00 N from the zero (6.00 N, run 2 of condition 1)"
+    levels = {path["value"]: path["label"] for path in paths if path["value"][0] != "/"}
+    assert sorted(map(float, levels)) == [-0.04, 0.04, 2.1, 4.0, 16.0]
+    assert levels["16"] == "touch, 3.00 N from the zero (6.00 N, run 2 of condition 1)"
 
 
 def test_the_layout_shows_phases_and_events_in_their_own_words() -> None:
-    layout = foxglove_layout(DEFAULT_MAPPINGS)
+    layout = layout_of()
     shown = {path["value"] for path in layout["configById"]["StateTransitions!course"]["paths"]}
     for script in layout["userNodes"].values():
         (output,) = re.findall(r'export const output = "(.*)";', script["sourceCode"])
@@ -733,19 +686,6 @@ def test_the_layout_shows_phases_and_events_in_their_own_words() -> None:
     assert doorway["followTf"] == START_POSE_FRAME
     scans = {mapping.topic for mapping in DEFAULT_MAPPINGS if "LaserScan" in mapping.type}
     assert set(doorway["topics"]) == {*scans, REFEREE_START_POSE_TOPIC}
-
-
-def test_the_layout_in_a_zip_has_the_handle_zero_of_the_newest_run(
-    recorded: Path, tmp_path: Path
-) -> None:
-    found = collected_in(recorded)
-    export_team(found, 3, DEFAULT_MAPPINGS, NOW, practice=True, target=tmp_path / "a.zip")
-    home = unpacked(tmp_path / "a.zip", tmp_path / "home")
-    layout = json.loads((home / "madrob_foxglove_layout.json").read_text())
-    (_, above, below) = layout["configById"]["Plot!handle"]["paths"]
-    zero = (float(above["value"]) + float(below["value"])) / 2
-    assert zero == pytest.approx(5.9, abs=0.1)
-    assert f"({zero:.2f} N, run " in above["label"]
 
 
 def _panels(node: object) -> set[str]:
@@ -769,9 +709,9 @@ def test_a_file_beyond_the_limits_of_old_zips_is_packed(
         packed.add_folder(folder, "run")
         assert list(packed.sums) == ["run/large.mcap"]
         packed.finish(NOW)
-    with zipfile.ZipFile(tmp_path / "a.zip") as read:
-        data = read.read("run/large.mcap")
-        assert read.read("SHA256SUMS").decode().split()[0] == hashlib.sha256(data).hexdigest()
+    packed_files = read(tmp_path / "a.zip")
+    data = packed_files["run/large.mcap"]
+    assert packed_files["SHA256SUMS"].decode().split()[0] == hashlib.sha256(data).hexdigest()
     assert len(data) == 3_000_000
 
 
@@ -782,42 +722,52 @@ def told(**fields: object) -> list[str]:
     return list(protest_lines(Run(**fields), "the_run"))  # type: ignore[arg-type]
 
 
-def test_who_decides_a_protest_reads_what_of_the_evidence_is_missing_and_when() -> None:
-    gaps = EvidenceGap(6.7, 8.6, "the process ended"), EvidenceGap(20.0, None, "the disk")
-    lines = told(evidence=EvidenceAccount((CAMERA,), gaps=gaps))
-    lost = "at least 14 lost, missing from +6.7 s to +8.6 s and 1 time more"
-    assert lines[-3:] == [
-        f"Evidence: 1 topic, 90 messages, 4.0 MB, {lost}",
-        "  missing from +6.7 s to +8.6 s, from +20.0 s to the end",
-        "  /camera/c1: at least 14 lost (14 behind)",
-    ]
-
-
-def test_evidence_that_was_removed_is_called_so() -> None:
-    lines = told(
-        evidence=EvidenceAccount((CAMERA,)), removed_evidence=(RemovedEvidence(0.0, 1, 5),)
-    )
-    assert "  removed by tidy on 1970-01-01 00:00:00 UTC" in lines
-
-
-def test_a_run_without_evidence_says_nothing_of_it() -> None:
-    assert not any("vidence" in line for line in told())
+GAPS = EvidenceGap(6.7, 8.6, "the process ended"), EvidenceGap(20.0, None, "the disk")
+SETUP = make_setup()
 
 
 def filed(about: str) -> Protest:
     return Protest(1, 107.5, "Graz", "too late", about, 107.5, "R. Eferee")
 
 
-def test_a_time_that_a_protest_is_about_is_told_once() -> None:
-    lines = told(protests=(filed("7.500 s"), filed("step 4")), start=100.0)
-    assert [line.split(maxsplit=1)[1] for line in lines if "about:" in line] == [
-        "7.500 s from the start",
-        "step 4, 7.500 s from the start",
-    ]
+PROTESTS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
+    "evidence is missing": (
+        {"evidence": EvidenceAccount((CAMERA,), gaps=GAPS)},
+        (
+            "Evidence: 1 topic, 90 messages, 4.0 MB, at least 14 lost, missing from +6.7 s to",
+            "  missing from +6.7 s to +8.6 s, from +20.0 s to the end",
+            "  /camera/c1: at least 14 lost (14 behind)",
+        ),
+    ),
+    "evidence was removed": (
+        {
+            "evidence": EvidenceAccount((CAMERA,)),
+            "removed_evidence": (RemovedEvidence(0.0, 1, 5),),
+        },
+        ("  removed by tidy on 1970-01-01 00:00:00 UTC",),
+    ),
+    "a time is told once": (
+        {"protests": (filed("7.500 s"), filed("step 4")), "start": 100.0},
+        ("about:     7.500 s from the start", "about:     step 4, 7.500 s from the start"),
+    ),
+    "a team with a name": (
+        {"setup": replace(SETUP, team="Graz")},
+        ("Run 1 of subject 3 Graz, condition ",),
+    ),
+    "a team without one": (
+        {"setup": replace(SETUP, team="")},
+        ("Run 1 of subject 3, condition ",),
+    ),
+}
 
 
-@pytest.mark.parametrize(("team", "whose"), [("", "subject 3"), ("Graz", "subject 3 Graz")])
-def test_whose_run_it_is_stands_below_the_title(team: str, whose: str) -> None:
-    assert told(setup=replace(make_setup(), team=team))[1].startswith(
-        f"Run 1 of {whose}, condition "
-    )
+@pytest.mark.parametrize("case", PROTESTS)
+def test_who_decides_a_protest_reads_whose_run_it_is_and_what_of_the_evidence_is_missing(
+    case: str,
+) -> None:
+    fields, words = PROTESTS[case]
+    lines = list(protest_lines(Run(**fields), "the_run"))
+    plain = [" ".join(line.split()) for line in lines]
+    assert [each for each in words if not any(" ".join(each.split()) in one for one in plain)] == []
+    assert any("vidence" in line for line in lines) == ("evidence" in fields)
+    assert sum("7.500 s" in line for line in lines) == 2 * ("protests" in fields)

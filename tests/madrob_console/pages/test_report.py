@@ -8,8 +8,9 @@ import re
 import shutil
 import sys
 from collections import Counter
-from dataclasses import replace
-from html.parser import HTMLParser
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from pathlib import Path
 
 import pytest
@@ -17,20 +18,27 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from madrob_console.archive.history import RunSummary
-from madrob_console.archive.scored import Scored
+from madrob_console.archive.scored import Scored, score_opened
 from madrob_console.cli.report_command import report as report_command
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import software_version
 from madrob_console.pages import PictureFormat, report_pictures
 from madrob_console.pages.report import report_html
-from madrob_console.pages.surroundings import ComparedRun, LinkedRun, PagePlace, Surroundings
+from madrob_console.pages.surroundings import (
+    NOWHERE,
+    ComparedRun,
+    LinkedRun,
+    PagePlace,
+    Surroundings,
+)
 from madrob_console.referee.acts import (
     Abort,
     AddNote,
     Finalise,
     MarkIncident,
+    Reissue,
     Rule,
-    Start,
+    Void,
     WithdrawIncident,
 )
 from madrob_console.referee.records import (
@@ -53,65 +61,22 @@ from scoring.procedure import Ruling
 from scoring.protocol import EventName, Outcome, Step
 from scoring.result import EventRecord, Indicator, Uncertainty, value_text
 from scoring.rulesets import RulesetName
-from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.recorded_runs import without_digests
+from tests.madrob_console.engine.drive import make_setup
+from tests.madrob_console.pages.page import Page
+from tests.madrob_console.recorded_runs import (
+    ended_after,
+    new_drive,
+    publish,
+    recorded,
+    without_digests,
+)
 from tests.madrob_console.run_folders import VALUES, summary, write
 
-VOID = {"meta", "br"}
 
-
-class Page(HTMLParser):
-    """A page taken apart; every element must be closed where it was opened."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__(convert_charrefs=True)
-        self.tags: list[str] = []
-        self.attributes: list[tuple[str, str]] = []
-        self.words: list[tuple[tuple[str, ...], str]] = []
-        self._open: list[str] = []
-        self.feed(page)
-        self.close()
-        assert self._open == []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.attributes += [(name, value or "") for name, value in attrs]
-        if tag not in VOID:
-            self._open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        assert "svg" in self._open, f"<{tag}/> outside of a picture"
-        self.tags.append(tag)
-        self.attributes += [(name, value or "") for name, value in attrs]
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self._open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.words.append((tuple(self._open), data))
-
-    @property
-    def text(self) -> str:
-        """All words, on one line."""
-        shown = (data for tags, data in self.words if "style" not in tags)
-        return " ".join("".join(shown).split())
-
-    def inside(self, tag: str) -> str:
-        """All words within elements of a kind."""
-        return " ".join("".join(data for tags, data in self.words if tag in tags).split())
-
-    def section(self, title: str) -> str:
-        """The text from a heading to the next one."""
-        titles = [data for tags, data in self.words if tags[-1:] == ("h2",)]
-        after = self.text[self.text.index(title) + len(title) :]
-        later = [after.index(t) for t in titles[titles.index(title) + 1 :] if t in after]
-        return after[: min(later, default=len(after))].strip()
-
-
-@pytest.fixture(scope="module")
-def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scored, Path]:
+@cache
+def signed() -> Path:
     """A whole run with everything that a referee can say."""
-    drive = Drive(tmp_path_factory.mktemp("results"))
+    drive = new_drive()
     drive.start(make_setup())
     drive.wait(2.0)
     drive.act(MarkIncident(IncidentKind.COLLISION, "door <frame> & hinge"))
@@ -120,324 +85,206 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scored, Path]:
     drive.finish()
     drive.act(Rule(Step.CROSS, confirmed=True, reason="seen from the side"))
     drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee", "the robot was slower"))
-    scored, folder = drive.scored(), drive.engine.folder
     drive.engine.close()
-    assert folder is not None
-    return scored, folder
+    return drive.folder
+
+
+def reissued() -> Path:
+    """A run in which nothing was done, ruled, signed, issued again and void."""
+    drive = new_drive(Scenario.NO_TOUCH)
+    drive.whole_run(make_setup(timeout=1.0))
+    drive.act(Rule(Step.TOUCH, confirmed=True, reason="seen <b>by all</b>"))
+    drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee", "unfair"))
+    drive.act(Reissue("the video shows more"))
+    drive.act(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee"))
+    drive.act(Void("the floor was wet"))
+    drive.engine.close()
+    return drive.folder
+
+
+RUNS: Mapping[str, Callable[[], Path]] = {
+    "signed": signed,
+    "timeout": partial(recorded, Scenario.TOUCH_ONLY),
+    "reissued": reissued,
+    "aborted": partial(ended_after, 5.0, Abort("robot on fire")),
+    "aborted in the countdown": partial(ended_after, 0.5, Abort("not ready")),
+    "interrupted": partial(ended_after, 6.0),
+}
+
+
+@cache
+def run_of(kind: str) -> tuple[Path, Scored]:
+    folder = RUNS[kind]()
+    return folder, score_opened(folder)
+
+
+@cache
+def page_of(kind: str) -> str:
+    folder, scored = run_of(kind)
+    return report_html(scored, place=Surroundings().place_of(folder, scored))
 
 
 @pytest.fixture(scope="module")
-def scored(driven: tuple[Scored, Path]) -> Scored:
-    return driven[0]
+def scored() -> Scored:
+    return run_of("signed")[1]
 
 
 @pytest.fixture
-def folder(driven: tuple[Scored, Path], tmp_path: Path) -> Path:
-    """A copy of the run's folder."""
-    copy = tmp_path / "results" / driven[1].name
-    shutil.copytree(driven[1], copy)
-    return copy
+def folder(tmp_path: Path) -> Path:
+    """A copy of that run's folder."""
+    source, _ = run_of("signed")
+    return shutil.copytree(source, tmp_path / "results" / source.name)
 
 
 @pytest.fixture(scope="module")
-def text(scored: Scored) -> str:
-    return report_html(scored)
+def page() -> Page:
+    return Page(page_of("signed"))
 
 
-@pytest.fixture(scope="module")
-def page(text: str) -> Page:
-    return Page(text)
+# ---------------------------------------------------------------- every page
 
 
-def ended(scored: Scored, outcome: Outcome, reason: str = "as told") -> Scored:
-    """The same run with another outcome; an aborted one has no figures and is quick to write."""
-    result = replace(scored.result, outcome=outcome, outcome_reason=reason)
-    return replace(scored, result=result)
-
-
-def of_source(scored: Scored, source: SourceKind) -> Scored:
-    """The same, and official where the testbed is a real one."""
-    setup = replace(scored.record.setup, practice=source is SourceKind.SIMULATED)
-    return replace(scored, record=replace(scored.record, source=source, setup=setup))
-
-
-def test_the_page_needs_nothing_from_elsewhere_and_runs_nothing(text: str, page: Page) -> None:
-    assert text.startswith("<!DOCTYPE html>")
-    assert not re.search("http(?!-equiv)", text)
-    assert "<script" not in text
-    assert "@import" not in text
-    assert not {"script", "link", "iframe", "object", "img", "form"} & set(page.tags)
-    assert not [name for name, _ in page.attributes if name.startswith("on") or name == "src"]
-    assert all(value.startswith("#") for name, value in page.attributes if name.endswith("href"))
-
-
-def test_every_picture_refers_to_its_own_parts(text: str, page: Page) -> None:
-    ids = Counter(value for name, value in page.attributes if name == "id")
-    assert max(ids.values()) == 1
-    referred = set(re.findall(r'(?:url\(#|href="#)([^)"]+)', text))
-    assert referred
-    assert referred <= set(ids)
-
-
-def test_the_same_run_gives_the_same_page(text: str, scored: Scored) -> None:
-    assert report_html(scored) == text
-
-
-def test_a_page_is_small_enough_to_be_sent_around(text: str) -> None:
-    assert len(text.encode()) < 300_000
-
-
-def test_the_set_up_is_told(page: Page, scored: Scored) -> None:
-    told = page.section("Set-up")
-    for words in (
-        "Delft, subject 3",
-        "1: No Force",
-        "pull the door, from side CCW to side CW",
-        "x 1.5 m, y 0 m, yaw 0°",
-        "60 s, after a countdown of 2 s",
-        "protocol",
-        "a door that stays closed",
-        f"{scored.record.handle_zero:.3f} N",
-        "R. Eferee",
-    ):
-        assert words in told
-    samples = scored.record.zero_samples
-    assert samples is not None
-    assert samples.scatter in told
-
-
-def test_the_outcome_is_told_in_words(page: Page) -> None:
-    top = page.inside("header")
-    assert "Run 1 of subject 3 · Delft" in top
-    assert "COMPLETED: all six steps done" in top
-    assert "6 of 6 steps count" in top
-    assert "final; protested by the team" in top
-
-
-def test_every_indicator_has_value_unit_and_explanation(page: Page, scored: Scored) -> None:
-    told = page.section("Indicators")
-    assert len(scored.result.indicators) == len(IndicatorName)
-    for name, indicator in scored.result.indicators.items():
-        value = indicator.value
-        assert value is not None
-        unit = indicator.unit.replace("^2", "²").replace("^3", "³")
-        assert f"{value_text(value, indicator.uncertainty)}{indicator.sign}" in told
-        assert f" {unit}" in told
-        assert name.spec.explanation in told
-        assert name.replace("_", " ") in told
-
-
-def test_the_handle_at_rest_and_its_drift_are_told(page: Page, scored: Scored) -> None:
-    rest = scored.result.rest
-    assert rest is not None
-    assert rest.drift is not None
-    told = page.section("Indicators")
-    assert re.search(r"Handle at rest: 5\.\d{3} N before; 5\.\d{3} N after, drift [+-]0\.0", told)
-
-
-def test_a_report_says_how_far_its_values_can_be_trusted(scored: Scored) -> None:
-    touch = "the touch rests on 1 sample"
-    plain = {
-        name: replace(one, uncertainty=None, doubts=())
-        for name, one in scored.result.indicators.items()
-    }
-    known = {
-        IndicatorName.EXECUTION_TIME: Indicator(13.8621, "s", None, Uncertainty(0.009, 0.018)),
-        IndicatorName.TIME_TO_HANDLE: Indicator(
-            3.2, "s", None, Uncertainty(0.009, 0.018), (touch,)
-        ),
-        IndicatorName.PASSAGE_TIME: Indicator(None, "s", "never closed", None, (touch,)),
-    }
-    result = replace(scored.result, indicators={**plain, **known})
-    accepted = AcceptedDoubts(
-        5.0, "seen on video: right", "Ada", {IndicatorName.TIME_TO_HANDLE: (touch,)}
-    )
-    run = replace(scored.run, accepted_doubts=(accepted,))
-    page = Page(report_html(replace(scored, result=result, run=run)))
-    told = page.section("Indicators")
-    assert "13.86 +- 0.02 s" in told
-    assert "3.20? +- 0.02 s" in told
-    assert "none: never closed?" in told
-    assert f"time to handle, passage time: {touch}." in told
-    assert "lies within it of what happened 95 times in 100" in told
-    assert "the steps of the encoder look like jerk" in page.section("What the words mean")
-    answer = f"doubt accepted (time to handle: {touch}): seen on video: right"
-    assert answer in page.section("Referee decisions")
-    untold = Page(report_html(replace(scored, result=replace(result, indicators=plain))))
-    told = untold.section("Indicators")
-    assert "expanded uncertainty" not in told
-    assert "no uncertainty is known of them" in told
-
-
-def test_the_manual_start_is_told_beside_the_times_that_include_it(page: Page) -> None:
-    told = page.section("Indicators")
-    assert "execution time and time to handle include the delay" in told
-    assert "execution time *" in told
-    assert "time to handle *" in told
-
-
-def test_an_indicator_without_a_value_has_a_reason(tmp_path: Path) -> None:
-    drive = Drive(tmp_path, Scenario.TOUCH_ONLY)
-    drive.whole_run(make_setup(timeout=6.0))
-    page = Page(report_html(drive.scored()))
-    told = page.section("Indicators")
-    assert "none: robot never approached on the starting side" in told
-    assert told.count("none: door never opened") == 2
-    assert "TIMEOUT" in page.inside("header")
-    assert "Figure 4 is missing: the door never opened." in page.section("Figures")
-
-
-def test_each_step_shows_sensors_referee_and_what_counts(page: Page, scored: Scored) -> None:
-    told = page.section("The six steps")
-    crossed = scored.result.steps[3]
-    assert crossed.sensors is not None
-    at = f"{crossed.sensors - scored.result.start:.2f}"
-    words = rf"4 cross the threshold {at} confirmed ?seen from the side {at}"
-    assert re.search(words, told), told
-    assert len(re.findall(r"\d [a-z]+ the \w+ ", told)) == 6
-
-
-def test_a_denied_step_is_told_on_top(scored: Scored) -> None:
-    steps = list(scored.result.steps)
-    denial = Ruling(Step.CROSS, confirmed=False, time=0.0, reason="arm only", referee="R")
-    steps[3] = replace(steps[3], referee=denial, final=None, reason="denied by the referee")
-    denied = replace(scored, result=replace(scored.result, steps=tuple(steps)))
-    page = Page(report_html(ended(denied, Outcome.ABORTED)))
-    assert "The referee denies: cross the threshold." in page.inside("header")
-    assert "denied by the referee" in page.section("The six steps")
-
-
-def test_what_a_decision_hangs_on_is_told_on_top(page: Page, scored: Scored) -> None:
-    head = page.inside("header")
-    assert "PROTESTED by the team; step 4 confirmed 1 incident (fall)" in head
-    assert "UNDECIDED" not in head
-    assert scored.run.start is not None
-    touched = FalseStart(scored.run.start - 1, EventName.HANDLE_IS_TOUCHED)
-    fault = Fault(scored.run.start + 2, "/madrob/door/angle: <lost>")
-    run = replace(scored.run, false_starts=(touched,), faults=(fault,))
-    marked = Page(report_html(replace(scored, run=run)))
-    assert marked.inside("header").count("1 false start UNDECIDED (handle touched)") == 1
-    assert "1 testbed fault" in marked.inside("header")
-    assert "+2.00 s /madrob/door/angle: <lost>" in marked.section("Testbed faults")
-
-
-def test_what_the_referee_said_is_told(page: Page) -> None:
-    assert "step 4, cross the threshold: confirmed by R. Eferee: seen from the side" in (
-        page.section("Referee decisions")
-    )
-    assert "lights flickered" in page.section("Notes")
-    assert page.section("False starts") == "None."
-    assert "fall" in page.section("Incidents")
-
-
-def test_a_withdrawn_incident_is_struck_through_with_its_reason(page: Page) -> None:
-    assert page.inside("del") == "collision: door <frame> & hinge"
-    assert "withdrawn: it was the wind" in page.section("Incidents")
-
-
-def test_waivers_and_false_starts_are_told_once(scored: Scored) -> None:
-    assert scored.run.start is not None
-    run = replace(
-        scored.run,
-        waivers=(Waiver(CheckName.DISK, "small disk, short run", "Ann", 0.0),),
-        false_starts=(
-            FalseStart(scored.run.start - 1, EventName.HANDLE_IS_TOUCHED, "a cable hung on it"),
-            FalseStart(scored.run.start - 0.5, EventName.DOOR_OPENS),
-        ),
-    )
-    quality = replace(scored.result.quality, remarks=("door angle: 3 gaps", *run.remarks()))
-    result = replace(scored.result, quality=quality)
-    page = Page(report_html(ended(replace(scored, run=run, result=result), Outcome.ABORTED)))
-    told = page.section("Referee decisions")
-    assert "check “disk space” waived by Ann: small disk, short run" in told
-    told = page.section("False starts")
-    assert "-1.00 s handle touched (handle_is_touched); accepted: a cable hung on it" in told
-    assert "-0.50 s door opens (door_opens); not decided" in told
-    assert "door angle: 3 gaps" in page.section("Data quality")
-    assert page.text.count("small disk") == 1
-
-
-@pytest.mark.parametrize(
-    ("word", "sentence"),
-    [
-        (TeamWord.ACKNOWLEDGED, "The team acknowledged the result."),
-        (TeamWord.PROTESTED, "The team PROTESTED against the result."),
-        (TeamWord.ABSENT, "Nobody of the team was there."),
-    ],
-)
-def test_the_teams_word_is_told_and_signed(word: TeamWord, sentence: str, scored: Scored) -> None:
-    closure = Closure(1_700_000_000.0, "R. Eferee", word, "as they said")
-    final = replace(scored, run=replace(scored.run, closure=closure))
-    told = Page(report_html(ended(final, Outcome.ABORTED))).section("The team's word")
-    assert sentence in told
-    assert "as they said" in told
-    assert "Signed by referee R. Eferee" in told
-
-
-def test_a_result_that_is_not_final_says_so(scored: Scored) -> None:
-    still_open = replace(scored, run=replace(scored.run, closure=None, issue=2))
-    page = Page(report_html(ended(still_open, Outcome.ABORTED)))
-    assert "NOT FINAL" in page.section("The team's word")
-    assert "not final, issue 2" in page.inside("header")
-
-
-def test_the_figures_are_pictures_with_words_and_this_runs_numbers(
-    page: Page, scored: Scored
+@pytest.mark.parametrize("kind", RUNS)
+def test_the_page_of_any_run_is_whole_by_itself_and_has_the_numbers_of_its_result(
+    kind: str,
 ) -> None:
-    assert page.tags.count("figure") == page.tags.count("figcaption") == len(FigureName) + 1
-    spoken = [value for name, value in page.attributes if name == "aria-label"]
-    told = [words for words in spoken if words.startswith("Figure")]
-    assert [words[:8] for words in told] == [f"Figure {name.number}" for name in FigureName]
-    unsafety = scored.result.indicators[IndicatorName.UNSAFETY_OF_DOOR_OPERATION]
-    assert unsafety.value is not None
-    assert value_text(unsafety.value, unsafety.uncertainty) in told[0]
-    touch = next(e for e in scored.result.events if e.event is EventName.HANDLE_IS_TOUCHED)
-    assert all(f"touch at {touch.since_start:.2f} s" in told[n] for n in (0, 1, 4))
-    assert len(set(told)) == len(told)
+    folder, scored = run_of(kind)
+    result, place = scored.result, Surroundings().place_of(folder, scored)
+    text = page_of(kind)
+    page = Page(text)
+    assert report_html(scored, place=place) == text
+    assert text.startswith("<!DOCTYPE html>")
+    assert len(text.encode()) < 300_000
+    assert not re.search(r"http(?!-equiv)|<script|@import|\son\w+=|\ssrc=", text)
+    assert not {"script", "link", "iframe", "object", "img", "form"} & set(page.tags)
+    ids = Counter(page.found("id"))
+    assert max(ids.values()) == 1
+    assert set(re.findall(r'(?:url\(#|href="#)([^)"]+)', text)) <= set(ids)
+    files = {one for one in page.found("href") if one[0] != "#"}
+    assert "result.json" in files
+    assert all((folder / name).is_file() for name in files)
+    assert [page.tags.count(tag) for tag in ("header", "nav", "main", "footer")] == [1] * 4
+    assert f": {result.outcome_reason}" in page.part("header")
+    told = page.part("Indicators")
+    for name, one in result.indicators.items():
+        unit = one.unit.replace("^2", "²").replace("^3", "³")
+        shown = one.value is not None and f"{value_text(one.value, one.uncertainty)}{one.sign}"
+        assert (f"{unit}" in told and shown in told) if shown else str(one.reason) in told, name
+    aborted = result.outcome is Outcome.ABORTED
+    assert aborted or all(name.spec.explanation in told for name in IndicatorName)
+    seconds = {
+        "The six steps": [one.final - result.start for one in result.steps if one.final],
+        "Events": [event.since_start for event in result.events],
+    }
+    page.tells({part: tuple(f"{time:.2f}" for time in times) for part, times in seconds.items()})
+    rows = tuple(f"{one.signal.value} {one.samples}" for one in result.quality.signals)
+    page.tells({"Data quality": rows})
 
 
-def test_the_force_figure_tells_zero_and_touch_band(page: Page, scored: Scored) -> None:
-    told = page.section("Figures")
-    assert f"zeroed at {scored.result.handle_zero:.2f} N" in told
-    assert "1.96 N to either side, it counts as touched" in told
+# ---------------------------------------------------------------- what is told
 
 
-def test_the_passage_sensors_show_occupation_approach_and_leaving(page: Page) -> None:
-    (spoken,) = [value for _, value in page.attributes if value.startswith("Passage sensors")]
-    assert re.search(r"approach CCW at ([0-9.]+) s; leave CW at ([0-9.]+) s; stop at", spoken)
-    begin, end = re.findall(r"(?:approach CCW|leave CW) at ([0-9.]+)", spoken)
-    assert f"occupation: {begin} to {end} s" in spoken
-    assert "ccw_right[0]: " in spoken
-    assert f"door occupation time {float(end) - float(begin):.1f}" in page.section("Figures")
+TOLD: dict[str, dict[str, tuple[str, ...]]] = {
+    "signed": {
+        "title": ("Delft: run 1 of subject 3 in condition 1, completed (MADROB)",),
+        "header": (
+            "Run 1 of subject 3 · Delft",
+            "COMPLETED: all six steps done",
+            "6 of 6 steps count",
+            "final; protested by the team",
+            "PROTESTED by the team; step 4 confirmed 1 incident (fall)",
+        ),
+        "Set-up": (
+            *("Delft, subject 3", "1: No Force", "pull the door, from side CCW to side CW"),
+            *("x 1.5 m, y 0 m, yaw 0°", "60 s, after a countdown of 2 s", "protocol"),
+            *("a door that stays closed", "R. Eferee"),
+        ),
+        "Indicators": (
+            "Handle at rest: 5.",
+            "execution time and time to handle include the delay",
+            *("execution time *", "time to handle *"),
+        ),
+        "Referee decisions": (
+            "step 4, cross the threshold: confirmed by R. Eferee: seen from the side",
+        ),
+        "Notes": ("lights flickered",),
+        "False starts": ("None.",),
+        "Incidents": ("fall", "withdrawn: it was the wind"),
+        "del": ("collision: door <frame> & hinge",),
+        "Figures": ("1.96 N to either side, it counts as touched",),
+        "Where the time went": ("There is nothing to compare with",),
+        "Data quality": ("Nothing to remark.",),
+        "nav": ("steps and events",),
+        "footer": ("ruleset protocol",),
+        "What the words mean": tuple(name.spec.definition[1:] for name in IndicatorName),
+    },
+    "timeout": {
+        "header": ("TIMEOUT",),
+        "Indicators": (
+            "none: robot never approached on the starting side",
+            "none: door never opened",
+        ),
+        "Figures": ("Figure 4 is missing: the door never opened.",),
+    },
+    "reissued": {
+        "Issued again": (
+            "by R. Eferee: the video shows more; was: level",
+            ", timeout, final",
+            "by R. Eferee (void): the floor was wet; was: level",
+        ),
+    },
+    "aborted": {
+        "header": ("robot on fire", "INVALID"),
+        "Figures": ("None: the run was aborted and is invalid.",),
+        "Indicators": ("None: run aborted: invalid.",),
+    },
+    "aborted in the countdown": {"header": ("INVALID",)},
+    "interrupted": {"Indicators": ("none: no benchmark stop",)},
+}
 
 
-def test_all_events_are_told_with_their_times(page: Page, scored: Scored) -> None:
-    told = page.section("Events")
-    for event in scored.result.events:
-        assert f"{event.since_start:.2f} {event.event.words}" in told
-
-
-def test_a_door_that_flickers_has_its_first_and_last_events(scored: Scored) -> None:
-    flicker = tuple(
-        EventRecord(scored.result.start + n, float(n), EventName.DOOR_OPENS) for n in range(100)
+@pytest.mark.parametrize("kind", TOLD)
+def test_what_is_known_of_a_run_is_told(kind: str) -> None:
+    page = Page(page_of(kind))
+    page.tells(TOLD[kind])
+    assert ("The run took" in page.text) == (
+        kind not in {"aborted in the countdown", "interrupted"}
     )
-    many = replace(scored, result=replace(scored.result, events=flicker))
-    told = Page(report_html(ended(many, Outcome.ABORTED))).section("Events")
-    assert "0.00 door opens" in told
-    assert "40 more" in told
-    assert "99.00 door opens" in told
+    assert ("svg" in page.tags) == ("aborted" not in kind)
 
 
-def test_a_page_has_landmarks_and_its_parts_are_linked(page: Page) -> None:
-    assert [page.tags.count(tag) for tag in ("header", "nav", "main", "footer")] == [1, 1, 1, 1]
-    assert "steps and events" in page.inside("nav")
-    targets = {value for name, value in page.attributes if name == "href"}
-    assert {f"#explained-{name}" for name in IndicatorName} <= targets
-    for name in IndicatorName:
-        assert name.spec.definition[1:] in page.section("What the words mean")
+def test_numbers_beside_the_indicators_are_those_of_the_run(page: Page, scored: Scored) -> None:
+    record, result, samples = scored.record, scored.result, scored.record.zero_samples
+    crossed, seconds = result.steps[3].sensors, {e.event: e.since_start for e in result.events}
+    assert samples is not None
+    assert crossed is not None
+    at = f"{crossed - result.start:.2f}"
+    page.tells(
+        {
+            "Set-up": (f"{record.handle_zero:.3f} N", samples.scatter),
+            "The six steps": (f"4 cross the threshold {at} confirmed", f"seen from the side {at}"),
+            "Figures": (f"zeroed at {result.handle_zero:.2f} N",),
+            "Events": tuple(f"{time:.2f} {event.words}" for event, time in seconds.items()),
+        }
+    )
+    rest = r"Handle at rest: 5\.\d{3} N before; 5\.\d{3} N after, drift [+-]0\.0"
+    assert re.search(rest, page.part("Indicators"))
+    assert len(re.findall(r"\d [a-z]+ the \w+ ", page.part("The six steps"))) == 6
+    spoken = [words for words in page.found("aria-label") if words.startswith("Figure")]
+    assert [words[:8] for words in spoken] == [f"Figure {name.number}" for name in FigureName]
+    assert page.tags.count("figure") == page.tags.count("figcaption") == len(FigureName) + 1
+    unsafety = result.indicators[IndicatorName.UNSAFETY_OF_DOOR_OPERATION]
+    assert value_text(unsafety.value or 0.0, unsafety.uncertainty) in spoken[0]
+    touch = seconds[EventName.HANDLE_IS_TOUCHED]
+    assert all(f"touch at {touch:.2f} s" in spoken[n] for n in (0, 1, 4))
+    (sensors,) = (words for words in page.found("aria-label") if words.startswith("Passage"))
+    begin, end = re.findall(r"(?:approach CCW|leave CW) at ([0-9.]+)", sensors)
+    assert f"occupation: {begin} to {end} s" in sensors
+    assert f"door occupation time {float(end) - float(begin):.1f}" in page.part("Figures")
 
 
-def test_figures_are_dark_where_the_page_is(text: str) -> None:
+def test_figures_are_dark_where_the_page_is() -> None:
+    text = page_of("signed")
     body = text[text.index("</head>") :]
     assert "var(--orange)" in body
     assert re.findall(r"(?:fill|stroke|background): ?#", body) == []
@@ -447,9 +294,51 @@ def test_figures_are_dark_where_the_page_is(text: str) -> None:
     assert all(f"{name}: #" in dark for name in names if name != "--phase-open")
 
 
-def test_the_title_begins_with_whose_run_it_is_and_which(page: Page) -> None:
-    (title,) = [words for tags, words in page.words if tags[-1:] == ("title",)]
-    assert title == "Delft: run 1 of subject 3 in condition 1, completed (MADROB)"
+# ---------------------------------------------------------------- the same run, otherwise
+
+
+def of_run(scored: Scored, **fields: object) -> Scored:
+    return replace(scored, run=replace(scored.run, **fields))  # type: ignore[arg-type]
+
+
+def of_result(scored: Scored, **fields: object) -> Scored:
+    return replace(scored, result=replace(scored.result, **fields))  # type: ignore[arg-type]
+
+
+def of_source(scored: Scored, source: SourceKind, *, practice: bool = False) -> Scored:
+    setup = replace(scored.record.setup, practice=practice)
+    return replace(scored, record=replace(scored.record, source=source, setup=setup))
+
+
+def ended(scored: Scored, reason: str = "as told") -> Scored:
+    """The same run aborted; it has no figures and is quick to write."""
+    return of_result(scored, outcome=Outcome.ABORTED, outcome_reason=reason)
+
+
+def trusted(scored: Scored, known: Mapping[IndicatorName, Indicator]) -> Scored:
+    """With what is known of some indicators, and nothing of the others."""
+    plain = scored.result.indicators.items()
+    rest = {name: replace(one, uncertainty=None, doubts=()) for name, one in plain}
+    return of_result(scored, indicators={**rest, **known})
+
+
+def steps_of(scored: Scored, keep: Callable[[Step], bool]) -> Scored:
+    """With those steps done only."""
+    steps = scored.result.steps
+    return of_result(
+        scored, steps=tuple(one if keep(one.step) else replace(one, final=None) for one in steps)
+    )
+
+
+def started(scored: Scored) -> float:
+    assert scored.run.start is not None
+    return scored.run.start
+
+
+def false_start(
+    scored: Scored, before: float, event: EventName, accepted: str | None = None
+) -> FalseStart:
+    return FalseStart(started(scored) - before, event, accepted)
 
 
 def beside(subject: int, run_number: int, *slower: float) -> ComparedRun:
@@ -460,188 +349,282 @@ def beside(subject: int, run_number: int, *slower: float) -> ComparedRun:
     return ComparedRun(summary(subject, 1, run_number, values=values), phases)
 
 
+@dataclass(frozen=True)
+class Otherwise:
+    """What is changed of the signed run, and what its page tells then, or no more."""
+
+    change: Callable[[Scored], Scored]
+    told: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    untold: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    place: PagePlace = NOWHERE
+
+
+TOUCH = "the touch rests on 1 sample"
+UNCERTAINTY = Uncertainty(0.009, 0.018)
+KNOWN = {
+    IndicatorName.EXECUTION_TIME: Indicator(13.8621, "s", None, UNCERTAINTY),
+    IndicatorName.TIME_TO_HANDLE: Indicator(3.2, "s", None, UNCERTAINTY, (TOUCH,)),
+    IndicatorName.PASSAGE_TIME: Indicator(None, "s", "never closed", None, (TOUCH,)),
+}
+ACCEPTED = AcceptedDoubts(
+    5.0, "seen on video: right", "Ada", {IndicatorName.TIME_TO_HANDLE: (TOUCH,)}
+)
+DENIAL = Ruling(Step.CROSS, confirmed=False, time=0.0, reason="arm only", referee="R")
+WORDS = {
+    TeamWord.ACKNOWLEDGED: "The team acknowledged the result.",
+    TeamWord.PROTESTED: "The team PROTESTED against the result.",
+    TeamWord.ABSENT: "Nobody of the team was there.",
+}
+OTHERWISE: dict[str, Otherwise] = {
+    "how far values can be trusted": Otherwise(
+        lambda s: of_run(trusted(s, KNOWN), accepted_doubts=(ACCEPTED,)),
+        {
+            "Indicators": (
+                *("13.86 +- 0.02 s", "3.20? +- 0.02 s", "none: never closed?"),
+                f"time to handle, passage time: {TOUCH}.",
+                "lies within it of what happened 95 times in 100",
+            ),
+            "What the words mean": ("the steps of the encoder look like jerk",),
+            "Referee decisions": (
+                f"doubt accepted (time to handle: {TOUCH}): seen on video: right",
+            ),
+        },
+    ),
+    "no uncertainty is known": Otherwise(
+        lambda s: trusted(s, {}),
+        {"Indicators": ("no uncertainty is known of them",)},
+        {"Indicators": ("expanded uncertainty",)},
+    ),
+    "a denied step": Otherwise(
+        lambda s: ended(
+            of_result(
+                s,
+                steps=tuple(
+                    replace(one, referee=DENIAL, final=None, reason="denied by the referee")
+                    if one.step is Step.CROSS
+                    else one
+                    for one in s.result.steps
+                ),
+            )
+        ),
+        {
+            "header": ("The referee denies: cross the threshold.",),
+            "The six steps": ("denied by the referee",),
+        },
+    ),
+    "what a decision hangs on": Otherwise(
+        lambda s: of_run(
+            s,
+            false_starts=(false_start(s, 1, EventName.HANDLE_IS_TOUCHED),),
+            faults=(Fault(started(s) + 2, "/madrob/door/angle: <lost>"),),
+        ),
+        {
+            "header": ("1 false start UNDECIDED (handle touched)", "1 testbed fault"),
+            "Testbed faults": ("+2.00 s /madrob/door/angle: <lost>",),
+        },
+    ),
+    "waivers and false starts": Otherwise(
+        lambda s: ended(
+            of_run(
+                s,
+                waivers=(Waiver(CheckName.DISK, "small disk, short run", "Ann", 0.0),),
+                false_starts=(
+                    false_start(s, 1, EventName.HANDLE_IS_TOUCHED, "a cable hung on it"),
+                    false_start(s, 0.5, EventName.DOOR_OPENS),
+                ),
+            )
+        ),
+        {
+            "Referee decisions": ("check “disk space” waived by Ann: small disk, short run",),
+            "False starts": (
+                "-1.00 s handle touched (handle_is_touched); accepted: a cable hung on it",
+                "-0.50 s door opens (door_opens); not decided",
+            ),
+        },
+    ),
+    "remarks": Otherwise(
+        lambda s: ended(
+            of_result(s, quality=replace(s.result.quality, remarks=("door angle: 3 gaps",)))
+        ),
+        {"Data quality": ("door angle: 3 gaps",)},
+    ),
+    **{
+        f"the team's word: {word}": Otherwise(
+            lambda s, word=word: ended(  # type: ignore[misc]
+                of_run(s, closure=Closure(1_700_000_000.0, "R. Eferee", word, "as they said"))
+            ),
+            {"The team's word": (words, "as they said", "Signed by referee R. Eferee")},
+        )
+        for word, words in WORDS.items()
+    },
+    "not final": Otherwise(
+        lambda s: ended(of_run(s, closure=None, issue=2)),
+        {"The team's word": ("NOT FINAL",), "header": ("not final, issue 2",)},
+    ),
+    "a door that flickers": Otherwise(
+        lambda s: ended(
+            of_result(
+                s,
+                events=tuple(
+                    EventRecord(s.result.start + n, float(n), EventName.DOOR_OPENS)
+                    for n in range(100)
+                ),
+            )
+        ),
+        {"Events": ("0.00 door opens", "40 more", "99.00 door opens")},
+    ),
+    "the team's best": Otherwise(
+        lambda s: s,
+        {
+            "Where the time went": (
+                "This is the team's best run in this condition so far; the next is run 2",
+                "team's next, s",
+            )
+        },
+        place=PagePlace(
+            field=(beside(3, 2),),
+            itself=summary(3, 1, 9, values={**VALUES, "execution_time": 1.0}),
+        ),
+    ),
+    "a failed run": Otherwise(
+        lambda s: steps_of(
+            of_result(s, outcome=Outcome.TIMEOUT, stop=s.result.steps[1].final + 2.5),  # type: ignore[operator]
+            lambda step: step <= Step.OPEN,
+        ),
+        {
+            "Where the time went": (
+                "For the last 2.50 s no further step was done",
+                "A completed run is compared with the other completed ones of condition 1",
+            )
+        },
+    ),
+    "other runs and files": Otherwise(
+        ended,
+        {
+            "Other runs of the team": (
+                "Condition 1 (No Force, pull, from CCW to CW): run 2 (completed, 17.43 s)",
+                "run 1 (timeout, 17.43 s)",
+            )
+        },
+        place=PagePlace(
+            files=("result.json", 'javascript:"x" #1.csv'),
+            team=(
+                LinkedRun(summary(3, 1, 2), "../other/report.html"),
+                LinkedRun(summary(3, 7, 1, outcome=Outcome.TIMEOUT), ""),
+            ),
+        ),
+    ),
+    "versions": Otherwise(
+        lambda s: ended(replace(s, record=replace(s.record, version="1.2.3"))),
+        {"footer": ("Recorded with madrob-console 1.2.3; this page was made with 4.5.6",)},
+    ),
+    "other rules": Otherwise(
+        lambda s: ended(of_result(s, ruleset=RulesetName.EUROBENCH_2020)),
+        {"Indicators": ("four things happened, in any order",)},
+        {"Indicators": (IndicatorName.CAPABILITY_LEVEL.spec.explanation,)},
+    ),
+    "a real testbed": Otherwise(
+        lambda s: of_source(ended(s), SourceKind.ROS), {}, {"body": ("official",)}
+    ),
+    "signed as it is": Otherwise(
+        lambda s: s, {}, {"header": ("UNDECIDED",), "Where the time went": ("median",)}
+    ),
+}
+
+
+@pytest.mark.parametrize("case", OTHERWISE)
+def test_a_page_tells_what_is_known_and_no_more(case: str, scored: Scored) -> None:
+    one = OTHERWISE[case]
+    page = Page(report_html(one.change(scored), "4.5.6", one.place))
+    page.tells(one.told)
+    for part, words in one.untold.items():
+        assert not [each for each in words if each in page.part(part)]
+    if one.place.files:
+        links = {"../other/report.html", "result.json", "javascript%3A%22x%22%20%231.csv"}
+        assert links <= set(page.found("href"))
+
+
+@pytest.mark.parametrize(
+    ("words", "source", "practice"),
+    [
+        ("SIMULATED: not an official result.", SourceKind.SIMULATED, True),
+        ("REPLAY: not an official result.", SourceKind.REPLAY, False),
+        ("PRACTICE: not an official result.", SourceKind.ROS, True),
+        ("INVALID: the referee aborted this run.", SourceKind.ROS, False),
+    ],
+)
+def test_a_page_begins_with_why_its_run_is_none_that_counts(
+    words: str, source: SourceKind, *, practice: bool, scored: Scored
+) -> None:
+    page = Page(report_html(of_source(ended(scored), source, practice=practice)))
+    assert page.part("body").startswith(words)
+
+
+def test_a_run_that_was_cut_off_says_so_first() -> None:
+    page = Page(report_html(of_source(run_of("interrupted")[1], SourceKind.ROS)))
+    assert page.part("body").startswith("INTERRUPTED: the machine failed during this run.")
+
+
 def test_where_the_time_went_is_told_beside_median_and_best(scored: Scored) -> None:
     place = PagePlace(field=(beside(3, 2), beside(3, 4, 0.5), beside(8, 1, 0.0, 9.0)))
     page = Page(report_html(scored, place=place))
-    told = page.section("Where the time went")
-    done = {record.step: record.final for record in scored.result.steps}
-    touched, opened, crossed = (done[step] for step in (Step.TOUCH, Step.OPEN, Step.CROSS))
-    assert touched is not None
-    assert opened is not None
-    assert crossed is not None
-    assert f"start to touch {touched - scored.result.start:.2f} 1.00 1.00" in told
-    lost = crossed - opened
-    assert f"opening to crossed {lost:.2f} 1.00 1.00" in told
-    assert f"most time was lost from opening to crossed: {lost - 1:.2f} s" in told
-    assert "3 other completed runs of 2 teams" in told
-    assert "the team's other runs in this condition is run 2." in told
-    (spoken,) = [value for _, value in page.attributes if value.startswith("Where the time")]
-    assert "median 4.00 s: start to touch 1.00 s" in spoken
-
-
-def test_a_run_that_is_the_teams_best_is_told_so(scored: Scored) -> None:
-    itself = summary(3, 1, 9, values={**VALUES, "execution_time": 1.0})
-    place = PagePlace(field=(beside(3, 2),), itself=itself)
-    told = Page(report_html(scored, place=place)).section("Where the time went")
-    assert "This is the team's best run in this condition so far; the next is run 2" in told
-    assert "team's next, s" in told
-
-
-def test_a_run_with_nothing_beside_it_says_so(page: Page) -> None:
-    told = page.section("Where the time went")
-    assert "There is nothing to compare with" in told
-    assert "median" not in told
-
-
-def test_a_failed_run_says_how_long_nothing_happened_and_is_compared_with_nothing(
-    scored: Scored,
-) -> None:
-    steps = tuple(
-        replace(one, final=None) if one.step > Step.OPEN else one for one in scored.result.steps
+    done = {one.step: one.final or 0.0 for one in scored.result.steps}
+    touched = done[Step.TOUCH] - scored.result.start
+    lost = done[Step.CROSS] - done[Step.OPEN]
+    page.tells(
+        {
+            "Where the time went": (
+                f"start to touch {touched:.2f} 1.00 1.00",
+                f"opening to crossed {lost:.2f} 1.00 1.00",
+                f"most time was lost from opening to crossed: {lost - 1:.2f} s",
+                "3 other completed runs of 2 teams",
+                "the team's other runs in this condition is run 2.",
+            )
+        }
     )
-    failed = replace(scored, result=replace(scored.result, steps=steps, outcome=Outcome.TIMEOUT))
-    told = Page(report_html(failed)).section("Where the time went")
-    opened = next(one.final for one in steps if one.step is Step.OPEN)
-    assert opened is not None
-    assert scored.result.stop is not None
-    assert f"For the last {scored.result.stop - opened:.2f} s no further step was done" in told
-    assert "A completed run is compared with the other completed ones of condition 1" in told
+    assert any("median 4.00 s: start to touch 1.00 s" in each for each in page.found("aria-label"))
 
 
-def test_files_and_other_runs_are_linked_by_relative_paths(scored: Scored) -> None:
-    runs = (
-        LinkedRun(summary(3, 1, 2), "../other/report.html"),
-        LinkedRun(summary(3, 7, 1, outcome=Outcome.TIMEOUT), ""),
-    )
-    place = PagePlace(files=("result.json", 'javascript:"x" #1.csv'), team=runs)
-    page = Page(report_html(ended(scored, Outcome.ABORTED), place=place))
-    targets = [value for name, value in page.attributes if name == "href"]
-    assert "../other/report.html" in targets
-    assert "result.json" in targets
-    assert "javascript%3A%22x%22%20%231.csv" in targets
-    told = page.section("Other runs of the team")
-    assert "Condition 1 (No Force, pull, from CCW to CW): run 2 (completed, 17.43 s)" in told
-    assert "run 1 (timeout, 17.43 s)" in told
+BESIDE: dict[str, RunSummary] = {
+    "own": summary(3, 1, 2, source="simulated"),
+    "own, another condition": summary(3, 2, 1, source="simulated"),
+    "of another team": summary(5, 1, 1, source="simulated"),
+    "official": summary(6, 1, 1),
+    "other rules": summary(6, 1, 2, source="simulated", ruleset="eurobench-2020"),
+    "invalid": summary(6, 1, 3, source="simulated", outcome=Outcome.ABORTED),
+    "failed": summary(6, 1, 5, source="simulated", outcome=Outcome.TIMEOUT),
+    "without steps": summary(6, 1, 4, source="simulated"),
+    "of another team 3": summary(3, 1, 6, source="simulated", competition="Spring Cup"),
+}
 
 
 def test_a_page_in_its_folder_knows_files_team_and_field(folder: Path, scored: Scored) -> None:
-    results = folder.parent
     scored = replace(scored, record=replace(scored.record, competition="Autumn Cup"))
-
-    def put(name: str, run: RunSummary, *, steps: bool = True) -> RunSummary:
-        path = write(results, run)
-        document = json.loads(path.read_text())
+    for name, run in BESIDE.items():
+        path = write(folder.parent, run)
         done = [{"step": step, "name": "", "final": run.started + step} for step in Step]
-        document |= {"stop": run.started + 6, "steps": done} if steps else {}
-        path.write_text(json.dumps(document))
+        told = {"stop": run.started + 6, "steps": [] if name == "without steps" else done}
+        path.write_text(json.dumps(json.loads(path.read_text()) | told))
         (path.parent / "report.html").write_text(name)
-        return run
-
-    put("own", summary(3, 1, 2, source="simulated"))
-    put("own, another condition", summary(3, 2, 1, source="simulated"))
-    put("of another team", summary(5, 1, 1, source="simulated"))
-    put("official", summary(6, 1, 1))
-    put("other rules", summary(6, 1, 2, source="simulated", ruleset="eurobench-2020"))
-    put("invalid", summary(6, 1, 3, source="simulated", outcome=Outcome.ABORTED))
-    put("failed", summary(6, 1, 5, source="simulated", outcome=Outcome.TIMEOUT))
-    put("without steps", summary(6, 1, 4, source="simulated"), steps=False)
-    put("of another team 3", summary(3, 1, 6, source="simulated", competition="Spring Cup"))
     place = Surroundings().place_of(folder, scored)
-    assert [(one.summary.subject, one.summary.run_number) for one in place.field] == [
-        (3, 2),
-        (5, 1),
-    ]
-    assert [(one.summary.condition, one.summary.run_number) for one in place.team] == [
-        (1, 2),
-        (2, 1),
-    ]
+    named = {run.folder: name for name, run in BESIDE.items()}
+    assert [named[one.summary.folder] for one in place.field] == ["own", "of another team"]
+    assert [named[one.summary.folder] for one in place.team] == ["own", "own, another condition"]
     assert all((folder / one.page).is_file() for one in place.team)
     assert place.field[0].phases[TimedPhase.CROSS] == 1.0
     assert "result.json" in place.files
     assert "report.html" not in place.files
     assert place.itself is not None
-    for mine in (
-        replace(scored.run, outcome=Outcome.TIMEOUT),
-        replace(scored.run, voided=Voiding(1.0, "wrong door", "Ada")),
-    ):
-        assert Surroundings().place_of(folder, replace(scored, run=mine)).field == ()
+    for fields in ({"outcome": Outcome.TIMEOUT}, {"voided": Voiding(1.0, "wrong door", "Ada")}):
+        assert Surroundings().place_of(folder, of_run(scored, **fields)).field == ()
 
 
-def test_data_quality_has_a_row_for_each_signal(page: Page, scored: Scored) -> None:
-    told = page.section("Data quality")
-    assert "Nothing to remark." in told
-    for signal in scored.result.quality.signals:
-        assert f"{signal.signal.value} {signal.samples}" in told
-
-
-def test_ruleset_and_versions_are_told(scored: Scored) -> None:
-    record = replace(scored.record, version="1.2.3")
-    aborted = ended(replace(scored, record=record), Outcome.ABORTED)
-    told = Page(report_html(aborted, "4.5.6")).inside("footer")
-    assert "ruleset protocol" in told
-    assert "Recorded with madrob-console 1.2.3; this page was made with 4.5.6" in told
-
-
-def test_explanations_are_those_of_the_ruleset(scored: Scored) -> None:
-    result = replace(scored.result, ruleset=RulesetName.EUROBENCH_2020)
-    page = Page(report_html(ended(replace(scored, result=result), Outcome.ABORTED)))
-    told = page.section("Indicators")
-    assert "four things happened, in any order" in told
-    assert IndicatorName.CAPABILITY_LEVEL.spec.explanation not in told
-
-
-@pytest.mark.parametrize("source", [SourceKind.SIMULATED, SourceKind.REPLAY])
-def test_a_run_on_no_testbed_is_marked_as_not_official(source: SourceKind, scored: Scored) -> None:
-    page = Page(report_html(of_source(ended(scored, Outcome.ABORTED), source)))
-    assert page.inside("body").startswith(f"{source.upper()}: not an official result.")
-
-
-def test_a_rehearsal_on_a_real_testbed_is_marked_too(scored: Scored) -> None:
-    real = of_source(ended(scored, Outcome.ABORTED), SourceKind.ROS)
-    setup = replace(real.record.setup, practice=True)
-    page = Page(report_html(replace(real, record=replace(real.record, setup=setup))))
-    assert page.inside("body").startswith("PRACTICE: not an official result.")
-
-
-def test_a_run_on_a_testbed_is_not(scored: Scored) -> None:
-    page = Page(report_html(of_source(ended(scored, Outcome.ABORTED), SourceKind.ROS)))
-    assert "official" not in page.text
-
-
-def test_an_aborted_run_is_invalid_on_top_and_has_no_figures(drive: Drive) -> None:
-    drive.start(make_setup())
-    drive.wait(3.0)
-    drive.act(Abort("robot on fire"))
-    drive.finish()
-    page = Page(report_html(of_source(drive.scored(), SourceKind.ROS)))
-    assert page.inside("body").startswith("INVALID: the referee aborted this run.")
-    assert "robot on fire" in page.inside("header")
-    assert page.section("Figures") == "None: the run was aborted and is invalid."
-    assert page.section("Indicators").startswith("None: run aborted: invalid.")
-    assert page.section("Indicators").count("run aborted") == 1
-
-
-def test_a_run_that_was_cut_off_says_so_on_top_and_shows_what_there_is(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
-    drive.start(make_setup())
-    drive.wait(4.0)
-    drive.engine.close()
-    page = Page(report_html(of_source(drive.scored(), SourceKind.ROS)))
-    assert page.inside("body").startswith("INTERRUPTED: the machine failed during this run.")
-    assert "none: no benchmark stop" in page.section("Indicators")
-    assert "The run took" not in page.text
-    assert "svg" in page.tags
-
-
-def test_a_run_aborted_in_the_countdown_has_a_page(drive: Drive) -> None:
-    drive.prepare(make_setup())
-    drive.act(Start())
-    drive.wait(0.5)
-    drive.act(Abort("not ready"))
-    drive.finish()
-    page = Page(report_html(drive.scored()))
-    assert "INVALID" in page.inside("header")
-    assert "The run took" not in page.text
+def test_an_earlier_issue_that_is_damaged_costs_what_it_was_alone(tmp_path: Path) -> None:
+    source, scored = run_of("reissued")
+    folder = shutil.copytree(source, tmp_path / source.name)
+    (folder / "result_issue_1.json").write_text("{")
+    page = Page(report_html(scored, place=Surroundings().place_of(folder, scored)))
+    assert page.part("Issued again").endswith("the video shows more")
 
 
 anything = st.text(max_size=80) | st.sampled_from(
@@ -652,9 +635,8 @@ anything = st.text(max_size=80) | st.sampled_from(
 @settings(max_examples=60)
 @given(st.lists(anything, min_size=9, max_size=9))
 def test_whatever_people_typed_is_text_and_nothing_else(scored: Scored, typed: list[str]) -> None:
-    aborted = ended(scored, Outcome.ABORTED)
-    harmless = Page(report_html(_typed(aborted, ["x"] * 9)))
-    text = report_html(_typed(aborted, [f"x{words}" for words in typed]))
+    harmless = Page(report_html(_typed(scored, ["x"] * 9)))
+    text = report_html(_typed(scored, [f"x{words}" for words in typed]))
     page = Page(text.encode().decode())
     assert page.tags == harmless.tags
     assert [name for name, _ in page.attributes] == [name for name, _ in harmless.attributes]
@@ -665,8 +647,9 @@ def test_whatever_people_typed_is_text_and_nothing_else(scored: Scored, typed: l
 def _typed(scored: Scored, typed: list[str]) -> Scored:
     team, referee, competition, note, incident, withdrawn, ruling, waiver, outcome = typed
     setup = replace(scored.record.setup, team=team, referee=referee)
-    run = replace(
-        scored.run,
+    record = replace(scored.record, setup=setup, competition=competition)
+    said = of_run(
+        replace(scored, record=record),
         notes=(Note(0.0, note),),
         incidents=(Incident(0.0, IncidentKind.OTHER, incident, withdrawn),),
         rulings=(Ruling(Step.OPEN, confirmed=True, time=0.0, reason=ruling, referee=referee),),
@@ -674,8 +657,10 @@ def _typed(scored: Scored, typed: list[str]) -> Scored:
         false_starts=(FalseStart(0.0, EventName.DOOR_OPENS, waiver),),
         closure=Closure(0.0, referee, TeamWord.PROTESTED, note),
     )
-    record = replace(scored.record, setup=setup, competition=competition)
-    return ended(replace(scored, record=record, run=run), Outcome.ABORTED, outcome)
+    return ended(said, outcome)
+
+
+# ---------------------------------------------------------------- the command
 
 
 def report(*paths: Path, figures: PictureFormat | None = None, output: Path | None = None) -> int:
@@ -684,14 +669,95 @@ def report(*paths: Path, figures: PictureFormat | None = None, output: Path | No
     )
 
 
+def files_below(root: Path) -> set[str]:
+    return {str(path.relative_to(root)) for path in root.rglob("[!.]*") if path.is_file()}
+
+
+def _alone(folder: Path) -> Path:
+    return Path(shutil.copy(next(folder.glob("*.mcap")), folder.parents[1] / "alone.mcap"))
+
+
+def _published(folder: Path) -> Path:
+    publish(folder, folder.parents[1] / "published")
+    return folder.parents[1] / "published"
+
+
+def _copied(folder: Path) -> list[Path]:
+    return [folder, shutil.copytree(folder, folder.parents[1] / "other" / folder.name)]
+
+
+RUN = "subject_003_cond_001_run_001"
+SVG = PictureFormat.SVG
+IN_FOLDER = rf"results/{RUN}_\d+_\d+/report\.html"
+Arguments = Callable[[Path], tuple[list[Path], PictureFormat | None, Path | None]]
+REPORTS: dict[str, tuple[Arguments, int, dict[str, int], tuple[str, ...]]] = {
+    "a results folder stands for its runs": (
+        lambda run: ([run.parent], None, None),
+        *(0, {IN_FOLDER: 1}, ()),
+    ),
+    "a folder of their own": (
+        lambda run: ([run], None, run.parents[1] / "to" / "take home"),
+        *(0, {rf"to/take home/{RUN}_\d+_\d+_report\.html": 1}, ()),
+    ),
+    "beside a bag alone": (
+        lambda run: ([_alone(run)], None, None),
+        *(0, {r"alone\.mcap": 1, r"alone_report\.html": 1}, ()),
+    ),
+    "a bad folder is named and the rest is reported": (
+        lambda run: ([run.parents[1] / "nothing", run], None, None),
+        *(2, {IN_FOLDER: 1}, ("nothing",)),
+    ),
+    "published files have no report": (
+        lambda run: ([_published(run)], None, None),
+        *(2, {r"published/.*\.(csv|yaml)": -1}, ("--figures",)),
+    ),
+    "published files have figures": (
+        lambda run: ([_published(run)], SVG, None),
+        *(0, {r"published/.*\.(csv|yaml)": -1, rf"published/{RUN}_figure_.*\.svg": 5}, ()),
+    ),
+    "two runs of one name do not overwrite each other": (
+        lambda run: (_copied(run), None, run.parents[1] / "out"),
+        *(2, {"other/.*": -1, "out/.*": 1}, ("choose another --output",)),
+    ),
+    "an output that is a file": (lambda run: ([run], None, run / "result.json"), 2, {}, ("",)),
+    **{
+        f"figures as {kind}": (
+            lambda run, kind=kind: ([run], kind, run.parents[1] / "figures"),  # type: ignore[misc]
+            *(0, {rf"figures/{RUN}_\d+_\d+_figure_.*\.{kind}": 5}, ()),
+        )
+        for kind in PictureFormat
+    },
+}
+
+
+@pytest.mark.parametrize("case", REPORTS)
+def test_reports_and_figures_lie_where_they_are_asked_for(
+    case: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments, code, made, said = REPORTS[case]
+    before = files_below(tmp_path)
+    paths, figures, output = arguments(folder)
+    assert report(*paths, figures=figures, output=output) == code
+    new = files_below(tmp_path) - before
+    for pattern, count in made.items():
+        found = {name for name in new if re.fullmatch(pattern, name)}
+        assert len(found) == count or count < 0
+        new -= found
+    assert new == set()
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == len(said)
+    assert all(words in line for words, line in zip(said, lines, strict=True))
+    begins = {"png": b"\x89PNG", "svg": b"<?xml"}
+    for path in tmp_path.glob("figures/*"):
+        assert path.read_bytes().startswith(begins[path.suffix[1:]])
+
+
 def test_the_report_made_later_is_that_of_the_run(
     folder: Path, scored: Scored, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    before = {path.name for path in folder.iterdir()}
     assert report(folder) == 0
     place = Surroundings().place_of(folder, scored)
     assert (folder / "report.html").read_text() == report_html(scored, software_version(), place)
-    assert {path.name for path in folder.iterdir()} - before == {"report.html"}
     assert capsys.readouterr().out == f"{folder / 'report.html'}\n"
 
 
@@ -702,113 +768,30 @@ def test_without_matplotlib_a_report_says_what_is_missing_and_has_all_else(
         monkeypatch.delitem(sys.modules, f"scoring.figures.{module}", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     report_pictures.figures.cache_clear()
+    remedy = "need matplotlib: install madrob-console with its extra `report`"
     assert report(folder) == 0
     page = Page((folder / "report.html").read_text())
-    remedy = "need matplotlib: install madrob-console with its extra `report`"
-    assert remedy in page.section("Figures")
-    assert "execution time" in page.section("Indicators")
-    capsys.readouterr()
-    assert report(folder, figures=PictureFormat.SVG) == 2
+    page.tells({"Figures": (remedy,), "Indicators": ("execution time",)})
+    assert report(folder, figures=SVG) == 2
     assert remedy in capsys.readouterr().err
     report_pictures.figures.cache_clear()
 
 
 def test_what_only_the_stored_result_says_of_the_data_is_in_the_report(folder: Path) -> None:
     result = folder / "result.json"
-    remark = '"remarks": [\n      "recorder: 7 messages dropped"'
-    changed = re.sub(r'"remarks": \[\]', remark + "]", result.read_text())
-    result.write_text(changed)
+    remark = '"remarks": [\n      "recorder: 7 messages dropped"]'
+    result.write_text(result.read_text().replace('"remarks": []', remark))
     without_digests(folder)
     assert report(folder) == 0
     page = Page((folder / "report.html").read_text())
-    assert "recorder: 7 messages dropped" in page.section("Data quality")
-
-
-def test_a_bad_folder_is_named_and_the_rest_is_reported(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    empty = tmp_path / "empty"
-    empty.mkdir()
-    assert report(empty, tmp_path / "nothing", folder) == 2
-    complaints = capsys.readouterr().err.splitlines()
-    assert len(complaints) == 2
-    assert str(empty) in complaints[0]
-    assert str(tmp_path / "nothing") in complaints[1]
-    assert (folder / "report.html").exists()
-
-
-def test_a_results_folder_stands_for_its_runs(folder: Path) -> None:
-    assert report(folder.parent) == 0
-    assert (folder / "report.html").exists()
-
-
-def test_reports_can_go_to_a_folder_of_their_own(folder: Path, tmp_path: Path) -> None:
-    output = tmp_path / "to" / "take home"
-    assert report(folder, output=output) == 0
-    assert [path.name for path in output.iterdir()] == [f"{folder.name}_report.html"]
-    assert not (folder / "report.html").exists()
-
-
-def test_a_bag_alone_has_a_report_beside_it(folder: Path, tmp_path: Path) -> None:
-    shutil.copy(next(folder.glob("*.mcap")), tmp_path / "alone.mcap")
-    assert report(tmp_path / "alone.mcap") == 0
-    assert "COMPLETED" in (tmp_path / "alone_report.html").read_text()
-
-
-@pytest.mark.parametrize("kind", list(PictureFormat))
-def test_figures_alone_are_files_named_after_what_they_show(
-    kind: PictureFormat, folder: Path, tmp_path: Path
-) -> None:
-    assert report(folder, figures=kind, output=tmp_path / "figures") == 0
-    names = {path.name for path in (tmp_path / "figures").iterdir()}
-    assert names == {f"{folder.name}_{name}.{kind}" for name in FigureName}
-    start = b"\x89PNG" if kind is PictureFormat.PNG else b"<?xml"
-    assert all(path.read_bytes().startswith(start) for path in (tmp_path / "figures").iterdir())
-
-
-def test_published_files_have_figures_but_no_report(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    published = tmp_path / "published"
-    published.mkdir()
-    for pattern in ("*.csv", "run_info*.yaml", "condition*.yaml"):
-        for path in folder.glob(pattern):
-            shutil.copy(path, published)
-    assert report(published) == 2
-    assert "--figures" in capsys.readouterr().err
-    assert report(published, figures=PictureFormat.SVG) == 0
-    assert len(list(published.glob("subject_003_cond_001_run_001_figure_*.svg"))) == len(FigureName)
-
-
-def test_two_runs_of_one_name_do_not_overwrite_each_other(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    other = tmp_path / "other" / folder.name
-    shutil.copytree(folder, other)
-    assert report(folder, other, output=tmp_path / "out") == 2
-    assert "choose another --output" in capsys.readouterr().err
-    assert len(list((tmp_path / "out").iterdir())) == 1
-
-
-def test_an_output_that_is_a_file_is_refused_in_one_line(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "file").write_text("in the way")
-    assert report(folder, output=tmp_path / "file") == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    page.tells({"Data quality": ("recorder: 7 messages dropped",)})
 
 
 def test_an_aborted_run_has_no_pictures_and_says_why(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    drive = Drive(tmp_path)
-    drive.start(make_setup())
-    drive.wait(1.0)
-    drive.act(Abort("enough"))
-    drive.finish()
-    folder = drive.engine.folder
-    drive.engine.close()
-    assert folder is not None
-    assert report(folder, figures=PictureFormat.SVG) == 0
+    source, _ = run_of("aborted")
+    folder = shutil.copytree(source, tmp_path / source.name)
+    assert report(folder, figures=SVG) == 0
     assert list(folder.glob("figure*")) == []
     assert "invalid" in capsys.readouterr().err

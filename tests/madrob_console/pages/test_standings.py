@@ -1,13 +1,29 @@
+"""Standings: which runs count, what a team's mean is worth, which teams cannot be told apart."""
+
 from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from collections.abc import Sequence
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.archive.history import RunSummary
-from madrob_console.pages.tally import Aggregate, overall, standings
+from madrob_console.pages.competition import NOTES, SIGNS, competition_standings, statistics_text
+from madrob_console.pages.outputs import (
+    standings_csv,
+    standings_details,
+    standings_html,
+    standings_json,
+)
+from madrob_console.pages.tally import Aggregate, overall, standings, subjects_text
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
+from scoring.result import Uncertainty
 from tests.madrob_console.run_folders import VALUES, summary
 
 TIME = IndicatorName.EXECUTION_TIME
@@ -86,38 +102,31 @@ def test_an_aggregate_has_mean_median_and_the_sample_deviation() -> None:
     (standing,) = standings([timed(10.0), timed(20.0), timed(60.0)])
     aggregate = standing.aggregates[TIME]
     assert aggregate.mean == pytest.approx(30.0)
-    assert aggregate.median == 20.0
     assert aggregate.deviation == pytest.approx(700**0.5)
-    assert (aggregate.smallest, aggregate.largest, aggregate.count) == (10.0, 60.0, 3)
-
-
-def test_one_run_has_no_deviation() -> None:
+    told = (aggregate.median, aggregate.smallest, aggregate.largest, aggregate.count)
+    assert told == (20.0, 10.0, 60.0, 3)
     (standing,) = standings([timed(10.0)])
     assert standing.aggregates[TIME] == Aggregate(10.0, 10.0, None, 10.0, 10.0, 1)
 
 
-def test_the_execution_time_is_that_of_completed_runs_only() -> None:
-    (standing,) = standings([timed(10.0), timed(300.0, outcome=Outcome.TIMEOUT)])
-    assert standing.aggregates[TIME].count == 1
-    assert standing.aggregates[TIME].mean == 10.0
-    assert standing.aggregates[HANDLE].count == 2
-    (only,) = standings([timed(300.0, outcome=Outcome.TIMEOUT)])
-    assert TIME not in only.aggregates
+NO_TIME = {name: value for name, value in VALUES.items() if name != TIME}
+COUNTED: dict[str, tuple[RunSummary, int, int]] = {
+    "the time of a run that was not completed": (timed(300.0, outcome=Outcome.TIMEOUT), 0, 1),
+    "an aborted run": (timed(99.0, outcome=Outcome.ABORTED), 0, 0),
+    "an interrupted run": (timed(99.0, outcome=Outcome.INTERRUPTED), 0, 0),
+    "a missing value": (summary(values=NO_TIME), 0, 1),
+    "another one": (timed(20.0), 1, 1),
+}
 
 
-@pytest.mark.parametrize("outcome", [Outcome.ABORTED, Outcome.INTERRUPTED])
-def test_the_indicators_of_a_run_that_does_not_count_enter_nothing(outcome: Outcome) -> None:
-    (standing,) = standings([timed(10.0), timed(99.0, outcome=outcome)])
-    assert standing.aggregates[HANDLE].count == 1
-    (alone,) = standings([timed(99.0, outcome=outcome)])
-    assert alone.aggregates == {}
-
-
-def test_a_missing_value_is_left_out_and_not_taken_for_zero() -> None:
-    without = {name: value for name, value in VALUES.items() if name != "passage_time"}
-    (standing,) = standings([summary(), summary(values=without)])
-    assert standing.aggregates[IndicatorName.PASSAGE_TIME].count == 1
-    assert standing.aggregates[LEVEL].count == 2
+@pytest.mark.parametrize("case", COUNTED)
+def test_what_enters_no_aggregate_is_left_out_and_not_taken_for_zero(case: str) -> None:
+    run, times, handles = COUNTED[case]
+    (alone,), (both,) = standings([run]), standings([timed(10.0), run])
+    for name, count in ((TIME, times), (HANDLE, handles)):
+        assert both.aggregates[name].count == 1 + count
+        assert both.aggregates[name].smallest >= 1.0
+        assert (name in alone.aggregates) == bool(count)
 
 
 def test_official_and_simulated_runs_are_never_mixed_and_a_replay_never_counts() -> None:
@@ -132,11 +141,8 @@ def test_official_and_simulated_runs_are_never_mixed_and_a_replay_never_counts()
 def test_a_damaged_result_never_counts() -> None:
     runs = [summary(problem="result.json is damaged"), summary(outcome=None, problem="damaged")]
     assert standings(runs) == ()
-
-
-def test_a_run_without_a_result_makes_no_standing_of_its_own() -> None:
     unfinished = summary(outcome=None, source=None, values={})
-    assert standings([unfinished]) == ()
+    assert standings([unfinished]) == ()  # it makes no standing of its own
     (standing,) = standings([unfinished, summary()])
     assert (standing.interrupted, standing.without_result) == (0, 1)
 
@@ -160,41 +166,30 @@ def test_the_best_runs_have_the_highest_level_then_completed_then_are_fast() -> 
     assert standings(runs, best=99) == standings(runs)
 
 
-def test_the_time_of_a_failed_run_makes_it_no_better() -> None:
-    early, declared = (
+def test_the_time_of_a_failed_run_makes_it_no_better_and_of_equal_ones_the_earlier_is() -> None:
+    failed = [
         timed(time, hour=hour, outcome=Outcome.TIMEOUT)
         for time, hour in ((300.0, 1.0), (20.0, 2.0))
-    )
-    (standing,) = standings([declared, early], best=1)
-    assert standing.aggregates[HANDLE].mean == pytest.approx(early.values[HANDLE])
-    assert early.values[HANDLE] != declared.values[HANDLE]
-
-
-def test_of_equal_runs_the_earlier_is_the_better() -> None:
-    first = summary(values={TIME: 10.0, HANDLE: 7.0, LEVEL: 6}, hour=1.0)
-    second = timed(10.0, hour=2.0)
-    (standing,) = standings([second, first], best=1)
-    assert standing.aggregates[HANDLE].mean == 7.0
+    ]
+    equal = [summary(values={TIME: 10.0, HANDLE: 7.0, LEVEL: 6}, hour=1.0), timed(10.0, hour=2.0)]
+    for first, second in (failed, equal):
+        (standing,) = standings([second, first], best=1)
+        assert standing.aggregates[HANDLE].mean == pytest.approx(first.values[HANDLE])
+        assert first.values[HANDLE] != second.values[HANDLE]
 
 
 def test_all_conditions_of_a_team_together_weigh_every_run_the_same() -> None:
-    runs = [timed(10.0), timed(20.0), summary(3, 8, values={TIME: 60.0}), summary(4, 8)]
+    runs = [timed(10.0), timed(20.0), summary(3, 8, values={TIME: 60.0, LEVEL: 1}), summary(4, 8)]
     first, second = overall(runs)
     assert (first.subject, first.conditions, first.completed, first.counted) == (3, (7, 8), 3, 3)
     assert first.aggregates[TIME].mean == pytest.approx(30.0)
     assert (second.subject, second.conditions) == (4, (8,))
-
-
-def test_the_best_of_all_conditions_are_the_best_of_each() -> None:
-    runs = [timed(10.0), timed(20.0), summary(3, 8, values={TIME: 60.0, LEVEL: 1})]
-    (team,) = overall(runs, best=1)
+    team, _ = overall(runs, best=1)  # the best of each condition
     assert (team.completed, team.counted) == (3, 2)
     assert team.aggregates[TIME].mean == pytest.approx(35.0)
-
-
-def test_all_conditions_together_keep_rulesets_apart() -> None:
-    runs = [summary(), summary(ruleset="eurobench-2020"), summary(source="simulated")]
-    assert [team.ruleset for team in overall(runs)] == ["eurobench-2020", "protocol"]
+    others = [summary(ruleset="eurobench-2020"), summary(source="simulated")]
+    rulesets = [team.ruleset for team in overall([*others, summary()])]
+    assert rulesets == ["eurobench-2020", "protocol"]
 
 
 @given(st.lists(FINITE, min_size=1, max_size=8))
@@ -234,3 +229,141 @@ def test_every_official_run_is_counted_once(runs: list[RunSummary]) -> None:
     assert sum(counts) == len(whole)
     together = [team.completed + team.timeout + team.aborted for team in overall(runs)]
     assert sum(together) == len(whole)
+
+
+# ---------------------------------------------------------------- told apart
+
+
+def known(subject: int, time: float, expanded: float | None = 0.5, **fields: object) -> RunSummary:
+    """A run with an execution time of which an uncertainty is known, or none."""
+    kept = {} if expanded is None else {TIME: Uncertainty(expanded / 2, expanded)}
+    told = {"values": {**VALUES, TIME: time}, "uncertainties": kept, **fields}
+    return summary(subject, **told)  # type: ignore[arg-type]
+
+
+def alike(runs: Sequence[RunSummary]) -> dict[int, tuple[int, ...]]:
+    return {one.subject: one.alike[TIME] for one in standings(runs) if TIME in one.alike}
+
+
+THREE = (known(1, 10.0), known(2, 10.9), known(3, 15.0, doubts={TIME: 2}))
+"""The first two do not differ by more than their uncertainties; the third is doubted."""
+
+
+SLOW = [known(1, time, 0.02) for time in (12.0, 14.0, 16.0)]  # 14.0 s, std 2.0 s
+FAST = [known(2, time, 0.02) for time in (12.0, 13.5, 15.0)]  # 13.5 s, std 1.5 s
+BOTH: dict[int, tuple[int, ...]] = {1: (2,), 2: (1,)}
+ALIKE: dict[str, tuple[Sequence[RunSummary], dict[int, tuple[int, ...]]]] = {
+    "uncertainties that overlap": (THREE, BOTH),
+    "that do not": ([known(1, 10.0), known(2, 11.1)], {}),
+    "shown rounded up, compared unrounded": ([known(1, 10.0, 0.31), known(2, 10.7, 0.31)], {}),
+    "of three": (
+        [known(1, 10.0, 2.0), known(2, 9.0, 0.1), known(3, 11.0, 0.1)],
+        {1: (2, 3), 2: (1,), 3: (1,)},
+    ),
+    "few runs": ([known(1, 10.0), known(2, 10.8)], BOTH),
+    "more runs": ([known(1, 10.0), known(2, 10.8)] * 4, {}),
+    "no better than runs repeat": ([*SLOW, *FAST], BOTH),
+    "of one run there is no std": ([known(1, 14.0, 0.02), known(2, 13.5, 0.02)], {}),
+    "apart by more than that": ([*SLOW, *(known(2, 19.5 + n, 0.02) for n in (-1.5, 0, 1.5))], {}),
+    "one unknown": ([known(1, 10.0), known(2, 10.0, None)], {}),
+    "one run unknown": ([known(1, 10.0), known(2, 10.0), known(2, 10.0, None)], {}),
+    "other conditions": ([known(1, 10.0), known(2, 10.0, condition=8)], {}),
+    "other rules": ([known(1, 10.0), known(2, 10.0, ruleset="eurobench-2020")], {}),
+}
+
+
+@pytest.mark.parametrize("case", ALIKE)
+def test_teams_that_nobody_can_tell_apart_are_named(case: str) -> None:
+    runs, expected = ALIKE[case]
+    assert alike(runs) == expected
+    assert LEVEL not in standings(runs)[0].alike  # a count that has no uncertainty, and is equal
+
+
+def test_the_uncertainty_of_a_mean_is_that_of_its_repeated_runs() -> None:
+    one, other = standings([*SLOW, *FAST])
+    spread = one.aggregates[TIME].uncertainty
+    assert spread is not None
+    assert spread.expanded == pytest.approx(2 * 2.0 / 3**0.5)
+    assert other.aggregates[TIME].deviation == pytest.approx(1.5)
+    both = overall([known(1, 10.0), known(2, 10.0, condition=8)])
+    assert [one.alike[TIME] for one in both] == [(2,), (1,)]
+
+
+def test_the_mean_of_a_team_has_an_uncertainty_and_its_doubts_are_counted() -> None:
+    runs = [known(1, 10.0, 0.6, doubts={TIME: 1}), known(1, 10.1, 0.8, doubts={TIME: 2})]
+    (one,) = standings(runs)
+    mean = one.aggregates[TIME].uncertainty
+    assert mean is not None
+    assert mean.expanded == pytest.approx(0.5)
+    assert one.doubts == {TIME: 3}
+    assert (one.signs(TIME), one.signs(LEVEL)) == ("?", "")
+
+
+def test_a_doubt_on_a_missing_value_counts_too() -> None:
+    (one,) = standings([known(1, 0.0, values={}, doubts={TIME: 1})])
+    assert (TIME in one.aggregates, one.doubts) == (False, {TIME: 1})
+
+
+def test_means_are_marked_in_tables_pages_and_data_with_what_the_signs_mean() -> None:
+    of = competition_standings(THREE, made=0.0)
+    table = list(csv.DictReader(io.StringIO(standings_csv(of))))
+    rows = [row for row in table if row["indicator"] == TIME and row["condition"] == "7"]
+    keys = ("mean", "expanded_uncertainty", "doubts", "not_distinguishable_from")
+    assert [[row[key] for key in keys] for row in rows] == [
+        ["10.0", "0.5", "0", "2"],
+        ["10.9", "0.5", "0", "1"],
+        ["15.0", "0.5", "2", ""],
+    ]
+    others = next(row for row in table if row["indicator"] == LEVEL)
+    assert (others["expanded_uncertainty"], others["doubts"]) == ("", "0")
+    document = json.loads(standings_json(of, "1"))
+    teams = document["rulesets"][0]["conditions"][0]["teams"]
+    first = teams[0]["indicators"][TIME]
+    assert [first[key] for key in keys[1:]] == [0.5, 0, [2]]
+    text = list(standings_details(of))
+    lines = text[text.index("mean") + 1 :][:7]
+    assert max(map(len, lines)) <= 80
+    assert lines[3] == "+-"
+    cells = [line.split()[1] for line in (*lines[:3], *lines[4:])]
+    assert cells == ["10.0~", "10.9~", "15.0?", *["0.5"] * 3]
+    assert f"{SIGNS}." in text
+    page = standings_html(of, "1")
+    assert re.search("<b>10.0~</b><small>[+]- 0.5<br>[^/]*<br>~ 2</small>", page)
+    assert re.search("<b>15.0[?]</b><small>[+]- 0.5<br>[^/]*<br>2 doubts</small>", page)
+    assert SIGNS in page
+
+
+@pytest.mark.parametrize("expanded", [0.0, 5e-324, 1e-9, 1e9, 1.7e308])
+def test_whatever_a_file_says_the_standings_stay_readable(expanded: float) -> None:
+    runs = [known(subject, 10.0, expanded) for subject in (1, 1, 2)]
+    of = competition_standings(runs, made=0.0)
+    text = list(standings_details(of))
+    table = text.index("mean")
+    assert max(map(len, text[table : table + 6])) <= 80
+    assert "10" in text[table + 1]
+    json.loads(standings_json(of, "1"))
+    assert standings_html(of, "1")
+    assert standings_csv(of)
+
+
+def test_of_many_teams_the_first_are_named() -> None:
+    assert subjects_text((2, 5)) == "2, 5"
+    assert subjects_text(tuple(range(1, 10))) == "1, 2, 3, 4 and 5 more"
+
+
+def test_all_statistics_have_the_digits_that_the_mean_s_uncertainty_leaves() -> None:
+    times = (45.607, 46.1234, 46.5)
+    (one,) = standings([known(1, time, 1.7) for time in times])
+    told = {"mean": "46", "median": "46", "std": "0.4"}  # which often is less than a unit
+    assert statistics_text(one.aggregates[TIME], TIME) == told
+    (one,) = standings([known(1, time, None) for time in times])
+    assert statistics_text(one.aggregates[TIME], TIME)["median"] == "46.12"
+    assert statistics_text(None, TIME) == {}
+
+
+def test_what_is_shown_is_rounded_up_and_the_legend_says_that_it_is_compared_unrounded() -> None:
+    runs, _ = ALIKE["shown rounded up, compared unrounded"]
+    text = list(standings_details(competition_standings(runs, made=0.0)))
+    assert text[text.index("+-") + 1].split()[1] == "0.4"  # which would overlap
+    assert "unrounded +- overlap" in SIGNS
+    assert any("rounded up: by measurement, or 2 std / sqrt(runs)" in note for note in NOTES)

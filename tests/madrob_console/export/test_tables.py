@@ -1,0 +1,468 @@
+"""`madrob table`: runs, indicators, events, steps and samples, as tables for programs."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from madrob_console.archive import score
+from madrob_console.archive.folders import runs_at
+from madrob_console.cli.main import main
+from madrob_console.cli.table_command import write_samples
+from madrob_console.common.files import read_bounded
+from madrob_console.export.table_columns import (
+    DOOR,
+    RUN_TABLES,
+    SAMPLE_TABLES,
+    WHOSE,
+    CellKind,
+    TableFormat,
+    TidyTable,
+)
+from madrob_console.referee.acts import Abort
+from madrob_console.testbeds.simulated import Scenario
+from scoring.protocol import PASSAGE_SENSORS, Thresholds
+from scoring.rulesets import EUROBENCH_2020, RulesetName
+from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.recorded_runs import appealed, copy_run, publish, recorded
+from tests.madrob_console.run_folders import summary, write
+
+_EXACTLY: dict[str, Any] = {"float_precision": "round_trip"} if pd.__version__ < "3" else {}
+"""Older versions round the last digit of what they read."""
+
+OLDER = Path(__file__).parents[1] / "whole/version_0_1_0/results"
+
+
+def read_csv(source: object, **how: object) -> pd.DataFrame:
+    frame: pd.DataFrame = pd.read_csv(source, **how, **_EXACTLY)  # type: ignore[call-overload]
+    return frame
+
+
+def plain(frame: pd.DataFrame) -> pd.DataFrame:
+    """With None where nothing stands, as csv has it."""
+    cells = frame.astype(object)
+    return cells.where(cells.notna() & (cells != ""), None)
+
+
+def code_of(*arguments: object) -> int:
+    try:
+        return main(["table", *map(str, arguments)])
+    except SystemExit as end:  # argparse
+        return int(end.code or 0)
+
+
+# ---------------------------------------------------------------- of all runs
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two runs of today, one of them with all that a referee can say."""
+    root = tmp_path_factory.mktemp("archive")
+    for number, run in enumerate((recorded(Scenario.TOUCH_ONLY), appealed())):
+        shutil.copytree(run, root / f"hall_{number}" / "practice" / run.name)
+    return root
+
+
+def results_below(root: Path) -> list[dict[str, Any]]:
+    return [json.loads(path.read_text()) for path in sorted(root.rglob("result.json"))]
+
+
+def table(capsys: pytest.CaptureFixture[str], name: str, *arguments: object) -> pd.DataFrame:
+    assert code_of(name, *arguments) == 0
+    told = capsys.readouterr()
+    assert told.err == ""
+    return read_csv(StringIO(told.out))
+
+
+def test_runs_has_a_row_for_each_run_with_whose_and_which_it_is(
+    archive: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frame = table(capsys, "runs", archive)
+    for row, stored in zip(frame.to_dict("records"), results_below(archive), strict=True):
+        same = ("subject", "team", "run_id", "testbed", "start", "outcome", "ruleset", "issue")
+        expected = {key: stored[key] for key in same} | {
+            "condition": stored["condition_number"],
+            "run": stored["run_number"],
+            "valid": stored["outcome"] in {"completed", "timeout"},
+            "practice": True,
+            "final": stored["closure"] is not None,
+            "flags": "; ".join(flag["words"] for flag in stored["flags"]),
+            "duration": stored["stop"] - stored["start"],
+            "libraries": "; ".join(map(" ".join, stored["libraries"].items())),
+            "recording_sha256": stored["files"][f"{row['folder']}_0.mcap"]["sha256"],
+        }
+        assert {key: row[key] for key in expected} == expected
+        assert json.loads((Path(row["place"]) / "result.json").read_text()) == stored
+
+
+def test_runs_tells_which_numbers_are_not_the_protocols_and_who_reads_a_signal_otherwise(
+    archive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (first, _) = results_below(archive)
+    del first["journal"]
+    first["thresholds"]["lintel_height"] = 2.2
+    first["thresholds"]["doubt"]["gap_reach"] = 0.5
+    told = first.pop("mappings")
+    scaled = [one | {"scale": 2.0} if one["signal"] == "handle force" else one for one in told]
+    halls = {"A": told, "B": told[::-1], "C": scaled, "D": None}
+    for number, (hall, mappings) in enumerate(halls.items(), start=1):
+        folder = tmp_path / f"subject_003_cond_001_run_001_2023111{number}_221323"
+        folder.mkdir()
+        key = {} if mappings is None else {"mappings": mappings}
+        result = first | key | {"testbed": hall, "run_id": hall}
+        (folder / "result.json").write_text(json.dumps(result))
+    for _ in range(2):  # the second time from the index
+        frame = table(capsys, "runs", tmp_path).set_index("testbed")
+        assert set(frame.thresholds_changed) == {"lintel_height 2.2; doubt.gap_reach 0.5"}
+        digests = frame.mapping_sha256
+        assert digests.A == digests.B != digests.C
+        assert [len(digests[hall]) for hall in "ABC"] == [16] * 3
+        assert pd.isna(digests.D)
+
+
+def test_a_table_reads_each_result_once_and_not_again_while_it_stays(
+    archive: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    archive, moved = shutil.copytree(archive, tmp_path / "archive"), tmp_path / "moved"
+    read: list[str] = []
+
+    def noted(path: str, largest: int) -> object:
+        read.append(path)
+        return read_bounded(path, largest)
+
+    monkeypatch.setattr("madrob_console.archive.result_reader.read_bounded", noted)
+    results = sorted(map(str, archive.rglob("result.json")))
+    for one in RUN_TABLES:
+        first = table(capsys, one.name, archive)
+        assert sorted(read) == results
+        read.clear()
+        pd.testing.assert_frame_equal(table(capsys, one.name, archive), first)
+        assert read == []
+    archive.rename(moved)
+    places = sorted(f"{folder}/result.json" for folder in table(capsys, "runs", moved).place)
+    assert places == [path.replace(str(archive), str(moved)) for path in results]
+    read.clear()
+    for path in moved.rglob("journal.jsonl"):
+        path.unlink()
+    table(capsys, "runs", moved)
+    assert len(read) == len(results)
+    monkeypatch.chdir(run := Path(places[0]).parent)  # the folder one is in
+    assert len(table(capsys, "runs", ".")) == 1
+    (run / "result.json").unlink()
+    assert code_of("runs", ".") == 2
+    assert "has no result.json" in capsys.readouterr().err
+    assert not (run / ".history.sqlite").exists()
+
+
+def test_indicators_events_and_steps_have_what_the_results_have(
+    archive: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = {result["run_id"]: result for result in results_below(archive)}
+    told = {name: plain(table(capsys, name, archive)) for name in ("indicators", "events", "steps")}
+    unknown = {"u": None, "expanded": None}
+    columns = [
+        *("run_id", "indicator", "value", "uncertainty", "expanded_uncertainty", "reason"),
+        *("unit", "doubts"),
+    ]
+    assert told["indicators"][columns].to_numpy().tolist() == [
+        [
+            *(run_id, name, one["value"], *(one["uncertainty"] or unknown).values()),
+            *(one["reason"], one["unit"], "; ".join(one["doubts"]) or None),
+        ]
+        for run_id, result in results.items()
+        for name, one in result["indicators"].items()
+    ]
+    assert told["events"][["run_id", "event", "time"]].to_numpy().tolist() == [
+        [key, event["event"], event["time"]]
+        for key, result in results.items()
+        for event in result["events"]
+    ]
+    counting = [step["final"] for result in results.values() for step in result["steps"]]
+    assert told["steps"][["time", "done"]].to_numpy().tolist() == [
+        [time, time is not None] for time in counting
+    ]
+
+
+def assert_columns(frame: pd.DataFrame, text: pd.DataFrame, one: TidyTable) -> None:
+    """Whether a table with types has the cells of one without, and says what they mean."""
+    assert list(frame) == list(text) == [column.name for column in one.columns]
+    for column in one.columns:
+        assert frame.attrs[column.name] == f"{column.meaning} [{column.unit or '-'}]"
+        assert column.kind is CellKind.TEXT or frame[column.name].dtype == column.kind.value
+    told = [name for name in text if name != "time"]  # read_csv may err in its last digit
+    pd.testing.assert_frame_equal(plain(frame[told]), plain(text[told]), check_dtype=False)
+
+
+def test_every_format_has_the_same_cells_with_their_types(archive: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="the extra `tables`")
+    for one in RUN_TABLES:
+        files = {kind: tmp_path / f"{one.name}.{kind}" for kind in ("csv", "ndjson", "parquet")}
+        for kind, file in files.items():
+            assert code_of(one.name, archive, "--format", kind, "--output", file) == 0
+        frame = pd.read_parquet(files["parquet"])
+        lines = files["ndjson"].read_text().splitlines()
+        cells = frame.astype(object).where(frame.notna(), None)
+        assert cells.to_dict("records") == [json.loads(line) for line in lines]
+        kinds = {column.name: column.kind.value for column in one.columns}
+        assert_columns(frame, read_csv(files["csv"], dtype=kinds), one)
+
+
+def test_runs_of_before_are_in_the_tables_and_what_has_no_result_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(OLDER, tmp_path / "a")
+    shutil.copytree(OLDER, tmp_path / "deep/er/b")
+    assert code_of("runs", tmp_path, "--format", "ndjson") == 2
+    told = capsys.readouterr()
+    rows = [json.loads(line) for line in told.out.splitlines()]
+    assert len(rows) == len({row["run_id"] for row in rows}) == 5
+    assert {row["testbed"] for row in rows} == {""}
+    assert told.err.count("has no result.json") == 2
+    assert told.err.count("the same run as") == 3
+    assert "and 2 more runs that are there twice" in told.err
+
+
+@pytest.mark.parametrize("one", [*RUN_TABLES, *SAMPLE_TABLES], ids=lambda one: one.name)
+def test_help_and_columns_say_of_each_column_what_it_is(
+    one: TidyTable, capsys: pytest.CaptureFixture[str]
+) -> None:
+    of_runs = one in RUN_TABLES
+    name = one.name if of_runs else "samples"
+    for command in ([name, "--help"], *([[name, "--columns"], ["--columns"]] if of_runs else [])):
+        assert code_of(*command) == 0
+        text = " ".join(capsys.readouterr().out.split())
+        assert of_runs or f"{one.name}: {one.row} " in text
+        for column in one.columns if of_runs or one is DOOR else ():
+            assert " ".join(f"{column.name} {column.unit} {column.meaning}".split()) in text
+    assert not of_runs or one.columns[: len(WHOSE)] == WHOSE
+
+
+_MEASURED = """
+import re, sys
+from pathlib import Path
+from madrob_console.cli.main import main
+code = main(sys.argv[1:])
+print(re.search(r"VmHWM:\\s*(\\d+) kB", Path("/proc/self/status").read_text())[1])
+sys.exit(code)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.machine
+@pytest.mark.parametrize("kind", ["csv", "ndjson", "parquet"])
+def test_more_runs_need_no_more_memory(
+    kind: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    pytest.importorskip("pyarrow", reason="the extra `tables`")
+    few = max(request.config.getoption("--runs"), 500)
+    (told,) = results_below(recorded(Scenario.TOUCH_ONLY))
+    del told["journal"]
+    peaks, made = [], 0
+    for count in (few, 4 * few):
+        while made < count:
+            made += 1
+            run = summary(made % 999 + 1, made % 20 + 1, made // 999 + 1, hour=made / 10)
+            result = told | {
+                "subject": run.subject,
+                "condition_number": run.condition,
+                "run_number": run.run_number,
+                "run_id": f"{made:032x}",
+                "corrections": [],
+            }
+            path = tmp_path / "runs" / run.folder / "result.json"
+            path.parent.mkdir(parents=True)
+            path.write_text(json.dumps(result))
+        command = ["table", "indicators", str(tmp_path / "runs"), "--format", kind]
+        command += ["--output", str(tmp_path / "table")]
+        program = [sys.executable, "-c", _MEASURED, *command]
+        said = subprocess.run(program, capture_output=True, text=True, check=True)
+        peaks.append(int(said.stdout.split()[-1]) * 1024)
+    print(f"{few} runs: {peaks[0] / 1e6:.1f} MB, {4 * few}: {peaks[1] / 1e6:.1f} MB")
+    assert peaks[1] - peaks[0] < 4000 * 3 * few  # what is known of a run, without its rows
+
+
+REFUSED: dict[str, tuple[list[str], str]] = {
+    "no such testbed": (
+        ["runs", "{root}", "--testbed-name", "Hall B"],
+        "no such runs; there are 'Hall A'",
+    ),
+    "no such folder": (["runs", "{root}/none", "--output", "{kept}"], "no such folder"),
+    "no place for binary": (["runs", "{root}", "--format", "parquet"], "--output"),
+    "no place for samples": (["samples", "{run}"], "--output"),
+    "a file for a folder": (["samples", "{run}", "--output", "{kept}"], "{kept}: "),
+    "no pyarrow": (
+        ["samples", "{run}", "--format", "parquet", "--output", "{root}/tables"],
+        "extra `tables`, or write csv",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_made_is_a_line_and_leaves_what_is_there(
+    case: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    write(tmp_path, summary(testbed="Hall A"))
+    kept = tmp_path / "kept.csv"
+    kept.write_text("kept\n")
+    if case == "no pyarrow":
+        monkeypatch.setitem(sys.modules, "pyarrow", None)
+    arguments, words = REFUSED[case]
+    places = {"root": tmp_path, "kept": kept, "run": recorded(Scenario.TOUCH_ONLY)}
+    assert code_of(*(word.format(**places) for word in arguments)) == 2
+    told = capsys.readouterr()
+    assert words.format(**places) in told.err.splitlines()[-1]
+    assert told.out == ""
+    assert kept.read_text() == "kept\n"
+    assert not (tmp_path / "tables").exists()
+
+
+def test_a_table_without_rows_has_its_columns(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path, summary(testbed="Hall B"))
+    assert code_of("events", tmp_path, "--testbed-name", "Hall B") == 0
+    assert capsys.readouterr().out.startswith("subject,team,condition,run,run_id,testbed,")
+
+
+# ---------------------------------------------------------------- of a run's samples
+
+
+def samples_of(run: Path, folder: Path, *options: str) -> dict[str, pd.DataFrame]:
+    """The tables of a run, by name."""
+    assert code_of("samples", run, "--output", folder, *options) == 0
+    found = {one.name: folder / f"{run.name}_{one.name}.csv" for one in SAMPLE_TABLES}
+    assert set(folder.glob("*.csv")) == set(found.values())
+    return {name: read_csv(path) for name, path in found.items()}
+
+
+@pytest.fixture(scope="module")
+def run() -> Path:
+    return recorded(Scenario.NOMINAL)
+
+
+@pytest.fixture(scope="module")
+def tables(run: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, pd.DataFrame]:
+    return samples_of(run, tmp_path_factory.mktemp("far") / "tables")
+
+
+def test_the_rows_of_the_run_are_those_behind_its_result_to_the_last_digit(
+    run: Path, tables: dict[str, pd.DataFrame]
+) -> None:
+    (scored,) = score(run)
+    facts, rows, start = tables["run"].iloc[0], scored.rows, scored.result.start
+    for name in ("door", "handle", "passage"):  # they begin before the run and end after it
+        since = tables[name].since_start
+        assert since.min() < -1
+        assert since.max() > facts.duration + 0.9
+        assert (since.diff().dropna() >= -0.02).all()
+    assert all(set(frame["run"]) <= {run.name} for frame in tables.values())
+    door, handle = (
+        frame[frame.since_start.between(facts.rows_from, facts.rows_until)]
+        for frame in (tables["door"], tables["handle"])
+    )
+    jerk = door[["since_start", "jerk"]].dropna()
+    state = rows.joint_state
+    for column, values in (
+        (door.since_start, state.time - start),
+        (door.position, state.position),
+        (door.velocity, state.velocity),
+        (door.acceleration, state.acceleration),
+        (door.low_passed_acceleration, rows.low_passed),
+        (jerk.jerk, rows.jerk),
+        (jerk.since_start, rows.jerk_time - start),
+        (handle.force, rows.force),
+    ):
+        np.testing.assert_array_equal(column, values)
+    assert set(state.time.tolist()) < set(tables["door"].time.tolist())
+
+
+def test_each_used_passage_sensor_has_its_reading_its_state_and_its_mask(
+    tables: dict[str, pd.DataFrame],
+) -> None:
+    limits, passage, door = Thresholds(), tables["passage"], tables["door"]
+    sensors = passage[["side", "index", "strip", "element"]].drop_duplicates()
+    assert set(sensors.itertuples(index=False, name=None)) == {
+        (s.side, s.index, s.strip, s.element) for s in PASSAGE_SENSORS
+    }
+    np.testing.assert_allclose(passage.height, limits.lintel_height - passage["range"])
+    seen = passage[~passage.masked]
+    assert (seen.present == (seen.height > limits.present_height)).all()
+    assert passage.masked.any()
+    opened = door[door.position.abs() > min(limits.mask_from)].since_start
+    masked = passage[passage.masked].since_start
+    assert masked.between(opened.min() - 0.02, opened.max() + 0.02).all()
+
+
+def test_other_rules_give_other_tables(run: Path, tmp_path: Path) -> None:
+    tables = samples_of(run, tmp_path, "--ruleset", "eurobench-2020")
+    (scored,) = score(run, RulesetName.EUROBENCH_2020)
+    facts, door = tables["run"].iloc[0], tables["door"]
+    told = (facts.ruleset, facts.present_height, facts.rows_from, facts.rows_until)
+    assert told == ("eurobench-2020", EUROBENCH_2020.present_height, -np.inf, np.inf)
+    np.testing.assert_array_equal(door.low_passed_acceleration, scored.rows.low_passed)
+    assert door.jerk.dropna().tolist() == scored.rows.jerk.tolist()
+
+
+def test_parquet_has_the_same_with_types_and_what_the_columns_mean(
+    run: Path, tables: dict[str, pd.DataFrame], tmp_path: Path
+) -> None:
+    pytest.importorskip("pyarrow", reason="the extra `tables`")
+    assert code_of("samples", run, "--format", "parquet", "--output", tmp_path) == 0
+    for one in SAMPLE_TABLES:
+        frame = pd.read_parquet(tmp_path / f"{run.name}_{one.name}.parquet")
+        assert_columns(frame, tables[one.name], one)
+
+
+def test_a_bad_run_is_named_and_the_others_have_their_tables(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results, output = tmp_path / "results", tmp_path / "tables"
+    copies = [copy_run(results, number) for number in (1, 2)]
+    twin = shutil.copytree(copies[0], tmp_path / "elsewhere" / copies[0].name)
+    publish(run, tmp_path / "published")
+    paths = (results, tmp_path / "nowhere", twin, tmp_path / "published")
+    assert code_of("samples", *paths, "--output", output) == 2
+    said = capsys.readouterr()
+    assert said.out.splitlines() == [
+        str(output / f"{copy.name}_{table.name}.csv") for copy in copies for table in SAMPLE_TABLES
+    ]
+    same_name, nowhere, published = said.err.splitlines()
+    assert str(tmp_path / "nowhere") in nowhere
+    assert f"{twin}: is called like {copies[0]}" in same_name
+    assert "files without a recording" in published
+
+
+def test_an_aborted_run_has_its_series_too_and_the_latch_sensor_a_table(tmp_path: Path) -> None:
+    drive = Drive(tmp_path / "results", latch=True)
+    drive.start(make_setup())
+    drive.wait(3.0)
+    drive.act(Abort("somebody in the doorway"))
+    drive.finish()
+    drive.whole_run(make_setup(run_number=2))
+    drive.engine.close()
+    aborted, whole = sorted(runs_at(tmp_path / "results"), key=lambda run: run.name)
+    for of in (aborted, whole):
+        write_samples(of, output=tmp_path, rules=None, kind=TableFormat.CSV)
+    stems = [tmp_path / of.path.name for of in (aborted, whole)]
+    facts, door = (read_csv(f"{stems[0]}_{name}.csv") for name in ("run", "door"))
+    assert facts.outcome.tolist() == ["aborted"]
+    assert door.since_start.max() > 3.0
+    facts, latch = (read_csv(f"{stems[1]}_{name}.csv") for name in ("run", "latch"))
+    assert facts.lock_detection.tolist() == ["sensor"]
+    engaged = latch.engaged.tolist()
+    assert (engaged[0], all(engaged), engaged[-1]) == (True, False, True)
