@@ -21,7 +21,7 @@ PACKAGES = ("textual",)
 
 BARE = [sys.executable, "-m", "tests.benchmarks.bare_app"]
 STOCK = [sys.executable, "-m", "tests.benchmarks.stock_app"]
-FAKE = [sys.executable, "-m", "tests.madrob_console.ui.moving_engine"]
+FAKE = [sys.executable, "-m", "tests.madrob_console.ui.fake_engine"]
 SIMULATED = ("--testbed", "simulated")
 
 LARGE = 160, 50
