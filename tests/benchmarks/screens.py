@@ -22,13 +22,13 @@ MOST = 3
 
 BARE = (sys.executable, "-m", "tests.benchmarks.bare_app")
 WIDGETS = (*BARE, "--widgets")
-OURS = (sys.executable, "-m", "tests.madrob_console.ui.moving_engine", "--running")
+OURS = (sys.executable, "-m", "tests.madrob_console.ui.fake_engine", "--running")
 TEXTUAL_S = """
 import runpy, sys
 from textual._compositor import Compositor
 from madrob_console.ui.frame import console_screen
 console_screen.CellCompositor = Compositor
-runpy.run_module("tests.madrob_console.ui.moving_engine", run_name="__main__")
+runpy.run_module("tests.madrob_console.ui.fake_engine", run_name="__main__")
 """
 """Our screens by Textual's compositor."""
 OTHER_COMPOSITOR = (sys.executable, "-c", TEXTUAL_S, "--running")

@@ -7,25 +7,24 @@ from collections.abc import Iterator
 
 import pytest
 
-from madrob_console.engine.requests import Request
 from tests.madrob_console.ui.driver import SMALL, Driver, driving
-from tests.madrob_console.ui.fake_engine import FakeEngine, SlowEngine
+from tests.madrob_console.ui.fake_engine import FakeEngine
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
-    """A test may be a coroutine; it runs in the loop of its fixtures, else in one of its own."""
-    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+    """A test may be a coroutine; it runs in the loop of its fixtures."""
+    test = pyfuncitem.obj
+    if not inspect.iscoroutinefunction(test):
         return None
-    names = inspect.signature(pyfuncitem.obj).parameters
-    with asyncio.Runner() as own:
-        runner = pyfuncitem.funcargs.get("runner", own)
-        assert isinstance(runner, asyncio.Runner)
-        runner.run(pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in names}))
+    given = pyfuncitem.funcargs
+    runner = given["runner"]
+    assert isinstance(runner, asyncio.Runner)
+    runner.run(test(**{name: given[name] for name in inspect.signature(test).parameters}))
     return True
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def runner() -> Iterator[asyncio.Runner]:
     """The loop of a test and its fixtures."""
     with asyncio.Runner() as runner:
@@ -48,13 +47,6 @@ def engine() -> FakeEngine:
 
 
 @pytest.fixture
-def slow_engine(monkeypatch: pytest.MonkeyPatch) -> SlowEngine:
-    """One that answers when it is told to, however busy the machine is."""
-    monkeypatch.setattr(Request, "timeout", 600.0)
-    return SlowEngine()
-
-
-@pytest.fixture
 def size() -> tuple[int, int]:
     """Columns and rows of the terminal; a test may ask for others."""
     return SMALL
@@ -66,10 +58,3 @@ def driver(engine: FakeEngine, size: tuple[int, int], runner: asyncio.Runner) ->
     console = driving(engine, size)
     yield runner.run(console.__aenter__())
     runner.run(console.__aexit__(None, None, None))
-
-
-@pytest.fixture
-def running(driver: Driver, runner: asyncio.Runner) -> Driver:
-    """The console while a run goes on."""
-    runner.run(driver.run())
-    return driver

@@ -1,4 +1,4 @@
-"""Drives the console in a test: keys in, text of the screen out; stories as tables of keys."""
+"""Drives screens in a test: keys in, text of the screen out; stories as tables of keys."""
 
 from __future__ import annotations
 
@@ -6,46 +6,137 @@ import asyncio
 import inspect
 import shlex
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from copy import copy
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from tempfile import TemporaryDirectory
+from threading import get_ident
+from typing import Any, ClassVar, NamedTuple, TypeVar
+from unicodedata import lookup
 
+import pytest
 from textual.app import App, ComposeResult
 from textual.containers import Container
-from textual.events import Event
+from textual.events import Event, Key
+from textual.keys import REPLACED_KEYS, _character_to_key, _get_unicode_name_from_key
 from textual.message import Message
 from textual.pilot import Pilot
 from textual.screen import Screen
 from textual.widget import Widget
+from textual.worker import WorkerCancelled
 
+from madrob_console.archive.history import RunSummary
 from madrob_console.config.tables import ConsoleSettings
+from madrob_console.engine.requests import Request
+from madrob_console.engine.wire import EngineClient
 from madrob_console.referee.acts import Act
 from madrob_console.referee.records import RunSetup
 from madrob_console.referee.run import Phase
+from madrob_console.ui import awaited
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.cells.lines import TONE_CLASSES
 from madrob_console.ui.cells.table import Table
 from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.console_app import TypeAhead
 from madrob_console.ui.link import ConsoleDefaults
-from madrob_console.ui.panes.result_pane import ResultsPane
-from madrob_console.ui.panes.runs_pane import HistoryPane, RunsPane
-from madrob_console.ui.panes.standings_pane import StandingsPane
-from scoring.protocol import Outcome
+from madrob_console.ui.panes.runs_pane import RunsPane
+from scoring.protocol import Outcome, Step
+from tests.madrob_console.run_folders import write
 from tests.madrob_console.ui.fake_engine import FakeEngine
 
 SMALL = (80, 24)
 LARGE = (120, 36)
+PANE = (80, 19)
+"""What a terminal of 80x24 leaves to a pane."""
 DEFAULTS = ConsoleDefaults(
     competition="Autumn Cup", results=Path("/results"), team="Door Bots", referee="Ada"
 )
-
-
+MOST_LOOKS = 2000
 LOOKING = 3.0
 """Between two keys of somebody who looks at the screen, s."""
+
+
+@dataclass
+class Shown:
+    """Any screens under test."""
+
+    app: App[None]
+    pilot: Pilot[None]
+
+    async def press(self, *keys: str) -> None:
+        """Press keys, each when the one before has done what it does, and let the screen follow."""
+        for key in keys:
+            name = _character_to_key(key) if len(key) == 1 and not key.isalnum() else key
+            char = name if len(name) == 1 else None
+            with suppress(KeyError):
+                char = lookup(_get_unicode_name_from_key(REPLACED_KEYS.get(name, name)))
+            self.app.post_message(Key(name, char))
+            await self.drawn()
+        await self.settle()
+
+    async def settle(self) -> None:
+        """What is being read is shown."""
+        with suppress(WorkerCancelled):  # it was asked again
+            await self.app.workers.wait_for_complete()
+        await self.drawn()
+
+    async def drawn(self) -> None:
+        """Until every message is dealt with and nothing is left to be drawn.
+
+        A pilot's own pause asks each widget, and waits until the process takes little of the
+        processor: that takes long, and on a busy machine it says nothing.
+        """
+        loop: Any = asyncio.get_running_loop()
+        owing = True
+        while owing:
+            await asyncio.sleep(0)
+            if not loop._ready:
+                owing = self.app.is_running and _owes(
+                    self.app.screen
+                )  # one that ended draws no more
+                if owing:
+                    self.app.screen._on_timer_update()
+                    await asyncio.sleep(0.001)
+
+    async def until(self, seen: Item) -> None:
+        """Wait for what needs time; the test has a limit."""
+        while not _is_so(self, seen):
+            await asyncio.sleep(0.01)
+            await self.drawn()
+
+    async def click(self, text: str, within: str = "", times: int = 1) -> None:
+        """Click on the first character of a text, in the first row that holds it and `within`."""
+        y, row = next(
+            (y, row) for y, row in enumerate(self.rows()) if text in row and within in row
+        )
+        await self.pilot.click(offset=(row.index(text), y), times=times)
+        await self.settle()
+
+    def rows(self) -> Sequence[str]:
+        """The screen as text."""
+        width, height = self.app.size
+        strips = self.app.screen._compositor.render_strips()
+        return [strip.text[:width].rstrip() for strip in strips[:height]]
+
+    @property
+    def text(self) -> str:
+        return "\n".join(self.rows())
+
+    @property
+    def marked(self) -> str:
+        """The row under the mark."""
+        return next(row for row in self.rows() if row.lstrip().startswith("> "))
+
+
+def _owes(screen: Screen[object]) -> bool:
+    shown = screen._compositor.visible_widgets
+    return (
+        screen._layout_required
+        or screen._scroll_required
+        or bool(screen._dirty_widgets or screen._callbacks)
+        or any(widget._layout_required or widget._repaint_required for widget in shown)
+    )
 
 
 @dataclass
@@ -59,9 +150,7 @@ class Hand:
 
     gap: float = LOOKING
     now: float = 1000.0
-
-    def __post_init__(self) -> None:
-        self._last: Event | None = None
+    _last: Event | None = None
 
     def typed(self, event: Event) -> float:
         """The time of a key."""
@@ -72,13 +161,14 @@ class Hand:
 
 
 @dataclass
-class Driver:
+class Driver(Shown):
     """The console under test."""
 
     app: MadrobApp
     engine: FakeEngine
-    pilot: Pilot[None]
-    hand: Hand
+    hand: Hand = field(default_factory=Hand)
+    seconds: list[float] = field(default_factory=lambda: [0.0])
+    """The time of the screens."""
     remembered: Sequence[Act] = ()
     """The engine's acts when a story asked to keep them in mind."""
 
@@ -87,15 +177,6 @@ class Driver:
         screen = self.app.screen
         assert isinstance(screen, ConsoleScreen)
         return screen
-
-    async def press(self, *keys: str) -> None:
-        """Press keys and let the screen follow."""
-        await self.pilot.press(*keys)
-        await self.settle()
-
-    async def type(self, text: str) -> None:
-        """Type a text."""
-        await self.press(*("space" if char == " " else char for char in text))
 
     async def set_up(self) -> None:
         """A run is set up and its pose confirmed."""
@@ -119,17 +200,25 @@ class Driver:
 
     async def settle(self) -> None:
         """Look at the engine once more and let all messages pass."""
-        await self.pilot.pause()
+        await self.drawn()
         if isinstance(self.app.screen, ConsoleScreen):  # else the palette is in front
             self.console.poll()
-        await drawn(self.pilot)
+        await self.drawn()
 
     async def answered(self, *keys: str) -> None:
-        """Press keys; what waits for the engine has its answer."""
-        await self.pilot.press(*keys)
-        await self.settle()
+        """Press keys; what waits for the engine or a thread has its answer."""
+        await self.press(*keys)
         await self.app.workers.wait_for_complete()
         await self.settle()
+
+    async def drawn(self) -> None:
+        """Also until what keys have asked for is done, unless the engine keeps it waiting."""
+        await super().drawn()
+        looks = 0 if awaited.PATIENCE < 1.0 else MOST_LOOKS
+        while looks and any(one.group == "keys" for one in self.app.workers):
+            looks -= 1
+            await asyncio.sleep(0.001)
+            await super().drawn()
 
     async def finish(
         self, outcome: Outcome = Outcome.COMPLETED, reason: str = "step 6 is done"
@@ -138,13 +227,16 @@ class Driver:
         self.engine.finish(outcome, reason)
         await self.settle()
 
-    def rows(self) -> Sequence[str]:
-        """The screen as text."""
-        return rows_of(self.app)
+    async def complete(self, outcome: Outcome = Outcome.COMPLETED) -> None:
+        """A run goes on, does all its steps and ends."""
+        await self.run()
+        await self.do_steps(*Step)
+        await self.finish(outcome, "because")
 
-    @property
-    def text(self) -> str:
-        return "\n".join(self.rows())
+    async def do_steps(self, *steps: Step) -> None:
+        for step in steps:
+            self.engine.do_step(step)
+        await self.settle()
 
 
 @asynccontextmanager
@@ -152,54 +244,38 @@ async def driving(
     engine: FakeEngine,
     size: tuple[int, int] = SMALL,
     defaults: ConsoleDefaults = DEFAULTS,
-    monotonic: Callable[[], float] = lambda: 0.0,
+    *,
     look: ConsoleSettings | None = None,
     gap: float = LOOKING,
+    find: Callable[[], EngineClient] | None = None,
+    runs: Sequence[RunSummary] = (),
 ) -> AsyncIterator[Driver]:
     """The console on `engine`, in a terminal of `size`; time stands still for the screens.
 
-    Keys are typed `gap` seconds one after the other.
+    Keys are typed `gap` seconds one after the other. `find` looks for an engine, the one here
+    unless something follows it, in a thread: the screen goes on. Where there are `runs`, the
+    results folder holds them.
     """
     hand = Hand(gap)
     ahead = TypeAhead(lambda: hand.now, hand.typed)
-    app = MadrobApp(lambda: engine, defaults, look, monotonic, lambda: engine.now, ahead)
-    async with app.run_test(size=size) as pilot:
-        driver = Driver(app, engine, pilot, hand)
-        await app.workers.wait_for_complete()
-        await driver.settle()
-        yield driver
+    with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(awaited, "PATIENCE", 60.0)  # of keys, however busy the machine is
+        patch.setattr(Request, "timeout", 600.0)  # a slow engine answers when it is told to
+        for run in runs:
+            write(Path(folder), run)
+            defaults = replace(defaults, results=Path(folder))
+        here, seconds = get_ident(), [0.0]
 
+        def found() -> EngineClient:
+            assert get_ident() != here
+            return (find or engine.find)()
 
-def rows_of(app: App[None]) -> list[str]:
-    """What an app shows, as text."""
-    width, height = app.size
-    strips = app.screen._compositor.render_strips()
-    return [strip.text[:width].rstrip() for strip in strips[:height]]
-
-
-async def drawn(pilot: Pilot[None]) -> None:
-    """Until nothing is left to be drawn.
-
-    A pilot pauses until the process takes little of the processor, which on a busy machine says
-    nothing: other programs may have it.
-    """
-    await pilot.pause()
-    while pilot.app.is_running and _owes(pilot.app.screen):  # one that has ended draws no more
-        await asyncio.sleep(0.005)
-        await pilot.pause()
-
-
-def _owes(screen: Screen[object]) -> bool:
-    shown = screen._compositor.visible_widgets
-    return (
-        screen._layout_required
-        or bool(screen._dirty_widgets)
-        or any(widget._layout_required or widget._repaint_required for widget in shown)
-    )
-
-
-PANE = (80, 19)
-"""What a terminal of 80x24 leaves to a pane."""
+        app = MadrobApp(found, defaults, look, lambda: seconds[0], lambda: engine.now, ahead)
+        async with app.run_test(size=size) as pilot:
+            driver = Driver(app, pilot, engine, hand, seconds)
+            if find is None:
+                await driver.answered()
+            yield driver
 
 
 class PaneScreen(Screen[None]):
@@ -239,46 +315,20 @@ class PaneApp(App[None]):
 
 
 @dataclass
-class Shown:
-    """A pane that has been entered."""
+class Alone(Shown):
+    """A pane, or any other widget, on a screen of its own."""
 
     app: PaneApp
-    pilot: Pilot[None]
-
-    async def settle(self) -> None:
-        """What is being read is shown."""
-        await self.app.workers.wait_for_complete()
-        await self.pilot.pause()
-        await drawn(self.pilot)
-
-    async def press(self, *keys: str) -> None:
-        """Press keys and let the pane follow."""
-        await self.pilot.press(*keys)
-        await self.settle()
-
-    def rows(self) -> list[str]:
-        """The screen as text."""
-        return rows_of(self.app)
-
-    @property
-    def text(self) -> str:
-        return "\n".join(self.rows())
-
-    @property
-    def marked(self) -> str:
-        """The row under the mark."""
-        return next(row for row in self.rows() if row.lstrip().startswith("> "))
 
 
 @asynccontextmanager
-async def showing(
-    pane: HistoryPane | StandingsPane | ResultsPane, size: tuple[int, int] = PANE
-) -> AsyncIterator[Shown]:
-    """The pane, entered."""
+async def showing(pane: Widget, size: tuple[int, int] = PANE) -> AsyncIterator[Alone]:
+    """A pane, entered."""
     app = PaneApp(pane)
     async with app.run_test(size=size) as pilot:
-        pane.enter()
-        shown = Shown(app, pilot)
+        if (enter := getattr(pane, "enter", None)) is not None:
+            enter()
+        shown = Alone(app, pilot)
         await shown.settle()
         yield shown
 
@@ -294,7 +344,8 @@ class Opening(NamedTuple):
     screens: Mapping[str, Any] = {}
 
 
-Item = str | Act | Phase | Outcome | Callable[[Driver], object] | Opening
+S = TypeVar("S", bound=Shown)
+Item = str | Act | Phase | Outcome | Callable[[Any], object] | Opening
 Story = Sequence[tuple[Item, ...]]
 Stories = Mapping[str, Story]
 """By the promise. A row begins with what is done, and what can be seen then follows.
@@ -318,63 +369,65 @@ def opened(size: tuple[int, int] = SMALL, **screens: object) -> Opening:
 
 
 async def play(engine: Callable[[], FakeEngine], story: Story) -> None:
-    """Play a story, in each of its sizes, on a new engine."""
+    """Play a story on the console, in each of its sizes, on a new engine."""
     openings = [row[0] for row in story if isinstance(row[0], Opening)]
     sizes = next((one.sizes for one in openings if one.sizes != (SMALL,)), (SMALL,))
+    screens = {name: value for one in openings for name, value in one.screens.items()}
     for size in sizes:
         made = engine()
-        screens: dict[str, Any] = {}
         for one in openings:
-            _set(made, one.engine)
-            screens |= one.screens
+            set_values(made, one.engine)
         async with driving(made, size, **screens) as driver:
-            for row in story:
-                if not isinstance(row[0], Opening):
-                    await _do(driver, row[0])
-                for item in row[1:]:
-                    assert _is_so(driver, item), (size, row[0], item, driver.text)
+            await follow(driver, story)
 
 
-async def _do(driver: Driver, deed: Item) -> None:
-    if isinstance(deed, str):
-        keys: list[str] = []
-        for token in shlex.split(deed):
-            key, _, times = token.partition("*")
-            if token[0] != "=":
-                keys += [key] * int(times or 1)
-            else:
-                keys += ("space" if char == " " else char for char in token[1:])
-        await driver.press(*keys)
-        return
-    assert callable(deed)
-    done = deed(driver)
-    if inspect.isawaitable(done):
-        await done
+async def play_alone(pane: Widget, *rows: tuple[Item, ...], size: tuple[int, int] = PANE) -> None:
+    """The same with a pane on a screen of its own."""
+    async with showing(pane, size) as shown:
+        await follow(shown, rows)
 
 
-def _is_so(driver: Driver, item: Item) -> object:
-    match item:
-        case Act():
-            return driver.engine.acts[-1] == item
-        case Phase():
-            return driver.engine.run.phase is item
-        case Outcome():
-            return driver.engine.run.outcome is item
-        case str():
-            return _reads(driver.text, item)
-        case _:
-            assert callable(item)
-            found = item(driver)
-            assert not inspect.isawaitable(found), "this is done, not seen"
-            return found
+async def follow(shown: Shown, story: Story) -> None:
+    """Do what the rows of a story say, and see what they say."""
+    for deed, *items in story:
+        if isinstance(deed, str):
+            await shown.press(*_keys(deed))
+        elif callable(deed) and inspect.isawaitable(done := deed(shown)):
+            await done
+        for item in items:
+            assert _is_so(shown, item), (shown.app.size, deed, item, shown.text)
 
 
-def _reads(screen: str, words: str) -> bool:
+def _keys(deed: str) -> Sequence[str]:
+    keys: list[str] = []
+    for token in shlex.split(deed):
+        key, _, times = token.partition("*")
+        if token[0] != "=":
+            keys += [key] * int(times or 1)
+        else:
+            keys += ("space" if char == " " else char for char in token[1:])
+    return keys
+
+
+def _is_so(shown: Shown, item: Item) -> object:
+    if isinstance(item, Act | Phase | Outcome):
+        assert isinstance(shown, Driver)
+        run = shown.engine.run
+        return item in (run.phase, run.outcome, *shown.engine.acts[-1:])
+    if isinstance(item, str):
+        return reads(shown.text, item)
+    assert callable(item)
+    found = item(shown)
+    assert not inspect.isawaitable(found), "this is done, not seen"
+    return found
+
+
+def reads(screen: str, words: str) -> bool:
     """Whether words stand on a screen, however its lines are broken."""
     return words in screen or " ".join(words.split()) in " ".join(screen.replace("│", " ").split())
 
 
-def _set(engine: FakeEngine, values: Mapping[str, object]) -> None:
+def set_values(engine: FakeEngine, values: Mapping[str, object]) -> None:
     for name, value in values.items():
         assert hasattr(engine, name)
         setattr(engine, name, copy(value))  # an engine changes its own
@@ -385,36 +438,91 @@ def _set(engine: FakeEngine, values: Mapping[str, object]) -> None:
 
 def sets(**values: object) -> Callable[[Driver], object]:
     """The engine has these values, which the screen does not know yet."""
-    return lambda driver: _set(driver.engine, values)
+    return lambda driver: set_values(driver.engine, values)
 
 
 def has(**values: object) -> Callable[[Driver], object]:
     """The engine has these values, and the screen has looked."""
 
     async def look(driver: Driver) -> None:
-        _set(driver.engine, values)
+        set_values(driver.engine, values)
         await driver.settle()
 
     return look
 
 
-def acting(
-    deed: Callable[..., object], *values: object, **named: object
-) -> Callable[[Driver], object]:
-    return lambda driver: deed(driver, *values, **named)
+def resized(width: int, height: int) -> Callable[[Any], object]:
+    """The terminal has another size."""
+
+    async def resize(shown: Shown) -> None:
+        await shown.pilot.resize_terminal(width, height)
+        await shown.settle()
+
+    return resize
 
 
-def passes(duration: float) -> Callable[[Driver], object]:
-    return partial(Driver.let_pass, duration=duration)
+def engine_does(deed: Callable[..., object], *values: object) -> Callable[[Driver], object]:
+    return lambda driver: deed(driver.engine, *values)
+
+
+def runs_with(**values: Any) -> Callable[[Driver], object]:  # noqa: ANN401
+    """The engine's run has these."""
+    return lambda driver: setattr(driver.engine, "run", replace(driver.engine.run, **values))
+
+
+def pages(*words: str) -> Callable[[Shown], object]:
+    """What is shown has these words from its top to its bottom."""
+
+    async def turn(shown: Shown) -> None:
+        text = ""
+        for _ in range(5):
+            text += "\n".join(["", *shown.rows()[1:]])
+            await shown.press("pagedown")
+        assert [one for one in words if not reads(text, one)] == [], text
+
+    return turn
+
+
+def acting(deed: Callable[..., object], *values: object, **named: object) -> Callable[[S], object]:
+    return lambda shown: deed(shown, *values, **named)
+
+
+def passes(duration: float) -> Callable[[Any], object]:
+    return lambda shown: shown.let_pass(duration)
+
+
+def ages(duration: float) -> Callable[[Driver], object]:
+    """Time of the screens, which they have seen."""
+
+    async def age(driver: Driver) -> None:
+        driver.seconds[0] += duration
+        await driver.settle()
+
+    return age
 
 
 def answered(keys: str = "") -> Callable[[Driver], object]:
     """Keys, and what waits for the engine has its answer."""
-    return lambda driver: driver.answered(*keys.split())
+    return lambda driver: driver.answered(*_keys(keys))
 
 
 def types_every(gap: float) -> Callable[[Driver], object]:
     return lambda driver: setattr(driver.hand, "gap", gap)
+
+
+def waits(keys: str, seen: Item) -> Callable[[Shown], object]:
+    """Keys, and what comes by itself has come."""
+
+    async def wait(shown: Shown) -> None:
+        await shown.press(*_keys(keys))
+        await shown.until(seen)
+
+    return wait
+
+
+def slows(driver: Driver) -> None:
+    """The engine answers when it is told to, and keys do not wait for that."""
+    driver.engine.slow, awaited.PATIENCE = True, 0.01
 
 
 def remember(driver: Driver) -> None:
@@ -430,8 +538,13 @@ def did_nothing(driver: Driver) -> object:
     return driver.remembered == driver.engine.acts
 
 
-def no(words: str) -> Callable[[Driver], object]:
-    return lambda driver: not _reads(driver.text, words)
+def no(words: str) -> Callable[[Shown], object]:
+    return lambda shown: not reads(shown.text, words)
+
+
+def row(words: str) -> Callable[[Shown], object]:
+    """A row of the screen, its blanks aside."""
+    return lambda shown: words in [" ".join(row.split()) for row in shown.rows()]
 
 
 def says(words: str) -> Callable[[Driver], object]:
@@ -455,29 +568,15 @@ def no_question(driver: Driver) -> object:
     return not driver.console.dialogs
 
 
-def setup_of(engine: FakeEngine) -> RunSetup:
-    assert engine.run.setup is not None
-    return engine.run.setup
+def engine_has(**values: object) -> Callable[[Driver], object]:
+    return lambda driver: values == {name: getattr(driver.engine, name) for name in values}
 
 
-# The same for a pane alone.
+def setup_of(driver: Driver) -> RunSetup:
+    assert driver.engine.run.setup is not None
+    return driver.engine.run.setup
 
 
-def row(words: str) -> Callable[[Driver | Shown], object]:
-    """A row of the screen, its blanks aside."""
-    return lambda shown: words in [" ".join(row.split()) for row in shown.rows()]
-
-
-async def play_pane(
-    pane: HistoryPane | StandingsPane | ResultsPane,
-    *rows: tuple[str | Callable[[Shown], object], ...],
-    size: tuple[int, int] = PANE,
-) -> None:
-    """Keys on a pane that has been entered, and what is seen after them."""
-    async with showing(pane, size) as shown:
-        for keys, *items in rows:
-            assert isinstance(keys, str)
-            await shown.press(*keys.split())
-            for item in items:
-                seen = _reads(shown.text, item) if isinstance(item, str) else item(shown)
-                assert seen, (keys, item, shown.text)
+def set_up_with(**values: object) -> Callable[[Driver], object]:
+    """The run that is set up has these."""
+    return lambda driver: values == {name: getattr(setup_of(driver), name) for name in values}

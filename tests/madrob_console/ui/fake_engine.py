@@ -1,11 +1,17 @@
-"""A scripted engine: real acts on a real run, a testbed that the test sets by hand."""
+"""A scripted engine: real acts on a real run, a testbed that the test sets by hand.
+
+As a program it moves with the clock, for tests with a terminal.
+"""
 
 from __future__ import annotations
 
 import math
+import sys
+import time
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from itertools import chain, repeat
+from pathlib import Path
 from typing import Any, cast
 
 from madrob_console.archive.history import RunSummary
@@ -89,6 +95,7 @@ TOPICS = (
     "/madrob/passage/ccw_left",
     "/madrob/passage/ccw_right",
 )
+DISK_FREE = 41_000_000_000
 FOLDER = "/results/subject_001_cond_001_run_001_20231114_221320"
 
 
@@ -111,9 +118,7 @@ class FakeEngine:
     sides_problem: str | None = None
     faults: tuple[str, ...] = ()
     ask_referee: str | None = None
-    settling: bool = False
     recorder: RecorderView = field(default_factory=lambda: RecorderView("closed"))
-    disk_free: int | None = 41_000_000_000
     log: tuple[LogLine, ...] = ()
     acts: list[Act] = field(default_factory=list)
     used_numbers: dict[tuple[int, int], int] = field(default_factory=dict)
@@ -133,7 +138,6 @@ class FakeEngine:
     commands: list[PlaybackCommand | GiveFrames] = field(default_factory=list)
     frames: str = ""
     """The folder of what the cameras saw; empty = they saw nothing."""
-    figures: Curves | None = None
     provisional: dict[str, float] = field(default_factory=dict)
     provisional_doubts: dict[str, tuple[str, ...]] = field(default_factory=dict)
     right: RightToAct = field(default_factory=RightToAct)
@@ -143,6 +147,13 @@ class FakeEngine:
     plan: Plan = NO_PLAN
     competition: str = "Autumn Cup"
     history: list[RunSummary] = field(default_factory=list)
+    follower: FakeEngine | MadrobError | None = None
+    """What is found after it."""
+    looked_for: int = 0
+    slow: bool = False
+    """Whether requests wait until `answer` is called."""
+    waiting: list[tuple[Request[Any], Future[Any]]] = field(default_factory=list)
+    """Those that do, and their answers to come."""
 
     def __post_init__(self) -> None:
         self._made = self._snapshot_now()
@@ -166,7 +177,7 @@ class FakeEngine:
             run=self.run,
             elapsed=elapsed(self.run, self.now),
             remaining=remaining(self.run, self.now),
-            settling=self.settling,
+            settling=False,
             checks=situation.checks,
             refusals=refusals(situation),
             steps=self.steps,
@@ -182,7 +193,7 @@ class FakeEngine:
                 for t in TOPICS
             ),
             recorder=self.recorder,
-            disk_free=self.disk_free,
+            disk_free=DISK_FREE,
             faults=self.faults,
             log=self.log,
             provisional=self.provisional,
@@ -215,6 +226,9 @@ class FakeEngine:
 
     def begin_request(self, request: Request[T]) -> Future[T]:
         answer: Future[T] = Future()
+        if self.slow:
+            self.waiting.append((request, answer))
+            return answer
         try:
             self._answer()
             answer.set_result(cast("T", self._carry_out(request)))
@@ -225,7 +239,7 @@ class FakeEngine:
     def send_request(self, request: Request[T]) -> T:
         return self.begin_request(request).result()
 
-    def _carry_out(self, request: Request[Any]) -> object:  # noqa: C901  one case a request
+    def _carry_out(self, request: Request[Any]) -> object:  # noqa: C901, PLR0912  one case a request
         match request:
             case Perform(name, details):
                 return self.act(act_named(name, details))
@@ -235,12 +249,17 @@ class FakeEngine:
                 return 1 if practice else self.used_numbers.get((subject, condition), 0) + 1
             case OpenRun(folder, invalid):
                 self.opened.append(f"{folder} invalid" if invalid else folder)
-            case ExportTeam() | ExportDossier():
-                self._export(request)
+            case ExportTeam(subject, practice, competition):
+                self.exported.append(-subject if practice else subject)
+                self.exported_of.append(competition)
+                self.export = ExportView(subject)
+            case ExportDossier(folder):
+                self.dossiers.append(folder)
+                self.export = ExportView(0, dossier=folder)
             case PlaybackCommand():
                 self.commands.append(request)
             case GiveCurves():
-                return self.figures
+                return None
             case GiveFrames():
                 self.commands.append(request)
                 if not self.frames:
@@ -254,20 +273,25 @@ class FakeEngine:
                 self.right = RightToAct()
         return None
 
-    def _export(self, request: ExportTeam | ExportDossier) -> None:
-        match request:
-            case ExportTeam(subject, practice, competition):
-                self.exported.append(-subject if practice else subject)
-                self.exported_of.append(competition)
-                self.export = ExportView(subject)
-            case ExportDossier(folder):
-                self.dossiers.append(folder)
-                self.export = ExportView(0, dossier=folder)
+    def find(self) -> FakeEngine:
+        """What is found in its place: itself, unless something follows."""
+        self.looked_for += 1
+        if isinstance(self.follower, MadrobError):
+            raise self.follower
+        return self.follower or self
 
     def close(self) -> None:
         self.closed = True
 
     # what a test does
+
+    def answer(self) -> None:
+        """Carry out and answer what waits and was not given up; it is slow no more."""
+        self.slow = False
+        waiting, self.waiting = self.waiting, []
+        for request, answer in waiting:
+            if answer.set_running_or_notify_cancel():
+                answer.set_result(self.send_request(request))
 
     def tick(self, duration: float) -> None:
         """Let time pass; a countdown becomes a run."""
@@ -359,7 +383,7 @@ class FakeEngine:
             occupied=tuple(f"{side} {index}" for side, index in sorted(self.occupied)),
             skew=0.004,
             largest_skew=0.1,
-            disk_free=self.disk_free,
+            disk_free=DISK_FREE,
             disk_needed=1_000_000_000,
             recorder_problem=self.recorder.problem or "",
             other_referee=None,
@@ -376,31 +400,37 @@ class FakeEngine:
         return SensorView(side, index, (side, index) in self.occupied, masked, None, self.freshness)
 
 
-@dataclass
-class SlowEngine(FakeEngine):
-    """It can be made slow: then it answers when it is told to.
+class MovingEngine(FakeEngine):
+    """Panel and force swing, sensors come and go, the log grows once a second.
 
-    Attributes:
-        slow: whether requests wait.
-        waiting: those that do, and their answers to come.
+    A run goes on until the file `ends` is there.
     """
 
-    slow: bool = False
-    waiting: list[tuple[Request[Any], Future[Any]]] = field(default_factory=list)
+    def __init__(self, ends: Path) -> None:
+        super().__init__()
+        self._began = time.monotonic()
+        self._ends = ends
 
-    def begin_request(self, request: Request[T]) -> Future[T]:
-        if not self.slow:
-            return super().begin_request(request)
-        answer: Future[T] = Future()
-        self.waiting.append((request, answer))
-        return answer
+    def start_run(self) -> None:
+        """Skip to a running run."""
+        start(self, 5.0)
+        self._began -= 5.0
+        self.do_step(Step.TOUCH)
 
-    def answer(self) -> None:
-        """Carry out and answer what waits and was not given up."""
-        waiting, self.waiting = self.waiting, []
-        for request, answer in waiting:
-            if answer.set_running_or_notify_cancel():
-                answer.set_result(super().begin_request(request).result())
+    def snapshot(self) -> Snapshot:
+        elapsed = time.monotonic() - self._began
+        self.now = EPOCH + elapsed
+        if self.run.active and self._ends.exists():
+            self.finish()
+        if self.run.active:
+            self.angle = 0.6 + 0.5 * math.sin(elapsed)
+            self.force = 8 * math.sin(3 * elapsed)
+            self.maximum = 9.5
+            self.occupied = {(Side.CCW, int(elapsed) % 5)}
+            self.recorder = RecorderView("recording", int(elapsed * 350), int(elapsed * 60_000))
+            if int(elapsed) > len(self.log):
+                self.say(f"event number {int(elapsed)}")
+        return super().snapshot()
 
 
 def indicators(*, missing: bool = False) -> dict[IndicatorName, Indicator]:
@@ -465,13 +495,17 @@ CURVES = Curves(
 )
 
 
-def prepared() -> FakeEngine:
-    """A run goes on."""
-    engine = FakeEngine()
+def start(engine: FakeEngine, duration: float) -> FakeEngine:
+    """A run is started, so long before, s."""
     for act in (SetUp(a_setup()), ConfirmPose(), Start()):
         assert engine.act(act) is None
-    engine.tick(19.0)
+    engine.tick(duration)
     return engine
+
+
+def prepared() -> FakeEngine:
+    """A run goes on."""
+    return start(FakeEngine(), 19.0)
 
 
 def finished(outcome: Outcome = Outcome.COMPLETED) -> FakeEngine:
@@ -479,3 +513,13 @@ def finished(outcome: Outcome = Outcome.COMPLETED) -> FakeEngine:
     engine = prepared()
     engine.finish(outcome)
     return engine
+
+
+if __name__ == "__main__":
+    from madrob_console.ui.link import ConsoleDefaults
+    from madrob_console.ui.terminal import run_console
+
+    moving = MovingEngine(Path(sys.argv[2] if len(sys.argv) > 2 else "never"))
+    if "--running" in sys.argv:
+        moving.start_run()
+    sys.exit(run_console(lambda: moving, ConsoleDefaults(competition="Autumn Cup")))

@@ -1,15 +1,15 @@
-"""What holds on every screen: footer, bell, panes, palette, small terminals, the engine's start."""
+"""What holds on every screen: footer, bell, panes, palette, small terminals, the engine's life."""
 
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Callable, Coroutine
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from madrob_console.archive.history import RunSummary
 from madrob_console.archive.run_journal import Unfinished
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import ThemeName
@@ -23,16 +23,20 @@ from madrob_console.referee.run import Phase
 from madrob_console.ui import awaited
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.frame.console_screen import ConsoleScreen
-from madrob_console.ui.keys.key_table import KEYS
-from madrob_console.ui.panes.runs_pane import HistoryPane
-from scoring.protocol import Outcome
+from madrob_console.ui.keys.console_app import ConsoleCommands
+from madrob_console.ui.keys.key_table import FINDS_BY_ITSELF, KEYS
+from madrob_console.ui.link import LOOKING_PERIOD
+from tests.madrob_console.run_folders import summary
 from tests.madrob_console.ui.driver import (
-    DEFAULTS,
     LARGE,
     Driver,
     Stories,
-    acting,
+    Story,
+    ages,
+    answered,
     driving,
+    engine_has,
+    follow,
     has,
     in_sizes,
     no,
@@ -42,11 +46,16 @@ from tests.madrob_console.ui.driver import (
     pane,
     passes,
     play,
+    resized,
+    says,
     says_only,
+    set_up_with,
     sets,
+    slows,
     types_every,
+    waits,
 )
-from tests.madrob_console.ui.fake_engine import FakeEngine, SlowEngine
+from tests.madrob_console.ui.fake_engine import FakeEngine
 from tests.slowly import slow_but_for
 
 PHASES = {
@@ -59,6 +68,7 @@ PHASES = {
 }
 OTHERS = ("", PlaybackCommand.name, TakeOver.name)
 ACTS = [key for key in KEYS.values() if key.act not in OTHERS]
+GONE = "the engine has ended"
 
 
 async def bring(driver: Driver, phase: Phase) -> None:
@@ -104,138 +114,46 @@ async def test_from_every_state_every_key_acts_asks_or_says_why_not(
         await driver.press("f3")
 
 
-def test_the_bell_rings_on_start_stop_and_fault_and_not_when_it_is_off(
-    engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("bell", [True, False])
+async def test_the_bell_rings_on_start_stop_and_fault_and_not_when_it_is_off(
+    monkeypatch: pytest.MonkeyPatch, *, bell: bool
 ) -> None:
     rung: list[str] = []
     monkeypatch.setattr(MadrobApp, "bell", lambda _app: rung.append("bell"))
 
-    async def drive(look: ConsoleSettings) -> list[int]:
-        rung.clear()
-        counts = []
-        async with driving(FakeEngine(), look=look) as driver:
-            await driver.set_up()
-            await driver.press("f5")
-            counts.append(len(rung))
-            await driver.let_pass(6.0)
-            counts.append(len(rung))
-            driver.engine.faults = ("the door is on fire",)
-            await driver.settle()
-            await driver.settle()
-            counts.append(len(rung))
-            for silent in (1, 2):  # the disk
-                driver.engine.pulse = Pulse(disk=silent)
-                await driver.settle()
-            counts.append(len(rung))
-            await driver.finish()
-            counts.append(len(rung))
-        return counts
+    def rings(times: int) -> Callable[[Driver], object]:
+        return lambda _: len(rung) == times * bell
 
-    assert asyncio.run(drive(ConsoleSettings())) == [0, 1, 2, 3, 4]
-    assert asyncio.run(drive(ConsoleSettings(bell=False))) == [0, 0, 0, 0, 0]
-
-
-@pytest.mark.parametrize("size", [LARGE])
-async def test_the_palette_finds_every_command_and_says_why_one_is_not_possible(
-    driver: Driver, engine: FakeEngine
-) -> None:
-    await driver.press("f2", "ctrl+p")
-    await driver.pilot.pause(0.3)
-    await driver.type("abort")
-    await driver.pilot.pause(0.5)
-    (row,) = (row for row in driver.rows() if "F8  ABORT" in row)  # one row a command
-    assert "not now: no run is set up yet" in row
-    await driver.press("escape", "ctrl+p")
-    await driver.type("live")
-    await driver.pilot.pause(0.5)
-    await driver.press("enter")
-    await driver.pilot.pause(0.3)
-    assert driver.console.pane == "live"
-    assert engine.acts == []
-
-
-async def test_abort_is_never_behind_the_palette(running: Driver, engine: FakeEngine) -> None:
-    await running.press("ctrl+p")
-    await running.pilot.pause(0.3)
-    await running.press("f8", "1", "y")
-    assert engine.acts[-1] == Abort("robot unsafe")
-
-
-async def test_the_theme_changes_at_once(driver: Driver) -> None:
-    before = driver.app.theme
-    driver.app.set_theme(ThemeName.HIGH_CONTRAST)
-    await driver.settle()
-    assert driver.app.theme != before
-    assert "SIMULATED" in driver.text
+    story: Story = [
+        (opened(look=ConsoleSettings(bell=bell)),),
+        (Driver.set_up,),
+        ("f5", rings(0)),
+        (passes(6.0), rings(1)),
+        (has(faults=("the door is on fire",)),),
+        (Driver.settle, rings(2)),
+        *((has(pulse=Pulse(disk=silent)),) for silent in (1, 2)),
+        (Driver.finish, rings(4)),
+    ]
+    await play(FakeEngine, story)
 
 
 @pytest.mark.slow
-async def test_a_storm_of_sizes_and_keys_breaks_nothing(
-    running: Driver, engine: FakeEngine
-) -> None:
+async def test_a_storm_of_sizes_and_keys_breaks_nothing(driver: Driver, engine: FakeEngine) -> None:
+    await driver.run()
     engine.faults = ("a fault with some words in it",)
     for size in ((1, 1), (300, 90), (10, 3), (40, 12), (80, 24), (60, 18), (59, 40), (90, 5)):
-        await running.pilot.resize_terminal(*size)
-        await running.pilot.press(
+        await driver.pilot.resize_terminal(*size)
+        await driver.press(
             *"hsgn", "question_mark", "f8", "escape", "f1", "f2", "f4", "escape", "f3"
         )
-    await running.pilot.resize_terminal(80, 24)
-    await running.press("escape", "f3")
-    assert engine.run.phase is Phase.RUNNING
-    assert "RUNNING" in running.text
-    await running.finish()
-    await running.press("f4")
-    assert "COMPLETED" in running.text
+    await driver.pilot.resize_terminal(80, 24)
+    await follow(
+        driver, [("escape f3", Phase.RUNNING, "RUNNING"), (Driver.finish,), ("f4", "COMPLETED")]
+    )
 
 
-async def test_an_earlier_run_is_opened_from_the_history_and_shown(
-    driver: Driver, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(HistoryPane, "prepare", lambda _pane, _runs: (a_summary(),))
-    await driver.answered("f3", "h")
-    await driver.press("enter", "o")
-    await driver.settle()
-    assert engine.opened == ["subject_004_cond_003_run_002_20231114_221320"]
-    assert driver.console.pane == "results"
-    engine.failure = "its bag is gone"
-    await driver.answered("h")
-    await driver.press("enter", "o")
-    await driver.settle()
-    assert driver.console.status == "Refused: open the run: its bag is gone"
-
-
-async def test_again_in_the_history_is_for_the_marked_team_and_condition(
-    engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(HistoryPane, "prepare", lambda _pane, _runs: (a_summary(),))
-
-    async with driving(engine) as driver:
-        await driver.answered("f3", "h")
-        await driver.press("enter", "X")
-        setup = engine.run.setup
-        assert setup is not None
-        assert (setup.subject, setup.team, setup.condition.number) == (4, "Oslo", 3)
-        assert setup.problem() is None
-        assert driver.console.pane == "setup"
-
-
-def test_without_an_engine_the_screens_end_and_the_reason_is_kept() -> None:
-    def open_client() -> EngineClient:
-        raise MadrobError("no testbed on ROS domain 7: start it")
-
-    async def drive() -> MadrobApp:
-        app = MadrobApp(open_client, DEFAULTS)
-        async with app.run_test(size=(80, 24)) as pilot:
-            await pilot.pause(0.5)
-            assert not app.is_running
-        return app
-
-    app = asyncio.run(drive())
-    assert str(app.failure) == "no testbed on ROS domain 7: start it"
-
-
-def test_a_question_that_takes_long_to_paint_is_not_put_down_to_the_engine(
-    engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+async def test_a_question_that_takes_long_to_paint_is_not_put_down_to_the_engine(
+    driver: Driver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mounted = asyncio.Event()
     opens = ConsoleScreen.open
@@ -245,134 +163,104 @@ def test_a_question_that_takes_long_to_paint_is_not_put_down_to_the_engine(
         await opens(*what)
 
     monkeypatch.setattr(ConsoleScreen, "open", slowly)
-
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-            await driver.press("f8")
-            assert "no answer" not in driver.console.status
-            mounted.set()
-            await driver.answered()
-            assert "ABORT the run" in driver.text
-
-    asyncio.run(drive())
+    awaited.PATIENCE = 0.01  # until the console is left
+    await driver.run()
+    await driver.press("f8")
+    await asyncio.sleep(0.05)
+    assert "no answer" not in driver.console.status
+    mounted.set()
+    await driver.until("ABORT the run")
 
 
-async def test_the_keys_go_on_while_an_act_waits_for_its_answer(slow_engine: SlowEngine) -> None:
-
-    async with driving(slow_engine) as driver:
-        await driver.run()
-        slow_engine.slow = True
-        await driver.press("i", "c")
-        slow_engine.say("the door opens")
-        for _ in range(3):  # the log waits for every third look
-            await driver.settle()
-        assert "the door opens" in driver.text
-        assert "no answer of the engine yet; the keys work" in driver.console.status
-        await driver.press("i", "c")
-        assert "the one before is not answered yet" in driver.console.status
-        await driver.press("f8")
-        assert "ABORT the run" in driver.text
-        assert slow_engine.acts[-1].name == "start"
-        slow_engine.answer()
-        await driver.settle()
-        assert slow_engine.acts[-1].name == "mark an incident"
-        assert driver.console.status.startswith("Done: ")
-
-
-@pytest.mark.parametrize("key", ["f8", "escape"])
-async def test_a_start_that_waits_for_the_disk_is_named_and_can_be_withdrawn(
-    slow_engine: SlowEngine, key: str
-) -> None:
-
-    async with driving(slow_engine) as driver:
-        await driver.set_up()
-        slow_engine.slow = True
-        await driver.press("f5")
-        assert "start: waiting for the disk; F8 or Escape" in driver.console.status
-        await driver.press(key)
-        assert "start: withdrawing it" in driver.console.status
-        names = [getattr(request, "name", "") for request, _ in slow_engine.waiting]
-        assert names == ["start", "abort"]
-        start, abort = (answer for _, answer in slow_engine.waiting)
-        start.set_result("start withdrawn: it is withdrawn")
-        abort.set_result(None)
-        await driver.settle()
-        assert "Refused: start: start withdrawn" in driver.console.status
-        assert slow_engine.run.phase is Phase.READY
-
-
-def test_an_answer_that_comes_with_the_end_of_patience_is_what_is_said(
-    engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+async def test_an_answer_that_comes_with_the_end_of_patience_is_what_is_said(
+    driver: Driver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def too_late(waiting: Coroutine[Any, Any, object], _patience: float) -> None:
         await waiting
         raise TimeoutError
 
+    await driver.run()
     loop = SimpleNamespace(Event=asyncio.Event, wait_for=too_late)
-
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-            monkeypatch.setattr(awaited, "asyncio", loop)
-            await driver.press("i", "c")
-            assert driver.console.status.startswith("Done: ")
-
-    asyncio.run(drive())
-
-
-async def test_what_nobody_knows_is_not_called_refused(slow_engine: SlowEngine) -> None:
-    slow = slow_engine
-
-    async with driving(slow) as driver:
-        await driver.run()
-        slow.slow = True
-        await driver.press("i", "c")
-        _, answer = slow.waiting[0]
-        assert answer.set_running_or_notify_cancel()
-        answer.set_exception(UnsureError(UNSURE))
-        await driver.settle()
-        assert driver.console.status == f"mark an incident: {UNSURE}"
-
-
-def a_summary(folder: str = "subject_004_cond_003_run_002_20231114_221320") -> RunSummary:
-    """An earlier run of another team in another condition."""
-    return RunSummary(
-        folder=folder,
-        subject=4,
-        team="Oslo",
-        run_number=2,
-        condition=3,
-        started=1_700_000_000.0,
-        outcome=Outcome.COMPLETED,
-        source="simulated",
-    )
-
-
-CUT_OFF = Unfinished("folder", 3, "Delft", 2, 1, Phase.RUNNING, 10.0, 17.5, "door opens", 2_500_000)
-
-
-async def test_the_history_asks_about_a_run_that_was_cut_off_before_it_opens_it(
-    engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(HistoryPane, "prepare", lambda _pane, _runs: (a_summary("folder"),))
-    engine.unfinished = (CUT_OFF,)
-
-    async with driving(engine) as driver:
-        await driver.answered("escape", "h")
-        for key, opened in (("l", []), ("i", ["folder invalid"])):
-            await driver.press("enter", "o")
-            await driver.settle()
-            assert "A RUN WAS CUT OFF: run 2 of subject 3 Delft" in driver.text
-            await driver.press(key)
-            await driver.settle()
-            assert engine.opened == opened
+    monkeypatch.setattr(awaited, "asyncio", loop)
+    await follow(driver, [("i c", says("Done: "))])
 
 
 async def test_no_two_widgets_share_a_name_and_with_it_a_look(driver: Driver) -> None:
     names = [widget.id for widget in driver.console.query("*") if widget.id]
     assert sorted(names) == sorted(set(names))
     assert "Starting side < CCW >" in driver.text
+
+
+async def test_the_screen_says_what_it_waits_for_until_the_engine_is_there(
+    engine: FakeEngine,
+) -> None:
+    ready = threading.Event()
+
+    def find() -> EngineClient:
+        ready.wait(20.0)
+        return engine
+
+    async with driving(engine, find=find) as driver:
+        await driver.until("Looking for the engine; one is started where none runs")
+        await driver.press("f5")
+        assert driver.console.status == (
+            "Refused: start: this screen is not attached to the engine yet"
+        )
+        ready.set()
+        await driver.answered()
+        assert "Looking for the engine" not in driver.text
+        assert "SIMULATED nominal" in driver.rows()[0]
+        assert "Opening side" in driver.text
+
+
+async def test_what_is_not_possible_comes_last_in_the_palette(driver: Driver) -> None:
+    hits = [hit async for hit in ConsoleCommands(driver.console).discover()]
+    assert {(hit.score == 1.0, "not now" in str(hit.prompt)) for hit in hits} == {
+        (True, False),
+        (False, True),
+    }
+
+
+async def test_a_message_carries_its_time_fades_and_goes_with_the_next_key(driver: Driver) -> None:
+    said = " 22:13:20 Refused: abort: no run is set up yet"
+    line = driver.console._status
+    await follow(driver, [("f8", lambda d: d.rows()[-2].startswith(said))])
+    fresh = line.lines(80)
+    await follow(driver, [(ages(6.0), lambda d: d.rows()[-2].startswith(said))])
+    assert line.lines(80) != fresh
+    await follow(driver, [("f3", no("Refused"))])
+
+
+EARLIER = summary(4, 3, 2, team="Oslo", source="simulated")
+CUT_OFF = Unfinished(
+    EARLIER.folder, 3, "Delft", 2, 1, Phase.RUNNING, 10.0, 17.5, "door opens", 2_500_000
+)
+WITHDRAWN = "Refused: abort: the engine does not answer: nothing was done"
+
+
+def answers(number: int, answer: object) -> Callable[[Driver], object]:
+    """One of those that wait has its answer."""
+
+    def give(driver: Driver) -> None:
+        _, waiting = driver.engine.waiting[number]
+        if isinstance(answer, Exception):
+            waiting.set_exception(answer)
+        else:
+            waiting.set_result(answer)
+
+    return give
+
+
+def asked_for(*names: str) -> Callable[[Driver], object]:
+    return lambda d: [getattr(one, "name", "") for one, _ in d.engine.waiting] == [*names]
+
+
+def last_act(name: str) -> Callable[[Driver], object]:
+    return lambda driver: driver.engine.acts[-1].name == name
+
+
+def top(begin: str) -> Callable[[Driver], object]:
+    return lambda driver: driver.rows()[0].startswith(begin)
 
 
 CUT_OFF_SO = (
@@ -392,6 +280,18 @@ def footer(begin: str, end: str = "") -> Callable[[Driver], object]:
     return lambda driver: (row := driver.rows()[-1]).startswith(begin) and row.endswith(end)
 
 
+def keys_are(words: str) -> Callable[[Driver], object]:
+    """These come first, and no more than seven beside that of the help."""
+    seen = footer(words, "F1 more")
+    return lambda driver: seen(driver) and len(driver.rows()[-1].split("  ")) <= 8
+
+
+WIDTHS = (60, 18), (120, 36), (200, 60)
+HELD = RightToAct(holder="bo@tent")
+HELD_SO = "bo@tent has the right to act. Take it over"
+FREE_SO = "No console has the right to act. Take it over"
+
+
 def has_right(right: RightToAct) -> Callable[[Driver], object]:
     return lambda driver: driver.engine.right == right
 
@@ -401,6 +301,184 @@ def was_opened(*folders: str) -> Callable[[Driver], object]:
 
 
 STORIES: Stories = {
+    "the palette finds every command and says why one is not possible": [
+        (in_sizes(LARGE),),
+        ("f2",),
+        (
+            waits("ctrl+p =abort", "not now: no run is set up yet"),
+            lambda d: (
+                ["not now: no run is set up yet" in row for row in d.rows() if "F8  ABORT" in row]
+                == [True]
+            ),  # one row a command
+        ),
+        (waits("escape ctrl+p =live", "F3  Live"),),
+        (
+            waits(
+                "enter",
+                lambda d: isinstance(d.app.screen, ConsoleScreen) and d.console.pane == "live",
+            ),
+        ),
+        ("", lambda d: d.engine.acts == []),
+    ],
+    "abort is never behind the palette": [
+        (Driver.run,),
+        ("ctrl+p",),
+        ("f8 1 y", Abort("robot unsafe")),
+    ],
+    "the theme changes at once": [
+        (lambda d: d.app.set_theme(ThemeName.HIGH_CONTRAST),),
+        (Driver.settle, lambda d: d.app.theme == "high-contrast", "SIMULATED"),
+    ],
+    "an earlier run is opened from the history and shown": [
+        (opened(runs=[EARLIER]),),
+        (answered("f3 h"),),
+        (
+            answered("enter o"),
+            lambda d: d.engine.opened == [EARLIER.folder],
+            pane("results"),
+        ),
+        (answered("h"),),
+        (has(failure="its bag is gone"),),
+        (answered("enter o"), says_only("Refused: open the run: its bag is gone")),
+    ],
+    "again in the history is for the marked team and condition": [
+        (opened(runs=[EARLIER]),),
+        (answered("f3 h"),),
+        (
+            "enter X",
+            set_up_with(subject=4, team="Oslo"),
+            lambda d: d.engine.run.setup.condition.number == 3,
+            lambda d: d.engine.run.setup.problem() is None,
+            pane("setup"),
+        ),
+    ],
+    "the history asks about a run that was cut off before it opens it": [
+        (opened(runs=[EARLIER]),),
+        (on_engine(unfinished=(CUT_OFF,)),),
+        (answered("escape h"),),
+        *(
+            row
+            for key, folders in (("l", []), ("i", [f"{EARLIER.folder} invalid"]))
+            for row in (
+                (answered("enter o"), "A RUN WAS CUT OFF: run 2 of subject 3 Delft"),
+                (answered(key), was_opened(*folders)),
+            )
+        ),
+    ],
+    "the keys go on while an act waits for its answer": [
+        (Driver.run,),
+        (slows,),
+        ("i c",),
+        (lambda d: d.engine.say("the door opens"),),
+        (Driver.look_thrice, "the door opens"),
+        (waits("", says("no answer of the engine yet; the keys work")),),
+        (waits("i c", says("the one before is not answered yet")),),
+        (waits("f8", "ABORT the run"), last_act("start")),
+        (lambda d: d.engine.answer(),),
+        (waits("", says("Done: ")), last_act("mark an incident")),
+    ],
+    **{
+        f"a start that waits for the disk is named and can be withdrawn: {key}": [
+            (Driver.set_up,),
+            (slows,),
+            (waits("f5", says("start: waiting for the disk; F8 or Escape")),),
+            (waits(key, says("start: withdrawing it")), asked_for("start", "abort")),
+            (answers(0, "start withdrawn: it is withdrawn"),),
+            (answers(1, None),),
+            (waits("", says("Refused: start: start withdrawn")), Phase.READY),
+        ]
+        for key in ("f8", "escape")
+    },
+    "what nobody knows is not called refused": [
+        (Driver.run,),
+        (slows,),
+        ("i c",),
+        (answers(0, UnsureError(UNSURE)),),
+        (waits("", says_only(f"mark an incident: {UNSURE}")),),
+    ],
+    "a withdrawn abort is told until a key is pressed": [
+        (Driver.run,),
+        (slows,),
+        ("f8 1 y",),
+        (sets(pulse=Pulse(server=6)),),
+        (answers(-1, MadrobError("the engine does not answer: nothing was done")),),
+        (waits("", says_only(WITHDRAWN)),),
+        (sets(pulse=Pulse(), slow=False),),
+        (Driver.finish,),
+        (Driver.settle, pane("results"), says_only(WITHDRAWN)),
+        ("down", says_only("")),
+    ],
+    "without an engine the screens end and the reason is kept": [
+        (on_engine(follower=MadrobError("no testbed on ROS domain 7: start it")),),
+        (
+            waits("", lambda d: not d.app.is_running),
+            lambda d: str(d.app.failure) == "no testbed on ROS domain 7: start it",
+        ),
+    ],
+    "the engine is started again by a key and only when it has ended": [
+        ("ctrl+r", says("the engine has not ended")),
+        (has(failure=GONE, follower=MadrobError("no testbed on ROS domain 7")),),
+        (answered("ctrl+r"), says("no testbed on ROS domain 7")),
+        (sets(follower=FakeEngine(label="SIMULATED slow")),),
+        (
+            answered("ctrl+r"),
+            says_only("The engine is there again."),
+            top(" ~~ SIMULATED slow"),
+            engine_has(closed=True),
+        ),
+    ],
+    **{
+        f"only a screen that watches finds the next engine by itself: {role}": [
+            (on_engine(right=RightToAct(role)),),
+            (has(failure=GONE, follower=MadrobError("no engine runs here")),),
+            (answered(), "as it was at", no("^R start") if watches else "^R start"),
+            ("", FINDS_BY_ITSELF if watches else no(FINDS_BY_ITSELF)),
+            *[(ages(LOOKING_PERIOD),), (answered(),)] * 2,
+            ("", engine_has(looked_for=4 if watches else 1)),
+            ("ctrl+r", says(FINDS_BY_ITSELF if watches else "")),
+            (answered(),),
+            (sets(follower=FakeEngine(label="SIMULATED slow", right=RightToAct(role))),),
+            (ages(LOOKING_PERIOD),),
+            (answered(), engine_has(closed=watches)),
+            ("", top(" ~~ SIMULATED slow" if watches else " ENDED ")),
+        ]
+        for role, watches in ((Role.WATCH, True), (Role.REFEREE, False))
+    },
+    "nothing of an engine that has ended looks live": [
+        (Driver.set_up, "all passed or waived"),
+        (
+            has(failure=GONE),
+            top(" ENDED  SIMULATED nominal, as it was at 22:13:20"),
+            no("age <0.5s"),
+            no("all passed"),
+            "Checks  old: of 22:13:20",
+            no("F5 starts"),
+            lambda d: "^R start the engine again" in d.rows()[-1],
+        ),
+        ("f5", says_only(f"Refused: start: {GONE}")),
+    ],
+    "that another console may act is no fault": [
+        (
+            has(right=RightToAct(holder="bo@tent")),
+            lambda d: d.rows()[1].startswith(" NOTE  bo@tent has the right to act"),
+            no("FAULT"),
+        ),
+        (
+            has(faults=("the door is on fire",)),
+            lambda d: d.rows()[1].startswith(" NOTE "),
+            lambda d: "FAULT the door is on fire" in d.rows()[2],
+        ),
+        (has(failure=GONE), no("has the right to act")),
+    ],
+    "a number that could not be asked for is asked for again": [
+        (Driver.set_up,),
+        # a start was withdrawn, its number is used
+        (sets(used_numbers={(1, 1): 1}, no_number="the disk is silent"),),
+        (lambda d: setattr(d.console.panes.setup, "number_used", True),),
+        ("enter", "x the disk is silent"),
+        (sets(no_number=None),),
+        ("f5", set_up_with(run_number=2)),
+    ],
     "escape goes back and the key of a side pane too": [
         ("f3",),
         *(
@@ -415,19 +493,20 @@ STORIES: Stories = {
         *((f"{key} escape*3", Phase.RUNNING) for key in ("f1", "f2", "f3", "f4", "h", "s", "g")),
         ("", lambda d: d.app.is_running),
     ],
-    **{
-        f"the footer shows at most seven keys that are possible with their words: {phase}": [
-            (acting(bring, phase),),
-            (key, footer(words, "F1 more"), lambda d: len(d.rows()[-1].split("  ")) <= 8),
-        ]
-        for phase, key, words in [
-            (Phase.IDLE, "f3", "F7 Zero  Enter Menu  x Next run  h History  p Plan  s Standings"),
-            (Phase.COUNTDOWN, "", "F8 ABORT  Enter Menu  i Incident  h History  p Plan"),
-            (Phase.RUNNING, "", "F8 ABORT  F9 Timeout  Enter Menu  1-6 Step  i Incident"),
-            (Phase.STOPPED, "", "Enter Menu  x Next run  1-6 Step  i Incident  h History"),
-            (Phase.FINAL, "", "Enter Menu  x Next run  h History  p Plan  s Standings"),
-        ]
-    },
+    "the footer shows at most seven keys that are possible with their words": [
+        ("f3", keys_are("F7 Zero  Enter Menu  x Next run  h History  p Plan  s Standings")),
+        ("f2 enter f6 f5", keys_are("F8 ABORT  Enter Menu  i Incident  h History  p Plan")),
+        (
+            passes(6.0),
+            keys_are("F8 ABORT  F9 Timeout  Enter Menu  1-6 Step  i Incident"),
+        ),
+        (Driver.finish, keys_are("Enter Menu  x Next run  1-6 Step  i Incident  h History")),
+        (
+            "enter f a enter",
+            Phase.FINAL,
+            keys_are("Enter Menu  x Next run  h History  p Plan  s Standings"),
+        ),
+    ],
     **{
         f"a terminal too small for the panes is a clock with abort and timeout: {key}": [
             (in_sizes((60, 17), (59, 24), (24, 8)),),
@@ -438,11 +517,19 @@ STORIES: Stories = {
         for key, act in (("f8", Abort("none given")), ("f9", DeclareTimeout("none given")))
     },
     "the keys that start and end a run are named in every size": [
-        (in_sizes((60, 18), (72, 20), (80, 24), (120, 36), (200, 60)),),
-        (Driver.set_up, lambda d: "F5 START" in d.rows()[-1]),
-        ("f5", footer("F8 ABORT")),
-        (passes(6.0), footer("F8 ABORT  F9 Timeout", "F1 more")),
-        ("", lambda d: "…" not in d.rows()[-1]),
+        (Driver.set_up,),
+        *((resized(*size), lambda d: "F5 START" in d.rows()[-1]) for size in WIDTHS),
+        ("f5",),
+        *((resized(*size), footer("F8 ABORT")) for size in WIDTHS),
+        (passes(6.0),),
+        *(
+            (
+                resized(*size),
+                footer("F8 ABORT  F9 Timeout", "F1 more"),
+                lambda d: "…" not in d.rows()[-1],
+            )
+            for size in WIDTHS
+        ),
     ],
     **{
         f"a console without the right to act aborts with two keys: {words}, {sizes[-1][0]} cells": [
@@ -453,13 +540,10 @@ STORIES: Stories = {
             ("f8", *asked, has_right(right)),  # a question takes nothing over
             ("y", Abort("aborted from another console"), lambda d: not d.engine.right.holder),
         ]
-        for right, words in (
-            (RightToAct(holder="bo@tent"), "bo@tent has the right to act. Take it over"),
-            (RightToAct(free=True), "No console has the right to act. Take it over"),
-        )
-        for sizes, asked in (
-            (((120, 36), (80, 24), (40, 12)), (words, "y yes")),
-            (((20, 5), (10, 3)), ()),
+        for right, words, sizes, asked in (
+            (HELD, HELD_SO, ((120, 36), (80, 24), (40, 12)), (HELD_SO, "y yes")),
+            (HELD, HELD_SO, ((20, 5), (10, 3)), ()),
+            (RightToAct(free=True), FREE_SO, ((80, 24),), (FREE_SO, "y yes")),
         )
     },
     "a spectator reads on the smallest screen what can act": [
@@ -490,11 +574,11 @@ STORIES: Stories = {
     **{
         f"a run that was cut off is asked about and nothing resumes by itself: {key}": [
             (on_engine(unfinished=(CUT_OFF,)), CUT_OFF_SO, *CUT_OFF_ANSWERS),
-            (key, no_question, was_opened(*opened)),
+            (key, no_question, was_opened(*folders)),
         ]
-        for key, opened in (
-            ("s", ["folder"]),
-            ("i", ["folder invalid"]),
+        for key, folders in (
+            ("s", [EARLIER.folder]),
+            ("i", [f"{EARLIER.folder} invalid"]),
             ("enter", []),
             ("escape", []),
         )
@@ -545,15 +629,18 @@ STORIES: Stories = {
             lambda d: not any(isinstance(act, Abort) for act in d.engine.acts),
         ),
     ],
-    **{
-        f"an act takes the right over after y on every pane: {key}": [
-            (opened(gap=0.35),),
-            (key,),
-            (has(right=RightToAct(holder="bo@tent")), "an act here takes it over, after y"),
-            ("f6 y", says_only("This console has the right to act now.")),
-        ]
-        for key in ["f2", "f3", "f4", "h", "p", "s", "f1"]
-    },
+    "an act takes the right over after y on every pane": [
+        (opened(gap=0.35),),
+        *(
+            row
+            for key in ("f2", "f3", "f4", "h", "p", "s", "f1")
+            for row in (
+                (key,),
+                (has(right=HELD), "an act here takes it over, after y"),
+                ("f6 y", says_only("This console has the right to act now.")),
+            )
+        ),
+    ],
     "a spectator leaves without a question": [
         (Driver.run,),
         (lambda d: d.engine.finish(),),

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import pytest
 from textual.widgets import Input
@@ -27,7 +27,9 @@ from scoring.protocol import Outcome, Side, Step
 from tests.madrob_console.ui.driver import (
     Driver,
     Stories,
+    Story,
     did_nothing,
+    follow,
     has,
     in_sizes,
     no,
@@ -45,64 +47,72 @@ from tests.madrob_console.ui.driver import (
 from tests.madrob_console.ui.fake_engine import FakeEngine, a_setup
 
 SLIPS = [
-    ["f8", "f8"],
-    ["f8", "f8", "f8", "enter"],
-    ["f8", "enter"],
-    ["f8", "enter", "enter"],
-    ["f8", "y"],
-    ["f8", "n"],
-    ["f8", "escape"],
-    ["f8", "1", "enter"],
-    ["f8", "1", "f8", "enter", "enter"],
-    ["f8", "1", "escape"],
-    ["f8", "1", "n"],
-    ["f8", "down", "enter", "enter"],
-    ["f8", "o", "x", "enter", "enter"],
-    ["f8", "o", "enter", "enter", "escape"],
-    ["f8", "space", "tab", "enter"],
-    ["escape", "escape"],
-    ["f9", "f9", "enter", "f9", "1", "enter"],
-    ["f9", "f8", "escape", "escape"],
-    ["f10", "enter"],
-    ["f10", "n"],
-    ["ctrl+c", "escape"],
-    ["ctrl+q", "enter"],
-    ["f5", "f5"],
+    "f8 f8",
+    "f8 f8 f8 enter",
+    "f8 enter",
+    "f8 enter enter",
+    "f8 y",
+    "f8 n",
+    "f8 escape",
+    "f8 1 enter",
+    "f8 1 f8 enter enter",
+    "f8 1 escape",
+    "f8 1 n",
+    "f8 down enter enter",
+    "f8 o x enter enter",
+    "f8 o enter enter escape",
+    "f8 space tab enter",
+    "escape escape",
+    "f9 f9 enter f9 1 enter",
+    "f9 f8 escape escape",
+    "f10 enter",
+    "f10 n",
+    "ctrl+c escape",
+    "ctrl+q enter",
+    "f5 f5",
 ]
 
 
 @pytest.mark.slow
-async def test_no_slip_ends_a_run(running: Driver, engine: FakeEngine) -> None:
+async def test_no_slip_ends_a_run(driver: Driver, engine: FakeEngine) -> None:
+    await driver.run()
     acts = list(engine.acts)
     for keys in SLIPS:
-        await running.press(*keys)
+        await driver.press(*keys.split())
         assert engine.run.phase is Phase.RUNNING, keys
         assert engine.acts == acts, keys
-        assert running.app.is_running, keys
-        for _ in running.console.dialogs.copy():
-            await running.press("escape")
+        assert driver.app.is_running, keys
+        await escape(driver)
+
+
+async def escape(driver: Driver) -> None:
+    """Close all questions."""
+    await driver.press(*["escape"] * len(driver.console.dialogs))
 
 
 SIGNED_SO = "1 false start UNDECIDED (handle touched)"
 
 
-async def with_a_false_start(driver: Driver) -> None:
-    """A run is over; nobody has decided about its false start."""
-    await driver.set_up()
-    await driver.press("f5")
-    driver.engine.false_start()
-    await driver.let_pass(6.0)
-    await driver.press("i", "f")
-    await driver.finish()
-
+WITH_A_FALSE_START: Story = [
+    (Driver.set_up,),
+    ("f5",),
+    (lambda d: d.engine.false_start(),),
+    (passes(6.0),),
+    ("i f",),
+    (Driver.finish,),
+]
+"""A run is over; nobody has decided about its false start."""
 
 MACHINE, QUICK, SLOW = 0.0, 0.15, 1.0
 """Between two keys: a script, a quick hand, a slow one, s."""
 
 
-async def stop_the_run(driver: Driver) -> None:
-    """The run completes by itself while nobody looks."""
-    await driver.finish()
+STAGES: Sequence[Story] = [
+    [("f2 enter f3",)],
+    [("f6 f5",), (lambda d: d.engine.false_start(),)],
+    [(passes(6.0),), ("i c",)],
+    [(Driver.finish,)],
+]
 
 
 @pytest.mark.parametrize(
@@ -112,25 +122,15 @@ async def stop_the_run(driver: Driver) -> None:
 async def test_enter_alone_does_nothing_that_cannot_be_taken_back(
     driver: Driver, engine: FakeEngine, opens: str
 ) -> None:
-    for phase in range(4):
-        if phase == 0:
-            await driver.press("f2", "enter", "f3")
-        elif phase == 1:
-            await driver.press("f6", "f5")
-            engine.false_start()
-        elif phase == 2:
-            await driver.let_pass(6.0)
-            await driver.press("i", "c")
-        else:
-            await stop_the_run(driver)
+    for stage in STAGES:
+        await follow(driver, stage)
         before = engine.run
         await driver.press(*opens.split())
         if driver.console.dialogs:
             await driver.press("enter")
             assert engine.run == before
             assert driver.app.is_running
-            for _ in driver.console.dialogs.copy():
-                await driver.press("escape")
+            await escape(driver)
         assert engine.run == before
 
 
@@ -195,7 +195,7 @@ STORIES: Stories = {
     "who confirms an abort that came too late is asked about voiding the run": [
         (Driver.run,),
         ("f8 1",),
-        (stop_the_run,),
+        (Driver.finish,),
         (remember,),
         (types_every(QUICK),),
         (lambda d: setattr(d.hand, "now", d.hand.now + SLOW),),
@@ -230,7 +230,7 @@ STORIES: Stories = {
         (Driver.run,),
         ("i c", MarkIncident(IncidentKind.COLLISION), incident_at(1.0)),
         (passes(20.0),),
-        (stop_the_run,),
+        (Driver.finish,),
         (remember,),
         ("i f", "When? Seconds from the start of the run"),
         ("enter", "its time is needed: the run has stopped"),
@@ -257,29 +257,30 @@ STORIES: Stories = {
         f"a key typed as the result comes is left out unless it could be seen: {gap}, {key}": [
             (Driver.run,),
             (remember,),
-            (stop_the_run,),
+            (Driver.finish,),
             (types_every(gap),),
             (key, did_nothing, *([LEFT_OUT, no_question] if gap < 0.3 else [])),
         ]
-        for gap in (MACHINE, QUICK, SLOW)
-        for key in ("3", "y", "i", "enter")
+        for gap, key in (
+            *((MACHINE, key) for key in ("3", "y", "i", "enter")),
+            *((QUICK, "3"), (SLOW, "enter")),
+        )
     },
     **{
         f"a text typed into a choice is no answer and no other text: {gap}, {text}": [
             (Driver.run,),
-            (stop_the_run,),
+            (Driver.finish,),
             (remember,),
             (opens,),
             (types_every(gap),),
             (f"'={text}'", did_nothing, field_holds("")),
             ("", *([] if text.startswith("a") else [no_answer])),  # "a" is an answer
         ]
-        for gap in (MACHINE, QUICK)
-        for opens, text in (
-            ("enter f", "Team satisfied"),
-            ("4", "the robot did not cross"),
-            ("enter f", "absent bots"),
-            ("enter", "bots satisfied"),
+        for gap, opens, text in (
+            (MACHINE, "enter f", "Team satisfied"),
+            (QUICK, "4", "the robot did not cross"),
+            (MACHINE, "enter f", "absent bots"),
+            (QUICK, "enter", "bots satisfied"),
         )
     },
     "abort is confirmed by y after a reason": [
@@ -322,7 +323,7 @@ STORIES: Stories = {
             says("z takes it back"),
         ),
         ("enter", "Not now: v void: the run is void already"),
-        ("c t 1", lambda d: setup_of(d.engine).condition.starting_side is Side.CW),
+        ("c t 1", lambda d: setup_of(d).condition.starting_side is Side.CW),
         ("enter c s =12x enter", "subject '12x': use a number"),
         (
             "escape z 1 z 1",
@@ -359,7 +360,7 @@ STORIES: Stories = {
         (
             "x",
             Phase.READY,
-            lambda d: setup_of(d.engine).run_number == 2,
+            lambda d: setup_of(d).run_number == 2,
         ),
     ],
     "finalising asks for the name where none was set": [
@@ -374,7 +375,7 @@ STORIES: Stories = {
         ),
     ],
     "what is undecided is seen before a result is final": [
-        (with_a_false_start,),
+        *WITH_A_FALSE_START,
         (
             "enter f",
             "Before it is final: completed, steps that count: 1, 2, 3, 4, 5, 6",
@@ -387,8 +388,8 @@ STORIES: Stories = {
         ("enter f y a enter", Finalise(TeamWord.ACKNOWLEDGED, "Ada", "", (SIGNED_SO,))),
     ],
     "with nothing undecided the list stands above the teams word": [
-        (in_sizes((80, 24), (120, 36), (60, 18)),),
-        (with_a_false_start,),
+        (in_sizes((60, 18), (120, 36)),),
+        *WITH_A_FALSE_START,
         (
             "enter a 1 5 d enter f",
             "Before it is final: completed, steps that count:",
@@ -452,24 +453,26 @@ STORIES: Stories = {
             (Driver.run,),
             (remember,),
             ("f8",),
-            (stop_the_run, "NOT POSSIBLE ANY MORE: the run has stopped"),
+            (Driver.finish, "NOT POSSIBLE ANY MORE: the run has stopped"),
             (types_every(gap),),
-            (f"""{" ".join(keys)}""", did_nothing, Outcome.COMPLETED),
+            (keys, did_nothing, Outcome.COMPLETED),
         ]
-        for gap in [MACHINE, QUICK, SLOW]
-        for keys in [("1", "y"), ("2", "2", "y"), ("o", "x", "enter", "y")]
+        for gap, keys in (
+            *((MACHINE, keys) for keys in ("1 y", "2 2 y", "o x enter y")),
+            *((QUICK, "1 y"), (SLOW, "2 2 y")),
+        )
     },
     "the dialog over a run that has completed closes with enter": [
         (Driver.run,),
         ("f8",),
-        (stop_the_run,),
+        (Driver.finish,),
         ("enter", no_question),
         (Driver.settle, pane("results")),
     ],
     **{
         f"a refused key never lets the next letters mean something else: {gap}": [
             (Driver.run,),
-            (stop_the_run,),
+            (Driver.finish,),
             (remember,),
             ("escape",),
             (types_every(gap),),
@@ -481,7 +484,7 @@ STORIES: Stories = {
     },
     "after a refusal and a pause letters are keys again": [
         (Driver.run,),
-        (stop_the_run,),
+        (Driver.finish,),
         ("f9 2", "Step 2"),
         ("escape",),
         (types_every(QUICK),),
@@ -527,7 +530,7 @@ STORIES: Stories = {
         ("i n a",),
         (types_every(QUICK),),
         ("b",),
-        (stop_the_run,),
+        (Driver.finish,),
         ("c enter", AddNote("abc")),
     ],
     "a console whose engine has ended refuses with that and leaves without a question": [
@@ -545,7 +548,7 @@ STORIES: Stories = {
     ],
     "a field is typed into only where that was chosen": [
         (Driver.run,),
-        (stop_the_run,),
+        (Driver.finish,),
         ("x", pane("setup"), lambda d: not isinstance(d.app.focused, Input)),
         ("f2", lambda d: isinstance(d.app.focused, Input)),
         ("f3 enter n =ok enter", AddNote("ok"), lambda d: not isinstance(d.app.focused, Input)),

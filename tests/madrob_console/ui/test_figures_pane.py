@@ -3,9 +3,8 @@ from __future__ import annotations
 import math
 import threading
 from asyncio import to_thread
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import cycle, pairwise
 
@@ -13,8 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
-from textual.pilot import Pilot
-from textual.worker import WorkerCancelled
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.requests import Curve, Curves
@@ -27,146 +24,144 @@ from madrob_console.ui.panes.figures_pane import FIGURES, FiguresPane, Sheet
 from scoring.indicator_table import IndicatorName, Quantity
 from scoring.protocol import EventName
 from scoring.result import Indicator, Uncertainty
-from tests.madrob_console.ui.driver import PaneApp, rows_of
-from tests.madrob_console.ui.fake_engine import CURVES, finished, prepared
+from tests.madrob_console.ui.driver import PANE, Alone, PaneApp, Story, follow, showing
+from tests.madrob_console.ui.fake_engine import CURVES, FakeEngine, finished, prepared
 
 
-@dataclass
-class Viewer:
-    """The pane under test, on a screen of its own."""
+class Reading:
+    """Curves as the engine has them, or why they cannot be read; counts how often it is asked."""
 
-    app: PaneApp
-    pilot: Pilot[None]
-    pane: FiguresPane
+    def __init__(self, *answers: Curves | Exception | None) -> None:
+        self.answers = answers
+        self.asked = 0
 
-    async def settle(self) -> None:
-        with suppress(WorkerCancelled):  # it was asked again
-            await self.app.workers.wait_for_complete()
-        await self.app.workers.wait_for_complete()
-        await self.pilot.pause()
-
-    async def press(self, *keys: str) -> str:
-        """Press keys; returns the title that follows."""
-        await self.pilot.press(*keys)
-        return self.title
-
-    @property
-    def rows(self) -> list[str]:
-        return [row.strip() for row in rows_of(self.app)]
-
-    @property
-    def title(self) -> str:
-        return self.rows[0]
+    def __call__(self) -> Curves | None:
+        self.asked += 1
+        answer = self.answers[min(self.asked, len(self.answers)) - 1]
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
 
-@asynccontextmanager
-async def viewing(load: Callable[[], Curves | None], snapshot: Snapshot) -> AsyncIterator[Viewer]:
+async def view(
+    load: Callable[[], Curves | None], snapshot: Snapshot, rows: Callable[[FiguresPane], Story]
+) -> None:
+    """See the figures of a run on a screen of their own."""
     pane = FiguresPane(partial(to_thread, load))
-    app = PaneApp(pane)
-    async with app.run_test(size=(80, 19)) as pilot:
-        viewer = Viewer(app, pilot, pane)
-        pane.enter()
+    async with showing(pane) as shown:
         pane.show(snapshot)
-        await viewer.settle()
-        yield viewer
+        await shown.settle()
+        await follow(shown, rows(pane))
+
+
+def titled(begin: str = "", end: str = "") -> Callable[[Alone], object]:
+    return lambda shown: (
+        (title := shown.rows()[0].strip()).startswith(begin) and title.endswith(end)
+    )
+
+
+COUNT = len(FIGURES)
+KEYS = [
+    ("", titled("figure 1", "0.00 to 14.98 s, all")),
+    *(
+        (key, titled(f"figure {number} of {COUNT}"))
+        for number, key in zip(
+            (*range(2, COUNT + 1), 1), cycle(("tab", "right_square_bracket", "space")), strict=False
+        )
+    ),
+    ("left_square_bracket", titled(f"figure {COUNT} of {COUNT}")),
+    ("plus", titled(end="2.50 to 12.48 s, part")),
+    ("up", titled(end="4.16 to 10.82 s, part")),
+    ("right", titled(end="5.83 to 12.48 s, part")),
+    ("right*5", titled(end="8.32 to 14.98 s, part")),
+    ("left*9", titled(end="0.00 to 6.66 s, part")),
+    ("minus", titled(end="0.00 to 9.99 s, part")),
+    ("down", titled(end="0.00 to 14.98 s, all")),
+    ("plus*14", titled(end="7.39 to 7.59 s, part")),
+    ("home", titled(end="0.00 to 14.98 s, all")),
+    ("left down", titled(end="0.00 to 14.98 s, all")),
+]
 
 
 async def test_keys_turn_the_figures_and_move_and_zoom_in_time() -> None:
-    async with viewing(lambda: CURVES, finished().snapshot()) as viewer:
-        assert viewer.title.endswith("0.00 to 14.98 s, all")
-        count = len(FIGURES)
-        keys = cycle(("tab", "right_square_bracket", "space"))
-        for number, key in zip((*range(2, count + 1), 1), keys, strict=False):
-            assert f"figure {number} of {count}" in await viewer.press(key)
-        assert f"figure {count} of {count}" in await viewer.press("left_square_bracket")
-        assert (await viewer.press("plus")).endswith("2.50 to 12.48 s, part")
-        assert (await viewer.press("up")).endswith("4.16 to 10.82 s, part")
-        assert (await viewer.press("right")).endswith("5.83 to 12.48 s, part")
-        assert (await viewer.press(*["right"] * 5)).endswith("8.32 to 14.98 s, part")
-        assert (await viewer.press(*["left"] * 9)).endswith("0.00 to 6.66 s, part")
-        assert (await viewer.press("minus")).endswith("0.00 to 9.99 s, part")
-        assert (await viewer.press("down")).endswith("0.00 to 14.98 s, all")
-        assert (await viewer.press(*["plus"] * 14)).endswith("7.39 to 7.59 s, part")
-        assert (await viewer.press("home")).endswith("0.00 to 14.98 s, all")
-        assert (await viewer.press("left", "down")).endswith("0.00 to 14.98 s, all")
+    await view(Reading(CURVES), finished().snapshot(), lambda _: KEYS)
 
 
-async def test_what_cannot_be_drawn_is_said_in_words() -> None:
-    silent = MadrobError("the engine does not answer: leave and start again")
-    no_handles = OSError(24, "Too many open files")
-
-    ended = finished().snapshot()
-    for error in (silent, no_handles):
-
-        def fail(error: Exception = error) -> Curves | None:
-            raise error
-
-        async with viewing(fail, ended) as viewer:
-            assert viewer.rows[0] == str(error)
-            await viewer.press("plus", "tab", "left")
-            assert viewer.rows[0] == str(error)
-    async with viewing(lambda: None, prepared().snapshot()) as viewer:
-        assert viewer.rows[0] == "no result yet: the figures come with it"
-    async with viewing(lambda: Curves(3.0), ended) as viewer:
-        assert viewer.rows[0].startswith("no figures: nothing was recorded")
+def aborted() -> FakeEngine:
     engine = prepared()
     assert engine.act(Abort("a person in the doorway")) is None
-    async with viewing(lambda: Curves(3.0), engine.snapshot()) as viewer:
-        assert viewer.rows[0] == "no figures: the run was aborted and is invalid"
+    return engine
+
+
+@pytest.mark.parametrize(
+    ("answer", "engine", "words"),
+    [
+        (MadrobError("the engine does not answer"), finished(), "the engine does not answer"),
+        (OSError(24, "Too many open files"), finished(), "[Errno 24] Too many open files"),
+        (None, prepared(), "no result yet: the figures come with it"),
+        (Curves(3.0), finished(), "no figures: nothing was recorded"),
+        (Curves(3.0), aborted(), "no figures: the run was aborted and is invalid"),
+    ],
+)
+async def test_what_cannot_be_drawn_is_said_in_words(
+    answer: Curves | Exception | None, engine: FakeEngine, words: str
+) -> None:
+    rows: Story = [("", titled(words)), ("plus tab left", titled(words))]
+    await view(Reading(answer), engine.snapshot(), lambda _: rows)
 
 
 async def test_the_curves_are_read_again_for_another_result_only() -> None:
-    asked: list[int] = []
+    load, engine, other = Reading(CURVES), finished(), finished()
+    other.run = replace(other.run, start=1.0)
 
-    def load() -> Curves:
-        asked.append(len(asked))
-        return CURVES
+    def rows(pane: FiguresPane) -> Story:
+        def shows(engine: FakeEngine) -> Callable[[Alone], object]:
+            return lambda _: pane.show(engine.snapshot())
 
-    engine = finished()
-    async with viewing(load, engine.snapshot()) as viewer:
-        zoomed = await viewer.press("plus")
-        before = len(asked)
-        engine.tick(1.0)
-        viewer.pane.show(engine.snapshot())
-        await viewer.settle()
-        assert len(asked) == before
-        engine.score()
-        viewer.pane.show(engine.snapshot())
-        await viewer.settle()
-        assert len(asked) == before + 1
-        assert viewer.title == zoomed  # the same run: what is looked at stays
-        other = finished()
-        other.run = replace(other.run, start=1.0)
-        viewer.pane.show(other.snapshot())
-        await viewer.settle()
-        assert len(asked) == before + 2
-        assert viewer.title.endswith("all")
+        def more(times: int) -> Callable[[Alone], object]:
+            return lambda _: load.asked == before + times
+
+        before = load.asked
+        return [
+            ("plus", titled(end="part")),
+            (lambda _: engine.tick(1.0),),
+            (shows(engine),),
+            (Alone.settle, more(0)),
+            (lambda _: engine.score(),),
+            (shows(engine),),
+            (Alone.settle, more(1), titled(end="part")),  # the same run: what is looked at stays
+            (shows(other),),
+            (Alone.settle, more(2), titled(end="all")),
+        ]
+
+    await view(load, engine.snapshot(), rows)
 
 
 async def test_a_late_answer_does_not_replace_a_newer_one() -> None:
-    held = threading.Event()
-    answers: list[Curves | None] = [CURVES, None]
+    held, asked = threading.Event(), []
 
     def load() -> Curves | None:
-        answer = answers.pop()
-        if answer is None:
+        asked.append(0)
+        if len(asked) == 1:
             assert held.wait(10)
-        return answer
+        return CURVES if len(asked) > 1 else None
 
     pane = FiguresPane(partial(to_thread, load))
     app = PaneApp(pane)
-    async with app.run_test(size=(80, 19)) as pilot:
-        viewer = Viewer(app, pilot, pane)
+    async with app.run_test(size=PANE) as pilot:
+        shown = Alone(app, pilot)
         pane.enter()
-        await pilot.pause()
-        assert viewer.rows[0] == "reading the curves ..."
+        await shown.drawn()
+        assert "reading the curves ..." in shown.text
         pane.show(finished().snapshot())
-        while "figure 1" not in viewer.title:
+        while "figure 1" not in shown.text:
             await pilot.pause(0.01)
         held.set()
-        await viewer.settle()
-        await pilot.pause(0.1)
-        assert "figure 1" in viewer.title
+        await follow(shown, [(Alone.settle, "figure 1"), (Alone.settle, "figure 1")])
+
+
+def texts(lines: Sequence[Line]) -> list[str]:
+    return ["".join(span.text for span in line) for line in lines]
 
 
 WHOLE = Window(0.0, 15.0)
@@ -181,11 +176,7 @@ def drawn(
     size: tuple[int, int] = (78, 19),
 ) -> list[str]:
     sheet = Sheet(number, curves, snapshot or finished().snapshot(), window)
-    return [text(line) for line in sheet.lines(*size)]
-
-
-def text(line: Line) -> str:
-    return "".join(span.text for span in line)
+    return texts(sheet.lines(*size))
 
 
 @pytest.mark.parametrize("number", range(len(FIGURES)))
@@ -232,56 +223,66 @@ def test_a_figure_says_which_it_is_of_which_run_and_what_it_explains(
     assert rows[-2] == "t touch 2.25  o opening 3.22  x crossing 8.97  c closing 13.86  s"
 
 
-def test_an_indicator_without_a_value_gives_its_reason() -> None:
+def with_indicators(found: Mapping[IndicatorName, Indicator]) -> Snapshot:
     engine = finished()
     assert engine.result is not None
-    missing = {name: Indicator.missing(name, "door never opened") for name in IndicatorName}
-    engine.result = replace(engine.result, indicators=missing)
-    rows = drawn(
-        1,
-        engine.snapshot(),
-        curves=replace(CURVES, stretches={**CURVES.stretches, Quantity.JERK: ()}),
-    )
-    assert rows[2] == "protocol: smoothness of door actuation none: door never opened"
-    assert "abs jerk, rad/s^3   no data" in rows
+    engine.result = replace(engine.result, indicators={**engine.result.indicators, **found})
+    return engine.snapshot()
 
 
-def test_a_maximum_out_of_sight_is_still_told() -> None:
-    rows = drawn(0, window=Window(8.0, 12.0))
-    assert rows[0].endswith("8.00 to 12.00 s, part")
-    heading = "low-passed acceleration, rad/s^2   max abs 0.6800 at 3.75 s, not in this part"
-    assert heading in rows
-    assert not any(TOP in row for row in rows)
+UNSAFETY = IndicatorName.UNSAFETY_OF_DOOR_OPERATION
+DOUBTED = Indicator(1.875, "rad/s^2", None, Uncertainty(0.02, 0.04), ("a sample stepped",))
+BACK = ((9.0, EventName.MOVES_TO_CCW), (13.0, EventName.DOOR_CLOSES))
+BOUNCES = tuple((float(t), EventName.DOOR_CLOSES) for t in range(3, 13))
+MAXIMUM = "low-passed acceleration, rad/s^2   max abs 0.6800 at 3.75 s"
 
 
-def test_a_way_back_to_the_starting_side_is_no_crossing() -> None:
-    events = ((9.0, EventName.MOVES_TO_CCW), (13.0, EventName.DOOR_CLOSES))
-    rows = drawn(curves=replace(CURVES, events=events))
-    assert rows[-2] == "c closing 13.00  s"
-
-
-def test_a_door_that_bounces_keeps_the_legend_short() -> None:
-    events = tuple((float(t), EventName.DOOR_CLOSES) for t in range(3, 13))
-    rows = drawn(curves=replace(CURVES, events=events))
-    assert rows[-2] == "c closing 3.00 .. (10) .. 12.00  s"
-
-
-def test_the_finding_has_uncertainty_and_doubt() -> None:
-    engine = finished()
-    assert engine.result is not None
-    name = IndicatorName.UNSAFETY_OF_DOOR_OPERATION
-    known = Indicator(1.875, "rad/s^2", None, Uncertainty(0.02, 0.04), ("a sample stepped",))
-    engine.result = replace(engine.result, indicators={**engine.result.indicators, name: known})
-    rows = drawn(0, engine.snapshot())
-    assert any("unsafety of door operation 1.88? +- 0.04 rad/s^2 = the maximum" in r for r in rows)
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        pytest.param(
+            drawn(
+                1,
+                with_indicators(
+                    {name: Indicator.missing(name, "door never opened") for name in IndicatorName}
+                ),
+                curves=replace(CURVES, stretches={**CURVES.stretches, Quantity.JERK: ()}),
+            ),
+            (
+                "protocol: smoothness of door actuation none: door never opened",
+                "abs jerk, rad/s^3   no data",
+            ),
+            id="an indicator without a value gives its reason",
+        ),
+        pytest.param(
+            drawn(0, window=Window(8.0, 12.0)),
+            ("8.00 to 12.00 s, part", f"{MAXIMUM}, not in this part"),
+            id="a maximum out of sight is still told",
+        ),
+        pytest.param(
+            drawn(curves=replace(CURVES, events=BACK)),
+            ("\nc closing 13.00  s",),
+            id="a way back to the starting side is no crossing",
+        ),
+        pytest.param(
+            drawn(curves=replace(CURVES, events=BOUNCES)),
+            ("\nc closing 3.00 .. (10) .. 12.00  s",),
+            id="a door that bounces keeps the legend short",
+        ),
+        pytest.param(
+            drawn(0, with_indicators({UNSAFETY: DOUBTED})),
+            ("unsafety of door operation 1.88? +- 0.04 rad/s^2 = the maximum",),
+            id="the finding has uncertainty and doubt",
+        ),
+    ],
+)
+def test_a_figure_says(rows: Sequence[str], words: Sequence[str]) -> None:
+    text = "\n".join(row.rstrip() for row in rows)
+    assert [one for one in words if one not in text] == []
 
 
 TEN_SECONDS = Window(0.0, 10.0)
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
-
-
-def texts(lines: list[Line]) -> list[str]:
-    return ["".join(span.text for span in line) for line in lines]
 
 
 def curve(*points: tuple[float, float]) -> Curve:

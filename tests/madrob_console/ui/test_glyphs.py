@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +16,6 @@ from textual import events
 import madrob_console.ui
 from madrob_console.common.names import terminal_safe
 from madrob_console.config.tables import ConsoleSettings
-from madrob_console.referee.acts import ConfirmPose, SetUp, Start
 from madrob_console.ui.cells.large_text import HEIGHT, large_text, rows_of
 from madrob_console.ui.cells.lines import (
     Line,
@@ -26,6 +25,7 @@ from madrob_console.ui.cells.lines import (
     changed_cells,
     column,
     line,
+    plain,
     ruler,
     scale,
     width_of,
@@ -37,8 +37,17 @@ from madrob_console.ui.panes.runs_pane import indicator_column, number_text
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.run_folders import summary
-from tests.madrob_console.ui.driver import DEFAULTS, PaneApp, driving
-from tests.madrob_console.ui.fake_engine import FakeEngine, a_setup
+from tests.madrob_console.ui.driver import (
+    DEFAULTS,
+    Alone,
+    Driver,
+    Story,
+    opened,
+    play,
+    play_alone,
+    showing,
+)
+from tests.madrob_console.ui.fake_engine import FakeEngine, start
 
 UI = Path(next(iter(madrob_console.ui.__path__)))
 TEXTS = st.text() | st.text(alphabet="ab é門❤👩🏽🏴🇩🇪₂█─\u200d\ufe0f\u0301\U000e0067")
@@ -119,27 +128,22 @@ def test_ascii_stays_as_it_is(text: str) -> None:
 
 
 @pytest.mark.slow
-async def test_on_no_screen_is_anything_but_ascii(engine: FakeEngine) -> None:
+async def test_on_no_screen_is_anything_but_ascii() -> None:
     names = replace(DEFAULTS, team="Zürich 門", competition="Coupe d'été", referee="Åse")
 
-    async with driving(engine, defaults=names, look=ConsoleSettings(ascii=True)) as console:
-        await console.press("f2", "enter", "tab")
-        screens = [console.text]
-        assert "Zurich ??" in console.text
-        assert " v 8 ok" in console.text
-        await console.run()
-        await console.press("f3", "f8")
-        screens.append(console.text)
-        assert "+-------" in console.text
-        assert '#"#' in console.text  # the clock
-        await console.press("escape")
-        engine.finish()
-        await console.settle()
-        for pane in ("f4", "f1", "h", "s", "g", "ctrl+p"):
-            await console.press(pane)
-            screens.append(console.text)
-        for screen in screens:
-            assert screen.isascii(), screen
+    def is_ascii(driver: Driver) -> bool:
+        return driver.text.isascii()
+
+    story: Story = [
+        (opened(defaults=names, look=ConsoleSettings(ascii=True)),),
+        ("f2 enter tab", is_ascii, "Zurich ??", " v 8 ok"),
+        (Driver.run,),
+        ("f3 f8", is_ascii, "+-------", '#"#'),  # the clock
+        ("escape",),
+        (Driver.finish,),
+        *((key, is_ascii) for key in ("f4", "f1", "h", "s", "g", "ctrl+p")),
+    ]
+    await play(FakeEngine, story)
 
 
 SIZES = st.integers(1, 8)
@@ -233,10 +237,10 @@ def test_one_changed_digit_paints_one_cell() -> None:
 async def test_markup_and_control_characters_are_only_text() -> None:
     page = Page()
     page.styles.width, page.styles.height = WIDTH, 3
-    async with PaneApp(page).run_test(size=(20, 5)) as pilot:
+    async with showing(page) as shown:
         page.content = [line("[b]x[/]\x1b[31m\n!"), line("a long line that is cut")]
         page.redraw()
-        await pilot.pause()
+        await shown.settle()
         strips = [page.render_line(y) for y in range(3)]
         assert [strip.text for strip in strips] == ["[b]x[/] !   ", "a long line…", " " * 12]
 
@@ -248,7 +252,7 @@ def test_a_line_is_as_wide_as_its_cells() -> None:
 def test_a_scale_clips_at_its_ends() -> None:
     assert [column(v, 10.0, 21) for v in (-99.0, -10.0, 0.0, 10.0, 99.0)] == [0, 0, 10, 20, 20]
     drawn = scale("-----", [(0, "a", Tone.GOOD), (4, "b", Tone.GOOD), (9, "c", Tone.BAD)])
-    assert "".join(span.text for span in drawn) == "a---b"
+    assert plain([drawn]) == "a---b"
 
 
 def test_labels_of_a_ruler_do_not_run_into_each_other() -> None:
@@ -258,74 +262,58 @@ def test_labels_of_a_ruler_do_not_run_into_each_other() -> None:
 FAULT = "/madrob/passage/cw_left: no message for 2.3 s, the publisher is gone"
 
 
-def idle() -> FakeEngine:
-    return FakeEngine()
-
-
-def counting() -> FakeEngine:
-    engine = idle()
-    for act in (SetUp(a_setup()), ConfirmPose(), Start()):
-        assert engine.act(act) is None
-    engine.tick(1.2)
-    return engine
+def started(duration: float) -> FakeEngine:
+    """So long after the key, s; a countdown takes 5 s."""
+    return start(FakeEngine(), duration)
 
 
 def running() -> FakeEngine:
-    engine = counting()
-    engine.tick(15.0)
+    engine = started(16.2)
     engine.do_step(Step.TOUCH)
     return engine
 
 
-def failing() -> FakeEngine:
-    engine = running()
-    engine.faults = (FAULT, "recorder: 3 messages dropped")
+def changed(engine: FakeEngine, change: Callable[[FakeEngine], object]) -> FakeEngine:
+    change(engine)
     return engine
 
 
-def false_started() -> FakeEngine:
-    engine = counting()
-    engine.false_start()
-    return engine
+FAULTS = (FAULT, "recorder: 3 messages dropped")
+STATES = {
+    "idle": FakeEngine(),
+    "counting": started(1.2),
+    "running": running(),
+    "failing": changed(running(), lambda engine: setattr(engine, "faults", FAULTS)),
+    "false started": changed(started(1.2), FakeEngine.false_start),
+    "stopped": changed(running(), lambda engine: engine.finish(Outcome.TIMEOUT)),
+}
 
 
-def stopped() -> FakeEngine:
-    engine = running()
-    engine.finish(Outcome.TIMEOUT)
-    return engine
-
-
-STATES = (idle, counting, running, failing, false_started, stopped)
-
-
-def drawn(engine: FakeEngine, width: int) -> list[str]:
-    lines = tiny_lines(engine.snapshot(), width)
-    return ["".join(span.text for span in line).rstrip() for line in lines]
+def drawn(state: str, width: int) -> list[str]:
+    return plain(tiny_lines(STATES[state].snapshot(), width)).splitlines()
 
 
 @pytest.mark.parametrize("width", [10, 14, 30, 59, 200])
 @pytest.mark.parametrize("state", STATES)
-def test_a_terminal_too_small_for_the_panes_has_rows_that_fit(
-    state: Callable[[], FakeEngine], width: int
-) -> None:
-    assert all(cell_len(row) <= width for row in drawn(state(), width))
+def test_a_terminal_too_small_for_the_panes_has_rows_that_fit(state: str, width: int) -> None:
+    assert all(cell_len(row) <= width for row in drawn(state, width))
 
 
 @pytest.mark.parametrize(
     ("state", "width", "rows"),
     [
-        (counting, 10, ["COUNTDOWN", "-0:03.8", "F8 ABORT"]),
-        (running, 10, ["RUNNING", "0:11.2", "F8 ABORT"]),
-        (failing, 20, ["RUNNING  0:11.2", "F8 ABORT", "/madrob/passage/cw_"]),
+        ("counting", 10, ["COUNTDOWN", "-0:03.8", "F8 ABORT"]),
+        ("running", 10, ["RUNNING", "0:11.2", "F8 ABORT"]),
+        ("failing", 20, ["RUNNING  0:11.2", "F8 ABORT", "/madrob/passage/cw_"]),
         (
-            false_started,
+            "false started",
             40,
             ["COUNTDOWN  -0:03.8  F8 ABORT", "FALSE START: handle touched at -3.8 s:"],
         ),
-        (stopped, 40, ["TIMEOUT  0:11.2", "F8 abort: the run has stopped: void it"]),
-        (idle, 40, ["NO RUN SET UP  -:--.-", "F8 abort: no run is set up yet"]),
+        ("stopped", 40, ["TIMEOUT  0:11.2", "F8 abort: the run has stopped: void it"]),
+        ("idle", 40, ["NO RUN SET UP  -:--.-", "F8 abort: no run is set up yet"]),
         (
-            failing,
+            "failing",
             59,
             [
                 "RUNNING  0:11.2  F8 ABORT",
@@ -336,10 +324,8 @@ def test_a_terminal_too_small_for_the_panes_has_rows_that_fit(
         ),
     ],
 )
-def test_it_says_what_matters_most_first(
-    state: Callable[[], FakeEngine], width: int, rows: Sequence[str]
-) -> None:
-    assert drawn(state(), width)[: len(rows)] == rows
+def test_it_says_what_matters_most_first(state: str, width: int, rows: Sequence[str]) -> None:
+    assert drawn(state, width)[: len(rows)] == rows
 
 
 Pair = tuple[str, int | None]
@@ -367,50 +353,26 @@ def many(count: int) -> list[Pair]:
     return [(f"{number:05}", number) for number in range(count)]
 
 
-def text(line: Line) -> str:
-    return "".join(span.text for span in line)
-
-
 def page(table: Table[Pair], width: int = 40, height: int = 7) -> list[str]:
-    return [text(line).rstrip() for line in table.page(width, height)]
+    return plain(table.page(width, height)).split("\n")
 
 
 # ---------------------------------------------------------------- rows
 
 
-def test_a_table_has_a_header_its_rows_and_says_where_it_is() -> None:
-    assert page(a_table()) == [
-        "  name▲    num",
-        "> a          -",
-        "  b          2",
-        "  c          1",
-        "  d          2",
-        "",
-        "  1-4 of 4, by name",
-    ]
-
-
-def test_missing_values_come_last_whichever_way_it_sorts() -> None:
-    table = a_table()
-    table.sort_by(table.columns[1])
-    assert [row[0] for row in table.rows] == ["b", "d", "c", "a"]
-    assert "num▼" in page(table)[0]
-    table.sort_by(table.columns[1], falling=False)
-    assert [row[0] for row in table.rows] == ["c", "b", "d", "a"]
-    assert "num▲" in page(table)[0]
-
-
 @given(st.lists(st.none() | st.integers(-3, 3)))
-def test_sorting_keeps_every_row_and_the_order_of_equals(numbers: list[int | None]) -> None:
+def test_sorting_keeps_every_row_and_the_order_of_equals_and_missing_values_come_last(
+    numbers: list[int | None],
+) -> None:
     rows = [(f"{place:03}", number) for place, number in enumerate(numbers)]
-    missing = [row for row in rows if row[1] is None]
     table = a_table(rows)
-    table.sort_by(table.columns[1])
-    falling = sorted((row for row in rows if row[1] is not None), key=lambda row: -(row[1] or 0))
-    assert list(table.rows) == [*falling, *missing]
-    table.sort_by(table.columns[1], falling=False)
-    rising = sorted((row for row in rows if row[1] is not None), key=lambda row: row[1] or 0)
-    assert list(table.rows) == [*rising, *missing]
+    for falling, arrow in ((None, "num▼"), (False, "num▲")):
+        table.sort_by(table.columns[1], falling=falling)
+        sign = 1 if falling is False else -1
+        assert list(table.rows) == sorted(
+            rows, key=lambda row: (row[1] is None, sign * (row[1] or 0))
+        )
+        assert arrow in page(table)[0]
 
 
 def test_the_mark_stays_on_its_row_when_rows_come_and_go() -> None:
@@ -426,20 +388,9 @@ def test_the_mark_stays_on_its_row_when_rows_come_and_go() -> None:
     table.action_choose()
     table.set_rows(many(10), from_top=True)
     assert table.selected == ("00000", 0)
-
-
-def test_sorting_begins_at_the_top() -> None:
-    table = a_table(many(10))
     table.action_move(7)
-    table.action_sort()
+    table.action_sort()  # begins at the top
     assert table.selected == ("00009", 9)
-
-
-def test_an_empty_table_says_so() -> None:
-    table = a_table([])
-    table.empty = "no runs yet"
-    assert page(table)[1] == "  no runs yet"
-    assert page(table)[-1] == "  none, by name"
 
 
 def test_only_the_rows_in_view_are_drawn() -> None:
@@ -500,27 +451,61 @@ def test_whatever_is_in_a_table_its_lines_fit(rows: list[Pair], width: int, heig
     assert all(width_of(line) <= width for line in lines)
 
 
-def test_the_last_line_counts_the_columns_out_of_view() -> None:
-    columns = columns_of([(20, 3)] * 6)
-    table = Table(columns, lambda pair: pair[0], fixed=1)
+def wide_table(count: int, ample: tuple[int, int], *, marks: bool = False) -> Table[Pair]:
+    columns = columns_of([ample] * count)
+    table = Table(columns, lambda pair: pair[0], fixed=1, marks_cells=marks)
     table.set_rows(PAIRS)
-    assert page(table, 70)[-1].endswith("columns 3 ->")
-    assert page(table, 200)[-1].endswith("by m")
-    table.legend = "! weighs"
-    assert page(table, 200)[-1].endswith("by m   ! weighs")
-    assert page(table, 40)[-1].endswith("columns 5 ->")
+    return table
 
 
-def test_a_marked_cell_stands_in_brackets_and_is_brought_into_view() -> None:
-    table = Table(columns_of([(4, 0)] * 9), lambda pair: pair[0], fixed=1, marks_cells=True)
-    table.set_rows(PAIRS)
-    assert page(table, 24)[1] == "  a   [a   ]a    a"
-    table.mark(1, 8)
-    assert page(table, 24)[2] == "  b    b    b   [b   ]"
-    assert page(table, 24)[-1].endswith("<- 5 columns")
-    table.mark(99, 0)
-    assert page(table, 24)[4] == "  d   [d   ]d    d"
-    assert (table.selected, table.marked) == (("d", 2), table.columns[1])
+def marking(row: int, column: int) -> Table[Pair]:
+    table = wide_table(9, (4, 0), marks=True)
+    table.mark(row, column)
+    return table
+
+
+def told(table: Table[Pair], **said: str) -> Table[Pair]:
+    vars(table).update(said)
+    return table
+
+
+@pytest.mark.parametrize(
+    ("table", "width", "rows"),
+    [
+        (
+            a_table(),
+            40,
+            {
+                0: "  name▲    num",
+                1: "> a          -",
+                2: "  b          2",
+                3: "  c          1",
+                4: "  d          2",
+                5: "",
+                6: "  1-4 of 4, by name",
+            },
+        ),
+        (told(a_table([]), empty="no runs yet"), 40, {1: "  no runs yet", 6: "  none, by name"}),
+        # the last line counts the columns out of view
+        (
+            wide_table(6, (20, 3)),
+            70,
+            {6: "  1-4 of 4, by m                                          columns 3 ->"},
+        ),
+        (wide_table(6, (20, 3)), 40, {6: "  1-4 of 4, by m            columns 5 ->"}),
+        (wide_table(6, (20, 3)), 200, {6: "  1-4 of 4, by m"}),
+        (told(wide_table(6, (20, 3)), legend="! weighs"), 200, {6: "  1-4 of 4, by m   ! weighs"}),
+        # a marked cell stands in brackets and is brought into view
+        (wide_table(9, (4, 0), marks=True), 24, {1: "  a   [a   ]a    a"}),
+        (marking(1, 8), 24, {2: "  b    b    b   [b   ]", 6: "  1-4 of 4… <- 5 columns"}),
+        (marking(99, 0), 24, {4: "  d   [d   ]d    d"}),
+    ],
+)
+def test_a_table_has_a_head_its_rows_and_says_where_it_is(
+    table: Table[Pair], width: int, rows: Mapping[int, str]
+) -> None:
+    shown = page(table, width)
+    assert {number: shown[number] for number in rows} == rows
 
 
 def test_rows_that_lead_are_strong() -> None:
@@ -530,12 +515,20 @@ def test_rows_that_lead_are_strong() -> None:
     assert [set(row) == {Tone.STRONG} for row in tones] == [False, True, False, False]
 
 
-def test_numbers_stand_on_the_right_and_long_texts_show_an_ellipsis() -> None:
-    assert number_column().fit("12", 5) == "   12"
-    assert name_column().fit("12", 5) == "12   "
-    assert name_column().fit("abcdefgh", 5) == "abcd…"
-    assert cell_len(name_column().fit("門門門", 5)) == 5
-    assert name_column().fit("\x1b[31mx\n", 5) == "x    "
+@pytest.mark.parametrize(
+    ("column", "text", "shown"),
+    [
+        (number_column(), "12", "   12"),
+        (name_column(), "12", "12   "),
+        (name_column(), "abcdefgh", "abcd…"),
+        (name_column(), "門門門", "門門…"),
+        (name_column(), "\x1b[31mx\n", "x    "),
+    ],
+)
+def test_numbers_stand_on_the_right_and_long_texts_show_an_ellipsis(
+    column: Column[Pair], text: str, shown: str
+) -> None:
+    assert column.fit(text, 5) == shown
 
 
 # ---------------------------------------------------------------- indicators
@@ -576,45 +569,36 @@ def test_a_title_leaves_room_for_its_arrow(name: IndicatorName) -> None:
 async def test_keys_and_mouse_move_choose_and_sort() -> None:
     table = Table(columns_of([(12, 0)] * 9), lambda pair: pair[0], fixed=1)
     table.styles.height = "1fr"
-    app = PaneApp(table)
-    async with app.run_test(size=(60, 12)) as pilot:
-        table.set_rows(many(50))
-        table.focus()
-        for keys, wanted in (
-            (("down", "down", "up"), 1),
-            (("pagedown",), 11),
-            (("end", "down"), 49),
-            (("pageup",), 39),
-            (("home", "up"), 0),
-        ):
-            await pilot.press(*keys)
-            assert table.selected == (f"{wanted:05}", wanted)
-            assert any(text(line).startswith(f"> {wanted:05}") for line in table.page(60, 12))
-        await pilot.press("down", "enter")
-        assert app.sent == [Table.Chosen("00001")]
-        await pilot.click(table, offset=(5, 4))
-        assert table.selected == ("00003", 3)
-        table.post_message(
-            events.MouseScrollDown(table, 0, 0, 0, 1, 0, shift=False, meta=False, ctrl=False)
+    table.set_rows(many(50))
+    scroll = events.MouseScrollDown(table, 0, 0, 0, 1, 0, shift=False, meta=False, ctrl=False)
+
+    def marks(number: int) -> Callable[[Alone], object]:
+        return lambda shown: (
+            table.selected == (f"{number:05}", number) and shown.marked.startswith(f"> {number:05}")
         )
-        await pilot.pause()
-        assert table.selected == ("00006", 6)
 
-        def header() -> str:
-            return table.render_line(0).text
+    def head(*there: str, missing: str = "?") -> Callable[[Alone], object]:
+        return lambda shown: (
+            missing not in shown.rows()[0] and all(one in shown.rows()[0] for one in there)
+        )
 
-        assert "c0▲" in header()
-        assert "c8" not in header()
-        await pilot.press(*["right"] * 20)
-        assert "c0" in header()
-        assert "c8" in header()
-        await pilot.press("left")
-        assert "c8" not in header()
-        await pilot.press("o")
-        assert "c0▼" in header()
-        await pilot.press("o")
-        assert "c5▲" in header()  # the next in view
-        await pilot.press(*["o"] * 5)
-        assert "c7▼" in header()
-        await pilot.press("o")
-        assert "c0▲" in header()
+    rows: Story = [
+        (lambda _: table.focus(),),
+        ("down down up", marks(1)),
+        ("pagedown", marks(11)),
+        ("end down", marks(49)),
+        ("pageup", marks(39)),
+        ("home up", marks(0)),
+        ("down enter", lambda shown: shown.app.sent == [Table.Chosen("00001")]),
+        (lambda shown: shown.pilot.click(table, offset=(5, 4)),),
+        (Alone.settle, marks(3)),
+        (lambda _: table.post_message(scroll),),
+        (Alone.settle, marks(6), head("c0▲", missing="c8")),
+        ("right*20", head("c0", "c8")),
+        ("left", head(missing="c8")),
+        ("o", head("c0▼")),
+        ("o", head("c5▲")),  # the next in view
+        ("o*5", head("c7▼")),
+        ("o", head("c0▲")),
+    ]
+    await play_alone(table, *rows, size=(60, 12))

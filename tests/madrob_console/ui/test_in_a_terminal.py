@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import asyncio
 import os
 import re
 import shlex
@@ -8,12 +7,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
-from textual.pilot import Pilot
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine import wire
@@ -24,14 +22,15 @@ from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.terminal import check_terminal
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.served import Served, simulated, start
-from tests.madrob_console.ui.driver import DEFAULTS
+from tests.madrob_console.ui.driver import DEFAULTS, Shown
 from tests.madrob_console.ui.fake_engine import FOLDER
 from tests.terminal import Terminal
 from tests.tmux import Tmux
 from tests.watching import until
 
 ROOT = Path(__file__).parents[3]
-PROGRAM = [sys.executable, "-m", "tests.madrob_console.ui.moving_engine"]
+PROGRAM = [sys.executable, "-m", "tests.madrob_console.ui.fake_engine"]
+CONSOLE = [*PROGRAM, "--running"]
 F8, F10 = "\x1b[19~", "\x1b[21~"
 LAST_KEY = "F1 more"
 STARTING = 30.0
@@ -39,10 +38,19 @@ COLOURS = re.compile(rb"\x1b\[(?:\d+;)*(?:3[0-9]|4[0-9]|9[0-7]|10[0-7])(?:;\d+)*
 LEAVE_SCREEN, SHOW_CURSOR = b"\x1b[?1049l", b"\x1b[?25h"
 
 
+@contextmanager
+def console(
+    argv: Sequence[str] = CONSOLE, columns: int = 80, lines: int = 24, **env: str
+) -> Iterator[Terminal]:
+    """A console in a terminal, when it has drawn itself."""
+    with Terminal(argv, columns, lines, env, ROOT) as terminal:
+        terminal.wait_for(LAST_KEY, timeout=STARTING)
+        yield terminal
+
+
 @pytest.fixture
 def running() -> Iterator[Terminal]:
-    with Terminal([*PROGRAM, "--running"], cwd=ROOT) as terminal:
-        terminal.wait_for(LAST_KEY, timeout=STARTING)
+    with console() as terminal:
         yield terminal
 
 
@@ -58,11 +66,9 @@ def test_a_signal_leaves_cleanly_and_restores_the_terminal(
 
 
 @pytest.mark.machine
-def test_a_terminal_that_goes_ends_the_console_soon() -> None:
-    with Terminal([*PROGRAM, "--running"], cwd=ROOT) as terminal:
-        terminal.wait_for(LAST_KEY, timeout=STARTING)
-        terminal.hang_up()
-        assert terminal.wait_exit(10.0) == 128 + signal.SIGHUP
+def test_a_terminal_that_goes_ends_the_console_soon(running: Terminal) -> None:
+    running.hang_up()
+    assert running.wait_exit(10.0) == 128 + signal.SIGHUP
 
 
 @pytest.mark.machine
@@ -83,8 +89,7 @@ def test_quitting_a_run_asks_and_then_restores_the_terminal(running: Terminal) -
 
 @pytest.mark.machine
 def test_no_color_means_no_colour_and_everything_still_reads() -> None:
-    with Terminal([*PROGRAM, "--running"], env={"NO_COLOR": "1"}, cwd=ROOT) as terminal:
-        terminal.wait_for(LAST_KEY, timeout=STARTING)
+    with console(NO_COLOR="1") as terminal:
         terminal.wait_for("~~ SIMULATED nominal ~~")
         terminal.send(F8)
         terminal.wait_for("> n no, the run goes on")
@@ -95,8 +100,7 @@ def test_no_color_means_no_colour_and_everything_still_reads() -> None:
 def test_the_error_output_may_go_elsewhere(tmp_path: Path) -> None:
     errors = tmp_path / "errors"
     command = f"exec {shlex.join(PROGRAM)} 2>{shlex.quote(str(errors))}"
-    with Terminal(["sh", "-c", command], cwd=ROOT) as terminal:
-        terminal.wait_for(LAST_KEY, timeout=STARTING)
+    with console(["sh", "-c", command]) as terminal:
         terminal.send(F10)
         assert terminal.wait_exit() == 0
         assert LEAVE_SCREEN in terminal.output
@@ -129,20 +133,20 @@ def test_the_screens_import_nothing_slow() -> None:
 @pytest.mark.machine
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("columns", "lines", "most"), [(80, 24, 4_500), (120, 36, 5_000), (160, 50, 5_500)]
+    ("argv", "columns", "lines", "most"),
+    [
+        (CONSOLE, 80, 24, 4_500),
+        (CONSOLE, 120, 36, 5_000),
+        (CONSOLE, 160, 50, 5_500),
+        (PROGRAM, 80, 24, 1_000),
+    ],
+    ids=["a live run", "a larger one", "a very large one", "at rest"],
 )
-def test_a_live_run_is_light_on_the_line(columns: int, lines: int, most: float) -> None:
-    with Terminal([*PROGRAM, "--running"], columns, lines, cwd=ROOT) as terminal:
-        terminal.wait_for(LAST_KEY, timeout=STARTING)
+def test_the_screens_are_light_on_the_line(
+    argv: Sequence[str], columns: int, lines: int, most: float
+) -> None:
+    with console(argv, columns, lines) as terminal:
         assert bytes_per_second(terminal, 6.0) <= most
-
-
-@pytest.mark.machine
-@pytest.mark.slow
-def test_an_idle_console_hardly_writes() -> None:
-    with Terminal(PROGRAM, cwd=ROOT) as terminal:
-        terminal.wait_for(LAST_KEY, timeout=STARTING)
-        assert bytes_per_second(terminal, 4.0) <= 1_000
 
 
 def bytes_per_second(terminal: Terminal, duration: float) -> float:
@@ -171,14 +175,26 @@ def ends(tmp_path: Path) -> Path:
     return tmp_path / "ends"
 
 
-CONSOLE = [sys.executable, "-m", "tests.madrob_console.ui.moving_engine", "--running"]
-
-
 @pytest.fixture
 def tmux(ends: Path) -> Iterator[Tmux]:
     with Tmux([*CONSOLE, str(ends)], cwd=ROOT) as tmux:
         tmux.wait_for("RUNNING", timeout=STARTING)
         yield tmux
+
+
+@pytest.fixture
+def result(tmux: Tmux, ends: Path) -> Tmux:
+    """The run is over, and somebody has seen that."""
+    ends.touch()
+    tmux.wait_for("The result is written")
+    time.sleep(HUMAN)
+    return tmux
+
+
+def copy_folder(tmux: Tmux) -> None:
+    type_keys(tmux, "Enter y", HUMAN)
+    tmux.wait_for("the run's folder")
+    tmux.press("p")
 
 
 def type_keys(tmux: Tmux, keys: str, gap: float) -> None:
@@ -212,22 +228,6 @@ def test_answers_to_an_abort_rule_on_nothing_when_the_run_is_over(
 @pytest.mark.machine
 @pytest.mark.needs("tmux")
 @pytest.mark.parametrize("gap", [MACHINE, HUMAN])
-def test_a_refused_timeout_and_what_would_have_answered_it_rule_on_nothing(
-    tmux: Tmux, ends: Path, gap: float
-) -> None:
-    ends.touch()
-    tmux.wait_for("The result is written")
-    time.sleep(HUMAN)
-    type_keys(tmux, "F9 2 Enter F9 2 y", gap)
-    tmux.wait_for("is left out: F9 was refused: the run has stopped")
-    screen = "\n".join(tmux.screen())
-    assert "Step 2" not in screen
-    assert "Copy" not in screen.splitlines()[-8]
-
-
-@pytest.mark.machine
-@pytest.mark.needs("tmux")
-@pytest.mark.parametrize("gap", [MACHINE, HUMAN])
 def test_an_abort_is_answered_at_any_speed(tmux: Tmux, gap: float) -> None:
     type_keys(tmux, "F8 1 y", gap)
     tmux.wait_for("ABORTED")
@@ -235,15 +235,10 @@ def test_an_abort_is_answered_at_any_speed(tmux: Tmux, gap: float) -> None:
 
 @pytest.mark.machine
 @pytest.mark.needs("tmux")
-def test_y_copies_into_the_tmux_of_this_machine(tmux: Tmux, ends: Path) -> None:
-    ends.touch()
-    tmux.wait_for("The result is written")
-    time.sleep(HUMAN)
-    type_keys(tmux, "Enter y", HUMAN)
-    tmux.wait_for("the run's folder")
-    tmux.press("p")
-    tmux.wait_for("Copied, also into tmux's buffer: the run's folder")
-    assert tmux.buffer() == FOLDER
+def test_y_copies_into_the_tmux_of_this_machine(result: Tmux) -> None:
+    copy_folder(result)
+    result.wait_for("Copied, also into tmux's buffer: the run's folder")
+    assert result.buffer() == FOLDER
 
 
 @pytest.mark.machine
@@ -254,9 +249,7 @@ def test_y_copies_into_a_tmux_at_the_other_end_of_ssh_that_lets_it(ends: Path) -
         tmux.set_option("set-clipboard", "on")
         tmux.wait_for("The result is written", timeout=STARTING)
         time.sleep(HUMAN)
-        type_keys(tmux, "Enter y", HUMAN)
-        tmux.wait_for("the run's folder")
-        tmux.press("p")
+        copy_folder(tmux)
         tmux.wait_for("Copied, if tmux has `set-clipboard on`")
         assert tmux.buffer() == FOLDER
 
@@ -274,81 +267,62 @@ def served(tmp_path: Path) -> Iterator[Served]:
     served.close()
 
 
-def hung(served: Served, stack: ExitStack) -> None:
-    """A console that greets and reads nothing."""
+def first_console(served: Served, state: str, stack: ExitStack) -> Callable[[], None]:
+    """A console that reads what it is sent, or greets and reads nothing; returns what ends it."""
+    if state != "hung":
+        client = served.attach(who=FIRST)
+        stack.callback(client.close)
+        return client.close
     console = stack.enter_context(served.connect())
     console.sendall(wire.frame(wire.Hello(wire.VERSION, Role.REFEREE, FIRST)))
     until(lambda: served.server._referee is not None)
+    return console.close
 
 
-def attached(served: Served, stack: ExitStack) -> Callable[[], None]:
-    """A console that reads what it is sent; returns what ends it."""
-    client = served.attach(who=FIRST)
-    stack.callback(client.close)
-    return client.close
-
-
-def abort_by_two_keys(served: Served, first: str, size: tuple[int, int]) -> float:
+async def abort_by_two_keys(served: Served, first: str, size: tuple[int, int]) -> float:
     """Press F8 and y once each on a second console; how long it took until the run stopped, s."""
-
-    async def drive(ended: Callable[[], None] | None) -> float:
+    gone = first == "gone"
+    has_it = "No console" if gone else FIRST
+    with ExitStack() as stack:
+        close = first_console(served, first, stack)
+        start(served.local)
         second = served.attach(who="bo@tent (2)")
         app = MadrobApp(lambda: second, DEFAULTS)
         async with app.run_test(size=size) as pilot:
+            shown = Shown(app, pilot)
             await app.workers.wait_for_complete()
-            if ended is not None:
-                ended()
-            has_it = "No console" if first == "gone" else FIRST
-            await seen(pilot, lambda: second.snapshot().right.free == (first == "gone"))
+            if gone:
+                close()
+            await shown.until(lambda _: second.snapshot().right.free == gone)
             begun = time.monotonic()
             app.simulate_key("f8")
-            asked = f"{has_it} has the right to act. Take it over"
-            await seen(pilot, lambda: asked in text_of(app))
+            await shown.until(f"{has_it} has the right to act. Take it over")
             app.simulate_key("y")
-            await seen(pilot, lambda: served.local.snapshot().run.phase is Phase.STOPPED)
+            await shown.until(lambda _: served.local.snapshot().run.phase is Phase.STOPPED)
             took = time.monotonic() - begun
             await app.workers.wait_for_complete()
-        return took
-
-    with ExitStack() as stack:
-        close = None if first == "hung" else attached(served, stack)
-        if first == "hung":
-            hung(served, stack)
-        start(served.local)
-        took = asyncio.run(drive(close if first == "gone" else None))
     assert served.local.snapshot().run.outcome is Outcome.ABORTED
     return took
 
 
+SIZES = pytest.mark.parametrize("size", [(120, 36), (40, 12)])
+FIRSTS = pytest.mark.parametrize("first", ["alive", "hung", "gone"])
+
+
 @pytest.mark.machine
-@pytest.mark.parametrize("size", [(120, 36), (40, 12)])
-@pytest.mark.parametrize("first", ["alive", "hung", "gone"])
-def test_two_keys_of_a_second_console_abort_the_run(
+@SIZES
+@FIRSTS
+async def test_two_keys_of_a_second_console_abort_the_run(
     served: Served, first: str, size: tuple[int, int]
 ) -> None:
-    abort_by_two_keys(served, first, size)
+    await abort_by_two_keys(served, first, size)
 
 
 @pytest.mark.slow
 @pytest.mark.machine
-@pytest.mark.parametrize("size", [(120, 36), (40, 12)])
-@pytest.mark.parametrize("first", ["alive", "hung", "gone"])
-def test_a_second_console_aborts_without_a_wait(
+@SIZES
+@FIRSTS
+async def test_a_second_console_aborts_without_a_wait(
     served: Served, first: str, size: tuple[int, int]
 ) -> None:
-    took = abort_by_two_keys(served, first, size)
-    print(f"{first}, {size[0]} x {size[1]}: F8 y, {took:.2f} s")
-    assert took < PROMPT
-
-
-def text_of(app: MadrobApp) -> str:
-    """What stands on the screen, without the frame of the question."""
-    rows = (strip.text.replace("│", "") for strip in app.screen._compositor.render_strips())
-    return " ".join(" ".join(rows).split())
-
-
-async def seen(pilot: Pilot[None], there: Callable[[], bool]) -> None:
-    """Wait for it, while the screens go on."""
-    async with asyncio.timeout(20.0):
-        while not there():
-            await pilot.pause(0.01)
+    assert await abort_by_two_keys(served, first, size) < PROMPT

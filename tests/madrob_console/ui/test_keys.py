@@ -1,8 +1,7 @@
 from __future__ import annotations
 
-import base64
-import re
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+import getpass
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,7 +30,8 @@ from madrob_console.referee.acts import (
 )
 from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase, stop
-from madrob_console.ui.keys.dialogs import Copy, ask_copy
+from madrob_console.ui.cells.lines import plain
+from madrob_console.ui.keys.dialogs import ask_copy
 from madrob_console.ui.keys.key_table import (
     FUNCTION_KEYS,
     KEYS,
@@ -43,17 +43,20 @@ from madrob_console.ui.look.words import cut_inside, wrapped
 from madrob_console.ui.panes.result_pane import ResultDetails
 from madrob_console.ui.panes.runs_pane import HistoryPane
 from scoring.protocol import Outcome, Side, Step
-from tests.madrob_console.run_folders import summary, write
+from tests.madrob_console.run_folders import summary
 from tests.madrob_console.ui.driver import (
     DEFAULTS,
     LARGE,
-    SMALL,
     Driver,
     Stories,
+    Story,
     acting,
+    answered,
     driving,
+    follow,
     has,
     in_sizes,
+    opened,
     pane,
     passes,
     play,
@@ -61,110 +64,80 @@ from tests.madrob_console.ui.driver import (
     sets,
     setup_of,
     types_every,
+    waits,
 )
-from tests.madrob_console.ui.fake_engine import FOLDER, FakeEngine, a_setup
+from tests.madrob_console.ui.fake_engine import EPOCH, FOLDER, FakeEngine, a_setup, prepared
 
-
-async def before_set_up(driver: Driver) -> None:
-    await driver.press("f3")
-
-
-async def after_set_up(driver: Driver) -> None:
-    driver.engine.run = SetUp(a_setup()).apply(driver.engine._situation(), driver.engine.now)
-    await driver.press("f3")
-
-
-async def pose_confirmed(driver: Driver) -> None:
-    await driver.set_up()
-    await driver.press("f3")
-
-
-async def door_open(driver: Driver) -> None:
-    driver.engine.angle = 0.4
-    await after_set_up(driver)
-
-
-async def countdown(driver: Driver) -> None:
-    await driver.set_up()
-    await driver.press("f5")
-
-
-async def false_start(driver: Driver) -> None:
-    await countdown(driver)
-    driver.engine.false_start()
-
-
-async def running(driver: Driver) -> None:
-    await driver.run()
-
-
-async def stopped(driver: Driver) -> None:
-    await driver.run()
-    await driver.finish()
-
-
-async def final(driver: Driver) -> None:
-    await stopped(driver)
-    await driver.press("enter", "f", "a", "enter")
-
-
-Situation = Callable[[Driver], Awaitable[None]]
+SET_UP = (lambda d: setattr(d.engine, "run", SetUp(a_setup()).apply(d.engine._situation(), EPOCH)),)
+STOPPED = ((Driver.run,), (Driver.finish,))
+COUNTDOWN = ((Driver.set_up,), ("f5",))
+SITUATIONS: Stories = {
+    "nothing is set up": [("f3",)],
+    "a run is set up": [SET_UP, ("f3",)],
+    "the pose is confirmed": [(Driver.set_up,), ("f3",)],
+    "the door is open": [(sets(angle=0.4),), SET_UP, ("f3",)],
+    "the countdown runs": COUNTDOWN,
+    "somebody started too early": [*COUNTDOWN, (lambda d: d.engine.false_start(),)],
+    "the run goes on": [(Driver.run,)],
+    "the run has stopped": STOPPED,
+    "the result is final": [*STOPPED, ("enter f a enter",)],
+}
 
 
 @pytest.mark.parametrize(
     ("situation", "cases"),
     [
-        (pose_confirmed, [(["f5"], Start())]),
+        ("the pose is confirmed", [("f5", Start())]),
         (
-            after_set_up,
+            "a run is set up",
             [
-                (["f6"], ConfirmPose()),
-                (["f7"], ZeroHandle()),
-                (["enter", "w", "1"], Waive(CheckName.POSE, "checked by hand")),
+                ("f6", ConfirmPose()),
+                ("f7", ZeroHandle()),
+                ("enter w 1", Waive(CheckName.POSE, "checked by hand")),
             ],
         ),
-        (door_open, [(["enter", "w", "2", "2"], Waive(CheckName.POSE, "known testbed fault"))]),
+        ("the door is open", [("enter w 2 2", Waive(CheckName.POSE, "known testbed fault"))]),
         (
-            false_start,
+            "somebody started too early",
             [
-                (["enter", "r"], RestartCountdown()),
-                (["enter", "a", "2"], AcceptFalseStart("sensor false alarm")),
-                (["f8", "2", "y"], Abort("testbed fault")),
+                ("enter r", RestartCountdown()),
+                ("enter a 2", AcceptFalseStart("sensor false alarm")),
+                ("f8 2 y", Abort("testbed fault")),
             ],
         ),
         (
-            running,
+            "the run goes on",
             [
-                (["f8", "1", "y"], Abort("robot unsafe")),
-                (["f9", "1", "y"], DeclareTimeout("the team gives up")),
-                (["3", "c"], Rule(Step.OPEN, confirmed=True, reason="seen by the referee")),
-                (["i", "h"], MarkIncident(IncidentKind.HUMAN_INTERVENTION)),
-                (["i", "c"], MarkIncident(IncidentKind.COLLISION)),
-                (["i", "f"], MarkIncident(IncidentKind.FALL)),
+                ("f8 1 y", Abort("robot unsafe")),
+                ("f9 1 y", DeclareTimeout("the team gives up")),
+                ("3 c", Rule(Step.OPEN, confirmed=True, reason="seen by the referee")),
+                ("i h", MarkIncident(IncidentKind.HUMAN_INTERVENTION)),
+                ("i c", MarkIncident(IncidentKind.COLLISION)),
+                ("i f", MarkIncident(IncidentKind.FALL)),
                 (
-                    ["i", "o", "v", "x", "f", "enter"],
+                    "i o v x f enter",
                     MarkIncident(IncidentKind.OTHER, "vxf", 1.0),
                 ),
-                (["3", "s"], Rule(Step.OPEN, None, "seen by the referee")),
-                (["i", "n", "o", "k", "enter"], AddNote("ok")),
+                ("3 s", Rule(Step.OPEN, None, "seen by the referee")),
+                ("i n o k enter", AddNote("ok")),
             ],
         ),
         (
-            stopped,
+            "the run has stopped",
             [
                 (
-                    ["6", "r", "3", "d"],
+                    "6 r 3 d",
                     Rule(Step.LOCK, confirmed=False, reason="sensor false alarm"),
                 ),
-                (["enter", "f", "b", "n", "o", "enter"], Finalise(TeamWord.ABSENT, "Ada", "no")),
-                (["x"], SetUp(a_setup(run_number=2))),
+                ("enter f b n o enter", Finalise(TeamWord.ABSENT, "Ada", "no")),
+                ("x", SetUp(a_setup(run_number=2))),
             ],
         ),
         (
-            final,
+            "the result is final",
             [
-                (["enter", "u", "1", "y"], Reissue("a step was ruled wrongly")),
-                (["x"], SetUp(a_setup(2))),
+                ("enter u 1 y", Reissue("a step was ruled wrongly")),
+                ("x", SetUp(a_setup(2))),
             ],
         ),
     ],
@@ -172,24 +145,23 @@ Situation = Callable[[Driver], Awaitable[None]]
 async def test_a_key_hands_in_its_act(
     driver: Driver,
     engine: FakeEngine,
-    situation: Situation,
-    cases: Sequence[tuple[Sequence[str], Act]],
+    situation: str,
+    cases: Sequence[tuple[str, Act]],
 ) -> None:
-    await situation(driver)
+    await follow(driver, SITUATIONS[situation])
     run, result = engine.run, engine.result
     for keys, act in cases:
         engine.run, engine.result = run, result
-        await driver.press(*keys)
-        assert engine.acts[-1] == act
-        assert driver.console.status.startswith("Done: ")
+        await driver.settle()
+        await follow(driver, [(keys, act, lambda d: d.console.status.startswith("Done: "))])
 
 
 @pytest.mark.parametrize(
     ("situation", "reasons"),
     [
-        (before_set_up, dict.fromkeys(("f5", "f6", "f8", "i"), "no run is set up yet")),
+        ("nothing is set up", dict.fromkeys(("f5", "f6", "f8", "i"), "no run is set up yet")),
         (
-            after_set_up,
+            "a run is set up",
             {
                 "f5": "F6 confirms the start pose",
                 "f8": "the run has not started",
@@ -198,22 +170,22 @@ async def test_a_key_hands_in_its_act(
             },
         ),
         (
-            countdown,
+            "the countdown runs",
             {
                 "f5": "the countdown is running",
                 "f9": "the countdown is running",
                 "x": "the countdown is running",
             },
         ),
-        (running, dict.fromkeys(("f5", "f6", "f7", "x"), "a run is going on")),
-        (stopped, {"f8": "the run has stopped"}),
-        (final, dict.fromkeys(("1", "i", "f8"), "the result is final")),
+        ("the run goes on", dict.fromkeys(("f5", "f6", "f7", "x"), "a run is going on")),
+        ("the run has stopped", {"f8": "the run has stopped"}),
+        ("the result is final", dict.fromkeys(("1", "i", "f8"), "the result is final")),
     ],
 )
 async def test_a_key_that_is_not_possible_says_why_and_does_nothing(
-    driver: Driver, engine: FakeEngine, situation: Situation, reasons: Mapping[str, str]
+    driver: Driver, engine: FakeEngine, situation: str, reasons: Mapping[str, str]
 ) -> None:
-    await situation(driver)
+    await follow(driver, SITUATIONS[situation])
     before, done = engine.run, list(engine.acts)
     for key, reason in reasons.items():
         await driver.press(key)
@@ -242,26 +214,26 @@ def test_no_screen_has_more_than_eighteen_keys() -> None:
     assert len([key for key in keys if key.name != "palette"]) == 18
 
 
-async def test_a_console_that_comes_back_to_a_run_shows_it(engine: FakeEngine) -> None:
-    async with driving(engine) as driver:
-        await driver.run()
-    async with driving(engine) as driver:
-        assert driver.console.pane == "live"
-        assert "RUNNING" in driver.text
+def unscored() -> FakeEngine:
+    """A run has stopped, and its result is still to come."""
+    engine = prepared()
     engine.run = stop(engine.run, Outcome.COMPLETED, engine.now, "step 6 is done")
-    async with driving(engine) as driver:
-        assert driver.console.pane == "live"
-        engine.score()
-        await driver.settle()
-        assert driver.console.pane == "results"
+    return engine
 
 
-async def click(driver: Driver, text: str, within: str = "", times: int = 1) -> None:
-    """Click on the first character of a text, in the first row that holds it and `within`."""
-    rows: Sequence[str] = driver.rows()
-    y = next(y for y, row in enumerate(rows) if text in row and within in row)
-    await driver.pilot.click(offset=(rows[y].index(text), y), times=times)
-    await driver.settle()
+@pytest.mark.parametrize(
+    ("engine", "rows"),
+    [
+        (prepared(), [("", pane("live"), "RUNNING")]),
+        (
+            unscored(),
+            [("", pane("live")), (lambda d: d.engine.score(),), (Driver.settle, pane("results"))],
+        ),
+    ],
+    ids=["that goes on", "that is over, and its result comes"],
+)
+async def test_a_console_that_comes_back_to_a_run_shows_it(driver: Driver, rows: Story) -> None:
+    await follow(driver, rows)
 
 
 async def press_button(driver: Driver, text: str) -> None:
@@ -277,89 +249,8 @@ async def press_button(driver: Driver, text: str) -> None:
     await driver.pilot.pause()
 
 
-async def test_rows_are_marked_and_opened_and_heads_sort(
-    engine: FakeEngine, tmp_path: Path
-) -> None:
-    for number in (1, 2, 3):
-        write(tmp_path, summary(number))
-    defaults = replace(DEFAULTS, results=tmp_path)
-
-    async with driving(engine, LARGE, defaults=defaults) as driver:
-        await driver.answered("escape", "h")
-        table = driver.console.query_one(HistoryPane).table
-        assert [run.subject for run in table.rows] == [3, 2, 1]
-        await click(driver, "sub")
-        assert [run.subject for run in table.rows] == [1, 2, 3]
-        await click(driver, "sub")
-        assert [run.subject for run in table.rows] == [3, 2, 1]
-        y = next(y for y, row in enumerate(driver.rows()) if row.lstrip().startswith("> "))
-        await driver.pilot.click(offset=(10, y + 1), times=2)
-        await driver.settle()
-        await driver.answered("o")
-        assert engine.opened == [table.rows[1].folder]
-
-
-PLAIN = re.compile(r"\x1b\]52;c;([A-Za-z0-9+/=]*)\x07")
-
-
-def copied(written: list[str]) -> str:
-    """The text that the terminal was handed last."""
-    (encoded,) = PLAIN.findall(written[-1])[:1]
-    return base64.b64decode(encoded).decode()
-
-
-async def test_y_copies_the_result_its_folder_and_a_line_that_fetches_it(
-    engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("getpass.getuser", lambda: "ada")
-
-    async with driving(engine, defaults=replace(DEFAULTS, host="hall")) as driver:
-        written: list[str] = []
-        await driver.run()
-        await driver.finish()
-        monkeypatch.setattr(driver.app._driver, "write", written.append)
-        await driver.press("enter", "y", "p")
-        assert copied(written) == FOLDER
-        assert FOLDER in driver.console.status
-        await driver.press("enter", "y", "s")
-        assert copied(written) == f"scp -r ada@hall:{FOLDER} ."
-        await driver.press("enter", "y", "r")
-        assert copied(written).startswith("COMPLETED")
-        assert "17.432" in copied(written)
-        before = list(written)
-        await driver.press("enter", "y", "enter", "escape")
-        assert [text for text in written[len(before) :] if PLAIN.search(text)] == []
-        engine.export = ExportView(1, "/home/ada/a team.zip")
-        await driver.settle()
-        await driver.press("enter", "y", "l")
-        assert copied(written) == "scp 'ada@hall:/home/ada/a team.zip' ."
-
-
-async def test_y_copies_the_marked_row_with_its_heads(
-    engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write(tmp_path, summary(7))
-
-    async with driving(engine, defaults=replace(DEFAULTS, results=tmp_path)) as driver:
-        written: list[str] = []
-        await driver.answered("escape", "h")
-        monkeypatch.setattr(driver.app._driver, "write", written.append)
-        await driver.press("enter", "y", "m")
-        heads, cells = copied(written).splitlines()
-        row = dict(zip(heads.split("\t"), cells.split("\t"), strict=True))
-        assert row["subj"] == "7"
-        marked = driver.console.query_one(HistoryPane).table.selected
-        assert marked is not None
-        await driver.press("enter", "y", "p")
-        assert copied(written) == str(tmp_path / marked.folder)
-
-
-async def test_there_may_be_nothing_to_copy(engine: FakeEngine) -> None:
+def test_there_may_be_nothing_to_copy() -> None:
     assert ask_copy("", "", "", "", "ada@hall") == "there is no row, no result and no run to copy"
-
-    async with driving(engine) as driver:
-        await driver.press("f3", "enter", "y")
-        assert "Refused: copy: there is no row" in driver.console.status
 
 
 def test_a_path_is_whole_or_cut_in_its_middle_and_never_broken_in_a_number() -> None:
@@ -383,21 +274,24 @@ async def test_a_result_tells_how_many_pictures_there_are_and_y_copies_where(
     pictures.mkdir()
     for name in ("01_door_opens_camera.jpg", "02_door_closes_camera.jpg", "index.json"):
         (pictures / name).touch()
-
+    rows: Story = [
+        (Driver.run,),
+        (Driver.finish,),
+        ("v",),
+        # they are looked for in a thread
+        (
+            waits(
+                "",
+                lambda d: (
+                    f"2 pictures        {pictures}"
+                    in plain(d.app.query_one(ResultDetails).lines(200))
+                ),
+            ),
+        ),
+        ("enter y f", copied(str(pictures))),
+    ]
     async with driving(engine) as driver:
-        await driver.run()
-        await driver.finish()
-        details = driver.app.query_one(ResultDetails)
-        while not details.pictures:  # they are looked for in a thread
-            await driver.settle()
-        await driver.settle()
-        shown = "".join(span.text for line in details.lines(200) for span in line)
-        assert f"2 pictures        {pictures}" in shown
-        asked = driver.console.ask_copy("ada")
-        assert not isinstance(asked, str)
-        copy = asked.make("f")
-        assert isinstance(copy, Copy)
-        assert copy.text == str(pictures)
+        await follow(driver, rows)
 
 
 def test_what_is_no_folder_of_pictures_counts_as_none(tmp_path: Path) -> None:
@@ -409,16 +303,22 @@ def test_what_is_no_folder_of_pictures_counts_as_none(tmp_path: Path) -> None:
     assert pictures_in(str(tmp_path)) == 1
 
 
-async def test_the_first_page_of_the_help_has_every_key_and_the_main_lines(
-    engine: FakeEngine,
-) -> None:
-    async with driving(engine, SMALL) as driver:
-        await driver.press("escape", "f1")
-        text = " ".join(driver.text.split())
-        for key in (*FUNCTION_KEYS, *LETTER_KEYS):
-            assert f"{key.cap} {key.label}" in text
-        for words in ("F8 aborts", "z takes it back", "Practice never counts"):
-            assert words in text
+def copied(text: str) -> Callable[[Driver], object]:
+    """What the terminal was handed last."""
+    return lambda driver: driver.app.clipboard == text
+
+
+def subjects(*numbers: int) -> Callable[[Driver], object]:
+    return lambda driver: (
+        [run.subject for run in driver.console.query_one(HistoryPane).table.rows] == [*numbers]
+    )
+
+
+async def double_click_below(driver: Driver) -> None:
+    """The row below the marked one."""
+    y = driver.rows().index(driver.marked)
+    await driver.pilot.click(offset=(10, y + 1), times=2)
+    await driver.answered()
 
 
 IN_ORDER = [
@@ -428,6 +328,52 @@ IN_ORDER = [
 ]
 
 STORIES: Stories = {
+    "the first page of the help has every key and the main lines": [
+        (
+            "escape f1",
+            *(f"{key.cap} {key.label}" for key in (*FUNCTION_KEYS, *LETTER_KEYS)),
+            *("F8 aborts", "z takes it back", "Practice never counts"),
+        ),
+    ],
+    "rows are marked and opened and heads sort": [
+        (opened(LARGE, runs=[summary(number) for number in (1, 2, 3)]),),
+        (answered("escape h"), subjects(3, 2, 1)),
+        (acting(Driver.click, "sub"), subjects(1, 2, 3)),
+        (acting(Driver.click, "sub"), subjects(3, 2, 1)),
+        (double_click_below,),
+        (answered("o"), lambda d: d.engine.opened == [summary(2).folder]),
+    ],
+    "y copies the result its folder and a line that fetches it": [
+        (opened(defaults=replace(DEFAULTS, host="hall")),),
+        *STOPPED,
+        ("enter y p", copied(FOLDER), says(FOLDER)),
+        ("enter y s", copied(f"scp -r {getpass.getuser()}@hall:{FOLDER} .")),
+        (
+            "enter y r",
+            lambda d: d.app.clipboard.startswith("COMPLETED"),
+            lambda d: "17.432" in d.app.clipboard,
+        ),
+        ("enter y enter escape", lambda d: d.app.clipboard.startswith("COMPLETED")),
+        (has(export=ExportView(1, "/home/ada/a team.zip")),),
+        ("enter y l", copied(f"scp '{getpass.getuser()}@hall:/home/ada/a team.zip' .")),
+    ],
+    "y copies the marked row with its heads": [
+        (opened(runs=[summary(7)]),),
+        (answered("escape h"),),
+        (
+            "enter y m",
+            lambda d: (
+                dict(zip(*(row.split("\t") for row in d.app.clipboard.splitlines()), strict=True))[
+                    "subj"
+                ]
+                == "7"
+            ),
+        ),
+        ("enter y p", lambda d: Path(d.app.clipboard).name == summary(7).folder),
+    ],
+    "there may be nothing to copy": [
+        ("f3 enter y", says("Refused: copy: there is no row")),
+    ],
     "panes have keys that work while a text is typed": [
         ("f3", pane("live")),
         ("f4", pane("results")),
@@ -440,11 +386,12 @@ STORIES: Stories = {
         ("i c i n =late enter f8 4 y", lambda d: d.engine.acts[-3:] == IN_ORDER),
     ],
     "a check is waived only where one fails": [
-        (pose_confirmed,),
+        (Driver.set_up,),
+        ("f3",),
         ("enter", "Not now: w waive: no check fails"),
     ],
     "no handle data no zero": [
-        (after_set_up,),
+        *SITUATIONS["a run is set up"],
         (sets(force=None),),
         ("f7", says("no fresh handle force")),
     ],
@@ -463,19 +410,19 @@ STORIES: Stories = {
     "the keys of the footer are clicked": [
         (in_sizes(LARGE),),
         ("f3",),
-        (acting(click, "History"), pane("history")),
+        (acting(Driver.click, "History"), pane("history")),
         (Driver.run,),
         ("f3",),
-        (acting(click, "6 ", "Step"), "Step 6: lock the door"),
+        (acting(Driver.click, "6 ", "Step"), "Step 6: lock the door"),
     ],
     "answers are clicked": [
         (Driver.run,),
-        (acting(click, "F8"),),
-        (acting(click, "testbed fault"),),
-        (acting(click, "no (also Enter, Escape)"), Phase.RUNNING),
-        (acting(click, "F8"),),
-        (acting(click, "robot unsafe"),),
-        (acting(click, "y yes"), Abort("robot unsafe")),
+        (acting(Driver.click, "F8"),),
+        (acting(Driver.click, "testbed fault"),),
+        (acting(Driver.click, "no (also Enter, Escape)"), Phase.RUNNING),
+        (acting(Driver.click, "F8"),),
+        (acting(Driver.click, "robot unsafe"),),
+        (acting(Driver.click, "y yes"), Abort("robot unsafe")),
     ],
     "a click that comes as the question changes is left out": [
         (Driver.run,),
@@ -488,14 +435,17 @@ STORIES: Stories = {
     ],
     "the form is filled by the mouse": [
         ("escape",),
-        (acting(click, "Door Bots"), lambda d: isinstance(d.app.focused, Input)),
+        (acting(Driver.click, "Door Bots"), lambda d: isinstance(d.app.focused, Input)),
         ("escape",),
-        (acting(click, "CCW >", "Opening side"),),
+        (acting(Driver.click, "CCW >", "Opening side"),),
         (
-            acting(click, "Set up this run"),
-            lambda d: setup_of(d.engine).condition.opening_side is Side.CW,
+            acting(Driver.click, "Set up this run"),
+            lambda d: setup_of(d).condition.opening_side is Side.CW,
         ),
-        (acting(click, "F6 confirms the start pose", times=2), "Waive 'start pose' for this run"),
+        (
+            acting(Driver.click, "F6 confirms the start pose", times=2),
+            "Waive 'start pose' for this run",
+        ),
     ],
 }
 

@@ -24,10 +24,11 @@ from tests.madrob_console.ui.driver import (
     SMALL,
     Driver,
     Stories,
+    Story,
     acting,
     answered,
-    driving,
     focused,
+    follow,
     has,
     in_sizes,
     no,
@@ -43,7 +44,7 @@ from tests.madrob_console.ui.driver import (
     sets,
     setup_of,
 )
-from tests.madrob_console.ui.fake_engine import FakeEngine
+from tests.madrob_console.ui.fake_engine import EPOCH, FakeEngine
 
 TEAMS = TeamList({1: "Walkers", 2: "門の騎士", 3: "Delft University Door Openers"})
 
@@ -58,13 +59,13 @@ def planned() -> FakeEngine:
     return FakeEngine(kind=SourceKind.ROS, plan=lines, teams=TEAMS)
 
 
-def task(engine: FakeEngine) -> Task:
-    setup = setup_of(engine)
+def task(driver: Driver) -> Task:
+    setup = setup_of(driver)
     return Task(setup.subject, setup.condition.number)
 
 
 def is_set_up(subject: int, condition: int) -> Callable[[Driver], object]:
-    return lambda driver: task(driver.engine) == Task(subject, condition)
+    return lambda driver: task(driver) == Task(subject, condition)
 
 
 async def click(driver: Driver, team: str, cell: str, times: int = 1) -> None:
@@ -73,10 +74,8 @@ async def click(driver: Driver, team: str, cell: str, times: int = 1) -> None:
     await driver.answered()
 
 
-async def first(driver: Driver) -> None:
-    """The first run of the plan is set up."""
-    await driver.answered()
-    await driver.press("f2", "enter")
+FIRST: Story = [(answered(),), ("f2 enter",)]
+"""The first run of the plan is set up."""
 
 
 async def end(driver: Driver, outcome: Outcome = Outcome.COMPLETED, source: str = "ros") -> None:
@@ -84,57 +83,39 @@ async def end(driver: Driver, outcome: Outcome = Outcome.COMPLETED, source: str 
     engine = driver.engine
     await driver.press("f6", "f5")
     await driver.let_pass(6.0)
-    number, hour = setup_of(engine).run_number, float(len(engine.history))
-    run = summary(*task(engine), number, hour=hour, outcome=outcome, source=source)
+    number, hour = setup_of(driver).run_number, float(len(engine.history))
+    run = summary(*task(driver), number, hour=hour, outcome=outcome, source=source)
     engine.history.append(run)
     engine.finish(outcome)
     await driver.answered()
 
 
-async def test_the_pane_says_what_goes_on_what_is_next_and_how_late_it_is() -> None:
-    engine = planned()
-    at = time.strftime("%H:%M", time.localtime(engine.now - 12 * 60))
-    engine.plan = Plan((PlanLine(Task(1, 1), 2, at), PlanLine(Task(2, 7), 1, at)))
-
-    async with driving(engine) as driver:
-        await driver.answered()
-        await driver.answered("f3", "p")
-        said = " ".join(driver.text.split())
-        assert f"attempt 1 of 2, planned for {at}, 12 min LATE. Then 2 in 7." in said
-        await driver.let_pass(120.0)
-        assert f"planned for {at}, 14 min LATE" in " ".join(driver.text.split())
-        await driver.press("f2", "enter", "f6", "f5")
-        await driver.let_pass(6.0)
-        await driver.answered("f3", "p")
-        said = " ".join(driver.text.split())
-        walkers = "1 Walkers, condition 1 (pull, from CCW to CW, No Force)"
-        now = f"Now: {walkers}, attempt 1 of 2, planned for {at}."
-        assert f"{now} Next: {walkers}, attempt 2 of 2. Then" in said
+AT = time.strftime("%H:%M", time.gmtime(EPOCH - 12 * 60))
+WALKERS = "1 Walkers, condition 1 (pull, from CCW to CW, No Force)"
 
 
-@pytest.mark.parametrize("size", [SMALL, LARGE, (160, 50)])
+BIG = plan(*((subject, cond, 2) for subject in range(1, 13) for cond in range(1, 21)))
+
+
+@pytest.mark.parametrize("size", [SMALL, LARGE])
 async def test_all_of_a_large_plan_can_be_seen_and_reached(
-    engine: FakeEngine, size: tuple[int, int]
+    driver: Driver, engine: FakeEngine
 ) -> None:
-    engine.plan = plan(*((subject, cond, 2) for subject in range(1, 13) for cond in range(1, 21)))
-    engine.teams = TeamList({subject: f"Team number {subject}" for subject in range(1, 13)})
-
-    async with driving(engine, size) as driver:
-        await driver.answered()
-        await driver.answered("f3", "p")
-        seen = set()
-        for _ in range(20):
-            title = next(row for row in driver.rows() if row.lstrip().startswith("subj▲ team"))
-            seen |= {int(word) for word in title.split()[3:]}
-            assert driver.text.count("0/2") >= 12 * 10  # all teams at once, half the conditions
-            await driver.press("right")
-        assert seen == set(range(1, 21))
-        for _ in range(12):
-            await driver.press("down")
-        assert "12 Team number 12, condition 20" in " ".join(driver.text.split())
-        await driver.answered("enter")
-        await driver.answered("f2", "enter")
-        assert task(engine) == Task(12, 20)
+    teams = TeamList({subject: f"Team number {subject}" for subject in range(1, 13)})
+    await follow(driver, [(has(plan=BIG, teams=teams),), (answered("f3 p"),)])
+    seen = set()
+    for _ in range(11):
+        title = next(row for row in driver.rows() if row.lstrip().startswith("subj▲ team"))
+        seen |= {int(word) for word in title.split()[3:]}
+        assert driver.text.count("0/2") >= 12 * 10  # all teams at once, half the conditions
+        await driver.press("right", "right")
+    assert seen == set(range(1, 21))
+    rows: Story = [
+        ("down*12", "12 Team number 12, condition 20"),
+        (answered("enter"),),
+        (answered("f2 enter"), is_set_up(12, 20)),
+    ]
+    await follow(driver, rows)
 
 
 @pytest.mark.parametrize(
@@ -220,8 +201,22 @@ SEEN = "teams file t.csv: it names no team"
 BAD_LINE = "plan.csv line 9: condition '21' is no number"
 
 PLANNED: Stories = {
+    "the pane says what goes on what is next and how late it is": [
+        (on_engine(plan=Plan((PlanLine(Task(1, 1), 2, AT), PlanLine(Task(2, 7), 1, AT)))),),
+        (answered(),),
+        (answered("f3 p"), f"attempt 1 of 2, planned for {AT}, 12 min LATE. Then 2 in 7."),
+        (passes(120.0), f"planned for {AT}, 14 min LATE"),
+        ("f2 enter f6 f5",),
+        (passes(6.0),),
+        (
+            answered("f3 p"),
+            f"Now: {WALKERS}, attempt 1 of 2, planned for {AT}.",
+            f"planned for {AT}. Next: {WALKERS}, attempt 2 of 2. Then",
+        ),
+    ],
     "after each result x goes to the next run of the plan": [
-        (first, is_set_up(1, 1)),
+        *FIRST,
+        ("", is_set_up(1, 1)),
         *(
             row
             for following in ((2, 7), (1, 1), (3, 20), (3, 20))
@@ -233,13 +228,11 @@ PLANNED: Stories = {
     ],
     **{
         f"what has used up no attempt is set up again: {outcome}, {source}": [
-            (first,),
+            *FIRST,
             (acting(end, outcome, source),),
             (answered("x"), Phase.READY, is_set_up(*following)),
         ]
         for outcome, source, following in [
-            (Outcome.COMPLETED, "ros", (2, 7)),
-            (Outcome.TIMEOUT, "ros", (2, 7)),
             (Outcome.ABORTED, "ros", (2, 7)),
             (Outcome.INTERRUPTED, "ros", (1, 1)),
             (Outcome.COMPLETED, "simulated", (1, 1)),
@@ -312,16 +305,15 @@ PLANNED: Stories = {
         (
             answered("f2 enter"),
             is_set_up(3, 20),
-            lambda d: setup_of(d.engine).team == "Delft University Door Openers",
-            lambda d: (
-                setup_of(d.engine).start_pose.side is setup_of(d.engine).condition.starting_side
-            ),
+            lambda d: setup_of(d).team == "Delft University Door Openers",
+            lambda d: setup_of(d).start_pose.side is setup_of(d).condition.starting_side,
             "Run 1 of subject 3, attempt 1 of 2 is set up.",
         ),
     ],
     "who practises goes on with the same team and condition": [
         (on_engine(simulated="nominal"),),
-        (first, is_set_up(1, 1)),
+        *FIRST,
+        ("", is_set_up(1, 1)),
         (acting(end, source="simulated"),),
         (answered("p down enter"),),
         (answered("enter"), is_set_up(2, 1)),
@@ -329,19 +321,18 @@ PLANNED: Stories = {
         (
             answered("x"),
             is_set_up(2, 1),
-            lambda d: setup_of(d.engine).practice,
-            lambda d: not setup_of(d.engine).out_of_plan,
+            lambda d: setup_of(d).practice,
+            lambda d: not setup_of(d).out_of_plan,
         ),
     ],
     "one key repeats the team and condition and says that it is out of plan": [
         (on_engine(plan=plan((1, 1, 1), (2, 7, 1))),),
-        (first,),
+        *FIRST,
         (end,),
         (
             answered("enter X"),
             lambda d: (
-                (task(d.engine), setup_of(d.engine).run_number, setup_of(d.engine).out_of_plan)
-                == (Task(1, 1), 2, True)
+                (task(d), setup_of(d).run_number, setup_of(d).out_of_plan) == (Task(1, 1), 2, True)
             ),
             "x F2 corrects the team: this run is out of plan (Enter waives)",
             no("OUT OF PLAN"),
@@ -349,12 +340,12 @@ PLANNED: Stories = {
         ("x",),
         (
             answered(),
-            lambda d: (task(d.engine), setup_of(d.engine).out_of_plan) == (Task(1, 1), True),
+            lambda d: (task(d), setup_of(d).out_of_plan) == (Task(1, 1), True),
         ),
     ],
     "a run out of plan that the plan takes in needs no waiver": [
         (on_engine(plan=plan((1, 1, 1), (2, 7, 1))),),
-        (first,),
+        *FIRST,
         (end,),
         (answered("enter X"),),
         ("f6 f5", lambda d: d.engine.run.start is None),
@@ -362,53 +353,54 @@ PLANNED: Stories = {
         (answered(),),
         (
             answered("f6 f5"),
-            lambda d: (task(d.engine), setup_of(d.engine).out_of_plan) == (Task(1, 1), False),
+            lambda d: (task(d), setup_of(d).out_of_plan) == (Task(1, 1), False),
             lambda d: d.engine.run.start is not None,
         ),
     ],
     "an aborted attempt is repeated within the plan": [
-        (first,),
+        *FIRST,
         (acting(end, Outcome.ABORTED),),
         (
             answered("enter X"),
             "Run 2 of subject 1, attempt 2 of 2 is set up.",
-            lambda d: (task(d.engine), setup_of(d.engine).out_of_plan) == (Task(1, 1), False),
+            lambda d: (task(d), setup_of(d).out_of_plan) == (Task(1, 1), False),
         ),
     ],
     "a repeated attempt is called that": [
         (on_engine(plan=plan((1, 1, 1), (2, 7, 1))),),
-        (first,),
+        *FIRST,
         (acting(end, Outcome.ABORTED),),
         (
             answered("enter X"),
-            lambda d: not setup_of(d.engine).out_of_plan,
+            lambda d: not setup_of(d).out_of_plan,
             "an attempt repeated is set up",
         ),
     ],
     "after a result the screen says what x sets up": [
-        (first, no("x: 2 門の騎士, condition 7, attempt 1 of 1. p shows the plan.")),
+        *FIRST,
+        ("", no("x: 2 門の騎士, condition 7, attempt 1 of 1. p shows the plan.")),
         (end,),
         ("down", "x: 2 門の騎士, condition 7, attempt 1 of 1. p shows the plan."),
         (answered("x"),),
         ("f3", no("x: 2 門の騎士, condition 7, attempt 1 of 1. p shows the plan.")),
     ],
     "what the referee has chosen is not changed by the plan": [
-        (first,),
+        *FIRST,
         (end,),
         ("f2 3 tab escape",),
         (sets(plan=plan((2, 2, 1), (1, 1, 1))),),
         (answered(),),
-        (answered("x"), lambda d: setup_of(d.engine).subject == 3),
+        (answered("x"), lambda d: setup_of(d).subject == 3),
     ],
     "a plan that changes is followed at once": [
-        (first,),
+        *FIRST,
         (end,),
         (sets(plan=plan((1, 1, 1), (3, 5, 1))),),
         (answered(),),
         (answered("x"), is_set_up(3, 5)),
     ],
     "enter on a cell proposes it and again sets it up": [
-        (first,),
+        *FIRST,
         (end,),
         (
             answered("enter f a enter p up left enter"),
@@ -460,16 +452,16 @@ async def test_what_is_next_is_proposed_and_seen(story: str) -> None:
 
 PICKED: Stories = {
     "two hundred teams are shown page by page": [
-        (in_sizes((80, 24), (60, 18), (120, 36)),),
+        (in_sizes((60, 18), (120, 36)),),
         (on_engine(teams=TeamList(MANY)),),
         ("slash", "> 1 Team 1 ", lambda d: len(found(d)) >= 4),
         ("", "of 201, by subject"),  # and one for another name
         ("pagedown", no("> 1 Team 1 ")),
         ("'=team 177'", lambda d: found(d)[0] == "> 177 Team 177"),
-        ("enter", lambda d: setup_of(d.engine).subject == 177),
+        ("enter", lambda d: setup_of(d).subject == 177),
     ],
     "a long name is shown whole before it is taken": [
-        (in_sizes((80, 24), (60, 18)),),
+        (in_sizes((60, 18)),),
         ("slash =2", f"2 {NAMES[2]}"),
         ("backspace =31", f"31 {LONG}"),
     ],
@@ -482,7 +474,7 @@ PICKED: Stories = {
             "Not set up yet",
         ),
         # its pose was confirmed for the other
-        ("f5", lambda d: setup_of(d.engine).team == "Delft Walkers II", Phase.READY),
+        ("f5", lambda d: setup_of(d).team == "Delft Walkers II", Phase.READY),
         (has(teams=TeamList({**NAMES, 1: "Delft Walkers II"}, (SEEN,))), says(SEEN)),
         ("tab", f"! {SEEN}"),
     ],
@@ -493,7 +485,7 @@ PICKED: Stories = {
         ("=1", lambda d: team(d) == "(not in the list)"),
         (
             "enter",
-            lambda d: (setup_of(d.engine).subject, setup_of(d.engine).team) == (311, ""),
+            lambda d: (setup_of(d).subject, setup_of(d).team) == (311, ""),
             "x F2 corrects the team: 311 is not in the list (Enter waives)",
         ),
     ],
@@ -503,14 +495,12 @@ PICKED: Stories = {
             ("=muller", lambda d: found(d)[0] == "> 3 Équipe Müller"),
             (
                 "enter",
-                lambda d: (
-                    (setup_of(d.engine).subject, setup_of(d.engine).team) == (3, "Équipe Müller")
-                ),
-                lambda d: setup_of(d.engine).team_reason == "",
+                lambda d: (setup_of(d).subject, setup_of(d).team) == (3, "Équipe Müller"),
+                lambda d: setup_of(d).team_reason == "",
             ),
             ("f6", lambda d: d.engine.run.pose_confirmed),
         ]
-        for where in [(), ("tab",), ("tab", "tab"), ("escape",)]
+        for where in [(), ("tab", "tab"), ("escape",)]
     },
     "a slash in a name is typed": [
         (
@@ -522,7 +512,7 @@ PICKED: Stories = {
     "arrows go through the list and escape leaves it as it was": [
         ("slash down down", lambda d: found(d)[2] == "> 3 Équipe Müller"),
         ("escape", lambda d: team(d) == "Delft Walkers", lambda d: d.engine.acts == []),
-        ("slash down enter", lambda d: setup_of(d.engine).subject == 2),
+        ("slash down enter", lambda d: setup_of(d).subject == 2),
     ],
     "another name is asked about and its reason stands with the set up": [
         (
@@ -532,8 +522,8 @@ PICKED: Stories = {
         ("enter", "ANOTHER NAME for subject 1: it is Delft Walkers in the list"),
         (
             "enter 2",
-            lambda d: setup_of(d.engine).team == "Delft Runners",
-            lambda d: setup_of(d.engine).team_reason == "renamed since",
+            lambda d: setup_of(d).team == "Delft Runners",
+            lambda d: setup_of(d).team_reason == "renamed since",
             lambda d: team(d) == "Delft Runners",
             "Other name than the list's: renamed since.",
         ),
@@ -545,23 +535,23 @@ PICKED: Stories = {
                 f"""enter slash =Runners enter {" ".join(keys)}""",
                 no_question,
                 lambda d: team(d) == "Delft Walkers",
-                lambda d: setup_of(d.engine).team == "Delft Walkers",
+                lambda d: setup_of(d).team == "Delft Walkers",
             ),
         ]
-        for keys in [("escape",), ("enter", "enter"), ("enter", "escape")]
+        for keys in [("escape",), ("enter", "enter")]
     },
     "the lists own team takes another name back": [
-        ("slash =Runners enter enter 1", lambda d: setup_of(d.engine).team == "Runners"),
+        ("slash =Runners enter enter 1", lambda d: setup_of(d).team == "Runners"),
         (
             "slash 1 enter",
             lambda d: team(d) == "Delft Walkers",
-            lambda d: setup_of(d.engine).team == "Delft Walkers",
-            lambda d: setup_of(d.engine).team_reason == "",
+            lambda d: setup_of(d).team == "Delft Walkers",
+            lambda d: setup_of(d).team_reason == "",
         ),
     ],
     "another name is of its subject alone": [
-        ("slash =Runners enter enter 1 f2 =2 enter", lambda d: setup_of(d.engine).team == NAMES[2]),
-        ("f2 =1 enter", lambda d: setup_of(d.engine).team == NAMES[1]),
+        ("slash =Runners enter enter 1 f2 =2 enter", lambda d: setup_of(d).team == NAMES[2]),
+        ("f2 =1 enter", lambda d: setup_of(d).team == NAMES[1]),
     ],
     "another name stays for the next run of the team": [
         ("slash =Runners enter enter 1 f6 f5",),
@@ -569,9 +559,9 @@ PICKED: Stories = {
         (Driver.finish,),
         (
             "enter f a enter x",
-            lambda d: setup_of(d.engine).run_number == 2,
-            lambda d: setup_of(d.engine).team == "Runners",
-            lambda d: setup_of(d.engine).team_reason == "the list is wrong",
+            lambda d: setup_of(d).run_number == 2,
+            lambda d: setup_of(d).team == "Runners",
+            lambda d: setup_of(d).team_reason == "the list is wrong",
         ),
     ],
     "without a list the name is typed and slash says how to get one": [
@@ -579,7 +569,7 @@ PICKED: Stories = {
         ("slash", "There is no list of teams, names are free."),
         (
             "enter escape f2 tab '=Any Name' enter",
-            lambda d: setup_of(d.engine).team == "Any Name",
+            lambda d: setup_of(d).team == "Any Name",
         ),
     ],
     "a list that comes while a name is typed sends no letter into another field": [

@@ -1,11 +1,17 @@
+"""A result on the screens: its values, doubts and protests; and the runs before it."""
+
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.cells import cell_len
+from textual.widgets import Input
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.common.errors import MadrobError
@@ -14,14 +20,17 @@ from madrob_console.common.names import SourceKind
 from madrob_console.engine.snapshot import Pulse
 from madrob_console.engine.view import NO_STEPS
 from madrob_console.pages.tally import Aggregate
+from madrob_console.referee.acts import AcceptDoubts, DecideProtest, FileProtest, WithdrawProtest
 from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
 from madrob_console.referee.flags import FlagWeight
 from madrob_console.referee.lists import TeamList
-from madrob_console.referee.records import RemovedEvidence, Voiding
+from madrob_console.referee.records import ProtestEnd, RemovedEvidence, Voiding
 from madrob_console.referee.records import TestbedFault as Fault
 from madrob_console.referee.run import Run
-from madrob_console.ui.cells.lines import Line, Tone
+from madrob_console.ui.cells.lines import Tone, plain
+from madrob_console.ui.look.words import export_text
 from madrob_console.ui.panes.result_pane import (
+    IndicatorTable,
     ResultDetails,
     ResultHead,
     ResultsPane,
@@ -31,264 +40,581 @@ from madrob_console.ui.panes.result_pane import (
 from madrob_console.ui.panes.runs_pane import HistoryPane, about, columns
 from madrob_console.ui.panes.runs_pane import summary as head_line
 from scoring.indicator_table import IndicatorName
-from scoring.procedure import Ruling
+from scoring.procedure import Ruling, StepRecord
 from scoring.protocol import Outcome, Step
-from scoring.result import Indicator
-from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, summary
+from scoring.result import Indicator, Uncertainty
+from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, VALUES, summary
 from tests.madrob_console.ui.driver import (
     LARGE,
     PANE,
     SMALL,
+    Alone,
     Driver,
-    Shown,
+    Item,
     Stories,
+    Story,
     acting,
-    driving,
+    answered,
+    engine_does,
+    follow,
     has,
     in_sizes,
     no,
     on_engine,
+    opened,
+    pages,
     passes,
     play,
-    play_pane,
+    play_alone,
+    runs_with,
     says,
     sets,
     showing,
 )
-from tests.madrob_console.ui.fake_engine import FOLDER, FakeEngine
+from tests.madrob_console.ui.fake_engine import FOLDER, FakeEngine, finished, indicators
+
+TIME = IndicatorName.EXECUTION_TIME
+HANDLE = IndicatorName.TIME_TO_HANDLE
+PASSAGE = IndicatorName.PASSAGE_TIME
 
 
-async def finished(driver: Driver, outcome: Outcome = Outcome.COMPLETED) -> None:
-    await driver.run()
-    for step in Step:
-        driver.engine.do_step(step)
-    await driver.finish(outcome, "because")
+def shows(found: dict[IndicatorName, Indicator]) -> Callable[[Driver], object]:
+    """The result has these indicators."""
+
+    async def change(driver: Driver) -> None:
+        assert driver.engine.result is not None
+        driver.engine.result = replace(driver.engine.result, indicators=found)
+        await driver.settle()
+
+    return change
 
 
-async def whole_text(driver: Driver) -> str:
-    """The pane from top to bottom."""
-    text = driver.text
-    for _ in range(4):
-        await driver.press("pagedown")
-        text += driver.text
-    return text
+def without(reason: str) -> dict[IndicatorName, Indicator]:
+    return {name: Indicator.missing(name, reason) for name in IndicatorName}
 
 
-@pytest.mark.parametrize("size", [SMALL, LARGE])
-async def test_a_result_is_shown_whole(running: Driver, engine: FakeEngine) -> None:
-    await running.press("i", "c", "i", "n", *"dent", "enter")
-    for step in Step:
-        engine.do_step(step)
-    await running.finish()
-    text = await whole_text(running)
-    for words in (
-        "COMPLETED, valid (step 6 is done)",
-        "run 1 of subject 1 Door Bots, condition 1: pull, from CCW to CW, No Force",
-        "issue 1, not final: Enter signs, rules, corrects; v details",
-        "SIMULATED: not an official result",
-        "execution time, manual start   17.4320  s",
-        "smoothness of door actuation    0.0625  s^3/rad",
-        "capability level                     6  steps",
-        "✓ 6 lock the door         1.000",
-        "ruleset           protocol",
-        "door angle           1221  50.0    21.3    0    0.8    4.0    0     0    0",
-        "incident          +1.00 s collision",
-        "note              +1.00 s dent",
-        f"files             {FOLDER}",
-    ):
-        assert words in " ".join(text.splitlines()) or words in text
-    assert "…" not in text.replace(running.rows()[0], "")
+def nothing_cut(driver: Driver) -> object:
+    return "…" not in "".join(driver.rows()[1:])
 
 
-@pytest.mark.parametrize("size", [SMALL, LARGE])
-async def test_a_reason_stands_apart_from_the_name_of_its_indicator(
-    driver: Driver, engine: FakeEngine
-) -> None:
-    await finished(driver)
-    assert engine.result is not None
-    found = {name: Indicator(None, "", "it never moved") for name in IndicatorName}
-    found[IndicatorName.EXECUTION_TIME] = Indicator(300.0, "s", None)
-    engine.result = replace(engine.result, indicators=found)
-    await driver.settle()
-    assert "smoothness of door actuation none: it never moved" in driver.text
-    assert "smoothness of door actuation none: " in driver.console.panes.results.copied
+def copied(words: str) -> Callable[[Driver], object]:
+    return lambda driver: words in driver.console.panes.results.copied
 
 
-async def test_a_denied_step_is_told_as_the_referees_word_and_never_as_the_sensors(
-    driver: Driver,
-) -> None:
-    await with_flags(driver)
-    assert "ENDED, valid (3 of 6 steps count: the referee denied step 4)" in driver.text
-    assert "COMPLETED" not in driver.text
-    row = next(row for row in driver.rows() if "4 cross the threshold" in row)
-    assert row.startswith(" x 4 cross the threshold      no  denied (1.000) by Ada: a wheel stayed")
-    await driver.press("f3")
-    assert "ENDED  3 of 6 steps count" in driver.text
+# Completed by the sensors, with nearly everything that a referee should know at once.
+
+OVER_AT = EPOCH + 6.0
+DENIAL = Ruling(Step.CROSS, False, OVER_AT, "a wheel stayed on the line all the time", "Ada")
+WHY = {4: f"denied by the referee: {DENIAL.reason}", 5: "comes after step 4", 6: "..."}
+DENIED_STEPS = tuple(
+    StepRecord(step, step.text, OVER_AT, DENIAL if step is Step.CROSS else None, None, WHY[step])
+    if step in WHY
+    else StepRecord(step, step.text, OVER_AT, None, OVER_AT)
+    for step in Step
+)
+FAULTS = (Fault(OVER_AT, "/madrob/door/angle: lost"),)
+WITH_FLAGS: Story = [
+    (Driver.set_up,),
+    ("f5",),
+    (lambda d: d.engine.false_start(),),
+    (passes(6.0),),
+    ("i f",),
+    (sets(steps=DENIED_STEPS),),
+    (runs_with(rulings=(DENIAL,), faults=FAULTS),),
+    (acting(Driver.finish, reason="all six steps done"),),
+]
+ENDED = "ENDED, valid (3 of 6 steps count: the referee denied step 4)"
 
 
-async def with_flags(driver: Driver) -> None:
-    """Completed by the sensors, with nearly everything that a referee should know at once."""
-    engine = driver.engine
-    await driver.set_up()
-    await driver.press("f5")
-    engine.false_start()
-    await driver.let_pass(6.0)
-    for step in Step:
-        engine.do_step(step)
-    await driver.press("i", "f")
-    denial = Ruling(Step.CROSS, False, engine.now, "a wheel stayed on the line all the time", "Ada")
-    why = {4: f"denied by the referee: {denial.reason}", 5: "comes after step 4", 6: "..."}
-    engine.steps = tuple(
-        replace(record, final=None, reason=why[record.step]) if record.step in why else record
-        for record in engine.steps
-    )
-    cross = replace(engine.steps[3], referee=denial)
-    engine.steps = (*engine.steps[:3], cross, *engine.steps[4:])
-    fault = Fault(engine.now, "/madrob/door/angle: lost")
-    engine.run = replace(engine.run, rulings=(denial,), faults=(fault,))
-    await driver.finish(reason="all six steps done")
+def toned(words: str, tone: Tone | None) -> Callable[[Driver], object]:
+    """The tone of words in the head of the result; None, they are not there."""
+
+    def is_so(driver: Driver) -> bool:
+        lines = ResultHead().draw_lines(driver.engine.snapshot(), 78)
+        return {span.text: span.tone for row in lines for span in row}.get(words) is tone
+
+    return is_so
 
 
-async def test_a_reason_that_all_indicators_have_stands_there_once(
-    driver: Driver, engine: FakeEngine
-) -> None:
-    await finished(driver, Outcome.ABORTED)
-    assert engine.result is not None
-    none = {name: Indicator.missing(name, "run aborted: invalid") for name in IndicatorName}
-    engine.result = replace(engine.result, indicators=none)
-    await driver.settle()
-    assert driver.text.count("run aborted: invalid") == 1
-    assert "values            none: run aborted: invalid" in driver.text
-    assert "issue 1, counts nowhere: x is the next run; v details" in driver.text
-
-
-def toned(driver: Driver, width: int = 78) -> dict[str, Tone]:
-    """The words of the result's head, with their tones."""
-    lines = ResultHead().draw_lines(driver.engine.snapshot(), width)
-    return {span.text: span.tone for row in lines for span in row}
-
-
-async def test_the_headline_has_the_colour_of_the_heaviest_flag(
-    driver: Driver, engine: FakeEngine
-) -> None:
-    await with_flags(driver)
-    headline = "ENDED, valid (3 of 6 steps count: the referee denied step 4)"
-    assert toned(driver)[headline] is Tone.BAD
-    await driver.press("enter", "a", "1")
-    assert toned(driver)[headline] is Tone.WARN
-    assert "1 false start accepted" not in toned(driver)  # for information: among the marks
-    engine.run = replace(engine.run, rulings=(), incidents=(), faults=(), decided=())
-    assert toned(driver)[headline] is Tone.GOOD
-
-
-@pytest.mark.parametrize("size", [SMALL, LARGE, (160, 50)])
-async def test_a_step_that_is_not_done_says_why_and_v_has_all_of_it(driver: Driver) -> None:
-    await with_flags(driver)
-    text = " ".join((await whole_text(driver)).split())
-    assert "comes after step 4" in text
-    assert "step 4 denied: a wheel stayed on the line all the time" in text
-
-
-@pytest.mark.parametrize("size", [SMALL, LARGE, (116, 40), (160, 50)])
-async def test_a_long_reason_does_not_run_into_the_steps(
-    driver: Driver, size: tuple[int, int]
-) -> None:
-    await finished(driver, Outcome.TIMEOUT)
-    side_by_side = size[0] >= 120
-    seen = 0
-    for row in driver.rows():
-        for step in Step:
-            left, found, _ = row.partition(f"✓ {step} {step.text}")
-            seen += bool(found)
-            assert not found or not left.strip() or left.endswith("  ")
-            assert not found or bool(left.strip()) == side_by_side
-    assert seen == len(Step)
+def steps_apart(driver: Driver) -> object:
+    """All steps are there, beside the result or below it."""
+    found = [
+        row.partition(f"✓ {step} {step.text}")[0]
+        for row in driver.rows()
+        for step in Step
+        if f"✓ {step} {step.text}" in row
+    ]
+    beside = [bool(left.strip()) for left in found]
+    wide = driver.app.size.width >= 120
+    ends = all(left.endswith("  ") or not left.strip() for left in found)
+    return beside == [wide] * len(Step) and ends
 
 
 async def test_values_and_steps_of_an_ordinary_result_fill_20_rows_and_v_turns_to_its_details(
-    engine: FakeEngine,
+    driver: Driver, engine: FakeEngine
 ) -> None:
     engine.kind = SourceKind.ROS
-    async with driving(engine) as driver:
-        await with_flags(driver)
-        snapshot = engine.snapshot()
+    await follow(driver, WITH_FLAGS)
     pane = ResultsPane(lambda: ())
-    async with showing(pane, (80, 20)) as shown:
-        pane.show(snapshot)
-        await shown.settle()
-        first = shown.text
-        for name in IndicatorName:
-            assert name.words in first
-        for step in Step:
-            assert f"{step} {step.text}" in first
-        assert "data quality" not in first
-        await shown.press("v")
-        assert "comparison" in shown.text
-        assert "data quality" in shown.text
-        assert "execution time" not in shown.text
-        await shown.press("v")
-        assert shown.text == first
+    first: Sequence[Item] = (
+        *(name.words for name in IndicatorName),
+        *(f"{step} {step.text}" for step in Step),
+        no("data quality"),
+    )
+    rows: Story = [
+        (lambda _: pane.show(engine.snapshot()),),
+        (Alone.settle, *first),
+        ("v", "comparison", "data quality", no("execution time")),
+        ("v", *first),
+    ]
+    await play_alone(pane, *rows, size=(80, 20))
 
 
-async def test_the_newest_mark_comes_first(driver: Driver) -> None:
-    await finished(driver)
-    assert driver.engine.result is not None
+def test_the_newest_mark_comes_first() -> None:
+    result = finished().result
+    assert result is not None
     said = ("first", "second")
     rulings = tuple(Ruling(Step.CROSS, True, 5.0, words, "Ada") for words in said)
     run = Run(rulings=rulings, voided=Voiding(4.0, "wrong door", "Ada"))
-    words = [text.split()[-1] for _, text in mark_words(run, driver.engine.result)]
+    words = [text.split()[-1] for _, text in mark_words(run, result)]
     assert words[-3:] == ["second", "first", "door"]
 
 
+EXACT = Aggregate.of([10.0, 10.0])
+KNOWN_TO_0_1 = Aggregate.of([10.0], [Uncertainty(0.05, 0.1)])
+
+
 @pytest.mark.parametrize(
-    ("name", "value", "words", "tone"),
+    ("name", "earlier", "value", "expanded", "words", "tone"),
     [
-        (IndicatorName.EXECUTION_TIME, 9.0, "-1.0000 better", Tone.GOOD),
-        (IndicatorName.EXECUTION_TIME, 12.0, "+2.0000 worse", Tone.WARN),
-        (IndicatorName.CAPABILITY_LEVEL, 12, "+2.0000 better", Tone.GOOD),
-        (IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION, 9.0, "-1.0000 worse", Tone.WARN),
-        (IndicatorName.PASSAGE_TIME, 10.0, "+0.0000 equal", Tone.PLAIN),
+        (TIME, EXACT, 9.0, None, "-1.0000 better", Tone.GOOD),
+        (TIME, EXACT, 12.0, None, "+2.0000 worse", Tone.WARN),
+        (IndicatorName.CAPABILITY_LEVEL, EXACT, 12, None, "+2.0000 better", Tone.GOOD),
+        (IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION, EXACT, 9.0, None, "-1.0000 worse", Tone.WARN),
+        (PASSAGE, EXACT, 10.0, None, "+0.0000 equal", Tone.PLAIN),
+        # within the uncertainties it is neither
+        (TIME, KNOWN_TO_0_1, 10.2, 0.1, "+0.2 within +-", Tone.PLAIN),
+        (TIME, KNOWN_TO_0_1, 10.5, 0.1, "+0.5 worse", Tone.WARN),
+        (TIME, KNOWN_TO_0_1, 9.5, 0.1, "-0.5 better", Tone.GOOD),
+        (TIME, KNOWN_TO_0_1, 10.0, 0.1, "+0.0 within +-", Tone.PLAIN),
+        (TIME, KNOWN_TO_0_1, 10.0, None, "+0.0000 equal", Tone.PLAIN),
+        (TIME, KNOWN_TO_0_1, 10.2, None, "+0.2000 worse", Tone.WARN),
+        (TIME, KNOWN_TO_0_1, 60.0, 0.0, "+50.0 worse", Tone.WARN),  # exact, but the mean is not
+        (TIME, KNOWN_TO_0_1, 10.20412, 0.00002, "+0.2 worse", Tone.WARN),
     ],
 )
 def test_a_difference_says_whether_it_is_better(
-    name: IndicatorName, value: float, words: str, tone: Tone
+    name: IndicatorName,
+    earlier: Aggregate,
+    value: float,
+    expanded: float | None,
+    words: str,
+    tone: Tone,
 ) -> None:
-    earlier = Aggregate.of([10.0, 10.0])
-    assert earlier is not None
-    _, _, difference = compared(name, value, None, earlier, 2)
+    known = None if expanded is None else Uncertainty(expanded / 2, expanded)
+    _, _, difference = compared(name, value, known, earlier, 1 if expanded is not None else 2)
     assert (" ".join(difference.text.split()), difference.tone) == (words, tone)
 
 
-async def test_a_result_does_not_say_that_something_may_still_come(
-    running: Driver, engine: FakeEngine
-) -> None:
-    first, *others = NO_STEPS
-    engine.steps = (replace(first, reason="handle not touched yet"), *others)
-    await running.finish(Outcome.TIMEOUT, "the team gives up")
-    assert "handle not touched" in running.text
-    assert "yet" not in running.text
-
-
-@pytest.mark.parametrize("size", [SMALL, LARGE])
-async def test_evidence_that_was_removed_is_not_shown_as_if_it_were_there(
-    driver: Driver, engine: FakeEngine, size: tuple[int, int]
-) -> None:
-    await finished(driver)
-    snapshot = engine.snapshot()
-    assert snapshot is not None
+@pytest.mark.parametrize("width", [SMALL[0], LARGE[0]])
+def test_evidence_that_was_removed_is_not_shown_as_if_it_were_there(width: int) -> None:
+    snapshot = finished().snapshot()
     topic = RecordedTopic("/cam", "sensor_msgs/msg/Image", messages=881, bytes=34_300_000)
-    run = replace(snapshot.run, evidence=EvidenceAccount((topic,)))
-    there = replace(snapshot, run=run)
-    gone = replace(run, removed_evidence=(RemovedEvidence(1.7e9, 1, 34_300_000),))
     words = "1 topic, 881 messages, 34.3 MB"
-    assert shown(ResultDetails().draw_lines(there, size[0])).endswith(words)
-    told = shown(ResultDetails().draw_lines(replace(snapshot, run=gone), size[0]))
-    assert " ".join(told.split()).endswith(f"{words}; removed by tidy on {date_of(1.7e9)}")
+    for removed, end in (
+        ((), words),
+        (
+            (RemovedEvidence(1.7e9, 1, 34_300_000),),
+            f"{words}; removed by tidy on {date_of(1.7e9)}",
+        ),
+    ):
+        run = replace(snapshot.run, evidence=EvidenceAccount((topic,)), removed_evidence=removed)
+        told = plain(ResultDetails().draw_lines(replace(snapshot, run=run), width))
+        assert " ".join(told.split()).endswith(end)
 
 
-def shown(lines: Sequence[Line]) -> str:
-    return "\n".join("".join(span.text for span in row) for row in lines)
+# What is doubted, and how far values can be trusted.
 
+TOUCH = "the touch rests on 1 sample"
+EXPANDED = (0.018, 0.012, 0.02, 0.03, 0.041, 0.00031, 0.25)
+"""Of the indicators but the last, which is a count."""
+KNOWN = {
+    name: Uncertainty(expanded / 2, expanded)
+    for name, expanded in zip(IndicatorName, EXPANDED, strict=False)
+}
+
+
+def measured() -> dict[IndicatorName, Indicator]:
+    """All indicators with uncertainties; two are doubted, one of them without a value."""
+    found = {name: replace(one, uncertainty=KNOWN.get(name)) for name, one in indicators().items()}
+    found[HANDLE] = replace(found[HANDLE], doubts=(TOUCH,))
+    found[PASSAGE] = Indicator(None, "s", "door never closed", None, (TOUCH, "the door flickers"))
+    return found
+
+
+DOUBTED: Story = [(Driver.run,), (lambda d: d.engine.finish(),), (shows(measured()),)]
+DOUBTS = tuple(
+    f"stamps of door and handle differ in delay by over one sampling interval, no {number}"
+    for number in range(9)
+)
+
+
+def all_doubted() -> dict[IndicatorName, Indicator]:
+    return {name: replace(one, doubts=DOUBTS) for name, one in measured().items()}
+
+
+def earlier(time: float) -> RunSummary:
+    return summary(values={**VALUES, TIME: time}, uncertainties=dict(KNOWN))
+
+
+def row_of(lines: str, begin: str) -> list[str]:
+    """The words of the row that begins so."""
+    return next(row for row in lines.splitlines() if row.startswith(begin)).split()
+
+
+@pytest.mark.parametrize("width", [57, 77])
+def test_no_two_columns_touch_and_all_of_them_are_there(width: int) -> None:
+    engine = finished()
+    assert engine.result is not None
+    engine.result = replace(engine.result, indicators=measured())
+    table = plain(IndicatorTable().draw_lines(engine.snapshot(), width))
+    assert max(map(cell_len, table.splitlines())) <= width
+    assert row_of(table, "execution time")[-4:] == ["17.43", "+-", "0.02", "s"]
+    assert row_of(table, "smoothness")[-4:] == ["0.0625", "+-", "0.0004", "s^3/rad"]
+
+
+VOID = Voiding(1.0, "wrong door", "Ada")
+
+
+@pytest.mark.parametrize(
+    ("runs", "changed", "words"),
+    [
+        ((17.4, 17.45, 17.42), {}, "17.42 +0.01 within +-"),
+        ((17.4, None), {}, "worse"),  # without uncertainties a mean tells nothing apart
+        ((16.0, 16.0, 16.0), {}, "16.00 +1.43 worse"),
+        ((14.0, 16.0, 18.0), {}, "16 +1 within +-"),  # within the scatter of the earlier runs
+        ((16.0,), {"voided": VOID}, "none: only completed runs that count"),
+        ((16.0,), {"outcome": Outcome.TIMEOUT}, "none: only completed runs that count"),
+    ],
+)
+def test_a_result_that_counts_is_compared_with_the_mean_of_earlier_ones(
+    runs: Sequence[float | None], changed: Mapping[str, Any], words: str
+) -> None:
+    engine = finished()
+    assert engine.result is not None
+    engine.result = replace(engine.result, indicators=measured())
+    engine.run = replace(engine.run, **changed)
+    details = ResultDetails()
+    details.earlier = [
+        summary(values={TIME: 17.43}) if time is None else earlier(time) for time in runs
+    ]
+    text = plain(details.draw_lines(engine.snapshot(), 110))
+    assert words in " ".join(text.split())
+    assert (f"mean of {len(runs)} earlier, difference to it" in text) is (not changed)
+    assert ("worse" in text) is ("worse" in words)
+
+
+# What is protested.
+
+TEXT = "we were through earlier"
+OVER: Story = [
+    (sets(kind=SourceKind.ROS),),
+    (Driver.run,),
+    *(
+        row
+        for step in Step
+        for row in ((engine_does(FakeEngine.tick, 1.0),), (engine_does(FakeEngine.do_step, step),))
+    ),
+    (Driver.finish,),
+    (Driver.settle,),
+]
+"""A result is there, on a real testbed."""
+PROTESTED: Story = [*OVER, (f"enter P 4 1 '={TEXT}' enter",)]
+"""The team protests about step 4."""
+SEVENTH = summary(7, protest_filed=EPOCH, protest_at=6.5)
+
+
+def filed(text: str, team: str, about: str = "") -> Callable[[Driver], object]:
+    return lambda driver: (
+        isinstance(act := driver.engine.acts[-1], FileProtest)
+        and (act.text, act.team) == (text, team)
+        and about in act.about
+    )
+
+
+def refuses(why: str | None) -> Callable[[Driver], object]:
+    """The engine refuses each act, or none any more."""
+
+    def change(driver: Driver) -> None:
+        vars(driver.engine).pop("act", None)
+        if why is not None:
+            vars(driver.engine)["act"] = lambda _act: why
+
+    return change
+
+
+STORIES: Stories = {
+    "a result is shown whole": [
+        (in_sizes(SMALL, LARGE),),
+        (Driver.run,),
+        ("i c i n =dent enter",),
+        (acting(Driver.do_steps, *Step),),
+        (Driver.finish, nothing_cut),
+        (
+            pages(
+                "COMPLETED, valid (step 6 is done)",
+                "run 1 of subject 1 Door Bots, condition 1: pull, from CCW to CW, No Force",
+                "issue 1, not final: Enter signs, rules, corrects; v details",
+                "SIMULATED: not an official result",
+                "execution time, manual start   17.4320  s",
+                "smoothness of door actuation    0.0625  s^3/rad",
+                "capability level                     6  steps",
+                "✓ 6 lock the door         1.000",
+                "ruleset           protocol",
+                "door angle           1221  50.0    21.3    0    0.8    4.0    0     0    0",
+                "incident          +1.00 s collision",
+                "note              +1.00 s dent",
+                f"files             {FOLDER}",
+            ),
+            nothing_cut,
+        ),
+    ],
+    "a reason stands apart from the name of its indicator": [
+        (in_sizes(SMALL, LARGE),),
+        (Driver.complete,),
+        (
+            shows(without("it never moved") | {TIME: Indicator(300.0, "s", None)}),
+            "smoothness of door actuation none: it never moved",
+            copied("smoothness of door actuation none: "),
+        ),
+    ],
+    "a denied step is told as the referees word and never as the sensors": [
+        *WITH_FLAGS,
+        ("", ENDED, no("COMPLETED")),
+        ("", " x 4 cross the threshold      no  denied (1.000) by Ada: a wheel stayed"),
+        ("f3", "ENDED  3 of 6 steps count"),
+    ],
+    "a reason that all indicators have stands there once": [
+        (acting(Driver.complete, Outcome.ABORTED),),
+        (
+            shows(without("run aborted: invalid")),
+            lambda d: d.text.count("run aborted: invalid") == 1,
+            "values            none: run aborted: invalid",
+            "issue 1, counts nowhere: x is the next run; v details",
+        ),
+    ],
+    "the headline has the colour of the heaviest flag": [
+        *WITH_FLAGS,
+        ("", toned(ENDED, Tone.BAD)),
+        # for information: among the marks
+        ("enter a 1", toned(ENDED, Tone.WARN), toned("1 false start accepted", None)),
+        (
+            runs_with(rulings=(), incidents=(), faults=(), decided=()),
+            toned(ENDED, Tone.GOOD),
+        ),
+    ],
+    "a step that is not done says why and v has all of it": [
+        (in_sizes(SMALL, LARGE),),
+        *WITH_FLAGS,
+        (pages("comes after step 4", "step 4 denied: a wheel stayed on the line all the time"),),
+    ],
+    "a long reason does not run into the steps": [
+        (in_sizes(SMALL, LARGE, (116, 40)),),
+        (acting(Driver.complete, Outcome.TIMEOUT), steps_apart),
+    ],
+    "a result does not say that something may still come": [
+        (Driver.run,),
+        (sets(steps=(replace(NO_STEPS[0], reason="handle not touched yet"), *NO_STEPS[1:])),),
+        (
+            acting(Driver.finish, Outcome.TIMEOUT, "the team gives up"),
+            "handle not touched",
+            no("yet"),
+        ),
+    ],
+    "values stand with uncertainty and doubt": [
+        (in_sizes((60, 18), LARGE),),
+        *DOUBTED,
+        ("escape",),  # the message goes, and a page is as high as the next one
+        (
+            pages(
+                "doubted: time to handle, passage time (2 doubts UNDECIDED)",
+                "not final: Enter decides",
+                "17.43 +- 0.02 s",
+                "3.21? +- 0.02 s",
+                "none: door never closed?",
+                "0.0625 +- 0.0004 s^3/rad",
+                "6 steps",
+                f"doubt {TOUCH} (time to handle, passage time)",
+                "doubt the door flickers (passage time)",
+            ),
+        ),
+    ],
+    "E packs the dossier of the marked run or the shown one": [
+        (opened(runs=[summary(7)]),),
+        (answered("escape h"),),
+        (
+            "enter E",
+            says("Packing the dossier of"),
+            lambda d: d.console.status == export_text(d.engine.export),
+        ),
+        ("f4 enter", no("Dossier")),
+        ("escape",),
+        *OVER,
+        ("f4 enter E", lambda d: d.engine.dossiers == [summary(7).folder, Path(FOLDER).name]),
+    ],
+    "R says what to type where the terminal cannot be lent": [
+        (opened(LARGE, runs=[SEVENTH]),),
+        (answered("escape h"),),
+        (
+            "enter R",
+            says("Type in another terminal: madrob console --testbed replay"),
+            says(f"/{SEVENTH.folder} --at=6.500"),
+        ),
+    ],
+    "a result that the disk refuses is called so wherever it is met": [
+        (Driver.run,),
+        (sets(pulse=Pulse(refused="the result is NOT on disk: Read-only file system")),),
+        (
+            Driver.finish,
+            "NOT ON DISK YET: only the engine has it, and goes on trying",
+            says("The result is NOT ON DISK yet"),
+            no("Enter signs"),
+        ),
+        ("f10", "only the engine has it"),
+        ("escape f3", "NOT ON DISK YET"),
+        (sets(pulse=Pulse()),),
+        ("f4",),
+        (Driver.settle, no("NOT ON DISK"), "Enter signs"),
+        (has(pulse=Pulse(waiting=1)), no("NOT ON DISK")),
+        ("f10", "A run is NOT ON DISK yet"),
+    ],
+    "the first screen shows outcome and all indicators": [
+        (Driver.complete, "COMPLETED", "execution time", "capability level"),
+    ],
+    "a missing indicator says why": [
+        (
+            acting(Driver.complete, Outcome.TIMEOUT),
+            "TIMEOUT, valid (because)",
+            "passage time                 none: robot never reached the destination side",
+        ),
+    ],
+    **{
+        f"an outcome that does not count says so: {outcome}, {words}": [
+            (acting(Driver.complete, outcome), words),
+        ]
+        for outcome, words in [
+            (Outcome.ABORTED, "ABORTED: the run is invalid (because)"),
+            (Outcome.INTERRUPTED, "INTERRUPTED: the machine failed, left out of every aggregate"),
+        ]
+    },
+    "a live result is not marked as simulated": [
+        (on_engine(kind=SourceKind.ROS, label="LIVE ros domain 0"),),
+        (Driver.complete, no("not an official result")),
+    ],
+    "before a result the pane says so": [
+        ("f4", "No result yet"),
+    ],
+    "nothing of an old result stays behind an abort": [
+        (Driver.complete,),
+        ("x f4", "No result yet", no("execution time")),
+    ],
+    "another result begins at its top": [
+        (Driver.complete,),
+        ("pagedown pagedown", no("COMPLETED")),
+        ("x f6 f5",),
+        (passes(6.0),),
+        (Driver.finish, "COMPLETED", "run 2 of subject 1"),
+    ],
+    "what a decision hangs on is seen first": [
+        (in_sizes((60, 18), LARGE),),
+        *WITH_FLAGS,
+        (
+            "",
+            "ENDED, valid (3 of 6 steps count: the referee denied step 4)",
+            "1 false start UNDECIDED (handle touched)",
+            "step 4 denied",
+            "1 testbed fault",
+            no("1 incident (fall)"),
+            lambda d: d.text.index("UNDECIDED") < d.text.index("run 1 of subject 1"),
+            "not final: Enter decides; v details",
+            no("all six steps done"),
+        ),
+        ("f3", no("all six steps done")),
+    ],
+    "a result that was signed with something undecided says so": [
+        (in_sizes(LARGE),),
+        *WITH_FLAGS,
+        (
+            "enter f y a enter",
+            "1 false start UNDECIDED (handle touched); step 4 denied",
+            "acknowledged by the team, signed Ada with what is undecided",
+            lambda d: "Enter" not in " ".join(d.rows()[:20]),
+        ),
+    ],
+    "d accepts doubts and they stay beside the answer": [
+        *DOUBTED,
+        ("enter d", "a on all of them", "2 passage time: 2 doubts"),
+        ("1", f"? {TOUCH}"),
+        ("1", AcceptDoubts({HANDLE: (TOUCH,)}, "seen on video: right")),
+        ("", "doubted: passage time (2 doubts UNDECIDED)", "3.21?"),
+        ("enter d 2", no("doubted:")),
+        ("enter", "no doubt waits for the referee"),
+        ("escape", copied("time to handle: seen on video: right")),
+        ("z 1", "doubted: passage time (2 doubts UNDECIDED)"),
+    ],
+    "a result all of which is doubted is asked about on a small screen": [
+        *DOUBTED,
+        (shows(all_doubted()),),
+        ("enter d", *(f"{name.words}: 9 doubts" for name in IndicatorName)),
+        ("a", "over one sampling interval,", "? and 5 more: the result has all of them"),
+        ("", "o other: type it"),
+        ("2", AcceptDoubts(dict.fromkeys(IndicatorName, DOUBTS), "no effect on the ranking")),
+    ],
+    "before a result is doubted the key says why not": [
+        (Driver.run,),
+        (Driver.finish,),
+        ("enter", "Not now: d accept doubts: no doubt waits for the referee"),
+    ],
+    "words that the disk refuses are there again": [
+        *OVER,
+        (refuses("No space left on device"),),
+        (f"enter P 4 1 '={TEXT}' enter", says("No space left on device")),
+        ("", lambda d: not d.engine.run.protests),
+        (refuses(None),),
+        ("enter P 3 1", no(TEXT)),  # that is about another step
+        ("escape enter P 4 1", TEXT),
+        ("enter", lambda d: [one.text for one in d.engine.run.protests] == [TEXT]),
+        (
+            "enter P a 4 1",
+            lambda d: [one.query_one(Input).value for one in d.console.dialogs] == [""],
+        ),
+    ],
+    "the keys file, decide and withdraw": [
+        (in_sizes(LARGE),),
+        *PROTESTED,
+        ("", filed(TEXT, "Door Bots", f"step 4: {Step.CROSS.text}")),
+        ("enter P w 1", WithdrawProtest(1, "satisfied by the explanation")),
+        (f"enter P t =2.5 enter 1 '={TEXT}' enter", filed(TEXT, "Door Bots")),
+        (
+            "enter P d r '=the video shows the foot' enter",
+            DecideProtest(2, ProtestEnd.REJECTED, "the video shows the foot", "Ada"),
+        ),
+    ],
+    "nothing is replayed while a run goes on and where there is none": [
+        ("f4 enter", no("Replay")),
+        ("escape",),
+        (Driver.run,),
+        ("f4 enter", "Note", no("Replay")),
+    ],
+}
+
+
+@pytest.mark.parametrize("story", STORIES)
+async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
+    await play(FakeEngine, STORIES[story])
+
+
+# The runs before it.
 
 CAUTION = replace(UNDECIDED_START, weight=FlagWeight.CAUTION, undecided=False)
 REMARK = replace(CAUTION, weight=FlagWeight.REMARK)
@@ -318,7 +644,7 @@ class Results:
 
     def __init__(self, runs: Sequence[RunSummary] = RUNS) -> None:
         self.runs = runs
-        self.problem: str | OSError = ""
+        self.problem: Exception | None = None
         self.readings = 0
         self.may_end = threading.Event()
         self.may_end.set()
@@ -327,21 +653,15 @@ class Results:
         self.readings += 1
         runs, problem = self.runs, self.problem
         assert self.may_end.wait(10)
-        if isinstance(problem, OSError):
+        if problem is not None:
             raise problem
-        if problem:
-            raise MadrobError(problem)
         return runs
 
 
-def teams(shown: Shown) -> list[str]:
+def teams(shown: Alone) -> list[str]:
     """Subject and run of the rows, from the top."""
-    numbers = []
-    for row in shown.rows():
-        words = row.replace("> ", "  ").split()
-        if len(words) > 3 and words[1] == "Nov":
-            numbers.append(words[3])
-    return numbers
+    found = (row.replace("> ", "  ").split() for row in shown.rows())
+    return [words[3] for words in found if len(words) > 3 and words[1] == "Nov"]
 
 
 def test_the_line_below_says_what_does_not_fit() -> None:
@@ -363,30 +683,7 @@ def test_the_head_line_says_what_there_is() -> None:
     assert head_line(()) == "no runs in the results folder"
 
 
-async def test_enter_opens_the_marked_run() -> None:
-
-    pane = HistoryPane(Results().load)
-    async with showing(pane) as shown:
-        await shown.press("down", "down", "enter")
-        (sent,) = shown.app.sent
-        assert isinstance(sent, HistoryPane.Opened)
-        assert sent.row == pane.table.selected == RUNS[5]
-
-
-async def test_runs_of_a_team_can_be_asked_for() -> None:
-
-    pane = HistoryPane(Results().load)
-    async with showing(pane) as shown:
-        await shown.press("v")
-        pane.look_for("subject:1 cond:1")
-        await shown.settle()
-        assert teams(shown) == ["1", "1", "1"]
-        assert " subject:1 cond:1" in shown.text
-        assert "3 of 8 runs: filtered" in shown.text
-
-
 async def test_the_screen_answers_while_it_reads_and_shows_the_last_reading() -> None:
-
     results = Results(RUNS[1:2])
     pane = HistoryPane(results.load)
     async with showing(pane) as shown:
@@ -394,7 +691,7 @@ async def test_the_screen_answers_while_it_reads_and_shows_the_last_reading() ->
         results.runs = RUNS[:2]
         pane.reload()
         results.runs = RUNS[:3]
-        await shown.pilot.pause()
+        await shown.drawn()
         pane.reload()
         await shown.pilot.press("down", "o", "v")
         assert "reading the results folder" in shown.text
@@ -409,20 +706,19 @@ async def test_the_screen_answers_while_it_reads_and_shows_the_last_reading() ->
 @pytest.mark.parametrize(
     "problem",
     [
-        "/results: cannot be used for results (Permission denied)",
+        MadrobError("/results: cannot be used for results (Permission denied)"),
         OSError(24, "Too many open files"),
     ],
 )
 async def test_a_results_folder_that_cannot_be_read_is_a_line_on_the_screen(
-    problem: str | OSError,
+    problem: Exception,
 ) -> None:
-
     results = Results()
     results.problem = problem
     pane = HistoryPane(results.load)
     async with showing(pane) as shown:
         assert str(problem) in shown.text
-        results.problem = ""
+        results.problem = None
         pane.enter()
         await shown.settle()
         assert len(teams(shown)) == 8
@@ -431,17 +727,17 @@ async def test_a_results_folder_that_cannot_be_read_is_a_line_on_the_screen(
 async def test_it_reads_again_when_a_result_comes_or_changes_and_not_otherwise(
     engine: FakeEngine,
 ) -> None:
-
-    results = Results()
+    results, snapshot = Results(), engine.snapshot()
     pane = HistoryPane(results.load)
+    later = replace(snapshot, time=snapshot.time + 1)
+    first, second = (replace(snapshot, run=replace(snapshot.run, issue=n)) for n in (1, 2))
     async with showing(pane) as shown:
-        snapshot = engine.snapshot()
         for changed, readings in (
             (snapshot, 1),
-            (replace(snapshot, time=snapshot.time + 1), 1),
-            (replace(snapshot, run=replace(snapshot.run, issue=1)), 2),
-            (replace(snapshot, run=replace(snapshot.run, issue=1)), 2),
-            (replace(snapshot, run=replace(snapshot.run, issue=2)), 3),
+            (later, 1),
+            (first, 2),
+            (replace(first), 2),
+            (second, 3),
         ):
             pane.show(changed)
             await shown.settle()
@@ -455,19 +751,29 @@ async def test_a_team_has_its_name_in_the_list_and_what_was_recorded_is_a_remark
         summary(3, 1, 1, hour=0, team="Delft Wlkers"),
         summary(3, 1, 2, hour=1, team="Rotterdam", competition="Spring Cup"),  # no team of the list
     )
-
+    engine.teams = TeamList({3: "Delft Walkers"})
     pane = HistoryPane(Results(runs).load, "Autumn Cup")
-    async with showing(pane, WIDE) as shown:
-        engine.teams = TeamList({3: "Delft Walkers"})
-        pane.show(engine.snapshot())
-        await shown.press("r", "down")
-        assert [" Rotterdam " in row for row in shown.rows() if " Nov " in row] == [True, False]
-        assert [" Delft W" in row for row in shown.rows() if " Nov " in row] == [False, True]
-        assert "Delft Walkers (recorded as Delft Wlkers): " in shown.text
-        for name in ("walkers", "wlkers"):
-            pane.look_for(f"team:{name}")
-            await shown.settle()
-            assert teams(shown) == ["3"]
+
+    def beside(name: str, *there: bool) -> Callable[[Alone], object]:
+        return lambda shown: [name in row for row in shown.rows() if " Nov " in row] == [*there]
+
+    def look_for(name: str, _shown: Alone) -> None:
+        pane.look_for(f"team:{name}")
+
+    rows: Story = [
+        (lambda _: pane.show(engine.snapshot()),),
+        ("r down", beside(" Rotterdam ", True, False), beside(" Delft W", False, True)),
+        ("", "Delft Walkers (recorded as Delft Wlkers): "),
+        *(
+            row
+            for name in ("walkers", "wlkers")
+            for row in (
+                (partial(look_for, name),),
+                (Alone.settle, numbered("3")),
+            )
+        ),
+    ]
+    await play_alone(pane, *rows, size=WIDE)
 
 
 @pytest.mark.parametrize(
@@ -487,121 +793,39 @@ async def test_a_team_has_its_name_in_the_list_and_what_was_recorded_is_a_remark
 def test_signs_say_what_must_be_decided_and_what_changed_a_score(
     told: dict[str, Any], words: str
 ) -> None:
-    run = summary(1, **told)
-    (column,) = (one for one in columns() if one.title == "outcome")
-    shown = column.fit(column.cell(run).text, column.width)
+    column = next(one for one in columns() if one.title == "outcome")
+    shown = column.fit(column.cell(summary(1, **told)).text, column.width)
     assert shown.rstrip() == words
 
 
-STORIES: Stories = {
-    "a result that the disk refuses is called so wherever it is met": [
-        (in_sizes(SMALL, LARGE),),
-        (Driver.run,),
-        (sets(pulse=Pulse(refused="the result is NOT on disk: Read-only file system")),),
-        (
-            Driver.finish,
-            "NOT ON DISK YET: only the engine has it, and goes on trying",
-            says("The result is NOT ON DISK yet"),
-            no("Enter signs"),
-        ),
-        ("f10", "only the engine has it"),
-        ("escape f3", "NOT ON DISK YET"),
-        (sets(pulse=Pulse()),),
-        ("f4",),
-        (Driver.settle, no("NOT ON DISK"), "Enter signs"),
-        (has(pulse=Pulse(waiting=1)), no("NOT ON DISK")),
-        ("f10", "A run is NOT ON DISK yet"),
-    ],
-    "the first screen shows outcome and all indicators": [
-        (finished, "COMPLETED", "execution time", "capability level"),
-    ],
-    "a missing indicator says why": [
-        (
-            acting(finished, Outcome.TIMEOUT),
-            "TIMEOUT, valid (because)",
-            "passage time                 none: robot never reached the destination side",
-        ),
-    ],
-    **{
-        f"an outcome that does not count says so: {outcome}, {words}": [
-            (acting(finished, outcome), words),
-        ]
-        for outcome, words in [
-            (Outcome.ABORTED, "ABORTED: the run is invalid (because)"),
-            (Outcome.INTERRUPTED, "INTERRUPTED: the machine failed, left out of every aggregate"),
-        ]
-    },
-    "a live result is not marked as simulated": [
-        (on_engine(kind=SourceKind.ROS, label="LIVE ros domain 0"),),
-        (finished, no("not an official result")),
-    ],
-    "before a result the pane says so": [
-        ("f4", "No result yet"),
-    ],
-    "nothing of an old result stays behind an abort": [
-        (finished,),
-        ("x f4", "No result yet", no("execution time")),
-    ],
-    "another result begins at its top": [
-        (finished,),
-        ("pagedown pagedown", no("COMPLETED")),
-        ("x f6 f5",),
-        (passes(6.0),),
-        (Driver.finish, "COMPLETED", "run 2 of subject 1"),
-    ],
-    "what a decision hangs on is seen first": [
-        (in_sizes((60, 18), SMALL, LARGE, (160, 50)),),
-        (
-            with_flags,
-            "ENDED, valid (3 of 6 steps count: the referee denied step 4)",
-            "1 false start UNDECIDED (handle touched)",
-            "step 4 denied",
-            "1 testbed fault",
-            no("1 incident (fall)"),
-            lambda d: d.text.index("UNDECIDED") < d.text.index("run 1 of subject 1"),
-            "not final: Enter decides; v details",
-            no("all six steps done"),
-        ),
-        ("f3", no("all six steps done")),
-    ],
-    "a result that was signed with something undecided says so": [
-        (in_sizes(LARGE),),
-        (with_flags,),
-        (
-            "enter f y a enter",
-            "1 false start UNDECIDED (handle touched); step 4 denied",
-            "acknowledged by the team, signed Ada with what is undecided",
-            lambda d: "Enter" not in " ".join(d.rows()[:20]),
-        ),
-    ],
-}
-
-
-@pytest.mark.parametrize("story", STORIES)
-async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
-    await play(FakeEngine, STORIES[story])
-
-
-def numbered(*subjects: str) -> Callable[[Shown], object]:
+def numbered(*subjects: str) -> Callable[[Alone], object]:
     """These subjects have the rows, from the top."""
     return lambda shown: teams(shown) == [*subjects]
-
-
-def misses(words: str) -> Callable[[Shown], object]:
-    return lambda shown: words not in shown.text
 
 
 ALL = ("5", "2", "4", "1", "1", "3", "2", "1")
 
 
-def one_simulated(shown: Shown) -> object:
+def one_simulated(shown: Alone) -> object:
     return [" 1 Delft " in row for row in shown.rows() if " SIM " in row] == [True]
 
 
 OF_WIDE = ("pull, from CW to CCW", "P protest  * not final")
 COLUMNS = {column.title for column in columns()}
 OF_COLUMNS = ("12.25", "1.875", "0.062", "14.75", "protested", "protocol", "Wind Ramp")
-HISTORY: dict[str, tuple[Sequence[RunSummary], tuple[int, int], Sequence[tuple[Any, ...]]]] = {
+
+
+async def sees_every_column(shown: Alone) -> None:
+    """One after the other; what a run is goes by marks, as `SIM`, in a column that stays near."""
+    seen = ""
+    for _ in COLUMNS:
+        seen += shown.text
+        await shown.press("right")
+    assert [words for words in (*COLUMNS, *OF_COLUMNS) if words not in seen] == []
+    assert "simulated" not in seen
+
+
+HISTORY: dict[str, tuple[Sequence[RunSummary], tuple[int, int], Story]] = {
     **{
         f"all runs are shown newest first and marked by words: {size}": (
             RUNS,
@@ -610,7 +834,7 @@ HISTORY: dict[str, tuple[Sequence[RunSummary], tuple[int, int], Sequence[tuple[A
                 ("", numbered(*ALL), lambda shown: "unfinished" in shown.marked),
                 ("", "DAMAGED", "INVALID", "INTERRUPTED", "timeout", "completed !!"),
                 ("", one_simulated, "6 17.43", "門の騎士"),
-                ("", *(seen if size == WIDE else misses(seen) for seen in OF_WIDE)),
+                ("", *(seen if size == WIDE else no(seen) for seen in OF_WIDE)),
             ],
         )
         for size in (PANE, WIDE)
@@ -636,11 +860,11 @@ HISTORY: dict[str, tuple[Sequence[RunSummary], tuple[int, int], Sequence[tuple[A
         PANE,
         [
             ("", "/ filters: delft, cond:7"),
-            ("slash d e l f t", numbered("1", "1", "1")),
-            ("space i n v a l enter", numbered("1"), "delft inval"),
+            ("slash =delft", numbered("1", "1", "1")),
+            ("space =inval enter", numbered("1"), "delft inval"),
             ("", "1 of 8 runs: filtered (Escape shows all)"),
             ("slash v o", "no run passes the filter", numbered()),
-            ("escape slash f o o colon", "no field foo: there are subject, sub, cond, run, team"),
+            ("escape slash =foo:", "no field foo: there are subject, sub, cond, run, team"),
             ("escape", numbered(*ALL)),
             ("down", lambda shown: "DAMAGED" in shown.marked),  # the table has the focus again
         ],
@@ -653,20 +877,44 @@ HISTORY: dict[str, tuple[Sequence[RunSummary], tuple[int, int], Sequence[tuple[A
             ("enter o o right end pagedown v", lambda shown: shown.app.sent == []),
         ],
     ),
+    "enter opens the marked run": (
+        RUNS,
+        PANE,
+        [("down down enter", lambda shown: [one.row for one in shown.app.sent] == [RUNS[5]])],
+    ),
+    "a value that is doubted is marked and has the digits that it has": (
+        [
+            summary(
+                uncertainties=dict(KNOWN),
+                doubts={TIME: 1, PASSAGE: 2},
+                values={name: value for name, value in VALUES.items() if name != PASSAGE},
+            )
+        ],
+        (180, 24),
+        [("", " 6 17.43? 3.21 push, from CCW to CW 4.50 -? 1.88 0.0625 14.8")],
+    ),
+    "runs of a team can be asked for": (
+        RUNS,
+        PANE,
+        [
+            ("v",),
+            (
+                "escape slash '=subject:1 cond:1' enter",
+                numbered("1", "1", "1"),
+                " subject:1 cond:1",
+                "3 of 8 runs: filtered",
+            ),
+        ],
+    ),
+    "every column can be seen on a small screen": (
+        RUNS,
+        PANE,
+        [(sees_every_column,)],
+    ),
 }
 
 
 @pytest.mark.parametrize("story", HISTORY)
 async def test_what_keys_do_in_the_history(story: str) -> None:
     runs, size, rows = HISTORY[story]
-    await play_pane(HistoryPane(Results(runs).load), *rows, size=size)
-
-
-async def test_every_column_can_be_seen_on_a_small_screen() -> None:
-    seen = ""
-    async with showing(HistoryPane(Results().load)) as shown:
-        for _ in COLUMNS:
-            seen += shown.text
-            await shown.press("right")
-    assert [words for words in (*COLUMNS, *OF_COLUMNS) if words not in seen] == []
-    assert "simulated" not in seen  # the mark is `SIM`, in a column that stays near
+    await play_alone(HistoryPane(Results(runs).load), *rows, size=size)

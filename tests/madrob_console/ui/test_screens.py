@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path, PurePath
 from typing import ClassVar
 
+import pyte
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.color import Color, ColorSystem
+from rich.console import RenderableType
 from rich.segment import Segment
 from rich.style import Style
 from rich.terminal_theme import TerminalTheme
+from textual._compositor import CompositorUpdate
 from textual.app import App, ComposeResult
 from textual.color import WHITE
 from textual.containers import Vertical
@@ -27,99 +30,182 @@ from madrob_console.common.formatting import format_size, relative_text
 from madrob_console.common.names import ThemeName
 from madrob_console.engine.snapshot import Weight
 from madrob_console.referee.competition_plan import Plan, PlanLine, Task
+from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.lists import TeamList
+from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.cells.dialog import Field
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Lines, Span, Tone, line
 from madrob_console.ui.look.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
 from madrob_console.ui.look.words import clock_text, fitted, minutes_text, wrapped
 from scoring.protocol import Outcome, Side, Step
 from scoring.result import value_text
-from tests.madrob_console.run_folders import summary
-from tests.madrob_console.ui.driver import Driver, driving
+from tests.madrob_console.run_folders import EPOCH, summary
+from tests.madrob_console.ui.driver import (
+    LARGE,
+    SMALL,
+    Driver,
+    Item,
+    Story,
+    acting,
+    answered,
+    driving,
+    engine_does,
+    follow,
+    has,
+    passes,
+    play,
+    sets,
+)
 from tests.madrob_console.ui.fake_engine import FakeEngine
-from tests.madrob_console.ui.test_doubts import doubted
+from tests.madrob_console.ui.test_results import DOUBTED, OVER, TEXT
 
 STORED = Path(__file__).parent / "screens"
-SIZES = ((80, 24), (160, 50))
 
 
-@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
-async def test_the_screens_are_as_they_were_looked_at(
-    driver: Driver, size: tuple[int, int], request: pytest.FixtureRequest
-) -> None:
-    await driver.press("f2", "enter")
-    compare("setup", size, driver.text, request)
-    await driver.press("f6", "f5")
-    await driver.let_pass(6.0)
-    await in_the_middle_of_a_run(driver)
-    compare("live", size, driver.text, request)
-    await driver.press("f8")
-    compare("abort", size, driver.text, request)
-    await driver.press("escape")
-    await driver.finish()
-    await driver.settle()
-    compare("results", size, driver.text, request)
-    await driver.press("f1")
-    compare("help", size, driver.text, request)
-
-
-@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
-async def test_a_large_plan_is_as_it_was_looked_at(
-    engine: FakeEngine, size: tuple[int, int], request: pytest.FixtureRequest
-) -> None:
-    teams, conditions = range(1, 13), range(1, 21)
-    lines = (PlanLine(Task(team, condition), 2) for team in teams for condition in conditions)
-    engine.plan = Plan(tuple(lines))
-    engine.teams = TeamList({team: f"Robots of university {team}" for team in teams})
-    engine.history = [
+TEAMS, CONDITIONS = range(1, 13), range(1, 21)
+LARGE_PLAN = {
+    "plan": Plan(
+        tuple(PlanLine(Task(team, condition), 2) for team in TEAMS for condition in CONDITIONS)
+    ),
+    "teams": TeamList({team: f"Robots of university {team}" for team in TEAMS}),
+    "history": [
         summary(
             *(team, condition, run),
             hour=team + condition / 50 + run / 1000,
             values={"capability_level": (team * condition) % 7},
             outcome=Outcome.ABORTED if (team + condition) % 9 == 0 else Outcome.COMPLETED,
         )
-        for team in teams
-        for condition in conditions
+        for team in TEAMS
+        for condition in CONDITIONS
         for run in (1, 2)
         if team * condition * run < 60
-    ]
+    ],
+}
+HELD_OPEN = {
+    "angle": 0.52,
+    "force": 7.4,
+    "maximum": 15.2,
+    "occupied": {(Side.CCW, 1), (Side.CCW, 3)},
+    "provisional": {"time_to_handle": 1.0},
+}
+"""By a robot that stands in the doorway."""
+PROTEST = Flag(
+    FlagKind.PROTEST, "protest 1 (step 4) OPEN, UNDECIDED", FlagWeight.ALARM, undecided=True
+)
+LISTED = (
+    summary(1, hour=0, final=True, team_word="acknowledged"),
+    summary(2, hour=2, protest_filed=EPOCH, protest_at=6.5, flags=(PROTEST,)),
+    summary(2, run_number=2, hour=3, final=True, team_word="acknowledged"),
+)
+TWO_EACH = Plan((PlanLine(Task(1, 7), 2), PlanLine(Task(2, 7), 2)))
+SCREENS: Mapping[str, tuple[tuple[int, int], Sequence[tuple[Item, str]]]] = {
+    "a run from its set-up to its result": (
+        (160, 50),
+        [
+            ("f2 enter", "setup"),
+            ("f6 f5", ""),
+            (passes(6.0), ""),
+            (acting(Driver.do_steps, Step.TOUCH, Step.UNLOCK, Step.OPEN), ""),
+            (sets(**HELD_OPEN), ""),
+            (lambda d: d.engine.say("handle touched"), ""),
+            (lambda d: d.engine.say("door opens"), ""),
+            (
+                lambda d: d.engine.say("incident: collision", Origin.REFEREE, Weight.NOTICE),
+                "",
+            ),
+            *[(Driver.settle, "")] * 3,
+            (Driver.settle, "live"),
+            ("f8", "abort"),
+            ("escape", ""),
+            (Driver.finish, ""),
+            (Driver.settle, "results"),
+            ("f1", "help"),
+        ],
+    ),
+    "a large plan": ((160, 50), [(has(**LARGE_PLAN), ""), (answered("f3 p"), "plan")]),
+    "a doubted result": (
+        (160, 50),
+        [*((deed, "") for (deed,) in DOUBTED), (Driver.settle, "doubts")],
+    ),
+    "the dialogs and the result of a protest": (
+        LARGE,
+        [
+            *((deed, "") for (deed,) in OVER),
+            ("enter P", "protest_about"),
+            ("4", "protest_who"),
+            (f"1 '={TEXT}' enter", "protest_open"),
+            ("enter P", "protest_waits"),
+            ("d", "protest_decision"),
+            ("escape enter f", "protest_unsigned"),
+            ("escape enter P d p '=seen on video' enter", "protest_decided"),
+        ],
+    ),
+    "lists with a protest": (
+        LARGE,
+        [
+            (has(history=list(LISTED), plan=TWO_EACH), ""),
+            *(
+                row
+                for key, name in (("h", "history"), ("s", "standings"), ("p", "plan"))
+                # the one with a protest
+                for row in ((answered(f"escape {key}"), ""), ("down", f"protest_{name}"))
+            ),
+        ],
+    ),
+}
 
-    async with driving(engine, size) as driver:
-        await driver.answered("f3", "p")
-        compare("plan", size, driver.text, request)
 
-
-def compare(name: str, size: tuple[int, int], text: str, request: pytest.FixtureRequest) -> None:
-    """A screen with the stored one."""
-    path = STORED / f"{name}_{size[0]}x{size[1]}.txt"
-    if request.config.getoption("--update-screens"):
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(text + "\n")
-    assert text + "\n" == path.read_text(), path.name
-
-
-@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
-async def test_a_doubted_result_is_as_it_was_looked_at(
-    driver: Driver, size: tuple[int, int], request: pytest.FixtureRequest
+@pytest.mark.parametrize("large", [False, True], ids=["small", "large"])
+@pytest.mark.parametrize("screens", SCREENS)
+async def test_the_screens_are_as_they_were_looked_at(
+    screens: str, request: pytest.FixtureRequest, *, large: bool
 ) -> None:
-    await doubted(driver)
-    compare("doubts", size, driver.text, request)
+    largest, rows = SCREENS[screens]
+    width, height = largest if large else SMALL
+    runs = LISTED if screens == "lists with a protest" else ()
+    async with driving(FakeEngine(), (width, height), runs=runs) as driver:
+        for deed, name in rows:
+            await follow(driver, [(deed,)])
+            path = STORED / f"{name}_{width}x{height}.txt"
+            if name and request.config.getoption("--update-screens"):
+                path.write_text(driver.text + "\n")
+            assert not name or driver.text + "\n" == path.read_text(), path.name
 
 
-async def in_the_middle_of_a_run(driver: Driver) -> None:
-    """The robot holds the door open and stands in the doorway."""
-    engine = driver.engine
-    for step in (Step.TOUCH, Step.UNLOCK, Step.OPEN):
-        engine.do_step(step)
-    engine.angle, engine.force, engine.maximum = 0.52, 7.4, 15.2
-    engine.occupied = {(Side.CCW, 1), (Side.CCW, 3)}
-    engine.provisional = {"time_to_handle": 1.0}
-    engine.say("handle touched")
-    engine.say("door opens")
-    engine.say("incident: collision", Origin.REFEREE, Weight.NOTICE)
-    for _ in range(4):  # top line and log wait for their turn
-        await driver.settle()
+async def test_changed_cells_add_up_to_the_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = pyte.Screen(*SMALL)
+    stream = pyte.Stream(terminal)
+    display = MadrobApp._display
+
+    def show(app: MadrobApp, screen: Screen[object], update: RenderableType | None) -> None:
+        if isinstance(update, CompositorUpdate) and not app._batch_count:
+            # a pty makes CR LF of its line feeds
+            stream.feed(update.render_segments(app.console).replace("\n", "\r\n"))
+        display(app, screen, update)
+
+    monkeypatch.setattr(MadrobApp, "_display", show)
+
+    def same(driver: Driver) -> bool:
+        return [row.rstrip() for row in terminal.display] == driver.rows()
+
+    rows: Story = [
+        (Driver.run, same),
+        *(
+            row
+            for tick, key in enumerate(("f2", "f3", "f8", "escape", "question_mark", "f3", "f4"))
+            for row in (
+                (sets(angle=0.1 * tick, force=3.0 - tick, occupied={(Side.CCW, tick % 5)}),),
+                (engine_does(FakeEngine.say, f"門 event {tick} ❤"),),
+                (passes(0.3), same),
+                (key, same),
+            )
+        ),
+        (acting(Driver.do_steps, Step.TOUCH),),
+        ("f3",),
+        (Driver.finish, same),
+    ]
+    await play(FakeEngine, rows)
 
 
 UI = Path(next(iter(madrob_console.ui.__path__)))
@@ -322,72 +408,47 @@ TEXTS = st.text(st.characters(categories=["L", "N", "P", "Zs", "So"]), max_size=
 
 
 @pytest.mark.parametrize(
-    ("seconds", "text"),
+    ("shown", "text"),
     [
-        (0.0, "0:00.0"),
-        (0.3, "0:00.3"),
-        (59.999, "0:59.9"),
-        (63.04, "1:03.0"),
-        (-4.25, "-0:04.2"),
-        (-0.04, "0:00.0"),
-        (86400.0, "1440:00.0"),
+        # a clock never runs ahead
+        (clock_text(0.0), "0:00.0"),
+        (clock_text(0.3), "0:00.3"),
+        (clock_text(59.999), "0:59.9"),
+        (clock_text(63.04), "1:03.0"),
+        (clock_text(-4.25), "-0:04.2"),
+        (clock_text(-0.04), "0:00.0"),
+        (clock_text(86400.0), "1440:00.0"),
+        # time to go is zero only when none is left
+        (minutes_text(300.0), "5:00"),
+        (minutes_text(299.2), "5:00"),
+        (minutes_text(0.1), "0:01"),
+        (minutes_text(0.0), "0:00"),
+        (minutes_text(-3.0), "0:00"),
+        # times count from the start
+        (relative_text(None, 1.0), "-"),
+        (relative_text(1.0, None), "-"),
+        (relative_text(1_700_000_003.25, 1_700_000_000.0), "3.250"),
+        (relative_text(5000.0, 0.0), "5000.0"),
+        # sizes have the unit that people read
+        (format_size(0), "0 B"),
+        (format_size(999), "999 B"),
+        (format_size(1000), "1.0 kB"),
+        (format_size(99_949), "99.9 kB"),
+        (format_size(123_456), "123 kB"),
+        (format_size(999_499), "999 kB"),
+        (format_size(999_600), "1.0 MB"),
+        (format_size(41_000_000_000), "41.0 GB"),
+        (format_size(2_500_000_000_000), "2.5 TB"),
+        # values keep four decimals
+        (value_text(6), "6"),
+        (value_text(0.0), "0.0000"),
+        (value_text(17.43216), "17.4322"),
+        (value_text(0.00123), "1.2300e-03"),
+        (value_text(2e7), "2.0000e+07"),
     ],
 )
-def test_a_clock_never_runs_ahead(seconds: float, text: str) -> None:
-    assert clock_text(seconds) == text
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [(300.0, "5:00"), (299.2, "5:00"), (0.1, "0:01"), (0.0, "0:00"), (-3.0, "0:00")],
-)
-def test_time_to_go_is_zero_only_when_none_is_left(seconds: float, text: str) -> None:
-    assert minutes_text(seconds) == text
-
-
-@pytest.mark.parametrize(
-    ("at", "start", "text"),
-    [
-        (None, 1.0, "-"),
-        (1.0, None, "-"),
-        (1_700_000_003.25, 1_700_000_000.0, "3.250"),
-        (5000.0, 0.0, "5000.0"),
-    ],
-)
-def test_times_count_from_the_start(at: float | None, start: float | None, text: str) -> None:
-    assert relative_text(at, start) == text
-
-
-@pytest.mark.parametrize(
-    ("size", "text"),
-    [
-        (0, "0 B"),
-        (999, "999 B"),
-        (1000, "1.0 kB"),
-        (99_949, "99.9 kB"),
-        (123_456, "123 kB"),
-        (999_499, "999 kB"),
-        (999_600, "1.0 MB"),
-        (41_000_000_000, "41.0 GB"),
-        (2_500_000_000_000, "2.5 TB"),
-    ],
-)
-def test_sizes_have_the_unit_that_people_read(size: int, text: str) -> None:
-    assert format_size(size) == text
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (6, "6"),
-        (0.0, "0.0000"),
-        (17.43216, "17.4322"),
-        (0.00123, "1.2300e-03"),
-        (2e7, "2.0000e+07"),
-    ],
-)
-def test_values_keep_four_decimals(value: float, text: str) -> None:
-    assert value_text(value) == text
+def test_times_sizes_and_values_read_well(shown: str, text: str) -> None:
+    assert shown == text
 
 
 @given(TEXTS, st.integers(1, 40))

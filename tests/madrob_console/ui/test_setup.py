@@ -21,9 +21,11 @@ from tests.madrob_console.ui.driver import (
     Driver,
     Stories,
     acting,
+    ages,
     did_nothing,
-    driving,
+    engine_does,
     focused,
+    follow,
     has,
     in_sizes,
     no,
@@ -33,30 +35,15 @@ from tests.madrob_console.ui.driver import (
     passes,
     play,
     remember,
+    says,
     says_only,
+    set_up_with,
+    sets,
     setup_of,
+    slows,
+    waits,
 )
-from tests.madrob_console.ui.fake_engine import FakeEngine, SlowEngine, a_setup
-
-
-def phase(engine: FakeEngine) -> Phase:
-    return engine.run.phase
-
-
-def shown(driver: Driver) -> str:
-    """The screen, however its lines are broken."""
-    return " ".join(driver.text.split())
-
-
-UNFOLD = (*["tab"] * 7, "enter")
-"""From the first field to the line that unfolds the others."""
-
-
-async def fill(driver: Driver, text: str) -> None:
-    """Replace what the field with the focus holds and go on."""
-    await driver.type(text)
-    await driver.press("tab")
-
+from tests.madrob_console.ui.fake_engine import FakeEngine, a_setup
 
 BAD_VALUES = [
     ("subject", "abc", "subject 'abc': use a whole number"),
@@ -74,114 +61,28 @@ BAD_VALUES = [
 """A field, what is typed there, what is said."""
 
 
-async def test_a_bad_value_is_named_while_typing_and_blocks_the_start(
-    driver: Driver, engine: FakeEngine
-) -> None:
-    await driver.press(*UNFOLD, "f6")
+async def test_a_bad_value_is_named_while_typing_and_blocks_the_start(driver: Driver) -> None:
+    await driver.press(*["tab"] * 7, "enter", "f6")
     for name, text, message in BAD_VALUES:
         field = driver.console.query_one(f"#{name}", Field)
         driver.console.set_focus(field)
         await driver.settle()
         good, field.value = field.value, text
-        await driver.settle()
-        assert message in shown(driver)
-        await driver.press("f5")
-        assert engine.run.phase is Phase.READY
-        assert message in driver.console.status
+        await follow(driver, [(Driver.settle, message), ("f5", Phase.READY, says(message))])
         field.value = good
         await driver.settle()
 
 
-async def test_keys_go_into_a_field_as_they_are_typed_however_fast(driver: Driver) -> None:
-    field = driver.console.query_one("#team", Field)
-    for key in ("down", "end", "X"):  # no pause in between
-        driver.app.post_message(events.Key(key, "X" if key == "X" else None))
-    await driver.settle()
-    assert field.value == f"{DEFAULTS.team}X"
+def at_once(*keys: str) -> Callable[[Driver], object]:
+    """Without a pause in between."""
 
-
-async def test_a_name_never_goes_with_another_subject_however_fast_the_keys_are(
-    driver: Driver, engine: FakeEngine
-) -> None:
-    await driver.press("f2")
-    for key in ("2", "f6"):  # no pause in between
-        driver.app.post_message(events.Key(key, key if key == "2" else None))
-    await driver.settle()
-    await driver.settle()
-    assert (setup_of(engine).subject, setup_of(engine).team) == (2, "")
-
-
-@pytest.mark.parametrize("name", ["[red]Bots[/b]", "門 ドア 🚪", "a\\[b] 100 %"])
-async def test_a_team_shows_as_it_is(engine: FakeEngine, name: str) -> None:
-    defaults = ConsoleDefaults(team=name, referee=name)
-    engine.competition = f"Cup {name}"
-
-    async with driving(engine, defaults=defaults) as driver:
-        assert f"Cup {name}" in driver.rows()[1]
-        await driver.run()
-        cleaned = setup_of(engine).team
-        assert f"run 1 of subject 1 {cleaned}" in driver.text
-        engine.say(f"note: {name}")
-        await driver.press("i", "n", *name, "enter")
-        await driver.finish()
-        assert f"run 1 of subject 1 {cleaned}" in driver.text
-
-
-async def test_the_keys_go_on_while_a_run_number_is_looked_for_and_the_last_enter_counts(
-    slow_engine: SlowEngine,
-) -> None:
-    slow_engine.used_numbers = {(2, 1): 8, (30, 1): 4}
-
-    async with driving(slow_engine) as driver:
-        slow_engine.slow = True
-        await driver.press("f2", "2", "enter", "f2")
-        await driver.type("30")
-        await driver.press("enter")
-        assert {type(request) for request, _ in slow_engine.waiting} == {NextRunNumber}
-        before, last = [answer for _, answer in slow_engine.waiting]
-        assert before.cancelled()
-        assert not last.cancelled()
-        slow_engine.slow = False
-        slow_engine.answer()
+    async def press(driver: Driver) -> None:
+        for key in keys:
+            driver.app.post_message(events.Key(key, key if len(key) == 1 else None))
         await driver.settle()
-        assert (setup_of(slow_engine).subject, setup_of(slow_engine).run_number) == (30, 5)
-
-
-@pytest.mark.parametrize(("used", "proposed"), [(30, 31), (4, 30)])
-async def test_a_number_that_a_withdrawn_start_has_used_is_not_proposed_again(
-    slow_engine: SlowEngine, used: int, proposed: int
-) -> None:
-
-    async with driving(slow_engine) as driver:
-        await driver.press("tab", "tab")
-        await fill(driver, "30")
-        await driver.press("f6")
-        slow_engine.slow = True
-        await driver.press("f5")
-        slow_engine.used_numbers = {(1, 1): used}
-        slow_engine.slow = False
-        slow_engine.waiting.pop()[1].set_result("the disk did not take it: it is withdrawn")
         await driver.settle()
-        assert "Refused: start: the disk did not take it" in driver.console.status
-        await driver.press("f6")
-        assert setup_of(slow_engine).run_number == proposed
 
-
-async def test_nothing_starts_after_a_set_up_that_took_too_long(slow_engine: SlowEngine) -> None:
-    now = 0.0
-
-    async with driving(slow_engine, monotonic=lambda: now) as driver:
-        await driver.set_up()
-        await driver.press("f2", "tab")
-        await driver.type("x")
-        slow_engine.slow = True
-        await driver.press("f5")
-        now += 2.0
-        slow_engine.slow = False
-        slow_engine.answer()
-        await driver.settle()
-        assert "the engine took 2 s to answer: press again" in driver.console.status
-        assert slow_engine.run.phase is Phase.READY
+    return press
 
 
 ON_ROS = "LIVE ros domain 0"
@@ -201,30 +102,20 @@ ALL = RunSetup(
 )
 
 
-async def click_fold(driver: Driver) -> None:
-    y = next(y for y, row in enumerate(driver.rows()) if FOLDED in row)
-    await driver.pilot.click(offset=(20, y))
-    await driver.settle()
-
-
 def top(words: str) -> Callable[[Driver], object]:
     return lambda driver: driver.rows()[0].startswith(words)
 
 
-def run_is(number: int) -> Callable[[Driver], object]:
-    return lambda driver: setup_of(driver.engine).run_number == number
+def run_of_its_team(driver: Driver) -> object:
+    return f"run 1 of subject 1 {setup_of(driver).team}" in driver.text
 
 
-def subject_is(number: int) -> Callable[[Driver], object]:
-    return lambda driver: setup_of(driver.engine).subject == number
+def in_row(driver: Driver, number: int, words: str) -> object:
+    return words in driver.rows()[number]
 
 
 def pose_is(confirmed: bool) -> Callable[[Driver], object]:
     return lambda driver: driver.engine.run.pose_confirmed is confirmed
-
-
-def practises(driver: Driver) -> object:
-    return setup_of(driver.engine).practice
 
 
 def name_is(text: str) -> Callable[[Driver], object]:
@@ -243,19 +134,76 @@ def beside(name: str) -> Callable[[Driver], object]:
 
 
 STORIES: Stories = {
+    "nothing starts after a set up that took too long": [
+        (Driver.set_up,),
+        ("f2 tab x",),
+        (slows,),
+        ("f5",),
+        (ages(2.0),),
+        (engine_does(FakeEngine.answer),),
+        (waits("", says("the engine took 2 s to answer: press again")), Phase.READY),
+    ],
+    "keys go into a field as they are typed however fast": [
+        (at_once("down", "end", "X"), name_is(f"{DEFAULTS.team}X")),
+    ],
+    "a name never goes with another subject however fast the keys are": [
+        ("f2",),
+        (at_once("2", "f6"), set_up_with(subject=2, team="")),
+    ],
+    **{
+        f"a team shows as it is: {name}": [
+            (opened(defaults=ConsoleDefaults(team=name, referee=name)),),
+            (on_engine(competition=f"Cup {name}"),),
+            ("", acting(in_row, 1, f"Cup {name}")),
+            (Driver.run, run_of_its_team),
+            (acting(Driver.press, "i", "n", *name, "enter"),),
+            (Driver.finish, run_of_its_team),
+        ]
+        for name in ("[red]Bots[/b]", "門 ドア 🚪", "a\\[b] 100 %")
+    },
+    "the keys go on while a run number is looked for and the last enter counts": [
+        (on_engine(used_numbers={(2, 1): 8, (30, 1): 4}),),
+        (slows,),
+        ("f2 2 enter f2 =30 enter",),
+        (
+            "",
+            lambda d: (
+                [(type(request), answer.cancelled()) for request, answer in d.engine.waiting]
+                == [(NextRunNumber, True), (NextRunNumber, False)]
+            ),
+        ),
+        (lambda d: d.engine.answer(),),
+        (waits("", set_up_with(subject=30, run_number=5)),),
+    ],
+    **{
+        f"a number that a withdrawn start has used is not proposed again: {used}": [
+            ("tab tab =30 tab f6",),
+            (slows,),
+            ("f5",),
+            (sets(used_numbers={(1, 1): used}, slow=False),),
+            (
+                lambda d: d.engine.waiting.pop()[1].set_result(
+                    "the disk did not take it: it is withdrawn"
+                ),
+            ),
+            (waits("", says("Refused: start: the disk did not take it")),),
+            ("f6", set_up_with(run_number=proposed)),
+        ]
+        for used, proposed in ((30, 31), (4, 30))
+    },
     "every field is seen beside its name": [
         (in_sizes((80, 24), (160, 50)),),
         ("f2 tab*7 enter", *(beside(name) for name in NAMES)),
     ],
     **{
         f"enter sets up from every field choice and the button: {where}": [
-            (f"f2 {where} enter", subject_is(7 if where == "7" else 1)),
+            (f"f2 {where} enter", set_up_with(subject=7 if where == "7" else 1)),
             ("f6 f5",),
             (passes(6.0),),
             (Driver.finish,),
-            (f"enter f a enter f2 {where} enter", run_is(2), Phase.READY),
+            (f"enter f a enter f2 {where} enter", set_up_with(run_number=2), Phase.READY),
         ]
-        for where in ("", "7", "tab", "tab*4", "escape")
+        for where in ("7", "tab*4", "escape")
     },
     "what seldom changes is one line that opens and closes": [
         ("f2 tab*7",),
@@ -268,7 +216,7 @@ STORIES: Stories = {
                 (key, lambda d: d.engine.acts == []),
             )
         ),
-        (click_fold, "Timeout, s"),
+        (acting(Driver.click, "More: pose"), "Timeout, s"),
     ],
     "every field is reached by tab in the natural order": [
         ("tab*7 enter f2",),
@@ -276,13 +224,18 @@ STORIES: Stories = {
         ("right tab",),  # practice
         ("right tab right tab right right tab tab",),  # the presets: numbers instead
         ("=-2.5 tab =0.25 tab =12.5 tab =120 tab =3 tab",),
-        ("right tab right right tab '=Bo Larsen' enter", lambda d: setup_of(d.engine) == ALL),
+        ("right tab right right tab '=Bo Larsen' enter", lambda d: setup_of(d) == ALL),
     ],
     "a practice run is plain on every screen and has a number of its own": [
         (on_engine(kind=SourceKind.ROS, label=ON_ROS, used_numbers={(1, 1): 3}),),
         (Driver.settle, top(f" {ON_ROS} ")),
-        ("tab*3 right enter", practises, run_is(1), "Run 1 of subject 1 is set up."),
-        ("left enter", lambda d: not setup_of(d.engine).practice, run_is(4)),
+        (
+            "tab*3 right enter",
+            set_up_with(practice=True),
+            set_up_with(run_number=1),
+            "Run 1 of subject 1 is set up.",
+        ),
+        ("left enter", set_up_with(practice=False), set_up_with(run_number=4)),
         ("right",),
         (Driver.set_up,),
         (Driver.run,),
@@ -292,7 +245,12 @@ STORIES: Stories = {
     **{
         f"start and pose set up what is seen: {key}": [
             (f"f3 {key}", lambda d: d.engine.run.setup is None),  # it is not seen
-            (f"f2 {key}", subject_is(1), Phase.READY, pose_is(confirmed)),
+            (
+                f"f2 {key}",
+                set_up_with(subject=1),
+                Phase.READY,
+                pose_is(confirmed),
+            ),
         ]
         for key, confirmed in (("f5", False), ("f6", True))
     },
@@ -303,7 +261,7 @@ STORIES: Stories = {
     "a typed name is its subjects alone and comes back with it": [
         ("f2 2", name_is("")),
         ("tab =Twos f2 1", name_is(DEFAULTS.team)),
-        ("f2 2 f6", subject_is(2), lambda d: setup_of(d.engine).team == "Twos"),
+        ("f2 2 f6", set_up_with(subject=2), set_up_with(team="Twos")),
     ],
     "enter sets up what is shown": [
         ("", "Not set up yet"),
@@ -327,55 +285,53 @@ STORIES: Stories = {
         ),
         (
             "enter",
-            run_is(4),
+            set_up_with(run_number=4),
             lambda d: re.search(" Run +4", d.text),
         ),
-        ("f2 2 enter", run_is(9)),
+        ("f2 2 enter", set_up_with(run_number=9)),
         ("f2 tab*6 right", lambda d: re.search(" Run +next", d.text)),
         (
             "enter",
-            lambda d: (
-                (setup_of(d.engine).condition.number, setup_of(d.engine).run_number) == (2, 2)
-            ),
+            lambda d: (setup_of(d).condition.number, setup_of(d).run_number) == (2, 2),
         ),
         (
             "f2 tab tab 3 0 enter f6 f5",
-            run_is(30),
+            set_up_with(run_number=30),
             Phase.COUNTDOWN,
         ),
     ],
     "a team belongs to its subject": [
         (on_engine(teams=TeamList({1: "Ones", 2: "Twos"})),),
         (opened(defaults=ConsoleDefaults()),),
-        ("enter", lambda d: setup_of(d.engine).team == "Ones"),
-        ("f2 2 enter", lambda d: setup_of(d.engine).team == "Twos"),
-        ("f2 3 enter", lambda d: setup_of(d.engine).team == ""),
+        ("enter", set_up_with(team="Ones")),
+        ("f2 2 enter", set_up_with(team="Twos")),
+        ("f2 3 enter", set_up_with(team="")),
     ],
     "what is typed last counts for the start": [
         (
             "enter f6 f2 =5",
-            subject_is(1),
+            set_up_with(subject=1),
             "Not set up yet: Enter sets it up.",
         ),
         (
             "f5",
-            subject_is(5),
+            set_up_with(subject=5),
             says_only("Refused: start: F6 confirms the start pose"),
         ),
         ("f6 f5", Phase.COUNTDOWN),
     ],
     "a preset pose changes sides with the robot and typed numbers stay": [
-        ("tab*5 right enter", lambda d: setup_of(d.engine).start_pose == StartPose(-1.5, 0.0, 0.0)),
+        ("tab*5 right enter", set_up_with(start_pose=StartPose(-1.5, 0.0, 0.0))),
         ("tab tab enter f2 tab*8 =-1.2 f2 tab*5 right enter", "start pose lies on the CW side"),
-        ("left enter", lambda d: setup_of(d.engine).start_pose == StartPose(-1.2, 0.0, 0.0)),
+        ("left enter", set_up_with(start_pose=StartPose(-1.2, 0.0, 0.0))),
     ],
     "on a simulated testbed nothing can be put to official": [
         (on_engine(simulated="nominal"),),
-        (Driver.set_up, lambda d: setup_of(d.engine).practice),
+        (Driver.set_up, set_up_with(practice=True)),
         (
             "f2 tab*3 right enter",
             lambda d: re.search(" Run is +< PRACTICE >", d.text),
-            lambda d: setup_of(d.engine).practice,
+            set_up_with(practice=True),
         ),
     ],
     "a testbed that says late that it is simulated makes the next set up practice": [
@@ -385,9 +341,9 @@ STORIES: Stories = {
         (
             has(simulated="nominal", label="SIMULATED over ROS domain 0"),
             lambda d: d.rows()[0].startswith(" ~~ SIMULATED over ROS"),
-            lambda d: not setup_of(d.engine).practice,
+            set_up_with(practice=False),
         ),
-        ("f5", lambda d: setup_of(d.engine).practice, Phase.READY),
+        ("f5", set_up_with(practice=True), Phase.READY),
         ("f6 f5", Phase.COUNTDOWN),
     ],
     "nothing is editable once the countdown runs": [
@@ -398,14 +354,14 @@ STORIES: Stories = {
     ],
     "the last runs settings are the next runs proposal": [
         ("tab",),
-        (acting(fill, "Knockers"),),
+        ("=Knockers tab",),
         (Driver.run,),
         (Driver.finish,),
         ("enter f a enter f2", "Draft for subject 1: Enter sets it up.", Phase.FINAL),
         (
             "enter",
-            run_is(2),
-            lambda d: setup_of(d.engine).team == "Knockers",
+            set_up_with(run_number=2),
+            set_up_with(team="Knockers"),
             Phase.READY,
         ),
     ],
@@ -446,7 +402,7 @@ STORIES: Stories = {
     "a name changed by cleaning is shown changed": [
         (
             "tab '=../Bots/  One' enter",
-            lambda d: setup_of(d.engine).team == "Bots One",
+            set_up_with(team="Bots One"),
             lambda d: d.console.query_one("#team", Field).value == "Bots One",
         ),
     ],

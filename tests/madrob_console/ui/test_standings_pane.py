@@ -3,7 +3,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
@@ -11,9 +10,10 @@ import pytest
 from madrob_console.archive.collection import matches
 from madrob_console.archive.history import RunSummary
 from madrob_console.engine.snapshot import ExportView
-from madrob_console.pages.tally import standings
+from madrob_console.pages.tally import Standing, standings
 from madrob_console.referee.flags import FlagWeight
-from madrob_console.ui.cells.lines import Tone
+from madrob_console.ui.cells.lines import Tone, plain
+from madrob_console.ui.cells.table import Table
 from madrob_console.ui.look.words import export_text
 from madrob_console.ui.panes.standings_pane import (
     PRACTICE_BANNER,
@@ -21,9 +21,27 @@ from madrob_console.ui.panes.standings_pane import (
     about,
     filter_for,
 )
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-from tests.madrob_console.run_folders import UNDECIDED_START, VALUES, summary, write
-from tests.madrob_console.ui.driver import DEFAULTS, PANE, Shown, driving, play_pane, row, showing
+from scoring.result import Uncertainty
+from tests.madrob_console.run_folders import UNDECIDED_START, VALUES, summary
+from tests.madrob_console.ui.driver import (
+    PANE,
+    Alone,
+    Driver,
+    Stories,
+    Story,
+    answered,
+    engine_has,
+    has,
+    no,
+    opened,
+    play,
+    play_alone,
+    row,
+    says_only,
+    showing,
+)
 from tests.madrob_console.ui.fake_engine import FakeEngine
 
 TITLES = (
@@ -53,41 +71,37 @@ def pane_of(runs: Sequence[RunSummary], best: int = 0) -> StandingsPane:
     return StandingsPane(lambda: runs, best, "Autumn Cup")
 
 
-async def test_each_condition_begins_with_the_team_that_leads_it() -> None:
-    """By level, then by time, as on the published overview."""
-    low = {**VALUES, "execution_time": 300.0, "capability_level": 3}
-    runs = (
-        *OFFICIAL,
-        timed(3, 5.0, condition=1, team="Ghent"),
-        timed(4, 12.5, team="Delft University Door Openers"),
-        summary(5, team="Pisa", outcome=Outcome.TIMEOUT, values=low),
-        timed(6, 1.0, team="Oslo", outcome=Outcome.ABORTED, values={}),
+LOW = {**VALUES, "execution_time": 300.0, "capability_level": 3}
+LED = (
+    *OFFICIAL,
+    timed(3, 5.0, condition=1, team="Ghent"),
+    timed(4, 12.5, team="Delft University Door Openers"),
+    summary(5, team="Pisa", outcome=Outcome.TIMEOUT, values=LOW),
+    timed(6, 1.0, team="Oslo", outcome=Outcome.ABORTED, values={}),
+)
+TWO_RULESETS = (*OFFICIAL, timed(2, 1.0, team="門の騎士", ruleset="eurobench-2020"))
+"""Each has a leader of its own, and they are not compared."""
+
+
+def table_of(shown: Alone) -> Table[Standing]:
+    return shown.app.query_one(StandingsPane).table
+
+
+def strong(*rows: bool) -> Callable[[Alone], object]:
+    """Whether the second and the following rows are."""
+    return lambda shown: (
+        [
+            any(span.tone is Tone.STRONG for span in line[2:])
+            for line in table_of(shown).page(76, 8)[2 : 2 + len(rows)]
+        ]
+        == [*rows]
     )
 
-    pane = pane_of(runs)
-    async with showing(pane) as shown:
-        rows = [" ".join(row.split()) for row in shown.rows()]
-        first = rows.index("> 1 3 Ghent 6 5.00 1")
-        assert rows[first + 1 : first + 6] == [
-            "7 1 Delft 6 10.00 4",
-            "7 4 Delft University Door Openers 6 12.50 1",
-            "7 2 門の騎士 6 15.00 1",
-            "7 5 Pisa 3 timeout 1",
-            "7 6 Oslo - - 0",
-        ]
-        assert "Each team's best run: level, then time. The protocol makes no ranking." in rows
-        assert PRACTICE_BANNER not in shown.text
-        strong = [
-            any(span.tone is Tone.STRONG for span in line[2:]) for line in pane.table.page(76, 8)
-        ]
-        assert strong[2:7] == [True, False, False, False, False]
 
-
-async def test_each_ruleset_has_a_leader_of_its_own_and_they_are_not_compared() -> None:
-    pane = pane_of((*OFFICIAL, timed(2, 1.0, team="門の騎士", ruleset="eurobench-2020")))
-    async with showing(pane) as shown:
-        assert "2 rulesets: do not compare them." in " ".join(shown.text.split())
-        assert pane.table.strong == {"2/7/eurobench-2020", "1/7/protocol"}
+def in_order(*rows: str) -> Callable[[Alone], object]:
+    """These rows stand one below the other, their blanks aside."""
+    wanted = "\n".join(rows)
+    return lambda shown: wanted in "\n".join(" ".join(row.split()) for row in shown.rows())
 
 
 HALLS = [timed(1, 10.0, testbed="A", rate=50.0), timed(2, 20.0, testbed="B", rate=100.0)]
@@ -104,33 +118,98 @@ FLAGGED = (
 DAMAGED = timed(3, 1.0, team="Ghent", problem="result.json is damaged")
 
 
-def misses(words: str) -> Callable[[Shown], object]:
-    return lambda shown: words not in shown.text
-
-
-def marked(words: str) -> Callable[[Shown], object]:
+def marked(words: str) -> Callable[[Alone], object]:
     return lambda shown: words in shown.marked
 
 
-def of_team(team: str, words: str) -> Callable[[Shown], object]:
+def of_team(team: str, words: str) -> Callable[[Alone], object]:
     return lambda shown: words in next(row for row in shown.rows() if team in row)
 
 
-class Story(NamedTuple):
+ALIKE = [
+    summary(
+        subject,
+        hour=float(subject == 2),
+        values={**VALUES, "execution_time": time},
+        uncertainties={IndicatorName.EXECUTION_TIME: Uncertainty(0.009, 0.018)},
+        doubts=doubts,
+    )
+    for subject, time, doubts in (
+        (1, 17.43, {}),
+        (2, 17.44, {IndicatorName.EXECUTION_TIME: 1}),
+        (3, 19.0, {}),
+    )
+]
+
+
+class Case(NamedTuple):
     """What is pressed and seen, with which runs, of which the `best` count."""
 
     runs: Sequence[RunSummary]
-    rows: Sequence[tuple[Any, ...]]
+    rows: Story
     best: int = 0
     size: tuple[int, int] = PANE
 
 
 STORIES = {
-    "a team of another competition is another team": Story(
+    # by level, then by time, as on the published overview
+    "each condition begins with the team that leads it": Case(
+        LED,
+        rows=[
+            (
+                "",
+                in_order(
+                    "> 1 3 Ghent 6 5.00 1",
+                    "7 1 Delft 6 10.00 4",
+                    "7 4 Delft University Door Openers 6 12.50 1",
+                    "7 2 門の騎士 6 15.00 1",
+                    "7 5 Pisa 3 timeout 1",
+                    "7 6 Oslo - - 0",
+                ),
+                row("Each team's best run: level, then time. The protocol makes no ranking."),
+                no(PRACTICE_BANNER),
+                strong(True, False, False, False, False),
+            )
+        ],
+    ),
+    "each ruleset has a leader of its own and they are not compared": Case(
+        TWO_RULESETS,
+        rows=[
+            (
+                "",
+                "2 rulesets: do not compare them.",
+                lambda shown: table_of(shown).strong == {"2/7/eurobench-2020", "1/7/protocol"},
+            )
+        ],
+    ),
+    "teams that do not differ are marked": Case(
+        ALIKE,
+        rows=[
+            ("", lambda shown: shown.marked.split()[:5] == [">", "7", "1", "Team", "1"]),
+            ("", "17.43~ ", "17.44?~ ", "19.00 "),
+            ("", "? doubted ~ not distinguishable", "execution time ~ 2"),
+        ],
+    ),
+    "without a sign no row is lost to their meaning": Case([summary()], rows=[("", no("doubted"))]),
+    "enter asks for the runs of the marked team": Case(
+        OFFICIAL,
+        rows=[
+            (
+                "down enter",
+                lambda shown: [one.row for one in shown.app.sent] == [table_of(shown).selected],
+                lambda shown: (
+                    (marked := table_of(shown).selected)
+                    and [run for run in OFFICIAL if matches(run, filter_for(marked))]
+                    == list(OFFICIAL[4:])
+                ),
+            )
+        ],
+    ),
+    "a team of another competition is another team": Case(
         (*OFFICIAL, *OTHERS),
         rows=[("", row("> 7 1 Delft 6 10.00 4"), "1 not of this competition.")],
     ),
-    "v shows counts and means over all valid runs": Story(
+    "v shows counts and means over all valid runs": Case(
         (*OFFICIAL, *PRACTICE),
         size=(140, 30),
         rows=[
@@ -142,12 +221,12 @@ STORIES = {
             )
         ],
     ),
-    "testbeds that differ are told in the head line": Story(
+    "testbeds that differ are told in the head line": Case(
         HALLS,
         rows=[("", "The testbeds differ: sampling rate 50 Hz (A), 100 Hz (B).")],
     ),
-    "testbeds that do not differ are not": Story(SAME_RATE, [("", misses("differ"))]),
-    "a team with flagged runs is marked and the line below counts them": Story(
+    "testbeds that do not differ are not": Case(SAME_RATE, [("", no("differ"))]),
+    "a team with flagged runs is marked and the line below counts them": Case(
         FLAGGED,
         rows=[
             (
@@ -162,7 +241,7 @@ STORIES = {
             )
         ],
     ),
-    "v goes through the statistics": Story(
+    "v goes through the statistics": Case(
         OFFICIAL,
         size=(120, 30),
         rows=[
@@ -177,26 +256,26 @@ STORIES = {
             )
         ],
     ),
-    "so many best runs enter as the settings say": Story(
+    "so many best runs enter as the settings say": Case(
         OFFICIAL,
         best=2,
         rows=[("v", "mean over the best 2 valid runs", marked(" 15.00 "))],
     ),
-    "official runs stand there without practice": Story(
+    "official runs stand there without practice": Case(
         (*OFFICIAL, *PRACTICE),
-        rows=[("", misses(PRACTICE_BANNER), marked(" 10.00 "))],
+        rows=[("", no(PRACTICE_BANNER), marked(" 10.00 "))],
     ),
-    "practice runs stand there where there are no others": Story(
+    "practice runs stand there where there are no others": Case(
         PRACTICE,
         rows=[("", PRACTICE_BANNER, marked(" 99.00 "))],
     ),
-    "without runs it says so": Story(
+    "without runs it says so": Case(
         (),
-        rows=[("", "no official runs yet", misses(PRACTICE_BANNER))],
+        rows=[("", "no official runs yet", no(PRACTICE_BANNER))],
     ),
-    "damaged results are left out and counted": Story(
+    "damaged results are left out and counted": Case(
         (*OFFICIAL, DAMAGED),
-        rows=[("", "1 DAMAGED left out.", misses("Ghent"))],
+        rows=[("", "1 DAMAGED left out.", no("Ghent"))],
     ),
 }
 
@@ -204,35 +283,26 @@ STORIES = {
 @pytest.mark.parametrize("story", STORIES)
 async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
     runs, rows, best, size = STORIES[story]
-    await play_pane(pane_of(runs, best), *rows, size=size)
+    await play_alone(pane_of(runs, best), *rows, size=size)
 
 
 async def test_every_column_can_be_seen_and_sorted_by_on_a_small_screen() -> None:
-    async with showing(pane_of(OFFICIAL)) as shown:
+    """By the keys of a table, which move and sort as here."""
+    pane = pane_of(OFFICIAL)
+    async with showing(pane) as shown:
         await shown.press("v")
         seen, sorted_by = "", set()
         for _ in TITLES:
-            seen += shown.text
+            seen += plain(pane.table.page(*PANE))
             for _ in range(2 * 8):
-                sorted_by.add(re.findall(r"of 2, by (\w+(?: \w+)*)", shown.text)[0])
-                await shown.press("o")
-                assert any("▲" in row or "▼" in row for row in shown.rows())
-            await shown.press("right")
+                below = plain(pane.table.page(*PANE)[-1:])
+                sorted_by.add(re.findall(r"of 2, by (\w+(?: \w+)*)", below)[0])
+                pane.table.action_sort()
+                head = plain(pane.table.page(*PANE)[:1])
+                assert "▲" in head or "▼" in head
+            pane.table.action_columns(1)
         assert all(title in seen for title in TITLES)
         assert len(sorted_by) == len(TITLES) + 1  # and by what is open
-
-
-async def test_enter_asks_for_the_runs_of_the_marked_team() -> None:
-
-    pane = pane_of(OFFICIAL)
-    async with showing(pane) as shown:
-        await shown.press("down", "enter")
-        (sent,) = shown.app.sent
-        assert isinstance(sent, StandingsPane.Opened)
-        assert pane.table.selected is not None
-        assert sent.row == pane.table.selected
-        wanted = filter_for(pane.table.selected)
-        assert [run for run in OFFICIAL if matches(run, wanted)] == list(OFFICIAL[4:])
 
 
 def test_a_row_is_said_in_words() -> None:
@@ -270,49 +340,41 @@ def test_a_line_says_what_has_become_of_an_export(export: ExportView, text: str)
     assert export_text(export) == text
 
 
-@pytest.mark.parametrize("practice", [True, False])
-async def test_e_packs_official_or_practice_runs_as_the_marked_one_is(
-    engine: FakeEngine, tmp_path: Path, *, practice: bool
-) -> None:
-    write(tmp_path, summary(7, practice=practice))
+PRACTISED = summary(7, practice=True)
+SPRING = summary(7, competition="Spring Cup", hour=1)
+PACKED: Stories = {
+    **{
+        f"e packs official or practice runs as the marked one is: {subject}": [
+            (opened(runs=[run]),),
+            (answered("escape h"),),
+            ("enter e", engine_has(exported=[subject])),
+        ]
+        for run, subject in ((summary(7), 7), (PRACTISED, -7))
+    },
+    "e packs the team of the marked runs competition": [
+        (opened(runs=[SPRING, summary(7)]),),
+        (answered("escape h"),),
+        ("enter e",),
+        ("down enter e", engine_has(exported_of=["Spring Cup", "Autumn Cup"])),
+    ],
+    "e packs the team of the run or the marked one and says where the zip is": [
+        (opened(runs=[summary(7)]),),
+        (answered("escape h"),),
+        ("enter", "e Zip"),
+        ("e", says_only(export_text(ExportView(7)))),
+        (
+            has(export=ExportView(7, "/exports/a.zip")),
+            says_only("Packed: /exports/a.zip (y copies it)"),
+        ),
+        ("f3",),
+        (Driver.run,),
+        (Driver.finish,),
+        # a simulated run is practice
+        ("f4 enter e", engine_has(exported=[7, -1])),
+    ],
+}
 
-    async with driving(engine, defaults=replace(DEFAULTS, results=tmp_path)) as driver:
-        await driver.answered("escape", "h")
-        await driver.press("enter", "e")
-        assert engine.exported == [-7 if practice else 7]
 
-
-async def test_e_packs_the_team_of_the_marked_runs_competition(
-    engine: FakeEngine, tmp_path: Path
-) -> None:
-    write(tmp_path, summary(7, competition="Spring Cup", hour=1))
-    write(tmp_path, summary(7))
-
-    async with driving(engine, defaults=replace(DEFAULTS, results=tmp_path)) as driver:
-        await driver.answered("escape", "h")
-        await driver.press("enter", "e")
-        await driver.press("down", "enter", "e")
-        assert engine.exported_of == ["Spring Cup", "Autumn Cup"]
-
-
-async def test_e_packs_the_team_of_the_run_or_the_marked_one_and_says_where_the_zip_is(
-    engine: FakeEngine, tmp_path: Path
-) -> None:
-    write(tmp_path, summary(7))
-    defaults = replace(DEFAULTS, results=tmp_path)
-
-    async with driving(engine, defaults=defaults) as driver:
-        await driver.answered("escape", "h")
-        await driver.press("enter")
-        assert "e Zip" in driver.text
-        await driver.press("e")
-        assert engine.exported == [7]
-        assert driver.console.status == export_text(ExportView(7))
-        engine.export = ExportView(7, f"{tmp_path}/exports/a.zip")
-        await driver.settle()
-        assert driver.console.status == f"Packed: {tmp_path}/exports/a.zip (y copies it)"
-        await driver.press("f3")
-        await driver.run()
-        await driver.finish()
-        await driver.press("f4", "enter", "e")
-        assert engine.exported == [7, -1]  # a simulated run is practice
+@pytest.mark.parametrize("story", PACKED)
+async def test_e_packs_runs(story: str) -> None:
+    await play(FakeEngine, PACKED[story])
