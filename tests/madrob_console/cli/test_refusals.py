@@ -100,7 +100,7 @@ LINES = [
     ("watch --json --testbed simulated", "no engine runs here to be watched"),
     (f"{RUN} --start-pose -1,0,0 --results results", "CCW side"),
     (f"{RUN} --plan none.csv", "correct --plan"),
-    (f"{RUN} --team-name {'x' * 200}", "--team-name"),
+    (f"{RUN} --results results --team-name {'x' * 200}", "--team-name"),
     (f"{RUN} --results file", "file"),
     (f"{RUN} --settings wrong.toml", "timeuot"),
     (f"{RUN} --settings foreign.toml", "no_msgs"),
