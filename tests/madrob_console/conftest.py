@@ -2,7 +2,11 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
+from fcntl import LOCK_EX, LOCK_NB, flock
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -10,7 +14,17 @@ import pytest
 from tests.madrob_console.engine.drive import Drive
 from tests.madrob_console.ros_peer import Peer, Taker, source
 
-DOMAIN = os.getpid() % 100 + 1  # test processes side by side must not hear each other
+
+@cache
+def own_domain() -> int:
+    """Of this process until it ends: test processes side by side must not hear each other."""
+    for number in range(100):
+        domain = (os.getpid() + number) % 100 + 1
+        with suppress(OSError):
+            name = Path(tempfile.gettempdir(), f"madrob-test-domain-{domain}")
+            flock(os.open(name, os.O_CREAT | os.O_WRONLY), LOCK_EX | LOCK_NB)  # never closed
+            return domain
+    pytest.fail("every ROS domain is in use by tests")
 
 
 @pytest.fixture
@@ -18,9 +32,9 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> int:
     """A ROS domain on this machine only; skips where ROS is not installed."""
     if importlib.util.find_spec("rclpy") is None:
         pytest.skip("rclpy is not installed")
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(own_domain()))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    return DOMAIN
+    return own_domain()
 
 
 @pytest.fixture
