@@ -203,7 +203,10 @@ class RosSource(Source):
         self._info = InfoWatch(listener, self._types, self._clock)
         describe = partial(describe_registered, self._types, prefixes(self._environment))
         self._robot = Intake(
-            *(listener, ROBOT_STARTED_TOPIC, describe, ROBOT_STARTED_TYPE),
+            listener,
+            ROBOT_STARTED_TOPIC,
+            describe,
+            ROBOT_STARTED_TYPE,
             remedy="correct the robot's program",
         )
         scored = (Intake(listener, name, describe, t) for name, t in self._configured.items())
