@@ -253,7 +253,7 @@ def test_r_replays_the_run_at_the_instant_of_its_protest_and_comes_back(tmp_path
     with console(*named, lines=36) as window:
         referee = Referee(window)
         referee.see("SIMULATED")
-        referee.press("F3", "F10")
+        referee.press("F3", "1 touch the handle")
         referee.press("h", "1 PROTEST open")
         referee.press("Enter", "R")
         referee.press("R", "PAUSED 1x 0:06.50")

@@ -19,7 +19,13 @@ import pytest
 
 from madrob_console.archive import score
 from madrob_console.archive.check import Grade, check_run
-from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
+from madrob_console.archive.folders import (
+    JOURNAL_FILE,
+    PRACTICE_FOLDER,
+    RESULT_FILE,
+    RunPath,
+    results_folder_of,
+)
 from madrob_console.archive.history import History, RunSummary
 from madrob_console.archive.result_document import ResultDocument, result_schema
 from madrob_console.archive.run_journal import find_unfinished
@@ -181,7 +187,7 @@ CHANGES: dict[str, tuple[str, str]] = {
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     source = final()
-    return shutil.copytree(source, tmp_path / "results" / source.name)
+    return shutil.copytree(source, tmp_path / "results" / PRACTICE_FOLDER / source.name)
 
 
 def change_result(folder: Path, change: str) -> None:
@@ -192,7 +198,7 @@ def change_result(folder: Path, change: str) -> None:
 
 
 def summary(folder: Path) -> RunSummary:
-    (run,) = History(folder.parent).refresh()
+    (run,) = History(results_folder_of(folder)).refresh()
     return run
 
 
@@ -206,14 +212,12 @@ def test_a_changed_result_is_named_by_all_who_list_and_is_made_again(
         return code, told.out + told.err
 
     right, lines = (folder / RESULT_FILE).read_bytes(), (folder / JOURNAL_FILE).read_bytes()
-    root, site = folder.parent, tmp_path / "site"
+    root, site = results_folder_of(folder), tmp_path / "site"
     assert printed("standings", root, "--practice")[0] == 0
     change_result(folder, change)
     for command in (
-        ["standings", root],
         ["standings", root, "--practice"],
         ["table", "runs", root],
-        ["publish", site, root],
         ["publish", site, root, "--practice"],
     ):
         code, told = printed(*command)
