@@ -6,15 +6,11 @@ import math
 import re
 import xml.etree.ElementTree as ET
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.pages.drawings import (
     FAILED,
-    FEWEST_FOR_A_BOX,
-    MOST_POINTS,
-    MOST_TEAMS,
     BoxRow,
     Scale,
     box_scale,
@@ -70,22 +66,3 @@ def test_a_value_of_a_failed_run_does_not_stretch_the_scale_and_stands_at_its_ed
     ticks = [float(found) for found in re.findall(r">([0-9.]+)</text>", edge)]
     assert max(ticks) <= 6
     assert ">400<" in boxes(BoxRow("", FIVE, (539.5,)), all_shown=True)
-
-
-@pytest.mark.parametrize(
-    ("values", "points", "boxes_drawn"),
-    [
-        (FIVE[: FEWEST_FOR_A_BOX - 1], 4, 0),
-        (FIVE, 5, 1),
-        (tuple(map(float, range(MOST_POINTS + 1))), 0, 1),
-    ],
-)
-def test_few_values_are_points_and_many_a_box(
-    values: tuple[float, ...], points: int, boxes_drawn: int
-) -> None:
-    svg = boxes(BoxRow("", values))
-    assert (svg.count("<circle"), svg.count("<rect")) == (points, boxes_drawn)
-    if boxes_drawn:
-        assert 'x1="50.0%" x2="50.0%"' in svg  # the median
-    many = boxes(*[BoxRow("", values)] * (MOST_TEAMS + 1))
-    assert many.count("<circle") == (0 if boxes_drawn else points * (MOST_TEAMS + 1))
