@@ -21,7 +21,7 @@ from madrob_console.archive.folders import (
     run_folder_names,
 )
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import atomic_write, free_space
+from madrob_console.common.files import atomic_write
 from tests.madrob_console.run_folders import put_hole
 
 START = 1_700_000_000.25
@@ -183,16 +183,6 @@ def test_of_two_that_saw_a_number_free_the_first_line_has_it(
         reserve_run_folder(tmp_path, RUN, START + 60)
 
 
-def test_only_run_folders_are_runs(tmp_path: Path) -> None:
-    runs = (RUN.folder_name(START + 100), RunName(9, 20, 2).folder_name(START))
-    for name in (*runs, "notes"):
-        (tmp_path / name).mkdir()
-    (tmp_path / RunName(4, 1, 1).folder_name(START)).write_text("a file")
-    (tmp_path / RunName(5, 1, 1).folder_name(START)).symlink_to(tmp_path / runs[0])
-    assert set(run_folder_names(tmp_path)) == set(runs)
-    assert run_folder_names(tmp_path / "none") == []
-
-
 def test_a_file_is_replaced_whole_and_what_a_link_led_to_stays(tmp_path: Path) -> None:
     path, outside = tmp_path / "result.json", tmp_path / "outside"
     outside.write_bytes(b"precious")
@@ -213,14 +203,6 @@ def test_a_failed_write_leaves_what_was_there(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["result.json"]
     with pytest.raises(MadrobError, match="not written"):
         atomic_write(tmp_path / "none" / "result.json", b"new")
-
-
-def test_free_space_is_known_for_a_folder_yet_to_be_made(tmp_path: Path) -> None:
-    free = free_space(tmp_path / "a" / "b")
-    assert free is not None
-    assert free > 0
-    (tmp_path / "file").touch()
-    assert free_space(tmp_path / "file" / "b") is None
 
 
 def _umask() -> int:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from madrob_console.archive.nearest_frames import FARTHEST, Cameras
 from madrob_console.common.clock import seconds
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
-from recorder.bag import Topic, evidence_file_name
+from recorder.bag import Topic
 from recorder.writer import BagWriter
 from tests.madrob_console.archive.frames import NS, film, span, stream
 from tests.madrob_console.recorded_runs import completed
@@ -25,7 +25,6 @@ from tests.recorder.samples import (
     door_messages,
     door_topics,
     encode,
-    strings,
 )
 
 FRONT, SIDE = "/camera/front/image/compressed", "/camera/side"
@@ -90,22 +89,6 @@ def test_a_frame_that_is_too_far_is_not_that_instant_s(filmed: Path) -> None:
         assert found.nearest(camera, time) is None
 
 
-def test_a_camera_whose_clock_is_years_away_is_found(run: Path) -> None:
-    film(run, FRONT, offset=-1_600_000_000.0)
-    found = cameras(run)
-    assert abs(apart(found, span(run)[0] + 5)) < 0.04
-
-
-def test_a_camera_that_stops_and_comes_again_is_found_on_both_sides(run: Path) -> None:
-    begin, end = span(run)
-    sent = [m for m in stream(FRONT, begin, end) if not 5 < m.receive_ns / NS - begin < 9]
-    add_evidence(run, sent)
-    found = cameras(run)
-    assert apart(found, begin + 5.5) < -0.4
-    assert found.nearest(only(found), begin + 7) is None
-    assert apart(found, begin + 8.5) > 0.4
-
-
 def test_evidence_that_is_torn_or_damaged_gives_the_frames_that_are_whole(run: Path) -> None:
     begin, end = span(run)
     file = add_evidence(run, stream(FRONT, begin, end, size=(1280, 960)))
@@ -125,16 +108,6 @@ def test_evidence_that_is_torn_or_damaged_gives_the_frames_that_are_whole(run: P
     assert 0.5 < distances[-1] <= FARTHEST
     assert distances[len(distances) // 2] < 0.04
     assert re.search(r"_evidence_0.mcap: a chunk .* \(byte \d+\)", found.problems[0])
-
-
-def test_what_is_no_recording_and_what_is_no_camera_is_passed_over(run: Path) -> None:
-    (run / evidence_file_name(run.name, 0)).write_bytes(b"garbage")
-    add_evidence(run, strings(["a", "b"]), number=1)
-    begin, end = span(run)
-    add_evidence(run, stream(SIDE, begin, end), number=2)
-    found = cameras(run)
-    assert [camera.name for camera in found.topics] == [SIDE]
-    assert "does not begin like an MCAP file" in found.problems[0]
 
 
 @pytest.mark.parametrize("step", [0.0, 2.0])

@@ -7,13 +7,11 @@ import math
 import re
 import shutil
 import struct
-import tracemalloc
 import zlib
 from dataclasses import replace
 from functools import cache
 from itertools import count
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -36,10 +34,7 @@ from madrob_console.archive.picture import (
 from madrob_console.archive.run_pictures import (
     MOST_PICTURES,
     NO_PICTURES,
-    PictureEntry,
     PictureIndex,
-    RunPictures,
-    difference_words,
     moments_in,
     pictures_of,
     renewed_pictures,
@@ -50,7 +45,7 @@ from madrob_console.archive.scored import Scored, score_opened
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
-from madrob_console.pages.camera_pictures import MOST_EMBEDDED, pictures
+from madrob_console.pages.camera_pictures import MOST_EMBEDDED
 from madrob_console.pages.report import report_html
 from madrob_console.pages.surroundings import Surroundings
 from madrob_console.referee.records import Protest
@@ -134,14 +129,6 @@ def test_the_instant_that_a_protest_is_about_has_pictures(run: Path) -> None:
     assert (shown.event, shown.words) == ("protest_1", "protest 1 (step 3)")
     assert shown.since_start == pytest.approx(4.2)
     assert shown.file.endswith("_protest_1_camera_front_image_compressed.jpg")
-
-
-def test_a_run_without_evidence_is_as_it_was(run: Path) -> None:
-    place = Surroundings().place_of(run, scored())
-    before = {path.name: path.read_bytes() for path in run.iterdir()}
-    assert renewed_pictures(run, scored()) is NO_PICTURES
-    assert page_of(run) == report_html(scored(), "1", place).replace("<wbr>", "")
-    assert {path.name: path.read_bytes() for path in run.iterdir()} == before
 
 
 def test_a_report_and_its_copy_on_a_site_have_the_pictures_with_words_for_who_cannot_see_them(
@@ -264,33 +251,6 @@ def test_an_index_that_lies_reads_no_other_file(run: Path) -> None:
         assert stored_pictures(run) is NO_PICTURES
 
 
-def entry(moment: int, topic: str, **known: Any) -> PictureEntry:  # noqa: ANN401
-    return PictureEntry(
-        moment=moment, event="door_opens", words="door opens", time=1e9 + moment,
-        since_start=float(moment), topic=topic, **known,
-    )  # fmt: skip
-
-
-def test_a_picture_far_from_its_event_is_set_apart_and_one_that_is_missing_says_why_once() -> None:
-    broken = [entry(moment, "/camera/broken", problem="no JPEG") for moment in range(1, 9)]
-    near = entry(1, FRONT, file="near.jpg", difference=0.008)
-    far = entry(2, FRONT, file="far.jpg", difference=-0.389)
-    later = msgspec.structs.replace(far, difference=0.389)
-    assert difference_words(later) == "389 ms LATER"
-    files = dict.fromkeys(("near.jpg", "far.jpg"), packed(pattern(1)))
-    told = RunPictures(PictureIndex(pictures=(near, far, *broken, entry(1, "/late"))), files)
-    page = pictures(told).replace("<wbr>", "")
-    for words, times in (
-        ("<b>+8 ms</b>", 1),
-        ('<b class="far">389 ms EARLIER</b>', 1),
-        ("/camera/broken</bdi>: no picture at 8 of 8 moments, no JPEG.", 1),
-        ("no JPEG", 1),
-        ('class="missing"', 1),
-        ("no frame within 1 s", 1),
-    ):
-        assert page.count(words) == times, words
-
-
 # ---------------------------------------------------------------- a picture of a message
 
 
@@ -387,17 +347,6 @@ def test_depth_is_grey_from_the_nearest_to_the_farthest_and_says_which(
     picture, scale = decoded(raw(rows, encoding, 2, 2, step, big=big))
     assert np.asarray(picture).ravel().tolist() == pytest.approx(grey, abs=1)
     assert scale == words
-
-
-def test_a_large_depth_image_takes_no_more_than_a_picture_does() -> None:
-    side = 2800  # as many as a message holds
-    depths = np.linspace(0.5, 9.0, side * side, dtype="<f4").reshape(side, side)
-    tracemalloc.start()
-    picture, scale = decoded(raw(depths.tobytes(), "32FC1", side, side, 4 * side))
-    _, most = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert (picture.size, scale) == ((SIDE, SIDE), "depth 0.5 to 9 m")
-    assert most < 6 * depths.nbytes
 
 
 def test_grey_of_one_byte_is_as_it_is_and_rows_may_be_longer_than_their_pixels() -> None:

@@ -43,31 +43,10 @@ from tests.madrob_console.recorded_runs import (
     completed,
     copy_run,
     ended_after,
-    list_files,
     publish,
     recorded,
     without_digests,
 )
-from tests.recorder.samples import add_evidence, strings
-
-
-def test_a_run_folder_and_its_bag_give_the_result_of_the_run(tmp_path: Path) -> None:
-    folder = recorded(Scenario.TOUCH_ONLY)
-    (run,) = score(folder)
-    assert run.path == folder
-    assert (run.result.outcome, run.result.ruleset) == ("timeout", "protocol")
-    assert list(run.result.indicators) == list(IndicatorName)
-    assert run.condition.number == 1
-    assert run.rows.joint_state.time.size > 100
-    (bag,) = folder.glob("*.mcap")
-    (alone,) = score(str(bag))
-    assert alone.result == run.result
-    copies = [copy_run(tmp_path, number) for number in (1, 2)]
-    by_others = list(score(tmp_path, RulesetName.EUROBENCH_2020))
-    assert [run.path for run in by_others] == copies
-    assert {run.result.ruleset for run in by_others} == {RulesetName.EUROBENCH_2020}
-    with pytest.raises(MadrobError, match="nothing"):
-        next(score(tmp_path / "nothing"))
 
 
 def remarks_on(result: Result, about: str) -> list[str]:
@@ -259,25 +238,10 @@ def test_opening_a_run_writes_its_result_again(folder: Path) -> None:
     assert summary(folder).team_word == "protested"
 
 
-def test_what_is_said_beside_a_final_result_changes_nothing(folder: Path) -> None:
-    final = acted(folder, FINAL)
-    noted = acted(folder, AddNote("the team was pleased"))
-    assert noted[JOURNAL_FILE] != final[JOURNAL_FILE]
-    assert noted[RESULT_FILE] == final[RESULT_FILE]
-    assert repaired(folder) == noted
-
-
 def of_an_older_version(folder: Path) -> None:
     """It did not say of what journal a result was made."""
     change(folder, lambda document: document.pop("journal"))
     without_digests(folder)
-
-
-def test_an_older_result_that_agrees_is_as_good_as_ever(folder: Path) -> None:
-    acted(folder, FINAL)
-    of_an_older_version(folder)
-    before = files_of(folder)
-    assert repaired(folder) == before
 
 
 @pytest.mark.parametrize("older", [False, True])
@@ -589,53 +553,6 @@ def test_a_file_that_is_not_what_the_result_was_made_of_is_found(case: str, run:
     spoil(run)
     stem = next(run.glob("*_event.csv")).name.removesuffix("_event.csv")
     assert found(run) == [what.format(run=stem) for what in expected]
-
-
-@pytest.mark.parametrize("damaged", [False, True], ids=["result", "result made beside it"])
-def test_evidence_that_comes_after_the_result_and_goes_again_is_no_difference(
-    *, damaged: bool, run: Path
-) -> None:
-    before = files_of(run)
-    evidence = add_evidence(run, strings(["a picture"]))
-    list_files(run)
-    assert files_of(run)["metadata.yaml"] != before["metadata.yaml"]
-    if damaged:
-        (run / RESULT_FILE).write_text("{")
-    assert (repair(run) is not None) == damaged
-    assert found(run) == []
-    evidence.unlink()
-    assert damaged or found(run) == []
-    list_files(run)
-    assert found(run) == []
-    assert repair(run) is None
-    assert damaged or files_of(run) == before
-
-
-DEEP = b', "more": ' + b"[" * 100_000 + b"]" * 100_000 + b"}"
-UNUSABLE: dict[str, tuple[Callable[[bytes], bytes], str]] = {
-    "newer": (lambda whole: whole.replace(b'"format": 1,', b'"format": 2,'), "use a newer madrob"),
-    "half": (lambda whole: whole[:300], "is damaged"),
-    "no indicators": (lambda whole: whole.replace(b'"indicators"', b'"i"'), "is damaged"),
-    "deep": (lambda _: b"[" * 5000, "is damaged"),
-    "deep where lists do not look": (lambda whole: whole.rstrip()[:-1] + DEEP, "is damaged"),
-    **{
-        repr(content): (lambda _, content=content: content, "is damaged")  # type: ignore[misc]
-        for content in (b"", b'{"format": 1e999}', b"\xff")
-    },
-}
-
-
-@pytest.mark.parametrize("case", UNUSABLE)
-def test_a_result_that_cannot_be_used_is_named_on_one_line(
-    case: str, run: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    spoil, named = UNUSABLE[case]
-    path = run / RESULT_FILE
-    path.write_bytes(spoil(path.read_bytes()))
-    assert check(run) == 2
-    (error,) = capsys.readouterr().err.splitlines()
-    assert error.startswith(f"madrob: {run}: result.json ")
-    assert named in error
 
 
 def test_without_a_result_or_a_recording_there_is_nothing_to_check(

@@ -35,7 +35,6 @@ from madrob_console.referee.journal import HOLD_FILE, Entry, Journal, Origin
 from recorder.bag import METADATA_FILE, evidence_file_name
 from recorder.mcap_writer import McapFile
 from recorder.reader import read_bag
-from recorder.recovery import recover
 from tests.madrob_console.recorded_runs import (
     appealed,
     completed,
@@ -310,37 +309,6 @@ def test_a_kill_or_a_refusal_at_any_step_leaves_a_bag_that_others_open_and_the_s
     assert not any("\n" in words or str(root) in words for words in said)
     full = sum("No space left on device" in words for words in said)
     assert full >= (steps - 2 if error else 0)
-
-
-@pytest.mark.parametrize("call", ["fsync", "rename"])
-@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO])
-def test_a_metadata_file_that_the_disk_refuses_leaves_nothing_half_written(
-    root: Path, run: Path, call: str, number: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuses(*_what: object, **_more: object) -> None:
-        if list(run.glob("metadata.yaml.*.part")):
-            raise OSError(number, os.strerror(number))
-
-    before = (run / METADATA_FILE).read_bytes()
-    with monkeypatch.context() as patched:
-        patched.setattr(os, call, refuses)
-        with pytest.raises(MadrobError, match=os.strerror(number)):
-            remove_evidence(the_one(root), NOW)
-    assert not list(run.glob("*.part"))
-    assert (run / METADATA_FILE).read_bytes() == before
-    assert len(evidence_left(run)) == 2
-
-
-def test_a_bag_whose_recording_is_torn_keeps_what_its_metadata_lists(root: Path, run: Path) -> None:
-    recording = next(run.glob("*_0.mcap"))
-    recording.write_bytes(recording.read_bytes()[:-50])
-    with pytest.raises(MadrobError, match="`madrob recover` repairs it: nothing of its evidence"):
-        remove_evidence(the_one(root), NOW)
-    assert len(evidence_left(run)) == 2
-    assert not read_run_journal(run).run.removed_evidence
-    recover(run)
-    remove_evidence(the_one(root), NOW)
-    assert not evidence_left(run)
 
 
 # ---------------------------------------------------------------- what is repaired

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -64,14 +63,6 @@ def test_the_masks_are_those_of_the_simulated_door(bags: Path) -> None:
         assert (view.first, view.last) == pytest.approx(truth, abs=SLACK)
 
 
-def test_with_the_proposed_masks_a_quick_panel_shows_to_no_sensor(
-    bags: Path, madrob: Madrob
-) -> None:
-    thresholds = parse_settings(madrob("calibrate masks", bags / "sweep")).scoring_thresholds()
-    assert replace(NEW, thresholds=thresholds).fastest_panel > 1.0  # rad/s
-    assert replace(NEW, thresholds=Settings().scoring_thresholds()).fastest_panel < 0
-
-
 def test_the_proposal_says_per_sensor_what_it_rests_on(bags: Path, madrob: Madrob) -> None:
     target = bags / "masks.toml"
     said = madrob("calibrate masks", bags / "sweep", "--output", target)
@@ -125,20 +116,6 @@ def test_topics_types_and_units_are_those_of_the_settings(tmp_path: Path, madrob
     )
     said = madrob("calibrate masks", tmp_path / "bag", "--settings", tmp_path / "mine.toml")
     assert parse_settings(said).thresholds.lintel_height == 2.0
-
-
-def spoilt(signal: Signal, time: float, reading: Reading) -> Reading:
-    """A person stands on the CW side for a second, panel on the other side."""
-    if signal is Signal.CW_RIGHT and 2.0 < time < 3.0:
-        return (0.4, 0.4, 0.4, 0.4)
-    return reading
-
-
-def test_somebody_near_the_door_is_refused(tmp_path: Path, madrob: Madrob) -> None:
-    record_sweep(tmp_path / "bag", times=1, spoil=spoilt)
-    said = refused(madrob, "masks", tmp_path / "bag")
-    assert "cw 0 (cw_right[3]) saw something" in said
-    assert "nobody near" in said
 
 
 def test_a_strip_that_says_nothing_and_a_door_without_numbers_are_refused(

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
-from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,14 +11,12 @@ import pytest
 from madrob_console.cli.attaching import engine_options
 from madrob_console.cli.console_command import check_lists
 from madrob_console.cli.main import build_parser
-from madrob_console.cli.options import plan_source
 from madrob_console.common.errors import MadrobError
 from madrob_console.config import Settings
 from madrob_console.config.tables import PlanSettings
 from madrob_console.referee.acts import Abort
-from madrob_console.referee.competition_plan import Plan, PlanLine, Task
+from madrob_console.referee.competition_plan import Plan
 from madrob_console.referee.lists import TeamList
-from recorder.reader import read_bag
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.ui.fake_engine import FakeEngine
@@ -57,31 +53,6 @@ def test_a_run_without_a_number_takes_the_next_free_one_and_one_that_is_there_is
     before = (folders[0] / "result.json").read_bytes()
     assert "use run 3" in madrob.complaint(RUN, tmp_path, "--run-number", "1")
     assert (folders[0] / "result.json").read_bytes() == before
-
-
-def test_a_run_over_a_slow_network_is_recorded_as_its_messages_arrive(
-    tmp_path: Path, madrob: Madrob
-) -> None:
-    late = defaultdict(list)
-    output = madrob(RUN, tmp_path, "--latency", "door=50ms", "--timeout", "2", code=3)
-    for message in read_bag(folder_in(output)).messages():
-        if message.topic.startswith(("/madrob/door", "/madrob/handle", "/madrob/passage")):
-            late[message.topic].append(message.receive_ns - message.publish_ns)
-    door = late.pop("/madrob/door/angle")
-    assert 50_000_000 < min(door) < max(door) < 55_000_000
-    assert len(late) == 5
-    assert all(0 < min(of) < max(of) < 5_000_000 for of in late.values())
-
-
-def test_names_are_cleaned_before_they_reach_files_and_terminal(
-    tmp_path: Path, madrob: Madrob
-) -> None:
-    team = "../Team\x1b[31m 名前\n🤖"
-    output = madrob(RUN, tmp_path, "--team-name", team, "--timeout", "2", code=3)
-    stored = json.loads((folder_in(output) / "result.json").read_text())
-    assert "\x1b" not in output
-    assert "名前" in stored["team"]
-    assert not set(stored["team"]) & set("/\\\x1b\n")
 
 
 def test_settings_prints_a_file_that_can_be_read_again(tmp_path: Path, madrob: Madrob) -> None:
@@ -138,18 +109,6 @@ SETTINGS = Settings(plan=PlanSettings(runs=((3, 1, 2),)))
 
 def typed(*words: str) -> argparse.Namespace:
     return build_parser().parse_args(words)
-
-
-def test_a_plan_that_is_named_stands_for_that_of_the_settings(tmp_path: Path) -> None:
-    file = tmp_path / "plan.csv"
-    file.write_text("4,20,1\n")
-    own = plan_source(typed("engine", "serve"), SETTINGS).read()
-    assert own.lines == (PlanLine(Task(3, 1), 2),)
-    source = plan_source(typed("engine", "serve", f"--plan={file}"), SETTINGS)
-    named = source.read()
-    assert (named.lines, named.file) == ((PlanLine(Task(4, 20), 1),), str(file))
-    file.unlink()
-    assert "correct --plan" in source.read().problems[0]
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 import signal
@@ -13,18 +12,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from madrob_console.archive.folders import all_runs_at
 from madrob_console.cli import cluster as cluster_module
-from madrob_console.cli.batch import each_run
 from madrob_console.cli.cluster import on_cluster
 from madrob_console.cli.main import main
-from madrob_console.cli.output import Complaints
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.version import software_version
 from madrob_console.testbeds.simulated import Scenario
@@ -162,10 +157,6 @@ def test_a_cluster_gives_what_one_process_gives_and_its_faults_cost_one_run(
     assert done == [-number for number in range(20) if number != 3]
     assert spread(fail, [7]) == ["7: the cluster could not do it (ValueError: number 7)"]
 
-    # no more is out than is wanted in memory, of a command that says how much
-    with monkeypatch.context() as patch:
-        assert _most_out(address, root, patch) == 2
-
     # what is closed is cancelled: nothing more is begun
     lingering = tmp_path / "lingering"
     lingering.mkdir()
@@ -199,13 +190,12 @@ def versioned(mark: tuple[int, str]) -> tuple[int, str]:
 
 
 @contextmanager
-def cluster_of(preload: Path | None = None) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+def cluster_of() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """A scheduler's address and its one worker."""
     distributed = pytest.importorskip("distributed", reason="the extra `cluster`")
-    options = () if preload is None else ("--preload", str(preload))
     with (
         distributed.LocalCluster(n_workers=0, dashboard_address=":0", silence_logs=50) as running,
-        one_worker(running.scheduler_address, *options) as worker,
+        one_worker(running.scheduler_address) as worker,
     ):
         running.wait_for_workers(1)
         yield running.scheduler_address, worker
@@ -245,48 +235,6 @@ def test_what_a_late_worker_of_another_version_gets_is_done_by_others(
                     list(results)
     (problem,) = told
     assert re.search(words, problem)
-
-
-@pytest.mark.machine
-@pytest.mark.timeout(300)
-@pytest.mark.filterwarnings("default")  # of distributed's own threads and processes
-def test_workers_that_cannot_run_the_program_are_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "other.py").write_text(
-        "from madrob_console.cli import cluster\nvars(cluster).pop('why_unfit', None)\n"
-    )
-    copy_run(tmp_path / "results", 1, Scenario.TOUCH_ONLY)
-    with cluster_of(tmp_path / "other.py") as (address, _):
-        assert main(["score", "--scheduler", address, str(tmp_path / "results")]) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert re.fullmatch(
-        r"madrob: --scheduler tcp://\S+: its workers cannot run this program \(.*\): "
-        "install the same madrob-console there\n",
-        told.err,
-    )
-
-
-def _most_out(address: str, root: Path, patch: pytest.MonkeyPatch) -> int:
-    """How many of all runs are handed out and not taken, where two are wanted at most."""
-    import distributed
-
-    out, most, submit = 0, 0, distributed.Client.submit
-
-    def counted(client: object, *call: object, **how: object) -> object:
-        nonlocal out, most
-        out += 1
-        most = max(most, out)
-        return submit(client, *call, **how)
-
-    patch.setattr(distributed.Client, "submit", counted)
-    arguments = argparse.Namespace(scheduler=address, paths=[root])
-    runs = all_runs_at([root])
-    assert len(runs) > 2
-    for _ in each_run(arguments, attrgetter("name"), runs, Complaints(), at_once=2):
-        out -= 1
-    return most
 
 
 def _interrupted(results: Iterator[None], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -132,23 +132,6 @@ def test_rows_say_of_which_competition_they_are(
     assert found == {one for one in both if chosen in ("", one[0])}
 
 
-def test_no_page_is_of_two_teams(halls: Path, madrob: Madrob) -> None:
-    madrob("publish site halls --competition 'Other Cup'")
-    page = Path("site/teams/001.html").read_text()
-    assert "Zebra 1" in page
-    assert FED.team not in page.replace("Team 1 <bdi>", "").replace("<title>Team 1", "")
-    assert len(list(Path("site/runs").iterdir())) == 1
-
-
-def test_the_competition_of_the_settings_has_its_pages_before_its_first_run(
-    halls: Path, madrob: Madrob
-) -> None:
-    Path("madrob.toml").write_text('[competition]\nname = "New Cup"\n')
-    madrob("publish site halls --settings madrob.toml --competition 'New Cup'")
-    assert "New Cup" in Path("site/index.html").read_text()
-    assert not list(Path("site").glob("runs/*"))
-
-
 def test_the_pages_that_an_engine_writes_are_of_its_competition(halls: Path) -> None:
     for run in (FED, OTHER):
         write(halls / "runs", run)
@@ -227,16 +210,6 @@ def test_it_prints_the_plan_in_its_order_with_what_is_done(madrob: Madrob) -> No
     out = lines.index("Out of plan:")
     assert lines[out + 1] == "9 2 pull, from CCW to CW Constant Force +1 1 6"
     assert all(len(line) <= 80 for line in printed.splitlines()[3:])
-
-
-def test_an_attempt_beyond_the_plan_is_told_apart(runs: Path, madrob: Madrob) -> None:
-    for number in (3, 4):
-        write(runs, summary(3, 1, number, hour=10 + number))
-    assert {*spaced(madrob(PLAN))} >= {
-        "3 Delft Walkers 1 pull, from CCW to CW No Force 2/2 1 4",
-        "3 Delft Walkers 1 pull, from CCW to CW No Force 1/1 2 6",
-        "1 more than planned: 3 Delft Walkers of the North Sea, condition 1.",
-    }
 
 
 def test_the_twenty_conditions_have_the_numbers_that_a_plan_needs(madrob: Madrob) -> None:

@@ -18,7 +18,6 @@ from madrob_console.cli.doctor import (
     doctor,
     look_at_evidence,
     look_at_lists,
-    look_at_python,
     look_at_results,
     look_at_state_folder,
     look_at_terminal,
@@ -132,20 +131,6 @@ def test_what_libraries_write_past_python_is_caught_once_each(
     os.write(1, b"heard again\n")
     out, err = capfd.readouterr()
     assert (out, err) == ("heard again\n", "")
-
-
-@pytest.mark.machine
-@pytest.mark.usefixtures("ros_domain")
-def test_findings_come_one_by_one_and_nobody_is_listened_to_who_does_not_send(
-    tmp_path: Path,
-) -> None:
-    began = time.monotonic()
-    findings = doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1, listen=60.0)
-    assert next(findings).subject == "python"
-    assert time.monotonic() - began < 2
-    found = by_subject(findings)
-    assert found[DEFAULT_MAPPINGS[0].topic].text == "no publisher: start the testbed"
-    assert time.monotonic() - began < 30
 
 
 @pytest.mark.slow
@@ -280,12 +265,6 @@ def test_a_system_ros_beside_the_wheels_is_warned_of(tmp_path: Path) -> None:
     assert warning.text.startswith(f"both {tmp_path}/jazzy and wheels are installed")
 
 
-def test_python_is_named_and_output_that_goes_elsewhere_is_no_fault() -> None:
-    (found,) = look_at_python()
-    assert found.severity is next(look_at_terminal({})).severity is Severity.OK
-    assert found.text.startswith(".".join(map(str, sys.version_info[:3])))
-
-
 def test_the_results_folder_need_not_exist_but_must_be_writable(tmp_path: Path) -> None:
     (good,) = look_at_results(tmp_path / "new/runs", 1)
     assert good.severity is Severity.OK
@@ -395,11 +374,6 @@ def looked(*topics: str, own: tuple[str, ...] = (), domain: int = 0) -> dict[str
     return {finding.subject: finding for finding in found}
 
 
-def test_without_a_wish_nothing_is_looked_for() -> None:
-    (finding,) = looked().values()
-    assert finding == Finding(Severity.OK, "evidence", "none is wanted: setting `recording.topics`")
-
-
 @pytest.mark.machine
 def test_what_matches_now_is_shown_with_its_rate_and_what_an_hour_costs(
     ros_domain: int, peer: Peer
@@ -420,23 +394,6 @@ def test_what_is_recorded_with_the_score_needs_no_pattern(ros_domain: int) -> No
     found = looked("/madrob/**", own=("/madrob/door", "/madrob/handle"), domain=ros_domain)
     said = "/madrob/**: recorded with the score, remove the pattern"
     assert found == {"evidence": Finding(Severity.WARNING, "evidence", said)}
-
-
-@pytest.mark.machine
-def test_what_turns_up_late_is_waited_for(ros_domain: int) -> None:
-    left, right = HALL.topics
-    found: dict[str, Finding] = {}
-
-    def look() -> None:
-        found.update(looked(left, right, domain=ros_domain))
-
-    looking = threading.Thread(target=look)
-    looking.start()
-    looking.join(4.0)
-    with cameras(HALL):
-        looking.join(30.0)
-    assert {left, right} <= set(found)
-    assert found["evidence"].severity is Severity.OK
 
 
 @pytest.mark.machine

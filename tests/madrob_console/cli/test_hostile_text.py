@@ -11,7 +11,6 @@ import pytest
 
 from madrob_console.cli import main as command_line
 from madrob_console.cli.main import COMMANDS, main
-from madrob_console.cli.output import safe_output
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\x9b31m\r\x08\u202e\x1b"
@@ -74,17 +73,3 @@ def test_a_traceback_is_made_safe_as_well(
     _, err = capfd.readouterr()
     assert "ValueError" in err
     assert not set("\x1b\x9b\r") & set(err)
-
-
-def test_a_program_without_output_works(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stdout", None)
-    monkeypatch.setattr(sys, "stderr", None)
-    assert main(["schema"]) == 0
-    assert sys.stdout is None
-
-
-def test_data_for_a_program_are_not_changed(capfdbinary: pytest.CaptureFixture[bytes]) -> None:
-    with safe_output():
-        sys.stdout.buffer.write(b"\x1b\t")
-        sys.stdout.flush()
-    assert capfdbinary.readouterr().out == b"\x1b\t"

@@ -10,7 +10,6 @@ import pytest
 
 from madrob_console.cli.doctor_ros import Severity
 from madrob_console.cli.output import BAD_INPUT
-from madrob_console.cli.reference_set import FOLDER, read_references
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine_process import EngineProcess
 from tests.madrob_console.recorded_runs import completed
@@ -68,9 +67,3 @@ def test_the_doctor_says_in_json_what_it_says_in_lines(
     assert found["results"][1].startswith(f"{tmp_path / 'runs'}: ")
     lines = madrob(named, code=BAD_INPUT).splitlines()
     assert [line.split()[0] for line in lines[:-1]] == [one["severity"] for one in told["findings"]]
-
-
-def test_the_references_are_told_too(madrob: Madrob) -> None:
-    told = document(madrob, "doctor --reference")
-    assert told["passed"] is True
-    assert len(told["findings"]) == 1 + len(read_references(FOLDER))

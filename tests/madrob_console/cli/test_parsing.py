@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -101,19 +100,6 @@ def parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser
                 yield from parsers(part)
 
 
-def test_an_option_takes_the_same_in_every_command_and_no_other_says_the_same() -> None:
-    takes, says = defaultdict(set), defaultdict(set)
-    for parser in parsers(build_parser()):
-        for action in parser._actions:
-            for flag in action.option_strings:
-                takes[flag].add(None if action.nargs == 0 else action.metavar or action.dest)
-                says[action.help].add(action.option_strings[-1])
-    places = takes.pop("--output")
-    assert places == {"FILE", "FOLDER", "FILE.zip"}
-    assert {flag: found for flag, found in takes.items() if len(found) > 1} == {}
-    assert [flags for flags in says.values() if len(flags) > 1] == []
-
-
 def taken(action: argparse.Action, text: str) -> bool:
     assert callable(action.type)
     try:
@@ -188,20 +174,6 @@ def test_options_may_stand_between_paths(line: str, paths: str) -> None:
     arguments = build_parser().read(shlex.split(line))
     assert arguments.paths == [Path(path) for path in paths.split()]
     assert getattr(arguments, "site", Path("SITE")) == Path("SITE")
-
-
-def test_equal_problems_of_many_runs_are_counted_and_others_named(
-    tmp_path: Path, madrob: Madrob
-) -> None:
-    for number in range(1, 61):
-        (tmp_path / f"subject_001_cond_001_run_{number:03d}_20260321_1000{number % 60:02d}").mkdir()
-    (tmp_path / "notes.txt").write_text("no bag")
-    paths = (tmp_path, tmp_path / "none", tmp_path / "notes.txt")
-    first, second, third, *others, counted = madrob.say("score --jobs 1", *paths).err.splitlines()
-    assert all("run_00" in line for line in (first, second, third))
-    assert len(others) == 2
-    assert counted.startswith("madrob: and 57 more like it: ")
-    assert "subject" not in counted
 
 
 GUIDE = Path(__file__).parents[3] / "madrob_console" / "guide"

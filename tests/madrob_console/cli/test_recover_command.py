@@ -6,7 +6,6 @@ import json
 import os
 import re
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from zipfile import ZipFile
@@ -18,14 +17,12 @@ from madrob_console.archive.folders import JOURNAL_FILE, REPORT_FILE, RESULT_FIL
 from madrob_console.cli import tidy_command
 from madrob_console.common.files import Hold
 from madrob_console.referee.journal import HOLD_FILE
-from recorder.bag import BAG_INFORMATION
 from recorder.reader import read_bag
 from recorder.survey import put_listing
 from recorder.writer import BagWriter
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.recorded_runs import appealed, completed, final, without_digests
 from tests.recorder.samples import add_evidence, strings, talk
-from tests.terminal import Terminal
 
 
 @pytest.fixture
@@ -77,23 +74,6 @@ def test_evidence_that_was_cut_off_is_repaired_and_what_is_hopeless_is_named(
     madrob("score --check", folder)
 
 
-def test_a_whole_bag_is_left_alone(folder: Path, madrob: Madrob) -> None:
-    before = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
-    lines = madrob("recover", folder, recording(folder)).splitlines()
-    assert [line.split(": ", 1)[0] for line in lines] == [str(folder), str(recording(folder))]
-    assert all(line.endswith(" messages; nothing was written") for line in lines)
-    assert {path.name: path.stat().st_mtime_ns for path in folder.iterdir()} == before
-
-
-def test_a_bag_whose_metadata_yaml_was_not_finished_gets_a_new_one(
-    folder: Path, madrob: Madrob
-) -> None:
-    (folder / "metadata.yaml").unlink()
-    (line,) = madrob("recover", folder).splitlines()
-    assert re.search("whole, .*metadata.yaml was written anew; `madrob score", line)
-    assert BAG_INFORMATION in (folder / "metadata.yaml").read_text()
-
-
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.97])
 @pytest.mark.parametrize("journal", [True, False])
 def test_the_result_after_the_repair_is_the_result_before_it(
@@ -121,19 +101,6 @@ def test_a_run_that_its_engine_still_holds_is_refused(folder: Path, madrob: Madr
     madrob("recover", folder)
 
 
-def test_a_bad_path_is_named_and_the_rest_is_repaired(
-    folder: Path, tmp_path: Path, madrob: Madrob
-) -> None:
-    tear(folder, 0.6)
-    junk, missing = tmp_path / "junk.mcap", tmp_path / "missing"
-    junk.write_bytes(b"not a bag at all")
-    said = madrob.say("recover", junk, missing, folder)
-    no_bag, not_there = said.err.splitlines()
-    assert no_bag.startswith(f"madrob: {junk} is no bag: it does not begin like an MCAP file; ")
-    assert not_there.startswith(f"madrob: cannot repair {missing}: No such file")
-    assert (said.code, said.out.count("messages kept"), said.out.count("\n")) == (2, 1, 1)
-
-
 def test_a_bag_without_a_run_is_repaired_and_nothing_is_promised(
     tmp_path: Path, madrob: Madrob
 ) -> None:
@@ -145,12 +112,6 @@ def test_a_bag_without_a_run_is_repaired_and_nothing_is_promised(
     (line,) = madrob("recover", bag).splitlines()
     assert "3 messages kept" in line
     assert line.endswith("there is no run in it to be scored")
-
-
-def test_a_name_cannot_steer_the_terminal(tmp_path: Path, madrob: Madrob) -> None:
-    folder = shutil.copytree(completed(), tmp_path / "evil\x1b]0;owned\x07\nname")
-    said = madrob.say("recover", folder, tmp_path / "\x1b[2Jmissing")
-    assert [text[:-1].isprintable() for text in (said.out, said.err)] == [True, True]
 
 
 def test_a_results_folder_is_repaired_run_by_run(tmp_path: Path, madrob: Madrob) -> None:
@@ -289,17 +250,3 @@ def test_a_run_that_refuses_is_named_and_the_rest_goes(root: Path, madrob: Madro
     assert (said.code, said.err.count("\n"), files(root)) == (2, 1, 3)
     assert "`madrob recover` repairs it" in said.err
     assert "of evidence of 1 of 2 runs; " in said.out
-
-
-@pytest.mark.machine
-def test_on_a_narrow_terminal_no_word_is_broken(root: Path, tmp_path: Path) -> None:
-    (root / "practice").mkdir()
-    *_, last = sorted(root.glob("subject_*"))
-    last.rename(root / "practice" / last.name)
-    line = ["tidy", "--results", str(root), "--keep-runs", "0", "--dry-run"]
-    where = {"XDG_CONFIG_HOME": str(tmp_path / "config")}
-    with Terminal([sys.executable, "-m", "madrob_console.cli", *line], env=where) as terminal:
-        assert terminal.wait_exit() == 0
-        told = terminal.output.decode().splitlines()
-    assert {"  stays: it was protested", "  stays: it is the last practice run"} <= {*told}
-    assert all(len(row) <= 80 for row in told[:-1])

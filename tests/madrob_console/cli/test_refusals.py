@@ -185,21 +185,3 @@ def test_what_cannot_be_done_is_one_line_and_nothing_is_painted_or_written(
     assert words in said
     assert "\x1b" not in said
     assert sorted(things.rglob("[!.]*")) == before
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("score --json none", "madrob: cannot read none: "),
-        ("plan --plan plan.csv --json none", "madrob: none: no such folder"),
-        ("standings results --teams none.csv", "correct --teams"),
-    ],
-)
-def test_what_is_wrong_is_on_the_error_output_alone(
-    line: str, words: str, things: Path, madrob: Madrob, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(things)
-    said = madrob.say(line)
-    assert said.code == 2
-    assert words in said.err
-    assert "none" not in said.out

@@ -219,19 +219,6 @@ def test_a_recording_with_a_ruleset_of_a_newer_version_is_named(
     assert line.endswith(": use the madrob-console that recorded it\n")
 
 
-def test_a_bad_run_among_published_ones_is_named_and_the_rest_is_scored(
-    tmp_path: Path, madrob: Madrob
-) -> None:
-    publish(recorded(Scenario.NOMINAL), tmp_path)
-    for path in list(tmp_path.glob("subject_*.csv")):
-        for number in (2, 3):
-            shutil.copy(path, tmp_path / path.name.replace("run_001", f"run_00{number}"))
-    (tmp_path / "subject_003_cond_001_run_002_event.csv").unlink()
-    said = madrob.say("score", tmp_path)
-    assert (said.code, said.out.count("outcome: completed"), said.err.count("\n")) == (2, 2, 1)
-    assert "run_002_event.csv: is missing" in said.err
-
-
 SPOILT: dict[str, tuple[str, Callable[[str], str], list[str]]] = {
     "as they are": ("*_wrench.csv", lambda text: text, []),
     "rows that are missing": (
@@ -276,24 +263,6 @@ def test_published_files_are_scored_with_remarks_on_what_they_lack(
     )
 
 
-@pytest.mark.parametrize(
-    ("pattern", "text", "words"),
-    [
-        ("*_wrench.csv", "time,force_x\n1.0,TIMEOUT\n", "line 2, column force_x: 'TIMEOUT' is no"),
-        ("*_jointState.csv", "time,angle\n1.0,0\n", "column position: is missing"),
-    ],
-)
-def test_a_published_file_that_cannot_be_used_is_named(
-    pattern: str, text: str, words: str, tmp_path: Path, madrob: Madrob
-) -> None:
-    publish(recorded(Scenario.TOUCH_ONLY), tmp_path)
-    (path,) = tmp_path.glob(pattern)
-    path.write_text(text)
-    said = madrob.refusal("score", tmp_path)
-    assert path.name in said
-    assert words in said
-
-
 @pytest.mark.parametrize("command", ["score", "report"])
 def test_a_run_that_goes_on_is_not_taken_for_one_that_was_cut_off(
     command: str, drive: Drive, madrob: Madrob
@@ -306,27 +275,6 @@ def test_a_run_that_goes_on_is_not_taken_for_one_that_was_cut_off(
         )
     drive.finish()
     assert "outcome: timeout" in madrob("score", drive.folder)
-
-
-def test_a_run_that_was_cut_off_is_scored_as_such(drive: Drive, madrob: Madrob) -> None:
-    drive.start(make_setup())
-    drive.wait(1.0)
-    drive.engine.close()
-    (drive.folder / "result.json").unlink()
-    assert "outcome: interrupted" in madrob("score", drive.folder)
-
-
-def test_run_folders_that_somebody_renamed_are_scored_under_their_names(
-    tmp_path: Path, madrob: Madrob
-) -> None:
-    names = ["Delft, second try", "subject_003_cond_001_run_001_20260321_100000_old"]
-    for name in names:
-        shutil.copytree(recorded(Scenario.TOUCH_ONLY), tmp_path / name)
-    (tmp_path / "notes").mkdir()
-    (tmp_path / "link").symlink_to(tmp_path / names[0])
-    said = madrob.say("score", tmp_path)
-    assert len(said.err.splitlines()) == 1  # they are the same run
-    assert re.findall(r"^\S.*/(.*)$", said.out, re.MULTILINE) == names
 
 
 def test_files_by_another_ruleset_score_as_the_recordings_do_by_it(

@@ -94,19 +94,6 @@ def test_a_result_that_is_another_one_gets_its_next_issue_and_a_line_in_the_jour
     assert {**line, **who, "details": {"ruleset": "robust-2026"}} == line
 
 
-def test_a_re_issued_run_is_what_its_journal_says_for_everybody_who_reads_it(
-    folder: Path, madrob: Madrob
-) -> None:
-    madrob(ROBUST, folder)
-    assert not open_run(folder).out_of_date
-    madrob("score --check", folder)
-    assert "made again" not in madrob("recover", folder)
-    assert "0 re-issued, 1 unchanged" in madrob(REISSUE, folder)  # by the ruleset that it has now
-    madrob(f"{REISSUE} --ruleset protocol", folder)
-    assert result(folder)["issue"] == 3
-    assert result(folder)["indicators"] == result(completed())["indicators"]
-
-
 def test_a_final_result_is_to_be_signed_again_and_what_was_decided_stays(
     tmp_path: Path, madrob: Madrob
 ) -> None:
@@ -343,16 +330,6 @@ def test_a_run_that_cannot_be_read_is_one_row_with_its_reason(
     assert (said.code, row["place"], str(lost) in said.err) == (2, str(lost), True)
     assert "no bag" in row["reason"]
     assert len(frame(out / "runs.csv")) == 1
-
-
-def test_a_path_that_is_no_text_is_one_in_tables_and_json(tmp_path: Path, madrob: Madrob) -> None:
-    root, out = tmp_path / os.fsdecode(b"hall \xff"), tmp_path / "out"
-    root.mkdir()
-    copy_run(root, 1)
-    madrob("score", root, "--output", out)
-    (place,) = frame(out / "runs.csv")["place"]
-    (run,) = madrob.document("score", root)["runs"]
-    assert ("hall \ufffd" in place, "hall \ufffd" in run["path"]) == (True, True)
 
 
 def test_tables_are_there_whole_or_not_at_all(

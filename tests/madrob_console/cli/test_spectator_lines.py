@@ -133,22 +133,6 @@ def test_a_run_is_told_from_its_set_up_to_its_signature(tmp_path: Path) -> None:
 
 
 @pytest.mark.machine
-def test_the_next_engine_is_found_and_told(tmp_path: Path) -> None:
-    with hall(tmp_path) as (engine, plain, states):
-        engine.process.kill()
-        until(lambda: states.last["engine"] == "ended")
-        serve = ["engine", "serve", *watch(engine, "")[len(PROGRAM) + 1 : -1]]
-        after = subprocess.Popen([*PROGRAM, *serve], stderr=subprocess.DEVNULL)
-        try:
-            until(lambda: states.last["engine"] == "live", 60.0)
-            until(lambda: "watching SIMULATED nominal" in plain.lines[-1], 60.0)
-            assert len(plain.lines) == 3
-        finally:
-            after.terminate()
-            after.wait()
-
-
-@pytest.mark.machine
 def test_a_reader_that_has_gone_ends_it_without_a_word(tmp_path: Path) -> None:
     with hall(tmp_path) as (engine, _, _):
         pipe, errors = subprocess.PIPE, tmp_path / "errors"
@@ -267,6 +251,9 @@ def test_a_silent_engine_is_told_once_and_when_it_answers(told: Told) -> None:
     assert [json.loads(line)["engine"] for line in json_lines(live, silent)] == ["silent"]
     assert list(plain_lines(silent, still)) == list(json_lines(silent, still)) == []
     assert "the engine answers again" in next(plain_lines(still, live))
+    gone = replace(live, pulse=Pulse(gone="the engine has ended"))
+    assert "the engine has ended" in next(plain_lines(live, gone))
+    assert f"watching {live.label}: " in next(plain_lines(gone, live))  # the next one
 
 
 def test_the_guide_has_the_keys_of_the_state(told: Told) -> None:

@@ -26,9 +26,8 @@ from rosbags.rosbag2 import Reader
 from madrob_console.archive.collection import collected_in
 from madrob_console.archive.folders import run_folder_names
 from madrob_console.cli.main import main
-from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import Hold, open_plain
+from madrob_console.common.files import Hold
 from madrob_console.common.names import terminal_safe
 from madrob_console.export import pack, zip_file
 from madrob_console.export.dossier import protest_lines
@@ -38,14 +37,8 @@ from madrob_console.export.team import export_team, file_name
 from madrob_console.export.zip_file import LONGEST_PATH, safe_names
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
-    REFEREE_EVENT_TOPIC,
-    REFEREE_START_POSE_TOPIC,
-    REFEREE_STATE_TOPIC,
-    START_POSE_FRAME,
     TopicMapping,
-    referee_topics,
 )
-from madrob_console.messages.message_types import MessageTypes
 from madrob_console.pages.templates import path_link
 from madrob_console.referee.evidence_account import (
     EvidenceAccount,
@@ -62,7 +55,6 @@ from recorder.reader import read_bag
 from recorder.writer import BagWriter
 from scoring.protocol import Outcome, Signal, Thresholds
 from tests.madrob_console.engine.drive import make_setup
-from tests.madrob_console.pages.competition_runs import put_recorded
 from tests.madrob_console.recorded_runs import list_files, recorded
 from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, summary, write
 from tests.recorder.samples import add_evidence, strings, talk
@@ -182,22 +174,6 @@ def test_a_team_opens_every_file_of_its_zip_as_the_text_in_it_says(
     assert f"({zero:.2f} N, run " in above["label"]
 
 
-def test_a_zip_has_the_name_of_the_list_and_tells_the_others(
-    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    teams, target = tmp_path / "teams.csv", tmp_path / "3.zip"
-    teams.write_text("3,Delft Walkers\n")
-    write(root, summary(3, run_number=4, hour=9, team="TEST"))
-    assert command(root, f"--output={target}", f"--teams={teams}") == 0
-    text = text_of(target)
-    assert text.startswith("MADROB: runs of subject 3 Delft Walkers\n")
-    first, second, _, last = sorted(path.name for path in root.glob("subject_003*"))
-    names = [f"Team 3: {first}, {second} and 1 more", f"TEST: {last}"]
-    assert "OTHER NAMES OF THE TEAM, IN SOME OF ITS RUNS\n  " + "\n  ".join(names) in text
-    said = capsys.readouterr().out.splitlines()
-    assert {f"note: another name of the team, {name}" for name in names} <= set(said)
-
-
 def test_only_the_teams_official_runs_are_packed_oldest_first_into_the_same_bytes(
     root: Path,
 ) -> None:
@@ -219,25 +195,6 @@ def test_only_the_teams_official_runs_are_packed_oldest_first_into_the_same_byte
     assert made.size == len(data)
     assert export(root).path.read_bytes() == data
     assert sorted(run_folder_names(root)) == runs  # zips are no runs
-
-
-def test_what_the_cameras_saw_goes_along_and_recordings_can_be_left_out(root: Path) -> None:
-    run = folders(root)[0]
-    (run / "x_0.mcap.torn").write_bytes(b"torn")
-    assert "cameras" not in text_of(export(root).path)
-    (run / "pictures").mkdir()
-    pictures = {"index.json": b"index", "01_door_opens_camera.jpg": b"picture"}
-    for name, data in pictures.items():
-        (run / "pictures" / name).write_bytes(data)
-    packed = read(export(root, bags=False).path)
-    assert {f"{run.name}/pictures/{name}": pictures[name] for name in pictures}.items() <= (
-        packed.items()
-    )
-    assert not any("mcap" in name or "metadata" in name for name in packed)
-    text = packed["README.txt"].decode()
-    assert "what the cameras saw at each event" in text
-    assert "ros2 bag play" not in text
-    assert "  the recording was left out on demand\n" in text
 
 
 FRAMES = strings(["a picture", "another"])
@@ -329,25 +286,6 @@ def test_reports_link_to_what_is_in_the_zip_only(root: Path, tmp_path: Path) -> 
         [gone, kept[1], gone, kept[3], kept[4], gone, gone]
     )
     assert sum("report.html" in name for name in packed) == 1
-
-
-def test_a_zip_has_reports_as_they_are_now_and_never_a_copy(tmp_path: Path) -> None:
-    first, second = put_recorded(tmp_path)
-    target = tmp_path / "a.zip"
-    assert command(tmp_path, f"--output={target}", "--practice") == 0
-    packed = read(target)
-    for run, other in ((first, second), (second, first)):
-        page = packed[f"{run.name}/report.html"].decode()
-        assert "evil" not in page
-        assert f'<a href="../{other.name}/report.html">' in page
-        assert '<a href="result.json">' in page
-    as_of = r"\nAs of \d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC: "
-    assert re.search(as_of, packed["README.txt"].decode())
-    next(second.glob("*.mcap")).unlink()
-    assert command(tmp_path, f"--output={target}", "--practice") == BAD_INPUT
-    packed = read(target)
-    assert f"{second.name}/report.html: cannot be made: " in packed["README.txt"].decode()
-    assert [name for name in packed if "report.html" in name] == [f"{first.name}/report.html"]
 
 
 def test_the_run_that_goes_on_is_left_out_and_named(
@@ -472,13 +410,6 @@ def test_what_is_spoilt_or_not_of_the_run_is_named_and_the_rest_is_packed(
     assert sorted(sums) == sorted(f"{digest}  {name}" for name, digest in told.items())
 
 
-def test_a_run_that_is_a_link_is_not_packed(root: Path, tmp_path: Path) -> None:
-    last = folders(root)[2]
-    last.rename(tmp_path / last.name).joinpath("secret").touch()
-    last.symlink_to(tmp_path / last.name, target_is_directory=True)
-    assert export(root).runs == 2
-
-
 def test_names_that_lead_out_of_the_folder_or_steer_a_terminal_are_replaced_and_named(
     root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -524,25 +455,6 @@ def test_every_name_becomes_a_safe_one_of_its_own(names: list[str]) -> None:
         assert not set(name) & set("/\\:")
         assert name.isprintable() or not name.isascii()
     assert safe_names(called.values()) == {name: name for name in called.values()}
-
-
-def test_what_vanishes_meanwhile_is_named_and_the_rest_is_packed(
-    root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    first = folders(root)[0]
-
-    def vanishing(path: str, *, folder: int) -> int:
-        if path == "metadata.yaml" and os.fstat(folder).st_ino == first.stat().st_ino:
-            os.unlink(path, dir_fd=folder)
-        return open_plain(path, folder=folder)
-
-    monkeypatch.setattr("madrob_console.export.zip_file.open_plain", vanishing)
-    made = export(root)
-    (problem,) = made.problems
-    assert problem.startswith(f"{first.name}/metadata.yaml: cannot be read (No such file")
-    packed = read(made.path)
-    assert problem in packed["README.txt"].decode()
-    assert f"{first.name}/result.json" in packed
 
 
 def test_a_file_that_shrinks_is_named_and_has_no_sum(
@@ -669,23 +581,6 @@ def test_the_layout_has_the_thresholds_as_published() -> None:
     levels = {path["value"]: path["label"] for path in paths if path["value"][0] != "/"}
     assert sorted(map(float, levels)) == [-0.04, 0.04, 2.1, 4.0, 16.0]
     assert levels["16"] == "touch, 3.00 N from the zero (6.00 N, run 2 of condition 1)"
-
-
-def test_the_layout_shows_phases_and_events_in_their_own_words() -> None:
-    layout = layout_of()
-    shown = {path["value"] for path in layout["configById"]["StateTransitions!course"]["paths"]}
-    for script in layout["userNodes"].values():
-        (output,) = re.findall(r'export const output = "(.*)";', script["sourceCode"])
-        (heard,) = re.findall(r'export const inputs = \["(.*)"\];', script["sourceCode"])
-        assert f"{output}.word" in shown
-        assert heard in {topic.name for topic in referee_topics(MessageTypes())}
-    panels = layout["configById"].values()
-    read = {panel["topicPath"] for panel in panels if "topicPath" in panel}
-    assert read == {REFEREE_EVENT_TOPIC, REFEREE_STATE_TOPIC}
-    doorway = layout["configById"]["3D!doorway"]
-    assert doorway["followTf"] == START_POSE_FRAME
-    scans = {mapping.topic for mapping in DEFAULT_MAPPINGS if "LaserScan" in mapping.type}
-    assert set(doorway["topics"]) == {*scans, REFEREE_START_POSE_TOPIC}
 
 
 def _panels(node: object) -> set[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
 import sys
 from io import StringIO
 from pathlib import Path
@@ -18,7 +17,6 @@ from madrob_console.archive import score
 from madrob_console.archive.folders import runs_at
 from madrob_console.cli.main import main
 from madrob_console.cli.table_command import write_samples
-from madrob_console.common.files import read_bounded
 from madrob_console.export.table_columns import (
     DOOR,
     RUN_TABLES,
@@ -127,43 +125,9 @@ def test_runs_tells_which_numbers_are_not_the_protocols_and_who_reads_a_signal_o
         assert digests.A == digests.B != digests.C
         assert [len(digests[hall]) for hall in "ABC"] == [16] * 3
         assert pd.isna(digests.D)
-
-
-def test_a_table_reads_each_result_once_and_not_again_while_it_stays(
-    archive: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    archive, moved = shutil.copytree(archive, tmp_path / "archive"), tmp_path / "moved"
-    read: list[str] = []
-
-    def noted(path: str, largest: int) -> object:
-        read.append(path)
-        return read_bounded(path, largest)
-
-    monkeypatch.setattr("madrob_console.archive.result_reader.read_bounded", noted)
-    results = sorted(map(str, archive.rglob("result.json")))
-    for one in RUN_TABLES:
-        first = table(capsys, one.name, archive)
-        assert sorted(read) == results
-        read.clear()
-        pd.testing.assert_frame_equal(table(capsys, one.name, archive), first)
-        assert read == []
-    archive.rename(moved)
-    places = sorted(f"{folder}/result.json" for folder in table(capsys, "runs", moved).place)
-    assert places == [path.replace(str(archive), str(moved)) for path in results]
-    read.clear()
-    for path in moved.rglob("journal.jsonl"):
-        path.unlink()
-    table(capsys, "runs", moved)
-    assert len(read) == len(results)
-    monkeypatch.chdir(run := Path(places[0]).parent)  # the folder one is in
-    assert len(table(capsys, "runs", ".")) == 1
-    (run / "result.json").unlink()
-    assert code_of("runs", ".") == 2
-    assert "has no result.json" in capsys.readouterr().err
-    assert not (run / ".history.sqlite").exists()
+    path = folder / "result.json"
+    path.write_text(path.read_text().replace('"testbed": "D"', '"testbed": "E"'))
+    assert set(table(capsys, "runs", tmp_path).testbed) == set("ABCE")
 
 
 def test_indicators_events_and_steps_have_what_the_results_have(
@@ -247,50 +211,6 @@ def test_help_and_columns_say_of_each_column_what_it_is(
         for column in one.columns if of_runs or one is DOOR else ():
             assert " ".join(f"{column.name} {column.unit} {column.meaning}".split()) in text
     assert not of_runs or one.columns[: len(WHOSE)] == WHOSE
-
-
-_MEASURED = """
-import re, sys
-from pathlib import Path
-from madrob_console.cli.main import main
-code = main(sys.argv[1:])
-print(re.search(r"VmHWM:\\s*(\\d+) kB", Path("/proc/self/status").read_text())[1])
-sys.exit(code)
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.machine
-@pytest.mark.parametrize("kind", ["csv", "ndjson", "parquet"])
-def test_more_runs_need_no_more_memory(
-    kind: str, request: pytest.FixtureRequest, tmp_path: Path
-) -> None:
-    pytest.importorskip("pyarrow", reason="the extra `tables`")
-    few = max(request.config.getoption("--runs"), 500)
-    (told,) = results_below(recorded(Scenario.TOUCH_ONLY))
-    del told["journal"]
-    peaks, made = [], 0
-    for count in (few, 4 * few):
-        while made < count:
-            made += 1
-            run = summary(made % 999 + 1, made % 20 + 1, made // 999 + 1, hour=made / 10)
-            result = told | {
-                "subject": run.subject,
-                "condition_number": run.condition,
-                "run_number": run.run_number,
-                "run_id": f"{made:032x}",
-                "corrections": [],
-            }
-            path = tmp_path / "runs" / run.folder / "result.json"
-            path.parent.mkdir(parents=True)
-            path.write_text(json.dumps(result))
-        command = ["table", "indicators", str(tmp_path / "runs"), "--format", kind]
-        command += ["--output", str(tmp_path / "table")]
-        program = [sys.executable, "-c", _MEASURED, *command]
-        said = subprocess.run(program, capture_output=True, text=True, check=True)
-        peaks.append(int(said.stdout.split()[-1]) * 1024)
-    print(f"{few} runs: {peaks[0] / 1e6:.1f} MB, {4 * few}: {peaks[1] / 1e6:.1f} MB")
-    assert peaks[1] - peaks[0] < 4000 * 3 * few  # what is known of a run, without its rows
 
 
 REFUSED: dict[str, tuple[list[str], str]] = {

@@ -6,18 +6,12 @@ import math
 import re
 import xml.etree.ElementTree as ET
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.pages.drawings import (
     FAILED,
-    FEWEST_FOR_A_BOX,
-    MOST_POINTS,
-    MOST_TEAMS,
     BoxRow,
-    DayCurve,
-    DayPoint,
     Scale,
     box_scale,
     rows_of_words,
@@ -40,13 +34,6 @@ def boxes(*rows: BoxRow, all_shown: bool = False) -> str:
     return drawn("box_plot", rows, box_scale(rows, all_shown=all_shown), "")
 
 
-@given(st.floats(-1e3, 1e3), st.floats(1e-2, 1e4))
-def test_an_axis_has_a_few_round_numbers_within_it(begin: float, span: float) -> None:
-    found = Scale(begin, begin + span).ticks()
-    assert 1 <= len(found) <= 7
-    assert all(begin - span * 1e-6 <= tick <= begin + span * (1 + 1e-6) for tick in found)
-
-
 @given(st.lists(st.floats(0, 10), max_size=6))
 def test_no_words_meet_others_in_their_row(times: list[float]) -> None:
     marks = [(time, "approach CCW") for time in sorted(times)]
@@ -54,13 +41,6 @@ def test_no_words_meet_others_in_their_row(times: list[float]) -> None:
     places = [(row, round(time, 6)) for (time, _), row in zip(marks, rows, strict=True)]
     assert len(set(places)) == len(places)
     assert max(rows, default=0) < max(1, len(times))
-
-
-def test_bars_lie_within_their_place_to_one_scale() -> None:
-    scale = Scale(0.0, 20.0)
-    assert [*scale.bars([(0, 5), (5, 10), (0, 20)])] == [(0, 25), (25, 25), (0, 100)]
-    assert [*scale.bars([(-5, 5), (15, math.inf), (30, 40)])] == [(0, 25), (75, 25)]
-    assert [*scale.bars([(10, 10.001)])] == [(50, 0.15)]  # a short one is seen, too
 
 
 def test_lanes_of_a_sensor_that_stays_occupied_end_with_the_drawing() -> None:
@@ -86,44 +66,3 @@ def test_a_value_of_a_failed_run_does_not_stretch_the_scale_and_stands_at_its_ed
     ticks = [float(found) for found in re.findall(r">([0-9.]+)</text>", edge)]
     assert max(ticks) <= 6
     assert ">400<" in boxes(BoxRow("", FIVE, (539.5,)), all_shown=True)
-
-
-@pytest.mark.parametrize(
-    ("values", "points", "boxes_drawn"),
-    [
-        (FIVE[: FEWEST_FOR_A_BOX - 1], 4, 0),
-        (FIVE, 5, 1),
-        (tuple(map(float, range(MOST_POINTS + 1))), 0, 1),
-    ],
-)
-def test_few_values_are_points_and_many_a_box(
-    values: tuple[float, ...], points: int, boxes_drawn: int
-) -> None:
-    svg = boxes(BoxRow("", values))
-    assert (svg.count("<circle"), svg.count("<rect")) == (points, boxes_drawn)
-    if boxes_drawn:
-        assert 'x1="50.0%" x2="50.0%"' in svg  # the median
-    many = boxes(*[BoxRow("", values)] * (MOST_TEAMS + 1))
-    assert many.count("<circle") == (0 if boxes_drawn else points * (MOST_TEAMS + 1))
-
-
-def test_where_nobody_completed_the_failed_ones_make_the_scale() -> None:
-    assert Scale.of([], [1.0, 2.0]) == Scale.of([1.0, 2.0])
-    assert Scale.of([7.0]).low < 7.0 < Scale.of([7.0]).high
-
-
-def test_runs_are_joined_within_a_condition_and_failed_ones_never() -> None:
-    points = [
-        DayPoint(0.0, 1.0, 7, completed=True),
-        DayPoint(1.0, 2.0, 7, completed=True),
-        DayPoint(2.0, 1.5, 12, completed=True),
-        DayPoint(3.0, 99.0, 7, completed=False),
-    ]
-    of = DayCurve(points, [(0.0, "08:00")], Scale(0.0, 3.0), Scale.of([1.0, 2.0]), "all of it")
-    assert [(a.value, b.value) for a, b in of.joined] == [(1.0, 2.0)]
-    svg = drawn("day_curve", of)
-    joined = svg.partition('stroke-width: 1">')[2].partition("</g>")[0]
-    assert joined.count("<line") == 1
-    assert (svg.count("<circle"), svg.count(FAILED)) == (3, 1)
-    assert 'aria-label="all of it"' in svg
-    assert ">08:00<" in svg

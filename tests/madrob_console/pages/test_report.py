@@ -283,17 +283,6 @@ def test_numbers_beside_the_indicators_are_those_of_the_run(page: Page, scored: 
     assert f"door occupation time {float(end) - float(begin):.1f}" in page.part("Figures")
 
 
-def test_figures_are_dark_where_the_page_is() -> None:
-    text = page_of("signed")
-    body = text[text.index("</head>") :]
-    assert "var(--orange)" in body
-    assert re.findall(r"(?:fill|stroke|background): ?#", body) == []
-    names = set(re.findall(r"var\((--[a-z-]+)\)", text))
-    dark = text[text.index("(prefers-color-scheme: dark)") :]
-    assert all(f"{name}: #" in text for name in names)
-    assert all(f"{name}: #" in dark for name in names if name != "--phase-open")
-
-
 # ---------------------------------------------------------------- the same run, otherwise
 
 

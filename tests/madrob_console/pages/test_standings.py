@@ -20,7 +20,7 @@ from madrob_console.pages.outputs import (
     standings_html,
     standings_json,
 )
-from madrob_console.pages.tally import Aggregate, overall, standings, subjects_text
+from madrob_console.pages.tally import Aggregate, overall, standings
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import Uncertainty
@@ -344,11 +344,6 @@ def test_whatever_a_file_says_the_standings_stay_readable(expanded: float) -> No
     json.loads(standings_json(of, "1"))
     assert standings_html(of, "1")
     assert standings_csv(of)
-
-
-def test_of_many_teams_the_first_are_named() -> None:
-    assert subjects_text((2, 5)) == "2, 5"
-    assert subjects_text(tuple(range(1, 10))) == "1, 2, 3, 4 and 5 more"
 
 
 def test_all_statistics_have_the_digits_that_the_mean_s_uncertainty_leaves() -> None:
