@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine import client as screens
 from madrob_console.engine import wire
-from madrob_console.engine.client import RemoteEngine, snapshot_of
+from madrob_console.engine.client import snapshot_of
 from madrob_console.engine.core import Engine
 from madrob_console.engine.engine_config import EngineConfig
 from madrob_console.engine.replay import Replay
@@ -43,7 +43,7 @@ from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from recorder.bag import RawMessage
 from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.engine.served import Served, act, simulated, start
+from tests.madrob_console.engine.served import Served, act, simulated, start, told_by
 from tests.madrob_console.recorded_runs import completed
 from tests.watching import until
 
@@ -239,15 +239,6 @@ def test_an_engine_does_not_end_by_itself_before_its_result_is_on_disk(tmp_path:
         assert (folder / "result.json").is_file()
     finally:
         served.close()
-
-
-def told_by(client: RemoteEngine) -> str:
-    """What a screen says instead of a state; empty = it has one."""
-    try:
-        client.snapshot()
-    except MadrobError as error:
-        return str(error)
-    return ""
 
 
 def test_an_engine_that_ends_is_told_by_its_screens(served: Served) -> None:
