@@ -1,17 +1,14 @@
 """Cameras and other topics of a hall, as a program of their own over real DDS.
 
-    python -m tests.madrob_console.camera_peer STREAMS [--seconds S] [--wait S]
+    python -m tests.madrob_console.camera_peer STREAMS
 
 STREAMS is a JSON list of `Stream`: `[{"topic": "/camera/c{}", "count": 4, "rate": 30}]`. All is
-made beforehand: only the stamp of a message is new. `--wait` lets it begin when every topic has a
-subscription. At the end it prints what was sent, by topic, as JSON; SIGTERM and SIGINT end it, too.
+made beforehand: only the stamp of a message is new. SIGTERM ends it.
 """
 
 from __future__ import annotations
 
-import argparse
 import heapq
-import json
 import os
 import signal
 import struct
@@ -20,7 +17,7 @@ import sys
 import threading
 import time
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
@@ -31,16 +28,15 @@ import numpy as np
 
 from madrob_console.common.clock import NS
 from madrob_console.messages.message_types import MessageTypes
-from madrob_console.testbeds.ros.connection import RosObject, load_module
+from madrob_console.testbeds.ros.connection import RosObject
 from madrob_console.testbeds.ros_domain import domain_id
 from recorder.bag import Qos, Reliability
-from tests.madrob_console.ros_peer import MATCHED, Peer
+from tests.madrob_console.ros_peer import Peer
 
 _ROOT = Path(__file__).parents[2]
 _TYPES = MessageTypes()
 _FRAMES = 12
 """Messages of a topic that are made; then they begin anew."""
-_NEVER = 1e9  # s
 _OTHER_TYPE = "std_msgs/msg/Header"
 _FLOOD_RATE = 1000.0
 
@@ -97,12 +93,6 @@ class Stream:
         return [self.topic.format(number) for number in range(self.count)]
 
 
-def messages(stream: Stream, topic: str) -> list[bytes]:
-    """The CDR bytes of a topic that behaves: a stamp, and it can be sent."""
-    noise = np.random.default_rng(zlib.crc32(topic.encode()))
-    return [_message(stream, noise) for _ in range(_FRAMES)]
-
-
 def _message(stream: Stream, noise: np.random.Generator) -> bytes:
     """A picture is as hard to compress as one of a camera."""
     match stream.kind:
@@ -131,10 +121,11 @@ class _Sender:
         self._peer = peer
         self._stream = stream
         self._topic = topic
-        self._messages = messages(stream, topic)
+        noise = np.random.default_rng(zlib.crc32(topic.encode()))
+        self._messages = [_message(stream, noise) for _ in range(_FRAMES)]
         self._wrong = stream.misbehaviour is Misbehaviour.NONE
         self.rate = stream.rate
-        self.sent = 0
+        self._sent = 0
         self.publisher: RosObject = self._publisher(stream.kind)
 
     def _publisher(self, type_name: str) -> RosObject:
@@ -146,10 +137,10 @@ class _Sender:
         if not self._wrong and elapsed >= self._stream.after:
             self._go_wrong(self._stream.misbehaviour)
         if self.publisher is not None:
-            data = self._messages[self.sent % len(self._messages)]
+            data = self._messages[self._sent % len(self._messages)]
             stamp = struct.pack("<iI", *divmod(time.time_ns(), NS))
             self.publisher.publish(data[:4] + stamp + data[12:])
-            self.sent += 1
+            self._sent += 1
 
     def _go_wrong(self, misbehaviour: Misbehaviour) -> None:
         self._wrong = True
@@ -163,69 +154,38 @@ class _Sender:
         self._messages = [_TYPES.encode(_OTHER_TYPE, header)]
 
 
-def publish(
-    peer: Peer, streams: Sequence[Stream], seconds: float, wait: float, stop: threading.Event
-) -> Mapping[str, int]:
-    """Send streams until their time is over or `stop` is set; the messages sent by topic."""
+def publish(peer: Peer, streams: Sequence[Stream], stop: threading.Event) -> None:
+    """Send streams until `stop` is set."""
     senders = {topic: _Sender(peer, one, topic) for one in streams for topic in one.topics}
-    ends = time.monotonic() + wait
-    while time.monotonic() < ends and not all(
-        s.publisher.get_subscription_count() for s in senders.values()
-    ):
-        stop.wait(0.05)
-    stop.wait(MATCHED if wait else 0.0)
     begin = time.monotonic()
     # topics alike do not send all at once
     due = [(begin + n / len(senders) / s.rate, t) for n, (t, s) in enumerate(senders.items())]
     heapq.heapify(due)
-    while due[0][0] < begin + seconds and not stop.is_set():
+    while not stop.is_set():
         at, topic = due[0]
         if (left := at - time.monotonic()) > 0:
             time.sleep(left)
         senders[topic].send(at - begin)
         heapq.heapreplace(due, (at + 1 / senders[topic].rate, topic))
-    patience = load_module("rclpy.duration").Duration(seconds=5)
-    for sender in senders.values():  # what is reliable and under way
-        if sender.publisher is not None:
-            sender.publisher.wait_for_all_acked(patience)
-    return {topic: sender.sent for topic, sender in senders.items()}
 
 
 @contextmanager
-def cameras(
-    *streams: Stream,
-    seconds: float = _NEVER,
-    wait: float = 0.0,
-    env: Mapping[str, str] | None = None,
-) -> Iterator[subprocess.Popen[str]]:
-    """The program, running; `communicate` waits for its end and has what was sent."""
-    words = [msgspec.json.encode(streams).decode(), f"--seconds={seconds}", f"--wait={wait}"]
-    argv = [sys.executable, "-m", __name__, *words]
-    with subprocess.Popen(
-        argv, cwd=_ROOT, env=os.environ | (env or {}), stdout=subprocess.PIPE, text=True
-    ) as process:
+def cameras(*streams: Stream) -> Iterator[subprocess.Popen[bytes]]:
+    """The program, running."""
+    argv = [sys.executable, "-m", __name__, msgspec.json.encode(streams).decode()]
+    with subprocess.Popen(argv, cwd=_ROOT) as process:
         try:
             yield process
         finally:
             process.terminate()
-            if process.stdout is not None and not process.stdout.closed:
-                process.communicate()  # it still says what was sent
 
 
 def main() -> None:
-    """Send, and print what was sent."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("streams")
-    parser.add_argument("--seconds", type=float, default=_NEVER)
-    parser.add_argument("--wait", type=float, default=0.0)
-    arguments = parser.parse_args()
-    streams = msgspec.json.decode(arguments.streams, type=list[Stream])
+    """Send until a signal comes."""
     stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    signal.signal(signal.SIGTERM, lambda *_: stop.set())
     with Peer(domain_id(None, os.environ)) as peer:
-        sent = publish(peer, streams, arguments.seconds, arguments.wait, stop)
-    print(json.dumps({"sent": sent, "cpu_s": time.process_time()}))
+        publish(peer, msgspec.json.decode(sys.argv[1], type=list[Stream]), stop)
 
 
 if __name__ == "__main__":

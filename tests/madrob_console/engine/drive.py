@@ -8,7 +8,7 @@ from pathlib import Path
 from random import Random
 
 from madrob_console.archive.scored import Scored, score_opened
-from madrob_console.common.clock import VirtualClock
+from madrob_console.common.clock import Clock, VirtualClock
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.core import Engine
 from madrob_console.engine.disk import DiskThreads
@@ -65,15 +65,17 @@ class Drive:
         disk_needed: int = 0,
         competition: str = "",
         mappings: Sequence[TopicMapping] = DEFAULT_MAPPINGS,
+        clock: Clock | None = None,
+        lossless: bool = True,
     ) -> None:
-        self.clock = VirtualClock(EPOCH_NS)
+        self.clock = clock or VirtualClock(EPOCH_NS)
         types = MessageTypes()
         simulated = SimulatedTestbed(scenario, seed, sensors=SensorSettings(latch=latch))
         self.source = self.SOURCE(simulated, self.clock, types, mappings)
         config = EngineConfig(
             results,
             tuple(mappings),
-            lossless=True,
+            lossless=lossless,
             disk_needed=disk_needed,
             testbed=testbed,
             competition=competition,

@@ -107,9 +107,9 @@ class FaultyDrive(Drive):
 
     SPOILT = FaultySource
 
-    def __init__(self, results: Path) -> None:
+    def __init__(self, results: Path, *, lossless: bool = True) -> None:
         self.SOURCE = self.SPOILT
-        super().__init__(results)
+        super().__init__(results, lossless=lossless)
 
     @property
     def faulty(self) -> FaultySource:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -19,12 +19,11 @@ def reporting_on(
     results: Path,
     wanted: WantedPages = EVERY_REPORT,
     busy: Callable[[], bool] = lambda: False,
-    command: Sequence[str] = aside.COMMAND,
 ) -> Iterator[Reporting]:
     """Chores that are asked for are done, until the end of the block."""
     write = DiskJobs().submit_job
     queue = results / QUEUE_FOLDER
-    reporting = Reporting(command, queue, results, busy, write, wanted, SHORT_PAUSE)
+    reporting = Reporting(aside.COMMAND, queue, results, busy, write, wanted, SHORT_PAUSE)
     supervisor = Supervisor(*reporting.workers)
     try:
         yield reporting

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TypeVar
 
 from madrob_console.archive import score
-from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.scoring_process import ScoringProcess
 from madrob_console.engine.supervisor import Supervisor
 from madrob_console.referee.acts import Act
@@ -26,9 +25,8 @@ class Referee(Drive):
         results: Path,
         scorer: ScoringProcess,
         scenario: Scenario = Scenario.NOMINAL,
-        keepers: DiskThreads | None = None,
     ) -> None:
-        super().__init__(results, scenario, scorer=scorer, keepers=keepers)
+        super().__init__(results, scenario, scorer=scorer)
         self.scorer = scorer
         self.faults: set[str] = set()
 

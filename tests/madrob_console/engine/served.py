@@ -6,6 +6,7 @@ import socket
 from pathlib import Path
 
 from madrob_console.common.clock import SystemClock
+from madrob_console.common.errors import MadrobError
 from madrob_console.engine import wire
 from madrob_console.engine.client import RemoteEngine
 from madrob_console.engine.core import Engine
@@ -93,3 +94,12 @@ def start(client: EngineClient) -> None:
     for one in (ZeroHandle(), ConfirmPose(), Start()):  # on a busy machine a topic may be stale
         until(lambda one=one: act(client, one) is None)  # type: ignore[misc]
     until(lambda: client.snapshot().run.phase is Phase.RUNNING)
+
+
+def told_by(client: RemoteEngine) -> str:
+    """What a screen says instead of a state; empty = it has one."""
+    try:
+        client.snapshot()
+    except MadrobError as error:
+        return str(error)
+    return ""

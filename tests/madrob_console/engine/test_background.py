@@ -11,7 +11,7 @@ import pytest
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import whole_file
-from madrob_console.engine.disk import ENDED, FULL, DiskJobs, DiskThread, RepeatedReading, why_not
+from madrob_console.engine.disk import ENDED, FULL, DiskThread, RepeatedReading, why_not
 from tests.watching import PATIENCE, until
 
 
@@ -121,16 +121,6 @@ def test_closing_does_what_was_asked_for_and_leaves_a_job_that_hangs_to_itself(h
     for one in (waits, hall.ask(lambda: None)):
         with pytest.raises(MadrobError, match=ENDED):
             one.result(PATIENCE)
-
-
-def test_inline_it_is_done_and_told_before_asking_returns(hall: Hall) -> None:
-    hall.thread.close(PATIENCE)
-    hall.thread = DiskJobs()  # type: ignore[assignment]
-    assert hall.ask(lambda: 7).result() == 7
-    hall.ask(refuses)
-    assert hall.told == [f"7 {here()}", "the disk refuses"]
-    assert hall.thread.wait_until_idle(0.0)
-    assert hall.thread.silent == 0.0
 
 
 NEVER = 1e6

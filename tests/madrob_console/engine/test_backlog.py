@@ -5,10 +5,8 @@ from pathlib import Path
 import pytest
 
 from madrob_console.common.clock import NS
-from madrob_console.engine.core import Engine
 from madrob_console.engine.observation import CAPACITY, LATEST, Backlog
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
-from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, DeclareTimeout, Start
 from madrob_console.referee.run import Phase
 from recorder.bag import RawMessage
@@ -98,11 +96,7 @@ class HeldUp(FaultyDrive):
     """An engine that somebody wants something of after each message, from `hold_up` on."""
 
     def __init__(self, results: Path) -> None:
-        super().__init__(results)
-        config = self.engine.config
-        real = type(config)(results, config.mappings, config.disk_needed)
-        self.engine = Engine(self.faulty, self.clock, real, MessageTypes())
-        self.engine.open()
+        super().__init__(results, lossless=False)
 
     def hold_up(self, duration: float) -> None:
         """Six messages come in a step, one is looked at."""

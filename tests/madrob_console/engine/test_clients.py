@@ -37,7 +37,7 @@ from madrob_console.engine.requests import (
     TakeOver,
 )
 from madrob_console.engine.wire import EngineClient
-from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start
+from madrob_console.referee.acts import Abort, SetUp, Start
 from madrob_console.referee.competition_plan import (
     Attempts,
     Plan,
@@ -48,9 +48,8 @@ from madrob_console.referee.competition_plan import (
 )
 from madrob_console.referee.run import Phase
 from recorder.bag import RawMessage
-from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import make_setup
-from tests.madrob_console.engine.served import Served, act, simulated, start
+from tests.madrob_console.engine.served import Served, act, simulated
 from tests.madrob_console.run_folders import summary, write
 from tests.watching import until
 
@@ -94,22 +93,6 @@ def client(
         closing(served.attach()) as remote,
     ):
         yield remote
-
-
-def test_a_run_goes_on_while_the_screen_only_looks(client: EngineClient) -> None:
-    start(client)
-    until(lambda: client.snapshot().result is not None)
-    shown = client.snapshot()
-    assert shown.run.outcome is Outcome.COMPLETED
-    assert shown.recorder.dropped == 0
-    assert shown.folder is not None
-    assert (Path(shown.folder) / "result.json").is_file()
-    assert client.send_request(NextRunNumber(3, 1, practice=True)) == 2
-    assert client.send_request(NextRunNumber(3, 1)) == 1
-    curves = client.send_request(GiveCurves())
-    assert curves is not None
-    assert not curves.empty
-    assert len(curves.events) > 5
 
 
 def test_the_plan_and_what_is_done_of_it_come_from_the_engine(
@@ -158,14 +141,6 @@ def test_every_request_is_carried_out(client: EngineClient) -> None:
                 client.send_request(example)
         else:
             client.send_request(example)
-
-
-def test_after_the_end_every_question_gets_an_answer(client: EngineClient) -> None:
-    client.close()
-    began = time.monotonic()
-    with pytest.raises(MadrobError, match="the engine has ended"):
-        act(client, ConfirmPose())
-    assert time.monotonic() - began < 1.0
 
 
 def test_what_a_screen_was_told_failed_does_not_happen_later(

@@ -115,14 +115,6 @@ def test_a_simulation_that_stands_lets_time_go_on_and_is_followed_again_when_it_
     assert max(map(abs, follow(clock, world, 5.0)[50:])) < 0.01
 
 
-def test_a_simulation_that_begins_anew_is_followed_back(machine: Machine) -> None:
-    clock, world = SimulationClock(), World()
-    follow(clock, world, 60.0)
-    world.begin_anew()
-    assert max(map(abs, follow(clock, world, 5.0))) < 0.2
-    assert clock.now_ns() < BEGIN + 6 * NS
-
-
 @given(
     st.lists(
         st.tuples(st.integers(-(10**12), 10**12), st.integers(0, NS), st.floats(0, 3)), max_size=30

@@ -16,7 +16,6 @@ from madrob_console.engine.requests import (
     Curves,
     curves_of,
 )
-from madrob_console.referee.acts import Abort
 from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName, Quantity
 from scoring.kinematics import JointState, Rows
@@ -26,7 +25,6 @@ from scoring.quality import Quality
 from scoring.result import Ending, EventRecord, Indicator, Result
 from scoring.rulesets import RulesetName
 from scoring.signals import Sample
-from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import recorded
 from tests.scoring import runs
 from tests.scoring.runs import assessment, door, handle
@@ -89,17 +87,6 @@ def test_the_extremes_of_a_runs_curves_are_its_indicators(scenario: Scenario) ->
     assert last < curves.duration + 1.1
     for coded in (msgspec.json, msgspec.msgpack):
         assert coded.decode(coded.encode(curves), type=Curves) == curves
-
-
-def test_an_aborted_run_has_no_curves(drive: Drive) -> None:
-    drive.start(make_setup())
-    drive.wait(5.0)
-    drive.act(Abort("a person in the doorway"))
-    drive.finish()
-    scored = drive.scored()
-    curves = curves_of(scored.result, scored.rows)
-    assert curves.empty
-    assert curves.duration == pytest.approx(5.0, abs=0.1)
 
 
 @pytest.mark.parametrize("duration", [10.0, 0.0, -2.0, None])

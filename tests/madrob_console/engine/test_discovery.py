@@ -5,14 +5,11 @@ from __future__ import annotations
 import fcntl
 import os
 import shlex
-import signal
 import socket
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
-from subprocess import Popen
 
 import msgspec
 import pytest
@@ -35,16 +32,14 @@ from madrob_console.engine.engine_lock import (
     HeldError,
     Owned,
     connect_to,
-    listen_on,
     names_in_use,
     owned_by,
     state_folder,
 )
 from madrob_console.engine.requests import Role
 from madrob_console.engine.server import EngineServer
-from madrob_console.engine.wire import Rejected, Stop, StopAnswer, Who, WhoAnswer
-from tests.madrob_console.stranger import NOBODY, stranger
-from tests.watching import until
+from madrob_console.engine.wire import Rejected, Who, WhoAnswer
+from tests.madrob_console.stranger import stranger
 
 KNOWN = WhoAnswer("0.1.0", 5, "SIMULATED nominal")
 
@@ -114,18 +109,6 @@ def test_the_first_message_and_its_answers_have_a_form_that_never_changes(owned:
         }
 
 
-def test_a_console_of_another_version_is_a_line_of_the_log(
-    owned: Owned, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with answering(owned) as (_, name):
-        for _ in range(3):
-            assert say(name, {"type": "Hello", "version": 900, "role": "watch", "who": "ada"})
-    assert capfd.readouterr().err == (
-        "madrob: a console of version 900 was rejected: this engine speaks version "
-        f"{wire.VERSION}\n"
-    )
-
-
 def test_what_a_later_version_adds_is_passed_over(owned: Owned) -> None:
     later = msgspec.msgpack.encode(
         {"type": "WhoAnswer", "wire": 900, "mood": ["good"], "busy": True}
@@ -155,18 +138,6 @@ def test_rubbish_is_rejected_and_the_next_one_is_answered(owned: Owned, data: by
             assert isinstance(answer, dict)
             assert answer["type"] == "Rejected"
         assert ask(name, Who()) == KNOWN
-
-
-def test_who_may_stop_it_ends_it_as_a_signal_would(owned: Owned) -> None:
-    got: list[int] = []
-    before = signal.signal(signal.SIGTERM, lambda number, _: got.append(number))
-    try:
-        with answering(owned) as (_, name):
-            assert ask(name, Stop()) == StopAnswer()
-            until(lambda: got)
-    finally:
-        signal.signal(signal.SIGTERM, before)
-    assert got == [signal.SIGTERM]
 
 
 def test_an_engine_that_has_failed_still_says_so(owned: Owned) -> None:
@@ -373,34 +344,6 @@ def test_a_stranger_keeps_no_engine_from_its_name_and_is_no_engine(
                 pass
 
 
-FLOOD = """
-import os, socket, sys
-os.setuid(int(sys.argv[1]))
-print("there", flush=True)
-while True:
-    with socket.socket(socket.AF_UNIX) as caller:
-        caller.setblocking(False)
-        try:
-            caller.connect(sys.argv[2].replace("@", chr(0)))
-        except OSError:
-            pass
-"""
-
-
-@pytest.mark.machine
-def test_a_stranger_who_calls_as_fast_as_it_can_keeps_nobody_out(owned: Owned) -> None:
-    if os.getuid() != 0:
-        pytest.skip("only root can be another user")
-    with answering(owned) as (_, name):
-        address = engine_lock.address_of(name).replace("\0", "@")
-        with Popen([sys.executable, "-c", FLOOD, str(NOBODY), address]) as process:
-            try:
-                for _ in range(20):
-                    assert ask(name, Who(), 10.0) == KNOWN
-            finally:
-                process.kill()
-
-
 @pytest.mark.machine
 def test_an_engine_that_hangs_with_a_full_backlog_is_found_and_named(
     owned: Owned, monkeypatch: pytest.MonkeyPatch
@@ -415,12 +358,3 @@ def test_an_engine_that_hangs_with_a_full_backlog_is_found_and_named(
             pass
         with process_of(found):
             pass
-
-
-def test_a_name_is_the_only_one_of_its_process_or_another_one() -> None:
-    one, listening = listen_on("simulated/test")
-    two, also = listen_on("simulated/test")
-    with listening, also:
-        assert one == f"simulated/test/{os.getpid()}"
-        assert two.startswith(f"{one}.")
-        assert {one, two} <= names_in_use("simulated/test").keys()

@@ -118,14 +118,6 @@ def test_a_timeout_within_the_settle_time_waits_for_its_end(
     assert took == pytest.approx(min(needed, needed + spare), abs=1e-6)
 
 
-def test_a_declared_timeout_within_the_settle_time_waits_too(drive: Drive) -> None:
-    drive.start(make_setup())
-    drive.wait_until(lambda: drive.engine.snapshot().settling)
-    drive.act(DeclareTimeout("too slow"))
-    drive.finish()
-    assert drive.engine.run.outcome is Outcome.COMPLETED
-
-
 def test_checks_stand_in_the_way_until_they_are_waived(drive: Drive) -> None:
     drive.act(SetUp(make_setup()))
     states = {c.name: c.state for c in drive.engine.snapshot().checks}

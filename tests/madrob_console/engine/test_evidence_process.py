@@ -155,30 +155,23 @@ def test_what_was_said_for_late_comers_before_the_start_is_in_every_recording(
             assert topic.qos.durability is Durability.TRANSIENT_LOCAL
 
 
-AILING = """
-import signal, time
+AILING = (
+    sys.executable,
+    "-P",
+    "-c",
+    """
+import signal
 from madrob_console.engine.evidence_worker import main
-from recorder.mcap_writer import McapFile
 
 def turn_in_circles(*_):
     while True:
         pass
 
 signal.signal(signal.SIGUSR1, turn_in_circles)
-sync = McapFile.sync
-
-def slowly(file):
-    time.sleep(SLOWNESS)
-    sync(file)
-
-McapFile.sync = slowly
 main()
-"""
-
-
-def ailing(slowness: float = 0.0) -> tuple[str, ...]:
-    """The process that records evidence, which hangs when a signal says so, on a slow disk."""
-    return sys.executable, "-P", "-c", AILING.replace("SLOWNESS", str(slowness))
+""",
+)
+"""The process that records evidence, which hangs when a signal says so."""
 
 
 def settled(folder: Path, told: EvidenceAccount) -> EvidenceAccount:
@@ -225,7 +218,7 @@ def test_in_every_phase_a_spoilt_process_is_told_within_3_s_and_another_one_goes
             assert time.monotonic() - began < 3.0
             until(lambda: here.evidence.pid not in (None, spoilt))
 
-    with cameras(CAMERAS), hall(tmp_path, ros_domain, command=ailing()) as here:
+    with cameras(CAMERAS), hall(tmp_path, ros_domain, command=AILING) as here:
         here.comes(LEFT)
         spoil("listens")
         with here.recording(ended=lambda: spoil("has ended")):
@@ -263,29 +256,6 @@ def test_the_end_of_an_engine_waits_for_no_process_that_was_stopped(
         os.kill(here.evidence.pid, signal.SIGSTOP)
         here.evidence.close()
         assert time.monotonic() - begin < 6
-
-
-def test_on_a_slow_disk_the_account_is_in_the_end_what_is_in_the_file(
-    ros_domain: int, tmp_path: Path
-) -> None:
-    with cameras(CAMERAS), hall(tmp_path, ros_domain, command=ailing(slowness=1.5)) as here:
-        here.comes(LEFT)
-        told: list[EvidenceAccount] = []
-
-        def end() -> None:
-            here.evidence.await_account(0.5)
-            told.append(here.account)
-
-        with here.recording(most_bytes=3_000_000, ended=end):
-            here.until(lambda _: here.topic().messages >= 40)
-        messages = here.recorded()
-        account = settled(here.folder, told[0])
-    assert told[0].unwritten
-    taken = {one.topic: one.messages + sum(one.lost.values()) for one in told[0].topics}
-    for one in account.topics:
-        assert one.messages + sum(one.lost.values()) == taken[one.topic]
-    assert Counter(m.topic for m in messages) == {one.topic: one.messages for one in account.topics}
-    assert any(one.lost.get(EvidenceLoss.DISK) for one in account.topics)
 
 
 WITHOUT_POSES = (

@@ -23,7 +23,7 @@ from madrob_console.referee.run import Phase
 from scoring.protocol import Condition, EventName, Outcome, Signal
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.faulty_source import TIMEOUT, FaultyDrive
-from tests.madrob_console.engine.spoilt import DOOR, HANDLE, STRIP, Fault, set_value, spoiler
+from tests.madrob_console.engine.spoilt import DOOR, HANDLE, STRIP, Fault, set_value
 from tests.slowly import slow_but_for
 
 SECOND = 1_000_000_000  # ns
@@ -256,26 +256,6 @@ def test_the_last_good_value_is_not_shown_for_one_that_cannot_be_read(drive: Fau
 
 
 @pytest.mark.slow
-def test_every_faulty_topic_is_named_and_what_is_healed_is_named_no_more(
-    drive: FaultyDrive,
-) -> None:
-    drive.set_up()
-    for topic in drive.topics():
-        drive.faulty.spoil(topic, Fault.TRUNCATED)
-    drive.wait(2.0)
-    assert [line.split(": ")[0] for line in drive.faults().split("\n")] == [
-        "door angle",
-        "handle force",
-        "passage cw left, passage cw right and 2 more",
-    ]
-    for topic in drive.topics():
-        drive.faulty.heal(topic)
-    drive.wait(2.1)
-    assert drive.faults() == ""
-    assert drive.check(CheckName.TOPICS) == "ok: all fresh and at rate"
-
-
-@pytest.mark.slow
 def test_a_second_referee_is_named_and_blocks_a_start_until_it_is_waived(
     drive: FaultyDrive,
 ) -> None:
@@ -297,36 +277,6 @@ def test_a_second_referee_is_named_and_blocks_a_start_until_it_is_waived(
     assert told.endswith(f"/madrob/referee/state: {words}")
     assert worst(drive.engine.snapshot().flags) is FlagWeight.CAUTION
     assert drive.rescored().quality == quality
-
-
-@pytest.mark.slow
-def test_bad_messages_among_good_ones_are_named_all_the_time(drive: FaultyDrive) -> None:
-    drive.wait(2.0)
-    spoils = cycle([spoiler(HANDLE, fault) for fault in (Fault.STRAYS_BACK, Fault.TRUNCATED)])
-    drive.faulty.send(HANDLE, lambda message: next(spoils)(message))  # noqa: PLW0108  the next one
-    drive.wait(0.5)
-    for _ in range(100):
-        drive.wait(0.02)
-        assert re.search(r"handle force: .*\d+ of \d+ messages: not a ", drive.faults())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("fault", [Fault.AHEAD, Fault.BEHIND])
-def test_a_clock_that_is_5_s_off_from_before_the_start_ends_no_run_and_is_marked(
-    drive: FaultyDrive, fault: Fault
-) -> None:
-    for topic in drive.topics():
-        drive.faulty.spoil(topic, fault)
-    drive.set_up()
-    words = r"^failed: set the clocks: stamps differ by 5\d{3} ms"
-    assert re.search(words, drive.check(CheckName.CLOCK))
-    drive.act(Waive(CheckName.TOPICS, "no time server"), Waive(CheckName.CLOCK, "no time server"))
-    drive.begin()
-    result = drive.result()
-    assert result.outcome in (Outcome.COMPLETED, Outcome.TIMEOUT)
-    off = r"stamps differ from reception by up to 5\.0\d\d s"
-    assert len(re.findall(off, "\n".join(result.quality.remarks))) == len(drive.topics())
-    assert drive.rescored() == result
 
 
 @pytest.mark.slow

@@ -46,7 +46,6 @@ from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from recorder.reader import read_bag
-from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, Step
 from scoring.result import Result
 from scoring.rulesets import RulesetName
@@ -131,27 +130,6 @@ def replayed(folder: Path) -> Result:
     while engine.scored is None:
         engine.step(0.02)
     return engine.scored.result
-
-
-def test_a_run_that_is_closed_or_cut_off_is_interrupted_in_score_and_replay(
-    drive: Drive, tmp_path: Path
-) -> None:
-    drive.start(make_setup())
-    drive.wait(6.0)
-    drive.wait_for_disk()
-    cut = tmp_path / "cut"
-    shutil.copytree(drive.folder, cut)  # what a kill at this moment leaves behind
-    drive.engine.close()
-    assert read_bag(drive.folder).complete
-    closed, scored = next(score(drive.folder)).result, next(score(cut)).result
-    assert closed == drive.engine.scored.result  # type: ignore[union-attr]
-    assert replayed(cut) == scored
-    for result in (closed, scored):
-        assert result.outcome is Outcome.INTERRUPTED
-        assert result.indicators[IndicatorName.EXECUTION_TIME].reason == "no benchmark stop"
-        assert result.indicators[IndicatorName.TIME_TO_HANDLE].value is not None
-    document = json.loads((drive.folder / "result.json").read_text())
-    assert document["outcome"] == "interrupted"
 
 
 SIGNED = Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee")

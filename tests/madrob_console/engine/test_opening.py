@@ -16,10 +16,9 @@ from madrob_console.archive.folders import RunPath, next_run_number
 from madrob_console.archive.history import History
 from madrob_console.archive.repair import RuleChange, next_issue, write_next_issue
 from madrob_console.archive.run_journal import is_held
-from madrob_console.archive.scored import open_run
 from madrob_console.common.errors import MadrobError
 from madrob_console.pages.competition import competition_standings
-from madrob_console.referee.acts import Abort, Finalise, Reissue, Rule, SetUp
+from madrob_console.referee.acts import Abort, Finalise, Rule, SetUp
 from madrob_console.referee.journal import HOLD_FILE, Entry, Origin
 from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
@@ -95,21 +94,6 @@ def test_an_opened_run_shows_the_same_digits_and_writes_nothing(drive: Drive) ->
     assert files(folder) == before
 
 
-def test_an_earlier_run_is_ruled_finalised_and_issued_again_in_its_own_folder(
-    folder: Path,
-) -> None:
-    with opened(folder) as drive:
-        drive.act(Rule(Step.CROSS, False, "came back"), Finalise(TeamWord.PROTESTED, "Ada", "no"))
-        assert document(folder)["indicators"]["capability_level"]["value"] == 3
-        assert document(folder)["closure"]["team_word"] == "protested"
-    with opened(folder) as drive:
-        assert drive.engine.run.phase is Phase.FINAL
-        drive.act(Reissue("video"), Rule(Step.CROSS, True, "video"))
-        assert document(folder)["issue"] == 2
-        assert document(folder)["indicators"]["capability_level"]["value"] == 6
-        assert (folder / "result_issue_1.json").exists()
-
-
 def test_a_run_that_was_re_issued_by_other_rules_is_ruled_and_signed_by_these(
     folder: Path,
 ) -> None:
@@ -161,13 +145,6 @@ def test_a_run_that_was_cut_off_is_found_stopped_as_interrupted_and_scored(tmp_p
             assert 0 < (snapshot.elapsed or 0) < 10
             assert document(folder)["outcome"] == "interrupted"
             assert document(folder)["indicators"]["time_to_handle"]["value"] is not None
-
-
-def test_a_run_that_was_cut_off_can_be_declared_invalid(tmp_path: Path, drive: Drive) -> None:
-    folder = cut_off(tmp_path)
-    assert drive.open(folder, invalid=True) is None
-    assert document(folder)["outcome"] == "aborted"
-    assert document(folder)["indicators"]["execution_time"]["value"] is None
 
 
 def test_a_run_that_goes_on_in_another_console_is_neither_cut_off_nor_opened(
@@ -257,14 +234,6 @@ def test_a_run_that_was_never_started_is_not_asked_about_and_counts_nowhere(
     assert not standings.left_out
     assert standings.groups[0].overall[0].without_result == 0
     assert next_run_number(tmp_path, 3, 1) == 2
-
-
-def test_a_folder_without_a_bag_is_refused_in_one_line(tmp_path: Path) -> None:
-    empty = tmp_path / "subject_003_cond_001_run_001_20231114_221320"
-    empty.mkdir()
-    with pytest.raises(MadrobError, match="run_001") as refused:
-        open_run(empty)
-    assert "\n" not in str(refused.value)
 
 
 STAYS = "run 4 of subject 3 was set up meanwhile, and stays: the history (h) opens the other one"

@@ -26,7 +26,6 @@ from madrob_console.referee.acts import (
     Abort,
     AcceptFalseStart,
     RestartCountdown,
-    SetUp,
     Start,
     Void,
 )
@@ -191,14 +190,3 @@ def test_a_result_says_that_the_robot_answered_to_the_start_and_when(hall: Hall)
     assert replayed.run.robot_start == result["robot_start"]
     assert replayed.replay is not None
     assert replayed.replay.view(replayed.scored.result).agrees
-
-
-def test_a_robot_that_does_not_answer_is_started_by_hand(hall: Hall) -> None:
-    hall.prepare(make_setup())
-    hall.act(Start())
-    hall.answer(after=-0.001)
-    hall.finish()
-    result = json.loads((hall.folder / "result.json").read_text())
-    assert (result["robot_start"], result["quality"]["remarks"]) == (None, [])
-    hall.act(SetUp(make_setup(run_number=2)))
-    assert hall.engine.run.robot_start is None

@@ -39,12 +39,6 @@ def watching(
     return watch.read_if_changed
 
 
-def test_without_a_file_the_settings_are_the_list() -> None:
-    told = list[TeamList]()
-    watching(None, told)
-    assert told == [TeamList({9: "Own"})]
-
-
 def test_a_list_that_changes_is_told_when_it_rests_and_the_engine_knows_it_first(
     tmp_path: Path,
 ) -> None:

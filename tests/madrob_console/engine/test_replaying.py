@@ -413,10 +413,3 @@ def test_what_cannot_be_replayed_is_refused_in_one_line(tmp_path: Path) -> None:
         assert words in str(refused.value)
         assert path.name in str(refused.value)
         assert "\n" not in str(refused.value)
-
-
-def test_a_run_that_was_never_started_is_refused_in_one_line(copy: Path) -> None:
-    journal = copy / "journal.jsonl"
-    journal.write_text(journal.read_text().splitlines(keepends=True)[0])
-    with pytest.raises(MadrobError, match="never started"):
-        Deck(copy)

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import socket
-import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from queue import Empty
-from types import FrameType
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import NoReturn
 
 import pytest
 from hypothesis import given
@@ -22,10 +19,9 @@ from hypothesis import strategies as st
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine import client as screens
 from madrob_console.engine import wire
-from madrob_console.engine.client import RemoteEngine, snapshot_of
+from madrob_console.engine.client import snapshot_of
 from madrob_console.engine.core import Engine
 from madrob_console.engine.engine_config import EngineConfig
-from madrob_console.engine.engine_lock import listen_on
 from madrob_console.engine.replay import Replay
 from madrob_console.engine.requests import (
     ExportTeam,
@@ -37,7 +33,7 @@ from madrob_console.engine.requests import (
     SetSpeed,
     TakeOver,
 )
-from madrob_console.engine.server import MOST_UNDER_WAY, SIGN_OF_LIFE, TOO_MANY, LatestState
+from madrob_console.engine.server import MOST_UNDER_WAY, TOO_MANY
 from madrob_console.engine.snapshot import Pulse, RightToAct
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
@@ -47,12 +43,9 @@ from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from recorder.bag import RawMessage
 from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.engine.served import Served, act, simulated, start
+from tests.madrob_console.engine.served import Served, act, simulated, start, told_by
 from tests.madrob_console.recorded_runs import completed
 from tests.watching import until
-
-if TYPE_CHECKING:
-    from _typeshed import TraceFunction
 
 pytestmark = pytest.mark.machine
 
@@ -138,18 +131,6 @@ def test_a_replay_is_moved_over_the_socket_by_the_console_that_may_act(replayed:
         assert ada.snapshot().refusal(PlaybackCommand.name) is None
 
 
-def test_a_screen_that_does_not_read_costs_nobody_anything(served: Served) -> None:
-    with served.connect() as stalled, closing(served.attach()) as client:
-        stalled.sendall(wire.frame(wire.Hello(wire.VERSION, Role.WATCH, "stalled")))
-        until(lambda: len(served.server._screens) == 2)
-        screen = next(one for one in served.server._screens if one.role is Role.WATCH)
-        until(lambda: screen.backlog > 0)  # the kernel takes no more for it
-        end = client.snapshot().time + 10.0
-        until(lambda: client.snapshot().time > end)
-        shown = len(wire.raw(client.snapshot()))
-        assert screen.backlog <= 2 * shown  # one state waits for it
-
-
 def test_a_core_that_stands_still_is_told_and_so_is_that_it_goes_on(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -196,28 +177,6 @@ def test_a_screen_shows_what_the_engine_has(drive: Drive) -> None:
     for wrong in (wire.State(wire.raw(1), state.right), wire.State(state.snapshot, wire.raw(1))):
         with pytest.raises(MadrobError, match="not a message of an engine"):
             snapshot_of(wrong)
-
-
-@pytest.mark.parametrize(
-    ("change", "versions"),
-    [
-        (lambda _: {}, 20),  # a replay that is paused
-        (lambda tick: {"time": 1e9 + tick / 10}, 20),
-        (lambda tick: {"pulse": Pulse(core=tick // 10)}, 30),
-        (lambda tick: {"faults": (f"fault {tick}",)}, 100),
-    ],
-    ids=("nothing", "time", "standstill", "news"),
-)
-def test_a_state_is_sent_when_it_has_changed_and_else_as_a_sign_of_life(
-    drive: Drive, change: Callable[[int], dict[str, Any]], versions: int
-) -> None:
-    latest, shown = LatestState(), drive.engine.snapshot()
-    latest.update(shown, 0.0)
-    for tick in range(1, 101):  # ten seconds
-        before, encoded = latest.version, latest.encoded
-        latest.update(replace(shown, **change(tick)), tick / 10)
-        assert (latest.encoded is encoded) is (latest.version == before)  # encoded once
-    assert 10.0 / SIGN_OF_LIFE - 4 <= latest.version - 1 <= versions
 
 
 RUBBISH = (
@@ -282,15 +241,6 @@ def test_an_engine_does_not_end_by_itself_before_its_result_is_on_disk(tmp_path:
         served.close()
 
 
-def told_by(client: RemoteEngine) -> str:
-    """What a screen says instead of a state; empty = it has one."""
-    try:
-        client.snapshot()
-    except MadrobError as error:
-        return str(error)
-    return ""
-
-
 def test_an_engine_that_ends_is_told_by_its_screens(served: Served) -> None:
     with closing(served.attach()) as client, closing(served.attach(Role.WATCH)) as watcher:
         served.close()
@@ -299,46 +249,6 @@ def test_an_engine_that_ends_is_told_by_its_screens(served: Served) -> None:
             act(client, Start())
         until(lambda: "the next one is looked for" in told_by(watcher))
         assert "Ctrl+R" not in told_by(watcher)  # who only watches starts none
-
-
-BEGIN = RemoteEngine.begin_request.__code__
-
-
-@pytest.mark.parametrize("lines", range(7))
-def test_a_connection_that_ends_at_any_line_of_a_request_is_told_at_once(
-    drive: Drive, tmp_path: Path, lines: int
-) -> None:
-    state = wire.State(wire.raw(drive.engine.snapshot()), wire.raw(RightToAct()))
-    name, listening = listen_on("simulated/test")
-    with listening, ThreadPoolExecutor() as pool:
-        attached = pool.submit(RemoteEngine, name, Role.REFEREE, "ada@hall")
-        engine, _ = listening.accept()
-        engine.sendall(wire.frame(wire.Welcome(str(tmp_path), state)))
-        client = attached.result()
-
-        done: list[int] = []
-
-        def ends(frame: FrameType, _event: str, _argument: object) -> TraceFunction | None:
-            if frame.f_code is not BEGIN:
-                return None
-            done.append(frame.f_lineno)
-            if len(done) == lines + 1:
-                engine.sendall(wire.frame(wire.Rejected("the engine has failed: no disk")))
-                until(lambda: not client._threads[0].is_alive())
-            return ends
-
-        began = time.monotonic()
-        sys.settrace(ends)
-        try:
-            with pytest.raises(MadrobError, match="the engine has failed: no disk"):
-                client.send_request(NextRunNumber(3, 1))
-        finally:
-            sys.settrace(None)
-        took = time.monotonic() - began
-    engine.close()
-    client.close()
-    assert len(done) > lines
-    assert took < 3.0
 
 
 @pytest.mark.parametrize("work", ["take", "call"])

@@ -67,15 +67,6 @@ def test_nobody_is_told_where_there_is_no_service_manager() -> None:
         assert manager.present is environment.get("NOTIFY_SOCKET", "").startswith("/")
 
 
-def test_a_name_without_a_path_is_told_too() -> None:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
-        listening.bind(f"\0madrob-test-{os.getpid()}")
-        ServiceManager({"NOTIFY_SOCKET": f"@madrob-test-{os.getpid()}"}).send_assignments(
-            "A=1", "B=2"
-        )
-        assert listening.recv(100) == b"A=1\nB=2"
-
-
 @pytest.mark.parametrize(
     ("given", "period"),
     [

@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 import os
-import resource
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
-from pathlib import Path
 
 import msgspec
 import pytest
 
-from madrob_console.cli import aside
-from madrob_console.engine.disk import DiskJobs
-from madrob_console.engine.evidence_process import EvidenceProcess
-from madrob_console.engine.evidence_status import ListenFor
-from madrob_console.engine.reports import Reporting
-from madrob_console.engine.scoring_process import ScoringProcess
 from madrob_console.engine.supervisor import Supervisor, Worker
-from madrob_console.testbeds.evidence_choice import EvidenceChoice
 from tests.madrob_console.engine.scored_elsewhere import alive
 from tests.watching import until
 
@@ -90,8 +81,10 @@ def echo() -> Iterator[Echo]:
 
 
 @pytest.mark.parametrize(
-    ("word", "why"),
+    ("spoil", "why"),
     [
+        (signal.SIGKILL, "it was ended by SIGKILL"),
+        (signal.SIGSTOP, "it was stopped for 2 s"),
         ("end", "it ended with code 3"),
         ("hang", "it did not move for"),
         ("circle", "it gave no answer for"),
@@ -100,71 +93,19 @@ def echo() -> Iterator[Echo]:
     ],
 )
 def test_a_process_that_ends_hangs_or_says_nonsense_is_started_again(
-    echo: Echo, word: str, why: str
+    echo: Echo, spoil: str | signal.Signals, why: str
 ) -> None:
-    echo.say(word)
+    first = echo.pid
+    assert first is not None
+    if isinstance(spoil, signal.Signals):
+        os.kill(first, spoil)
+    else:
+        echo.say(spoil)
     until(lambda: echo.heard == ["hello", "hello"])
     assert [why in one for one in echo.lost] == [True]
     echo.say("one")
     until(lambda: echo.heard[2:] == ["one"])
-
-
-def scorer(_request: pytest.FixtureRequest, _folder: Path) -> Worker:
-    worker = ScoringProcess()
-    worker.warm()
-    return worker
-
-
-def reports(_request: pytest.FixtureRequest, folder: Path) -> Worker:
-    submit = DiskJobs().submit_job
-    worker = Reporting(
-        (*aside.COMMAND,), folder / "queue", folder, lambda: False, submit, pause=0.2
-    )
-    (folder / "queue").mkdir()
-    worker.repair()
-    return worker
-
-
-def evidence(request: pytest.FixtureRequest, _folder: Path) -> Worker:
-    domain = request.getfixturevalue("ros_domain")
-    worker = EvidenceProcess(ListenFor(domain, EvidenceChoice(("/camera/**",)), (), ()))
-    worker.warm()
-    return worker
-
-
-@pytest.mark.parametrize("make", [scorer, reports, evidence])
-@pytest.mark.parametrize(
-    ("number", "why"),
-    [(signal.SIGKILL, "it was ended by SIGKILL"), (signal.SIGSTOP, "it was stopped for 2 s")],
-)
-def test_each_worker_that_is_killed_or_stopped_is_named_and_another_one_works(
-    make: Callable[[pytest.FixtureRequest, Path], Worker],
-    number: signal.Signals,
-    why: str,
-    request: pytest.FixtureRequest,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    worker, lost, working = make(request, tmp_path), list[str](), list[int | None]()
-    lose, take = worker.lose, worker.take
-
-    def losing(why: str) -> None:
-        lost.append(why)
-        lose(why)
-
-    def taking(data: memoryview) -> None:
-        working.append(worker.pid)
-        take(data)
-
-    monkeypatch.setattr(worker, "lose", losing)
-    monkeypatch.setattr(worker, "take", taking)
-    with closing(Supervisor(worker)):
-        first = until(lambda: worker.pid)
-        assert first is not None
-        os.kill(first, number)
-        until(lambda: {*working} - {first})
-    assert lost == [why]
-    until(lambda: not any(alive(pid) for pid in (first, *working) if pid is not None))
+    until(lambda: not alive(first))
 
 
 def test_a_process_that_cannot_be_started_is_named_and_tried_again() -> None:
@@ -173,17 +114,6 @@ def test_a_process_that_cannot_be_started_is_named_and_tried_again() -> None:
         until(lambda: len(worker.lost) >= 2)
     assert worker.lost[0] == "no process can be started (No such file or directory)"
     assert worker.failures >= 2
-
-
-def test_no_handles_for_a_process_is_told_and_tried_again(echo: Echo) -> None:
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (3, hard))
-    try:
-        echo.say("end")
-        until(lambda: any("Too many open files" in why for why in echo.lost))
-    finally:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-    until(lambda: echo.heard == ["hello", "hello"])
 
 
 def test_one_bad_worker_costs_the_other_nothing() -> None:

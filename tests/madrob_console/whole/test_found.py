@@ -27,6 +27,7 @@ from madrob_console.engine.requests import Perform, Role, TakeOver
 from madrob_console.referee.acts import Abort, SetUp
 from madrob_console.referee.run import Phase
 from tests.madrob_console.engine.drive import make_setup
+from tests.madrob_console.engine.served import told_by
 from tests.madrob_console.engine_process import ROOT, EngineProcess, start_madrob
 from tests.madrob_console.recorded_runs import final
 from tests.madrob_console.small_disk import disk_image
@@ -125,15 +126,6 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     for process in bench.processes:
         process.kill()
         process.communicate()
-
-
-def gone(console: RemoteEngine) -> str:
-    """Why nothing more comes of an engine; empty while it does."""
-    try:
-        console.snapshot()
-    except MadrobError as error:
-        return str(error)
-    return ""
 
 
 def test_a_run_whose_folders_are_removed_is_seen_and_aborted(
@@ -292,7 +284,7 @@ def test_an_engine_that_hangs_says_so_and_is_killed_when_it_does_not_end(
     until(lambda: "  the engine has not moved for " in bench.engine("status")[1])
     with closing(bench.attach()) as console:
         process.send_signal(signal.SIGTERM)
-        assert until(lambda: gone(console), 60.0).startswith(ENDING)
+        assert until(lambda: told_by(console), 60.0).startswith(ENDING)
         assert ", ending, " in bench.status(process)
         monkeypatch.setattr("madrob_console.cli.attaching.STARTING_TIME", 1.0)
         assert "is ending and not gone yet: " in bench.refused()
@@ -302,7 +294,7 @@ def test_an_engine_that_hangs_says_so_and_is_killed_when_it_does_not_end(
         assert "has not ended within 1 s, it is killed" in said
         assert said.endswith("ended; the next engine asks about a run that went on\n")
         assert process.wait(1.0) == -signal.SIGKILL
-        assert "the engine has ended" in gone(console)
+        assert "the engine has ended" in told_by(console)
 
 
 def test_an_engine_that_is_told_to_end_once_more_while_it_ends_keeps_its_run(
@@ -312,7 +304,7 @@ def test_an_engine_that_is_told_to_end_once_more_while_it_ends_keeps_its_run(
         engine.start(make_setup(timeout=600.0))
         folder = engine.folder
         engine.process.send_signal(signal.SIGTERM)
-        until(lambda: gone(engine.client), 60.0)
+        until(lambda: told_by(engine.client), 60.0)
         engine.process.send_signal(signal.SIGTERM)
         engine.process.wait(60.0)
     assert '"outcome": "interrupted"' in (folder / "result.json").read_text()
@@ -337,7 +329,7 @@ def test_what_a_disk_holds_back_is_said_to_go_on_until_it_has_ended(
                 assert "has not ended within 1 s, it is killed" in said
                 assert "the machine waits for a disk, and ends it when that answers" in said
                 assert ", killed: it ends when a disk answers" in bench.status(process)
-                assert until(lambda: gone(console)).startswith(ENDING)
+                assert until(lambda: told_by(console)).startswith(ENDING)
                 again = bench.serve()
                 assert f"pid {process.pid}, since " in again.communicate(timeout=60.0)[0]
                 assert process.poll() is None

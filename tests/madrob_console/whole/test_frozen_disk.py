@@ -18,12 +18,10 @@ from types import MappingProxyType
 import pytest
 
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC, decode_text
-from madrob_console.referee.acts import Abort, Act, AddNote, DeclareTimeout, Reissue, Start
-from madrob_console.referee.records import TeamWord
+from madrob_console.referee.acts import Abort, AddNote, Start
 from madrob_console.referee.run import Phase
 from scoring.protocol import POST_ROLL, Outcome
 from tests.madrob_console.console_process import F5, F8, Hall, make_ready, start_a_run
-from tests.madrob_console.engine.drive import signed
 from tests.madrob_console.engine_process import NO_REPORTS, STARTING, EngineProcess, madrob_beside
 from tests.madrob_console.refereed_run import Referee, what_is_wrong
 from tests.madrob_console.ros_peer import TYPES, Peer
@@ -105,8 +103,8 @@ class Case:
         self.delays[name] = delay
         assert delay <= limit + self.stutter.allowance, f"{name} after {delay:.2f} s"
 
-    def pressed(self, act: Act) -> str | None:
-        """Do an act 1.5 s after the freezing to 2 s before it; why it is refused."""
+    def start(self) -> str | None:
+        """Pressed 1.5 s after the freezing to 2 s before it; why it is refused."""
         before = (1.5, 0.5, 0.1, 0.0)
         if self.moment < len(before):
             self.frozen.begin()
@@ -114,8 +112,8 @@ class Case:
             time.sleep(before[self.moment])
         else:
             self.frozen.begin(after=0.002 * 4 ** (self.moment - len(before)))
-        refused = self.referee.do(act)
-        self.within(ANSWERED, "answered", self.referee.notes.slowest(type(act)))
+        refused = self.referee.do(Start())
+        self.within(ANSWERED, "answered", self.referee.notes.slowest(Start))
         return refused
 
     def result_after_thaw(self) -> None:
@@ -130,7 +128,7 @@ class Case:
         self.within(RESULT_AFTER, "result", min(now - self.frozen.until, now - decided - POST_ROLL))
         assert snapshot.result.quality.remarks == ()
 
-    def stopped_by(self, act: Act, outcome: Outcome) -> None:
+    def abort(self) -> None:
         """Pressed while the disk is silent; a note is taken and the clock goes on."""
         referee = self.referee
         referee.start(timeout=200.0)
@@ -138,21 +136,15 @@ class Case:
         self.frozen.wait_frozen()
         time.sleep(FROZEN_FOR)
         began = time.monotonic()
-        assert referee.do(act) is None
-        referee.until(lambda s: s.run.outcome is outcome)
-        self.within(SHOWN, act.name, time.monotonic() - began)
+        assert referee.do(Abort("unsafe")) is None
+        referee.until(lambda s: s.run.outcome is Outcome.ABORTED)
+        self.within(SHOWN, "abort", time.monotonic() - began)
         before, began = referee.snapshot().time, time.monotonic()
         assert referee.do(AddNote("while nothing can be written")) is None
         time.sleep(1.0)
         passed = referee.snapshot().time - before
         self.within(SHOWN, "clock", (time.monotonic() - began) - passed)
         self.result_after_thaw()
-
-    def abort(self) -> None:
-        self.stopped_by(Abort("unsafe"), Outcome.ABORTED)
-
-    def declared(self) -> None:
-        self.stopped_by(DeclareTimeout("stuck"), Outcome.TIMEOUT)
 
     def stops_by_itself(self, timeout: float, outcome: Outcome) -> None:
         self.referee.start(timeout=timeout)
@@ -173,31 +165,14 @@ class Case:
     def started(self) -> None:
         """A start that is not on disk in time is withdrawn, and never takes effect."""
         self.referee.prepare()
-        if self.pressed(Start()) is not None:
+        if self.start() is not None:
             self.frozen.wait_thawed()
             self.referee.stays_ready(LATE)
             self.referee.start()
         self.referee.until(lambda s: s.result is not None)
 
-    def finalised(self) -> None:
-        """A result is final when the disk has it, or it is not."""
-        referee = self.referee
-        referee.start()
-        referee.until(lambda s: s.result is not None)
-        if self.pressed(signed(referee.snapshot(), note="first")) is not None:
-            self.frozen.wait_thawed()
-            time.sleep(1.0)
-            assert referee.snapshot().run.phase is Phase.STOPPED
-            referee.sign(TeamWord.PROTESTED, "second")
-        self.frozen.wait_thawed()
-        referee.insist(lambda n: Reissue(f"the protest, {n}"))
-        referee.sign(TeamWord.PROTESTED, "third")
 
-
-CASES = (
-    *(Case.abort, Case.declared, Case.elapsed),
-    *(Case.completed, Case.started, Case.finalised),
-)
+CASES = (Case.abort, Case.elapsed, Case.completed, Case.started)
 
 
 def go_through(how: int, moment: int, length: float, folder: Path) -> Mapping[str, float]:

@@ -26,13 +26,11 @@ from madrob_console.archive.scored import OpenedRun, Scored
 from madrob_console.common.clock import NS, SystemClock
 from madrob_console.engine.client import RemoteEngine
 from madrob_console.engine.core import Engine
-from madrob_console.engine.engine_config import EngineConfig
 from madrob_console.engine.journal_writer import Recording
 from madrob_console.engine.observation import RunTracker
 from madrob_console.engine.requests import Role
 from madrob_console.engine.scorer import EarlierRun, RenderedResult
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
-from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (
     Abort,
     DeclareTimeout,
@@ -47,8 +45,7 @@ from madrob_console.referee.journal import Journal, read_journal
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.records import IncidentKind
 from madrob_console.referee.run import Phase
-from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
-from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from madrob_console.testbeds.simulated import Scenario
 from recorder.reader import read_bag
 from recorder.writer import BagWriter
 from scoring.evaluate import Assessment
@@ -70,13 +67,7 @@ class SteppedDrive(Drive):
     """A drive on the machine's clock."""
 
     def __init__(self, results: Path, scenario: Scenario = Scenario.NOMINAL) -> None:
-        types = MessageTypes()
-        system = SystemClock()
-        testbed = SimulatedTestbed(scenario, 0)
-        self.source = SimulatedSource(testbed, system, types)
-        config = EngineConfig(results, DEFAULT_MAPPINGS, lossless=True, disk_needed=0)
-        self.engine = Engine(self.source, system, config, types)
-        self.engine.open()
+        super().__init__(results, scenario, clock=SystemClock())
 
     def result(self) -> Result:
         """Of the run that ends now; scored again it is the same."""

@@ -100,22 +100,6 @@ def test_spectators_find_the_engine_that_is_started_again(hall: Hall) -> None:
                 assert any("WATCHING" in line for line in spectator.screen())
 
 
-@pytest.mark.parametrize(
-    ("command", "speed", "words"),
-    [
-        ("watch", 1.0, "no engine runs here to be watched"),
-        ("console", 5000.0, "--speed: 5000: use 0 to 1000"),
-    ],
-)
-def test_a_screen_that_finds_and_starts_no_engine_says_why_in_one_line(
-    hall: Hall, command: str, speed: float, words: str
-) -> None:
-    hall.speed = speed
-    with hall.console(command) as terminal:
-        assert terminal.wait_exit(STARTING) == 2
-        assert any(words in line for line in terminal.screen())
-
-
 def test_after_kill_9_of_the_engine_the_run_is_reported_and_scored_as_interrupted(
     hall: Hall,
 ) -> None:
