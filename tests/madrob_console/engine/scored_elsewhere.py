@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from madrob_console.archive import score
+from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.scoring_process import ScoringProcess
 from madrob_console.engine.supervisor import Supervisor
 from madrob_console.referee.acts import Act
@@ -25,8 +26,9 @@ class Referee(Drive):
         results: Path,
         scorer: ScoringProcess,
         scenario: Scenario = Scenario.NOMINAL,
+        keepers: DiskThreads | None = None,
     ) -> None:
-        super().__init__(results, scenario, scorer=scorer)
+        super().__init__(results, scenario, scorer=scorer, keepers=keepers)
         self.scorer = scorer
         self.faults: set[str] = set()
 

@@ -6,10 +6,12 @@ import fcntl
 import os
 import shlex
 import socket
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
+from subprocess import Popen
 
 import msgspec
 import pytest
@@ -39,7 +41,7 @@ from madrob_console.engine.engine_lock import (
 from madrob_console.engine.requests import Role
 from madrob_console.engine.server import EngineServer
 from madrob_console.engine.wire import Rejected, Who, WhoAnswer
-from tests.madrob_console.stranger import stranger
+from tests.madrob_console.stranger import NOBODY, stranger
 
 KNOWN = WhoAnswer("0.1.0", 5, "SIMULATED nominal")
 
@@ -342,6 +344,34 @@ def test_a_stranger_keeps_no_engine_from_its_name_and_is_no_engine(
             by_name = FoundEngine(taken, process.pid, None, None)  # whatever it was found by
             with pytest.raises(ProcessLookupError), process_of(by_name):
                 pass
+
+
+FLOOD = """
+import os, socket, sys
+os.setuid(int(sys.argv[1]))
+print("there", flush=True)
+while True:
+    with socket.socket(socket.AF_UNIX) as caller:
+        caller.setblocking(False)
+        try:
+            caller.connect(sys.argv[2].replace("@", chr(0)))
+        except OSError:
+            pass
+"""
+
+
+@pytest.mark.machine
+def test_a_stranger_who_calls_as_fast_as_it_can_keeps_nobody_out(owned: Owned) -> None:
+    if os.getuid() != 0:
+        pytest.skip("only root can be another user")
+    with answering(owned) as (_, name):
+        address = engine_lock.address_of(name).replace("\0", "@")
+        with Popen([sys.executable, "-c", FLOOD, str(NOBODY), address]) as process:
+            try:
+                for _ in range(20):
+                    assert ask(name, Who(), 10.0) == KNOWN
+            finally:
+                process.kill()
 
 
 @pytest.mark.machine

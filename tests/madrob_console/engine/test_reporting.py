@@ -32,7 +32,7 @@ from madrob_console.engine.reports import (
     Reporting,
     WantedPages,
 )
-from madrob_console.engine.requests import ExportTeam, Role
+from madrob_console.engine.requests import ExportTeam, OpenRun, Role
 from madrob_console.engine.server import AGAIN, LogOnce
 from madrob_console.engine.service import FallenThreads
 from madrob_console.engine.snapshot import ExportView, Snapshot
@@ -41,11 +41,13 @@ from madrob_console.pages.surroundings import Surroundings
 from madrob_console.referee.acts import (
     Abort,
     ConfirmPose,
+    Correct,
     Finalise,
     Reissue,
     Rule,
     SetUp,
     Start,
+    Void,
     ZeroHandle,
 )
 from madrob_console.referee.checks import blocking
@@ -53,7 +55,7 @@ from madrob_console.referee.records import TeamWord
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Step
 from tests.madrob_console.archive.frames import film
-from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.drive import Drive, OfficialDrive, make_setup
 from tests.madrob_console.engine.reporting import reporting_on
 from tests.madrob_console.engine.scored_elsewhere import alive, children_of
 from tests.madrob_console.engine.served import Served, simulated
@@ -62,6 +64,9 @@ from tests.madrob_console.pages.competition_runs import put_recorded
 from tests.madrob_console.recorded_runs import completed
 from tests.madrob_console.run_folders import summary, write
 from tests.watching import until
+
+MINUTES = 180.0
+"""For what takes many processes of low priority, s."""
 
 
 def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
@@ -407,12 +412,51 @@ def processes_of(parent: int) -> list[str]:
     return [line for line in children_of(parent).values() if not line or "cli.aside" in line]
 
 
+def official_run(results: Path, **fields: object) -> Path:
+    """The folder of a completed run that counts, with its report."""
+    drive = OfficialDrive(results)
+    drive.whole_run(replace(make_setup(), **fields))  # type: ignore[arg-type]
+    drive.engine.close()
+    assert main(["report", str(drive.folder)]) == 0
+    return drive.folder
+
+
 def other_runs(report: Path) -> list[str]:
     """Of the team, in the words of a report."""
     text = report.read_text()
     found = re.search('<section id="runs">.*?</section>', text, re.DOTALL)
     compared = re.findall("(?:condition is|the next is) (run [0-9]+)[.]", text)
     return compared + re.findall("run [0-9]+(?=<| \\()", found[0] if found else "")
+
+
+@pytest.mark.machine
+@pytest.mark.slow
+def test_after_a_correction_the_reports_of_both_teams_and_the_site_are_true(tmp_path: Path) -> None:
+    results, site = tmp_path / "runs", tmp_path / "site"
+    mine = official_run(results)
+    wrong = official_run(results, run_number=2)
+    theirs = official_run(results, subject=4, team="Graz")
+    assert main(["report", str(mine)]) == 0
+    reports = [mine / "report.html", theirs / "report.html"]
+
+    def told() -> list[list[str]]:
+        published = [
+            next(iter(site.glob(f"runs/{one.parent.name}_*/report.html"))) for one in reports
+        ]
+        return [other_runs(one) for one in (*reports, *published)]
+
+    settings = f'[results]\npublish = "{site}"\n'
+    with EngineProcess(results, "no-touch", settings=settings) as engine:
+        until((site / "index.html").exists, MINUTES)
+        assert told() == [["run 2", "run 2"], [], ["run 2", "run 2"], []]
+        assert engine.client.send_request(OpenRun(wrong.name)) is None
+        engine.act(Correct(4, make_setup().condition, "typed wrongly"))
+        until(lambda: told() == [[], ["run 2", "run 2"], [], ["run 2", "run 2"]], MINUTES)
+        engine.act(Void("the wrong door"))
+        until(lambda: told() == [[], ["run 2"], [], ["run 2"]], MINUTES)
+        until(lambda: "run 2</a> (VOID)" in reports[1].read_text(), MINUTES)
+        team = site / "teams/004.html"
+        until(lambda: "1 completed, 1 VOID" in team.read_text(), MINUTES)
 
 
 @pytest.mark.machine

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import os
 import signal
 import sys
@@ -18,6 +19,7 @@ from msgspec import structs
 from madrob_console.archive import score
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine import scoring_process, supervisor
+from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.scorer import RenderedResult, Scorer, ToScore
 from madrob_console.engine.scoring_process import ScoringProcess
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
@@ -31,6 +33,7 @@ from madrob_console.referee.acts import (
     Rule,
     Start,
 )
+from madrob_console.referee.checks import blocking
 from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
@@ -38,6 +41,7 @@ from madrob_console.ui.panes.result_pane import ResultHead
 from recorder.bag import RawMessage
 from scoring.protocol import Condition, Signal, Step
 from scoring.rulesets import RulesetName
+from scoring.signals import DoorSample, HandleSample
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.scored_elsewhere import (
     Referee,
@@ -197,6 +201,50 @@ def test_a_result_that_is_out_of_date_is_not_shown_for_long(
     assert again.result.steps[Step.TOUCH - 1].denied
     assert not again.rescoring
     drive.verify()
+
+
+@pytest.mark.slow
+def test_a_run_of_three_hours_makes_nobody_wait_for_its_scoring(
+    tmp_path: Path, scorer: ScoringProcess
+) -> None:
+    """Two sensors at 100 Hz: their samples are fed, for the recording is not what is measured."""
+    hours, rate = 3.0, 100.0
+    drive = Referee(tmp_path, scorer, Scenario.NO_CLOSE, DiskThreads.threads())
+    drive.prepare(make_setup(timeout=86_400.0))
+
+    def ready() -> bool:
+        drive.engine.step(0.0)
+        return not blocking(drive.engine.situation().checks)
+
+    until(ready)
+    drive.act(Start())
+    drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
+    course, start = drive.engine._observation.course, drive.engine.run.start
+    assert course is not None
+    assert start is not None
+    for number in range(int(hours * 3600 * rate)):
+        at = start + 30.0 + number / rate
+        course.feed(DoorSample(at, at, 0.5 + 0.4 * math.sin(number / 150)))
+        course.feed(HandleSample(at, at, 5.0 * math.cos(number / 90)))
+    drive.source.take_messages = lambda timeout: []  # type: ignore[method-assign]
+    drive.clock.sleep(hours * 3600 + 60.0)
+    drive.act(DeclareTimeout("enough"))
+    deaf, before = list[float](), time.monotonic()
+    while not drive.engine.situation().scored:
+        drive.clock.sleep(0.01)
+        drive.engine.step(0.0)
+        now = time.monotonic()
+        deaf.append(now - before)
+        before = now
+        time.sleep(0.001)
+    assert drive.engine.scored is not None
+    size = sum(map(len, drive.engine.scored.files.values()))
+    print(f"\nscored in {sum(deaf):.1f} s, {size / 1e6:.0f} MB, deaf for {1000 * max(deaf):.0f} ms")
+    assert scorer.problem is None
+    assert size > 100_000_000
+    assert sum(deaf) > 1.0
+    assert max(deaf) <= max(0.1, 0.02 * sum(deaf))  # all is slow on a busy machine
+    drive.engine.close()
 
 
 def test_an_engine_that_is_closed_in_a_run_has_its_result(
