@@ -1,4 +1,4 @@
-"""What is imported for good is kept from the garbage collector, and everything else is not."""
+"""What is imported for good is kept from the garbage collector."""
 
 from __future__ import annotations
 

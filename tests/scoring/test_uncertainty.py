@@ -1,6 +1,6 @@
-"""What the uncertainty of a value is worth: how often it holds the truth (section 11).
+"""What is said of the uncertainty of a value (section 11).
 
-`pytest -m slow tests/scoring/test_uncertainty.py --runs 200 -n 2 -rP` prints the whole table.
+How often it holds the truth is tried in `tests/madrob_console/testbeds/test_worth_of_numbers.py`.
 """
 
 from __future__ import annotations
