@@ -11,7 +11,9 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import lz4.frame  # type: ignore[import-untyped]
 import pytest
+import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.records import (
@@ -232,6 +234,9 @@ SCHEMA = Schema(1, talk().definition.encode(), "ros2msg", talk().type)
 CHANNEL = Channel(1, "/talk", "cdr", {}, 1)
 MESSAGE = Message(1, 5, b"data", 4, 0)
 GOOD = encoded(SCHEMA, CHANNEL, MESSAGE)
+ZEROS = bytes(50_000_000)
+"""Packed, they are a few kB."""
+
 TWO_GB = (2**31 - 1).to_bytes(4, "little")
 
 
@@ -247,6 +252,9 @@ TWO_GB = (2**31 - 1).to_bytes(4, "little")
         (framed(0x05, b"short"), "the record at byte"),
         (encoded(Chunk("", b"x" * 10, 0, 0, 0, 2**31)), "a chunk claims 2147483648 bytes"),
         (encoded(Chunk("", b"x" * 10, 0, 0, 0, 2**26)), "a chunk cannot be decompressed"),
+        (encoded(Chunk("zstd", zstandard.compress(ZEROS), 0, 0, 0, 1000)), "a chunk "),
+        (encoded(Chunk("lz4", lz4.frame.compress(ZEROS), 0, 0, 0, 1000)), "a chunk "),
+        (encoded(Chunk("zstd", zstandard.compress(b"x"), 0, 0, 0, 2**60)), "a chunk claims"),
         (encoded(Chunk("gzip" * 2**20, b"", 0, 0, 0, 1)), "a chunk is damaged"),
         (framed(0x06, bytes(28) + TWO_GB + b"zstd"), "a chunk is damaged"),
         (framed(0x06, bytes(32) + (2**40).to_bytes(8, "little") + b"x"), "a chunk is cut off"),

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 import random
 import resource
 import shutil
-import signal
-import subprocess
-import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +24,11 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, Message, Schema
 from mcap.writer import MCAP0_MAGIC, CompressionType
 
-from recorder.bag import RawMessage
+from recorder.bag import RawMessage, Topic
 from recorder.errors import RecorderError
 from recorder.reader import read_bag
 from recorder.recovery import recover
-from recorder.writer import BagWriter
+from recorder.writer import BagWriter, RecorderState
 from tests.recorder.samples import by_library, encoded, strings, talk
 from tests.recorder.torn_bags import (
     TornBag,
@@ -43,11 +40,18 @@ from tests.recorder.torn_bags import (
     place_torn,
     refusal,
 )
-from tests.recorder.victim import RECORDS, TOPIC, blob
 from tests.watching import until
 
 MESSAGES = strings([f"number {number} " + "x" * 900 for number in range(300)])
+TOPIC = Topic("/blob", "test_msgs/msg/Blob", "uint8[] data\n")
+RECORDS = {"madrob_run": {"setup": "{}"}}
 REPAIRED = ["bag_0.mcap", "bag_0.mcap.torn", "metadata.yaml"]
+
+
+def blob(number: int, size: int) -> RawMessage:
+    """A message with its number in front, of bytes that cannot be compressed."""
+    now = time.time_ns()
+    return RawMessage(TOPIC.name, TOPIC.type, number.to_bytes(4) + os.urandom(size), now, now)
 
 
 @pytest.fixture(scope="module")
@@ -410,17 +414,13 @@ def test_a_kill_at_any_moment_loses_nothing(
 def test_a_full_disk_changes_nothing_and_says_so(bag: TornBag, folder: Path) -> None:
     place_torn(bag, folder, middle(bag))
     before = contents(folder)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    try:
-        for limit in (0, 100, 5000):
-            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    for limit in (0, 100, 5000):
+        with small_files(limit):
             assert refusal(folder) == (
                 f"cannot repair {folder}: File too large; nothing is lost, "
                 "copy it to a disk that takes large files"
             )
-            assert contents(folder) == before
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert contents(folder) == before
     assert recover(folder).changed
 
 
@@ -563,82 +563,51 @@ def test_what_is_no_bag_is_refused_in_one_line_with_the_remedy_and_left_alone(
     assert sorted(tmp_path.rglob("*")) == before
 
 
-ROOT = Path(__file__).parents[2]
-
-
-def victim(how: str, folder: Path, limit: int = 0) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "tests.recorder.victim", how, str(folder), str(limit)],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-
-
-def report_of(process: subprocess.Popen[str]) -> dict[str, Any]:
-    with process:
-        output, _ = process.communicate(timeout=60)
-    assert process.returncode == 0
-    report: dict[str, Any] = json.loads(output)
-    return report
-
-
 def numbers(messages: list[RawMessage]) -> list[int]:
     return [int.from_bytes(message.data[:4]) for message in messages]
 
 
-@pytest.mark.machine
-@pytest.mark.parametrize("least", [100, 700, 1100])
-def test_a_killed_recording_loses_less_than_half_a_second_and_is_repaired_at_once(
-    folder: Path, least: int
-) -> None:
-    with victim("until-killed", folder) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == '"recording"\n'
-        until(lambda: len(list(read_bag(folder).messages())) > least)
-        killed_ns = time.time_ns()
-        process.send_signal(signal.SIGKILL)
-    torn = read_bag(folder)
-    messages = list(torn.messages())
-    assert numbers(messages) == list(range(len(messages)))
-    assert killed_ns - messages[-1].receive_ns < 500_000_000
-    assert (torn.complete, torn.records) == (False, {"madrob_run": {"setup": "{}"}})
-    assert [topic.definition for topic in torn.topics()] == ["uint8[] data\n"]
-    assert (folder / "metadata.yaml").is_file()
-    assert recover(folder).messages == len(messages) > least
-    assert list(read_bag(folder).messages()) == messages
+@contextmanager
+def small_files(limit: int) -> Iterator[None]:
+    """No file may grow beyond so many bytes: a disk that is full."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-@pytest.mark.machine
-def test_a_full_disk_is_reported_and_costs_only_what_it_did_not_take(tmp_path: Path) -> None:
-    report = report_of(victim("on-a-small-disk", tmp_path / "bag", limit=2_000_000))
-    assert report["state"] == "failed"
-    assert "File too large; what was written stays readable" in report["error"]
-    assert "\n" not in report["error"]
-    assert report["accepted_after"] == [False, False, False]
-    assert report["saved"] + report["dropped"] == report["handed_in"]
-    assert report["queued"] == 0
-    bag = read_bag(tmp_path / "bag")
+def test_a_full_disk_is_reported_and_costs_only_what_it_did_not_take(folder: Path) -> None:
+    writer = BagWriter(folder, [TOPIC], RECORDS, flush_period=0.02)
+    sent = count()
+    with small_files(2_000_000):
+        writer.open()
+
+        def failed() -> bool:
+            writer.put_message(blob(next(sent), 100_000))
+            return writer.stats().state is RecorderState.FAILED
+
+        until(failed)
+        assert not writer.put_message(blob(next(sent), 10))
+        summary = writer.close()
+    assert "File too large; what was written stays readable" in (summary.error or "")
+    assert "\n" not in (summary.error or "")
+    saved = summary.counts[TOPIC.name]
+    assert saved + summary.dropped[TOPIC.name] == next(sent)
+    assert writer.stats().queued_bytes == 0
+    bag = read_bag(folder)
     messages = list(bag.messages())
     assert numbers(messages) == list(range(len(messages)))
-    assert len(messages) >= report["saved"] > 0
+    assert len(messages) >= saved > 0
     assert not bag.complete
-    assert bag.records == {"madrob_run": {"setup": "{}"}}
+    assert bag.records == RECORDS
 
 
-@pytest.mark.machine
-def test_a_disk_that_is_full_from_the_start_refuses_and_leaves_nothing(tmp_path: Path) -> None:
-    report = report_of(victim("on-a-small-disk", tmp_path / "bag", limit=100))
-    assert report["refused"].startswith(f"cannot record to {tmp_path / 'bag'}: File too large; ")
-    assert not any(tmp_path.iterdir())
-
-
-@pytest.mark.machine
-def test_a_folder_that_may_not_be_written_is_refused_with_the_remedy(tmp_path: Path) -> None:
-    tmp_path.chmod(0o500)
-    report = report_of(victim("without-rights", tmp_path / "bag"))
-    tmp_path.chmod(0o700)
-    assert report["refused"] == (
-        f"cannot record to {tmp_path / 'bag'}: Permission denied; "
-        "choose a folder that exists and can be written, on a disk with room"
-    )
+def test_a_disk_that_is_full_from_the_start_refuses_and_leaves_nothing(folder: Path) -> None:
+    with (
+        small_files(100),
+        pytest.raises(RecorderError, match=r"^cannot record to .*: File too large; "),
+    ):
+        BagWriter(folder, [TOPIC], RECORDS).open()
+    assert not any(folder.parent.iterdir())

@@ -73,10 +73,6 @@ def test_a_completed_run_has_all_values_as_plain_numbers() -> None:
     assert {name: found[name].value for name in times} == times
 
 
-def test_feeding_the_same_samples_gives_the_same_result_to_the_last_digit() -> None:
-    assert result() == result()
-
-
 REASON = dict.fromkeys(IndicatorName, "run aborted: invalid")
 NEVER = dict.fromkeys(IndicatorName, "the run never started")
 CUT_OFF = Ending(Outcome.INTERRUPTED, "cut off", None)

@@ -293,7 +293,7 @@ def calls_of(work: Callable[[], object]) -> int:
 
 
 def test_the_work_of_a_second_does_not_grow_with_what_flickered_before() -> None:
-    seconds = 24
+    seconds = 12
     for lock in (LockDetection.SENSOR, LockDetection.SETTLE):
         found = Assessment(CONDITION, START, lock_detection=lock)
         samples = flicker(seconds)

@@ -1,10 +1,7 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import MISSING, fields
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +21,6 @@ from scoring.indicators import (
     time_to_handle,
     unsafety_of_door_operation,
 )
-from scoring.kinematics import jerk, joint_state, low_pass
 from scoring.protocol import (
     BenchmarkType,
     Condition,
@@ -33,14 +29,12 @@ from scoring.protocol import (
     ScoringError,
     Side,
     Step,
-    Thresholds,
 )
 from scoring.rest import braking_table, door_controller_mode
 from scoring.result import Indicator, Uncertainty, distinguishable, uncertainty_text, value_text
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset, RulesetName, ruleset
 
 CCW_TO_CW = Condition.from_number(1)
-ALL_STEPS = frozenset(Step)
 NOMINAL = (
     Event(10.0, EventName.BENCHMARK_START),
     Event(12.5, EventName.HANDLE_IS_TOUCHED),
@@ -210,20 +204,6 @@ def test_an_indicator_has_either_a_value_or_a_reason(
         Indicator(value, "s", reason)
 
 
-def test_a_sinusoidal_door_has_the_unsafety_of_its_closed_form() -> None:
-    amplitude, omega = 0.5, 2 * math.pi * 0.25
-    time = np.arange(2001) / 50
-    joint = joint_state(time, 1 + amplitude * np.sin(omega * time), PROTOCOL, Thresholds())
-    unsafety = unsafety_of_door_operation(low_pass(joint, PROTOCOL, Thresholds())[500:1500])
-    smoothing = 1 - (omega * 0.02) ** 2 * (9**2 - 1) / 24  # of the moving average alone
-    assert unsafety.value == pytest.approx(amplitude * omega**2 * smoothing, rel=0.01)
-    times, jerks = jerk(joint, PROTOCOL, Thresholds())
-    run = (times > 10) & (times <= 30)  # whole periods
-    smoothness = smoothness_of_door_actuation(jerks[run], opened=True)
-    mean = 2 / math.pi * amplitude * omega**3
-    assert smoothness.value == pytest.approx(10 / (mean * smoothing), rel=0.01)
-
-
 def test_the_indicators_of_eurobench_keep_their_names_and_their_order() -> None:
     names = (
         *("execution_time", "time_to_handle", "door_occupation_time", "passage_time"),
@@ -293,21 +273,6 @@ def test_values_are_plain_finite_numbers_whatever_comes_in(
             assert indicator.reason is None
             assert type(indicator.value) is (int if whole else float)
             assert math.isfinite(indicator.value)
-
-
-@given(st.integers(-(2**40), 2**40), st.integers(1, 20), RULESETS)
-def test_a_shift_in_time_changes_no_indicator_and_the_sides_decide_which_events_count(
-    shift: int, number: int, ruleset: Ruleset
-) -> None:
-    condition = Condition.from_number(number)
-    later = tuple(Event(event.time + shift, event.name) for event in NOMINAL)
-    for indicator in (execution, occupation):
-        here, there = (indicator(events, ruleset, condition).value for events in (NOMINAL, later))
-        assert there == (here and pytest.approx(here, abs=1e-3))
-    here, there = (passage(events, ruleset, Step).value for events in (NOMINAL, later))
-    assert there == pytest.approx(here, abs=1e-3)
-    valued = occupation(NOMINAL, ruleset, condition).value is not None
-    assert valued == (condition.starting_side is Side.CCW)
 
 
 @pytest.mark.parametrize(
@@ -390,15 +355,6 @@ def test_every_name_finds_its_ruleset_and_another_is_refused_with_them() -> None
         ruleset("eurobench")
 
 
-def test_the_two_differ_in_every_choice_but_share_filter_orders_and_frequencies() -> None:
-    shared = {"window_time", "savgol_order", "low_pass_order", "low_pass_frequency"}
-    for field in fields(Ruleset):
-        same = getattr(PROTOCOL, field.name) == getattr(EUROBENCH_2020, field.name)
-        has_default = field.default is not MISSING  # what further rulesets choose between
-        assert same == (field.name in shared) or has_default, field.name
-    assert PROTOCOL.savgol_window != EUROBENCH_2020.savgol_window
-
-
 @pytest.mark.parametrize(
     ("kind", "mode", "steps"),
     [
@@ -434,14 +390,3 @@ def test_braking_tables_brake_where_the_protocol_says(
     found = {i: force for i, force in enumerate(table) if i == 0 or force != table[i - 1]}
     assert (found, len(table), door_controller_mode(kind)) == (steps, 181, mode)
     assert braking_table(kind, Side.CCW) == tuple(reversed(table))
-
-
-@pytest.mark.machine
-def test_what_screens_import_loads_no_slow_library() -> None:
-    code = (
-        "import sys, scoring.rulesets, scoring.rest, scoring.indicators;"
-        "import scoring.eurobench.run_info;"
-        "print(sorted({'scipy', 'pandas'} & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

@@ -21,10 +21,8 @@ from madrob_console.messages.codec import (
     referee_topics,
 )
 from madrob_console.messages.message_types import (
-    Layout,
     MessageError,
     MessageTypes,
-    Wanted,
     standard_types,
     types_of,
 )
@@ -53,13 +51,6 @@ def test_every_standard_type_can_be_made_encoded_and_decoded(types: MessageTypes
     for name in get_typestore(Stores.ROS2_JAZZY).fielddefs:
         data = types.encode(name, types.make(name))
         assert types.encode(name, types.decode(name, data)) == data
-
-
-def test_what_is_made_holds_the_given_fields(types: MessageTypes) -> None:
-    made = types.make(JOINTS, name=["door"], position=np.array([0.25]))
-    back = types.decode(JOINTS, types.encode(made.__msgtype__, made))
-    assert (back.name, back.position.tolist(), back.effort.tolist()) == (["door"], [0.25], [])
-    assert back.header.frame_id == ""
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", ""])
@@ -289,27 +280,6 @@ def test_a_known_layout_changes_nothing(
     for content in (encode(first), encode(second), bytes(changed)[: len(changed) - cut]):
         message = raw(mapping, content)
         assert told(decoder, message) == told(Decoder(MAPPINGS, TYPES), message)
-
-
-def test_numbers_are_read_without_the_rest_and_only_from_the_same_layout() -> None:
-    name = "sensor_msgs/msg/JointState"
-    message = TYPES.make(name, name=["door"], position=np.array([0.5, 0.25]))
-    wanted = (Wanted(("position", 1)), Wanted(("position", 2)), Wanted(("velocity",), 3))
-    layout = Layout(TYPES, name, TYPES.encode(name, message), wanted)
-    message.position[1] = -1.5
-    assert layout.read(TYPES.encode(name, message)) == ((-1.5,), (), ())
-    message.name = ["lock"]
-    assert layout.read(TYPES.encode(name, message)) is None
-    message.name, message.position = ["door"], np.array([0.5])
-    assert layout.read(TYPES.encode(name, message)) is None
-
-
-def test_what_has_very_many_parts_is_left_to_the_library() -> None:
-    cells = [TYPES.make("madrob_msgs/msg/Cell") for _ in range(200)]
-    name = "madrob_msgs/msg/Cells"
-    data = TYPES.encode(name, TYPES.make(name, cells=cells))
-    with pytest.raises(ValueError, match="many parts"):
-        Layout(TYPES, name, data, [Wanted(("cells", 1, "force"))])
 
 
 OWN_TYPES = MessageTypes()

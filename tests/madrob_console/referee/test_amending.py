@@ -228,14 +228,6 @@ def test_the_name_of_another_subject_is_the_one_in_the_list() -> None:
     assert act.apply(here, 130.0).setup == corrected
 
 
-def test_a_final_result_is_opened_by_a_void_and_by_what_takes_it_back() -> None:
-    void = done(FINAL, Void("unsafe"), 130.0)
-    assert (void.phase, void.issue, void.closure) == (Phase.STOPPED, 2, None)
-    again = done(done(void, SIGN), TakeBack(DecisionKind.VOID, 130.0, "my mistake"))
-    assert (again.phase, again.issue, again.valid) == (Phase.STOPPED, 3, True)
-    assert [one.words for one in again.taken_back] == ["void (unsafe)"]
-
-
 RULE = Rule(Step.CROSS, confirmed=False, reason="arm")
 LATER = Rule(Step.CLOSE, confirmed=True, reason="seen")
 MARK = MarkIncident(IncidentKind.FALL)

@@ -15,13 +15,10 @@ from madrob_console.referee.acts import (
     Situation,
     TakeBack,
     WithdrawProtest,
-    act_details,
-    act_named,
 )
 from madrob_console.referee.acts.correct import last_decision
 from madrob_console.referee.flags import LONGEST_WORDS, Flag, FlagKind, FlagWeight, flags, undecided
 from madrob_console.referee.records import (
-    AcceptedDoubts,
     DecisionKind,
     ProtestEnd,
     Voiding,
@@ -47,11 +44,6 @@ def filed(**changes: object) -> Run:
 
 def withdrawn() -> Run:
     return done(filed(), WithdrawProtest(1, "satisfied"), 210.0)
-
-
-def test_a_final_result_is_open_again_and_its_next_issue_has_a_number() -> None:
-    run = done(FINAL, SLOW)
-    assert (run.phase, run.closure, run.issue) == (Phase.STOPPED, None, 2)
 
 
 def test_nothing_is_signed_over_an_open_protest_in_silence() -> None:
@@ -220,19 +212,3 @@ def test_a_doubt_is_accepted_with_a_reason_and_not_signed_in_silence(
     act: Act, here: Callable[[], Situation], words: str | None
 ) -> None:
     assert act.refusal(here()) == words
-
-
-def test_the_answer_is_taken_back_and_the_doubt_waits_again() -> None:
-    on_passage = replace(ACCEPT, doubts={PASSAGE: (TOUCH,)})
-    on_each = on_passage.apply(situation(one_accepted()), 140.0)
-    last = last_decision(on_each)
-    assert last is not None
-    assert last.words == "doubt accepted: passage time (seen on video: right)"
-    run = done(on_each, TakeBack(DecisionKind.DOUBTS, last.time, "my mistake"))
-    assert run.accepted_doubts == one_accepted().accepted_doubts
-
-
-def test_the_journal_tells_what_was_accepted() -> None:
-    assert act_named(ON_ONE.name, act_details(ON_ONE)) == ON_ONE
-    stood = AcceptedDoubts(130.0, ON_ONE.reason, STOPPED.referee, {TIME: (TOUCH,)})
-    assert one_accepted().accepted_doubts == (stood,)

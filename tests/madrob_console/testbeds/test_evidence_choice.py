@@ -3,7 +3,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
-from contextlib import suppress
 from random import Random
 
 import pytest
@@ -23,7 +22,7 @@ from madrob_console.testbeds.evidence_choice import (
     TopicLimit,
     matches,
 )
-from madrob_console.testbeds.ros_domain import LARGEST_DOMAIN, domain_id, domain_number
+from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.source import info_text, simulated_in
 from recorder.bag import RawMessage
 
@@ -200,11 +199,3 @@ def test_what_is_no_domain_is_refused_with_its_name_and_the_remedy(
     assert re.fullmatch(
         ".*--domain: there is no ROS domain .*0 to 232.*\n", capsys.readouterr().err
     )
-
-
-@given(text=st.integers(-10, 300).map(str) | st.text(max_size=12))
-def test_a_text_is_a_domain_or_refused(text: str) -> None:
-    with suppress(MadrobError):
-        assert 0 <= domain_number(text) <= LARGEST_DOMAIN
-        return
-    assert text not in map(str, range(LARGEST_DOMAIN + 1))

@@ -1,22 +1,15 @@
 from __future__ import annotations
 
-import math
-import time
-from collections import defaultdict
 from itertools import pairwise
-from math import pi, sqrt
 from random import Random
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from madrob_console.common.clock import NS, Clock, SystemClock, VirtualClock, nanoseconds, seconds
+from madrob_console.common.clock import NS, Clock, VirtualClock, nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, TopicMapping
 from madrob_console.messages.message_types import Message, MessageTypes
 from madrob_console.testbeds.simulated import (
-    DoorGeometry,
     Network,
     RobotBody,
     RobotSettings,
@@ -27,7 +20,6 @@ from madrob_console.testbeds.simulated import (
 from madrob_console.testbeds.simulated.sensor_model import is_clear_cut, observe
 from madrob_console.testbeds.simulated.simulated_source import FRAMES_TOPIC, SimulatedSource
 from recorder.bag import Durability, RawMessage
-from recorder.reader import read_bag
 from scoring.events import EventDetector
 from scoring.procedure import follow_procedure
 from scoring.protocol import (
@@ -39,12 +31,10 @@ from scoring.protocol import (
     Outcome,
     Signal,
     StartPose,
-    Strip,
     Thresholds,
 )
 from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample
 from tests.madrob_console import said
-from tests.madrob_console.recorded_runs import completed
 from tests.madrob_console.testbeds.truth import STEP, Sight, Truth, truth_of_testbed
 
 TYPES = MessageTypes()
@@ -104,56 +94,6 @@ def test_the_same_seed_gives_the_same_bytes_however_they_are_taken() -> None:
 
 
 DOOR_TOPIC = "/madrob/door/angle"
-
-
-@pytest.fixture(scope="module")
-def usual() -> dict[str, list[RawMessage]]:
-    return by_topic(None)
-
-
-def by_topic(network: Network | None) -> dict[str, list[RawMessage]]:
-    """The messages of 12 s with a run, taken often; each comes once its time of arrival is over."""
-    clock = VirtualClock(START_NS)
-    source = simulated(Scenario.RANDOM, 11, clock, network=network)
-    source.publish(state("countdown", seconds(START_NS) + 1.0))
-    found = defaultdict(list)
-    before = START_NS
-    while clock.now_ns() < START_NS + nanoseconds(12.0):
-        batch = source.take_messages(0.013)
-        received = [message.receive_ns for message in batch]
-        assert received == sorted(received)
-        assert all(before < ns <= clock.now_ns() for ns in received)
-        before = clock.now_ns()
-        for message in batch:
-            found[message.topic].append(message)
-    return found
-
-
-LATE = {Signal.HANDLE: 0.05}
-
-
-@pytest.mark.parametrize(
-    ("latency", "jitter"), [({Signal.DOOR: 0.05}, 0.0), (LATE, 0.002), (LATE, 0.06)]
-)
-def test_latency_and_jitter_delay_messages_and_change_nothing_else(
-    latency: dict[Signal, float], jitter: float, usual: dict[str, list[RawMessage]]
-) -> None:
-    network = Network(latency, dict.fromkeys(Signal, jitter))
-    slow = by_topic(network)
-    for mapping in DEFAULT_MAPPINGS[:-1]:
-        messages = slow[mapping.topic]
-        received = [m.receive_ns for m in messages]
-        assert all(a < b for a, b in pairwise(received)), "none overtakes one of its topic"
-        sent = usual[mapping.topic][: len(messages)]
-        assert len(messages) > 580
-        assert [(m.data, m.publish_ns) for m in messages] == [(m.data, m.publish_ns) for m in sent]
-        least = nanoseconds(latency.get(mapping.signal, 0.0))
-        late = [m.receive_ns - s.receive_ns - least for m, s in zip(messages, sent, strict=True)]
-        assert min(late) >= 0
-        assert max(late) > nanoseconds(2 * jitter) or (not any(late) and not jitter)
-        if jitter < 0.01:  # none waits for the one before
-            assert seconds(sum(late)) / len(late) == pytest.approx(jitter * sqrt(2 / pi), rel=0.15)
-    assert by_topic(network) == slow
 
 
 def run(
@@ -234,14 +174,13 @@ STORIES = {
 """How many steps are done, and what happens; a pushed door falls shut behind who turns back."""
 
 
-@pytest.mark.parametrize("starting", [0, 1], ids=["pull", "push"])
 @pytest.mark.parametrize("scenario", STORIES)
 def test_a_scenario_gets_as_far_as_its_name_says_and_a_detector_finds_it(
-    scenario: Scenario, starting: int
+    scenario: Scenario,
 ) -> None:
     level, story = STORIES[scenario]
-    opening = list(STORIES).index(scenario) % 2  # each of two has the door open the other way
-    condition = Condition.from_number((2, 8, 19, 13)[2 * opening + starting])
+    # pulled and pushed, open to either side
+    condition = Condition.from_number((2, 8, 19, 13)[list(STORIES).index(scenario) % 4])
     words = {
         EventName.HANDLE_IS_TOUCHED: "touch",
         EventName.DOOR_OPENS: "open",
@@ -329,21 +268,6 @@ def test_the_robot_starts_where_the_referee_sends_it_and_never_under_the_sensors
     assert source.testbed.plan.robot.initial == initial
 
 
-def test_status_tells_which_topics_speak() -> None:
-    source = SimulatedSource(None, VirtualClock(START_NS), TYPES)
-    assert {status.publishers for status in source.status()} == {0}
-    assert source.take_messages(1.0) == []
-    source.open()
-    source.open()
-    assert [status.topic for status in source.status()] == [
-        mapping.topic for mapping in DEFAULT_MAPPINGS if mapping.signal is not Signal.LATCH
-    ]
-    assert {status.publishers for status in source.status()} == {1}
-    source.close()
-    source.close()
-    assert source.take_messages(1.0) == []
-
-
 def test_a_robot_that_cannot_be_played_shows_as_a_problem() -> None:
     testbed = SimulatedTestbed(robot=RobotSettings(RobotBody(height=0.51)))
     source = SimulatedSource(testbed, VirtualClock(START_NS), TYPES)
@@ -389,20 +313,6 @@ def test_what_cannot_be_simulated_is_refused(type_name: str, field: str, words: 
         SimulatedSource(None, VirtualClock(START_NS), TYPES, [mapping])
 
 
-@pytest.mark.machine
-def test_in_real_time_messages_come_as_time_passes() -> None:
-    clock = SystemClock()
-    clock.hold_steady()
-    began = time.monotonic()
-    messages = simulated(clock=clock).take_messages(0.2)
-    took = time.monotonic() - began
-    assert 0.2 <= took < 2.0
-    passed = seconds(messages[-1].receive_ns - messages[0].receive_ns)
-    assert 0.15 < passed <= took
-    assert len(messages) == pytest.approx(6 + passed * 300, rel=0.1, abs=6)
-    assert all(m.receive_ns <= clock.now_ns() for m in messages)
-
-
 class Stepped(VirtualClock):
     offset = 0
 
@@ -428,51 +338,10 @@ def test_a_stepped_clock_neither_floods_nor_silences_and_sends_nothing_twice(
     assert all(b - a > nanoseconds(0.01) for a, b in pairwise(stamps)), "once each"
 
 
-STRIPS = {m.topic: strip for strip in Strip for m in DEFAULT_MAPPINGS
-          if m.signal is Signal.of_strip(strip)}  # fmt: skip
-Vector = NDArray[np.float64]
-
-
-def turned(rotation: Message, vector: Vector) -> Vector:
-    """A vector turned by a quaternion."""
-    axis = np.array([rotation.x, rotation.y, rotation.z])
-    twice = 2 * np.cross(axis, vector)
-    return np.asarray(vector + rotation.w * twice + np.cross(axis, twice), float)
-
-
 def transforms(messages: list[Message]) -> dict[str, Message]:
     """The transforms of the only message of them, by frame."""
     (message,) = messages
     return {stamped.child_frame_id: stamped for stamped in message.transforms}
-
-
-@pytest.mark.parametrize("hinge_left", [True, False])
-def test_each_ray_of_a_scan_meets_the_ground_below_its_sensor(hinge_left: bool) -> None:
-    geometry = DoorGeometry(hinge_left=hinge_left)
-    source = SimulatedSource(SimulatedTestbed(geometry=geometry), VirtualClock(START_NS), TYPES)
-    source.open()
-    found = transforms([TYPES.decode(m.type, m.data) for m in source.announcement.messages])
-    scans = {
-        m.topic: TYPES.decode(m.type, m.data)
-        for m in source.take_messages(0.1)
-        if m.topic in STRIPS
-    }
-    assert set(scans) == set(STRIPS)
-    for topic, scan in scans.items():
-        stamped = found[scan.header.frame_id]
-        assert stamped.header.frame_id == "madrob_door"
-        assert scan.angle_max == pytest.approx(scan.angle_min + 3 * scan.angle_increment)
-        place = stamped.transform.translation
-        origin = np.array([place.x, place.y, place.z])
-        for mount in (m for m in geometry.mounts if m.strip is STRIPS[topic]):
-            angle = scan.angle_min + mount.element * scan.angle_increment
-            ray = turned(
-                stamped.transform.rotation, np.array([math.cos(angle), math.sin(angle), 0.0])
-            )
-            ground = origin + ray * (geometry.lintel_height / -ray[2])
-            y = geometry.doorway_width / 2 - mount.reach
-            expected = [mount.x, y if hinge_left else -y, 0.0]
-            assert ground == pytest.approx(expected, abs=0.002)
 
 
 def test_every_message_has_a_frame_and_all_of_them_hang_on_the_door() -> None:
@@ -485,10 +354,3 @@ def test_every_message_has_a_frame_and_all_of_them_hang_on_the_door() -> None:
     (topic,) = (topic for topic in source.topics() if topic.name == FRAMES_TOPIC)
     assert topic.qos.durability is Durability.TRANSIENT_LOCAL
     assert topic.type_hash.startswith("RIHS01_")
-
-
-@pytest.mark.slow
-def test_the_frames_are_recorded_from_the_begin_on() -> None:
-    messages = read_bag(completed()).messages()
-    received = {m.topic: m.receive_ns for m in reversed(list(messages))}
-    assert seconds(received[FRAMES_TOPIC] - min(received.values())) < 0.1

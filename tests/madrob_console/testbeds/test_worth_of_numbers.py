@@ -54,42 +54,21 @@ def _late(seconds: float) -> Network:
     return Network(latency={Signal.DOOR: seconds})
 
 
-def _jittery(seconds: float) -> Network:
-    return Network(jitter=dict.fromkeys((Signal.DOOR, *STRIPS), seconds))
-
-
 NETWORKS = {
-    "door 30 ms late": _late(0.03),
-    "door 50 ms late": _late(0.05),
     "door 100 ms late": _late(0.1),
     "strips 100 ms late": Network(latency=dict.fromkeys(STRIPS, 0.1)),
-    "jitter of 30 ms": _jittery(0.03),
-    "jitter of 60 ms": _jittery(0.06),
-    "jitter of 100 ms": _jittery(0.1),
+    "jitter of 100 ms": Network(jitter=dict.fromkeys((Signal.DOOR, *STRIPS), 0.1)),
 }
-WORST = ("door 100 ms late", "strips 100 ms late", "jitter of 100 ms")
 
 
 @pytest.mark.parametrize("rules", RULES, ids=lambda rules: rules.name)
 def test_a_network_that_is_late_changes_no_value_and_no_outcome(rules: Ruleset) -> None:
     plan = plan_of(Scenario.SLAM, condition=16)
     prompt = scored(sampled(plan, 1), plan, rules)[0]
-    for name in WORST:
-        late = scored(sampled(plan, 1, network=NETWORKS[name]), plan, rules)[0]
+    for name, network in NETWORKS.items():
+        late = scored(sampled(plan, 1, network=network), plan, rules)[0]
         assert late.outcome is prompt.outcome, name
         assert values(late) == values(prompt), name
-
-
-@pytest.mark.slow
-def test_no_network_of_many_changes_a_value(request: pytest.FixtureRequest) -> None:
-    for seed in range(max(1, request.config.getoption("--runs") // 4)):
-        for scenario in (Scenario.SLAM, Scenario.NOMINAL):
-            for condition in (1, 6, 11, 16):
-                plan = plan_of(scenario, condition, seed)
-                prompt = scored(sampled(plan, seed), plan)[0]
-                for name, network in NETWORKS.items():
-                    late = scored(sampled(plan, seed, network=network), plan)[0]
-                    assert values(late) == values(prompt), (name, scenario, condition, seed)
 
 
 def test_a_door_that_is_later_than_strips_wait_for_it_is_doubted_where_it_decides() -> None:

@@ -23,7 +23,6 @@ from madrob_console.referee.run import Phase
 from madrob_console.ui import awaited
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.frame.console_screen import ConsoleScreen
-from madrob_console.ui.keys.console_app import ConsoleCommands
 from madrob_console.ui.keys.key_table import FINDS_BY_ITSELF, KEYS
 from madrob_console.ui.link import LOOKING_PERIOD
 from tests.madrob_console.run_folders import summary
@@ -137,21 +136,6 @@ async def test_the_bell_rings_on_start_stop_and_fault_and_not_when_it_is_off(
     await play(FakeEngine, story)
 
 
-@pytest.mark.slow
-async def test_a_storm_of_sizes_and_keys_breaks_nothing(driver: Driver, engine: FakeEngine) -> None:
-    await driver.run()
-    engine.faults = ("a fault with some words in it",)
-    for size in ((1, 1), (300, 90), (10, 3), (40, 12), (80, 24), (60, 18), (59, 40), (90, 5)):
-        await driver.pilot.resize_terminal(*size)
-        await driver.press(
-            *"hsgn", "question_mark", "f8", "escape", "f1", "f2", "f4", "escape", "f3"
-        )
-    await driver.pilot.resize_terminal(80, 24)
-    await follow(
-        driver, [("escape f3", Phase.RUNNING, "RUNNING"), (Driver.finish,), ("f4", "COMPLETED")]
-    )
-
-
 async def test_a_question_that_takes_long_to_paint_is_not_put_down_to_the_engine(
     driver: Driver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -185,12 +169,6 @@ async def test_an_answer_that_comes_with_the_end_of_patience_is_what_is_said(
     await follow(driver, [("i c", says("Done: "))])
 
 
-async def test_no_two_widgets_share_a_name_and_with_it_a_look(driver: Driver) -> None:
-    names = [widget.id for widget in driver.console.query("*") if widget.id]
-    assert sorted(names) == sorted(set(names))
-    assert "Starting side < CCW >" in driver.text
-
-
 async def test_the_screen_says_what_it_waits_for_until_the_engine_is_there(
     engine: FakeEngine,
 ) -> None:
@@ -211,24 +189,6 @@ async def test_the_screen_says_what_it_waits_for_until_the_engine_is_there(
         assert "Looking for the engine" not in driver.text
         assert "SIMULATED nominal" in driver.rows()[0]
         assert "Opening side" in driver.text
-
-
-async def test_what_is_not_possible_comes_last_in_the_palette(driver: Driver) -> None:
-    hits = [hit async for hit in ConsoleCommands(driver.console).discover()]
-    assert {(hit.score == 1.0, "not now" in str(hit.prompt)) for hit in hits} == {
-        (True, False),
-        (False, True),
-    }
-
-
-async def test_a_message_carries_its_time_fades_and_goes_with_the_next_key(driver: Driver) -> None:
-    said = " 22:13:20 Refused: abort: no run is set up yet"
-    line = driver.console._status
-    await follow(driver, [("f8", lambda d: d.rows()[-2].startswith(said))])
-    fresh = line.lines(80)
-    await follow(driver, [(ages(6.0), lambda d: d.rows()[-2].startswith(said))])
-    assert line.lines(80) != fresh
-    await follow(driver, [("f3", no("Refused"))])
 
 
 EARLIER = summary(4, 3, 2, team="Oslo", source="simulated")
@@ -272,7 +232,6 @@ CUT_OFF_ANSWERS = (
     "invalid, as if aborted: uses up an attempt of the team",
 )
 BROKEN = TeamList({1: "Delft"}, ("teams.csv line 3: subject 'x' is no number",))
-ACT_CAPS = [f"{key.cap} {key.label}" for key in KEYS.values() if key.act]
 WATCHES = "`madrob console` can act, this screen only watches"
 
 

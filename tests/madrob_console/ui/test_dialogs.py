@@ -18,7 +18,6 @@ from madrob_console.referee.acts import (
     TakeBack,
     Void,
 )
-from madrob_console.referee.acts.act import Option, Pick
 from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
@@ -132,13 +131,6 @@ async def test_enter_alone_does_nothing_that_cannot_be_taken_back(
             assert driver.app.is_running
             await escape(driver)
         assert engine.run == before
-
-
-def test_enter_takes_what_does_nothing_or_can_be_taken_back_else_nothing_is_marked() -> None:
-    acts = (Option("1", "a reason", "a reason"), Option("o", "other", None, free=True))
-    assert Pick("Why?", acts).marked == -1
-    assert Pick("Why?", acts, quick=True).marked == 0
-    assert Pick("Why?", (Option("l", "later", None), *acts)).marked == 0
 
 
 OTHER = IncidentKind.OTHER

@@ -6,7 +6,7 @@ from asyncio import to_thread
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import cycle, pairwise
+from itertools import cycle
 
 import pytest
 from hypothesis import given, settings
@@ -18,7 +18,7 @@ from madrob_console.engine.requests import Curve, Curves
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import Abort
 from madrob_console.ui.cells.lines import Line
-from madrob_console.ui.cells.plot import EVENT, HIGH, TOP, Axis, Extreme, Frame, Mark, Plot, Window
+from madrob_console.ui.cells.plot import TOP, Extreme, Frame, Mark, Plot, Window
 from madrob_console.ui.look.themes import to_ascii
 from madrob_console.ui.panes.figures_pane import FIGURES, FiguresPane, Sheet
 from scoring.indicator_table import IndicatorName, Quantity
@@ -341,39 +341,6 @@ def test_any_data_fill_exactly_the_cells_that_there_are(
     assert {cell_len(row) for row in rows + axis} == {frame.width}
 
 
-@given(NUMBERS, NUMBERS, st.floats(0.01, 10), st.integers(3, 60))
-def test_the_y_axis_has_three_round_labels_or_more_and_holds_the_data(
-    one: float, other: float, least: float, height: int
-) -> None:
-    low, high = sorted((one, other))
-    axis = Axis.over(low, high, least, height)
-    assert len(axis.ticks) >= 3
-    low, high = max(-1e15, min(0.0, low)), min(1e15, max(0.0, high))
-    invisible = (axis.ticks[-1] - axis.ticks[0]) * 1e-8
-    assert axis.ticks[0] <= low + invisible
-    assert axis.ticks[-1] >= high - invisible
-    assert len(set(axis.labels)) == len(axis.labels)
-    rows = [axis.dot(tick, height * HIGH) // HIGH for tick in axis.ticks]
-    assert len(set(rows)) == len(rows)
-    assert (rows[0], rows[-1]) == (0, height - 1)
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "labels"),
-    [
-        (0.0, 1.05, ("0.0", "0.5", "1.0", "1.5")),
-        (-3.1, 7.2, ("-5", "0", "5", "10")),
-        (0.0, 0.0, ("0.00", "0.05", "0.10")),
-        (-0.6, 0.7, ("-1", "0", "1")),
-        (0.0, 2e6, ("0", "1e+06", "2e+06")),
-    ],
-)
-def test_labels_are_numbers_that_people_choose(
-    low: float, high: float, labels: tuple[str, ...]
-) -> None:
-    assert Axis.over(low, high, 0.1, 5).labels == labels
-
-
 def test_the_largest_absolute_value_is_marked_where_it_is() -> None:
     rows = plotted(Plot((curve((0, 0), (5, -3), (7.5, 2), (10, 0)),), 1.0))
     ((y, x),) = [(y, row.index(TOP)) for y, row in enumerate(rows) if TOP in row]
@@ -400,58 +367,6 @@ def test_nothing_is_drawn_over_a_gap() -> None:
     columns = list(zip(*plotted(plot), strict=True))
     assert all(char == " " for column in columns[12:28] for char in column)
     assert all(any(char != " " for char in column) for column in columns[:12] + columns[28:])
-
-
-@pytest.mark.parametrize("window", [TEN_SECONDS, Window(4.0, 5.0), Window(4.001, 4.2)])
-def test_a_stretch_is_drawn_without_holes_however_far_one_zooms_in(window: Window) -> None:
-    rows = plotted(Plot((sine(60),), 0.1), window=window)
-    columns = list(zip(*rows, strict=True))
-    assert all(any(char != " " for char in column) for column in columns[:39])
-
-
-def test_steep_flanks_join_what_lies_below_and_above() -> None:
-    rows = plotted(Plot((curve((0, 0), (5.0, 0), (5.02, 10), (10, 10)),), 1.0))
-    assert all(row[20] != " " for row in rows)
-
-
-def test_one_peak_among_thousands_of_rows_is_seen() -> None:
-    points = [(i / 600, 0.0) for i in range(6000)]
-    points[3333] = (points[3333][0], 7.0)
-    rows = plotted(Plot((curve(*points),), 1.0))
-    top = next(row for row in rows if row.strip())
-    assert top.index(TOP) == int(3333 / 6000 * 40)
-
-
-def test_events_are_vertical_lines_with_a_letter_each() -> None:
-    marks = [Mark(2.5, "t"), Mark(7.5, "o"), Mark(11.0, "c")]
-    rows = plotted(Plot((), 1.0), *marks)
-    assert {tuple(i for i, c in enumerate(row) if c == EVENT) for row in rows} == {(10, 30)}
-    letters = texts(Frame(TEN_SECONDS, 46, 5, marks).time_axis())[0][6:]
-    assert (letters[10], letters[30]) == ("t", "o")
-    assert "c" not in letters
-
-
-def test_letters_of_events_at_the_same_instant_stand_side_by_side() -> None:
-    marks = [Mark(9.9, "c"), Mark(2.5, "t"), Mark(2.51, "o"), Mark(10.0, "x")]
-    letters = texts(Frame(TEN_SECONDS, 46, 5, marks).time_axis())[0][6:]
-    assert letters[10:12] == "to"
-    assert letters[39] == "c"
-
-
-def test_the_closed_zone_is_dotted_behind_the_curve() -> None:
-    plot = Plot((curve((0, 0), (5, 0), (5.02, 1), (10, 1)),), 0.1, zone=0.03)
-    bottom = plotted(plot)[-1]
-    assert bottom[22:] == "·" * 18
-    assert "·" not in bottom[:20]
-
-
-def test_times_are_round_and_their_labels_apart() -> None:
-    for window in (TEN_SECONDS, Window(0.0, 14.85), Window(11.5, 11.9), Window(-2.0, 301.0)):
-        ticks = window.ticks(72)
-        assert len(ticks) >= 3
-        for (cell, label), (following, _) in pairwise(ticks):
-            assert cell + len(label) < following
-    assert [label for _, label in TEN_SECONDS.ticks(72)] == [f"{t} s" for t in (0, 2, 4, 6, 8, 10)]
 
 
 def test_a_curve_looks_like_itself_also_in_ascii() -> None:

@@ -16,7 +16,7 @@ from textual import events
 import madrob_console.ui
 from madrob_console.common.names import terminal_safe
 from madrob_console.config.tables import ConsoleSettings
-from madrob_console.ui.cells.large_text import HEIGHT, large_text, rows_of
+from madrob_console.ui.cells.large_text import large_text
 from madrob_console.ui.cells.lines import (
     Line,
     Lines,
@@ -26,17 +26,14 @@ from madrob_console.ui.cells.lines import (
     column,
     line,
     plain,
-    ruler,
     scale,
     width_of,
 )
 from madrob_console.ui.cells.table import GAP, Column, Table, lay_out
 from madrob_console.ui.frame.frame_lines import tiny_lines
 from madrob_console.ui.look.themes import LIKENESS, to_ascii, uses_ascii
-from madrob_console.ui.panes.runs_pane import indicator_column, number_text
-from scoring.indicator_table import IndicatorName
+from madrob_console.ui.panes.runs_pane import number_text
 from scoring.protocol import Outcome, Step
-from tests.madrob_console.run_folders import summary
 from tests.madrob_console.ui.driver import (
     DEFAULTS,
     Alone,
@@ -122,11 +119,6 @@ def test_any_text_becomes_ascii_in_as_many_cells(text: str) -> None:
     assert len(drawn) == cell_len(text)
 
 
-@given(TEXTS.filter(str.isascii))
-def test_ascii_stays_as_it_is(text: str) -> None:
-    assert to_ascii(text) == text
-
-
 @pytest.mark.slow
 async def test_on_no_screen_is_anything_but_ascii() -> None:
     names = replace(DEFAULTS, team="Zürich 門", competition="Coupe d'été", referee="Åse")
@@ -146,22 +138,9 @@ async def test_on_no_screen_is_anything_but_ascii() -> None:
     await play(FakeEngine, story)
 
 
-SIZES = st.integers(1, 8)
 DIGITS = "0123456789:.-?"
 SIGNS = f"ABCDEFGHIJKLMNPQRTUVWXYZ&+/'(),_~>✓✗□{DIGITS}"
 """All but O and S, which look like 0 and 5."""
-NAMES = st.text(
-    "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz \u00fc\u00e5&+/'(),_-." + DIGITS,
-    min_size=1,
-)
-
-
-@given(NAMES, SIZES)
-def test_each_row_is_as_wide_as_is_said(text: str, size: int) -> None:
-    rows = large_text(text, size)
-    assert rows is not None
-    assert len(rows) == rows_of(size)
-    assert len({cell_len(row) for row in rows}) == 1
 
 
 @pytest.mark.parametrize("size", range(1, 6))
@@ -169,27 +148,6 @@ def test_each_row_is_as_wide_as_is_said(text: str, size: int) -> None:
 def test_no_two_signs_look_alike(size: int, *, ascii_only: bool) -> None:
     drawn = ["\n".join(large_text(sign, size) or ()) for sign in SIGNS]
     assert len({to_ascii(text) if ascii_only else text for text in drawn}) == len(SIGNS)
-
-
-@given(NAMES, st.integers(2, 6))
-def test_a_larger_letter_has_the_same_points_each_larger(text: str, size: int) -> None:
-    small, large = _points(large_text(text, 1)), _points(large_text(text, size))
-    assert [row[::size] for row in large[: HEIGHT * size : size]] == small[:HEIGHT]
-
-
-@pytest.mark.parametrize("text", ["", "\u9580", "Team \u9580", "a\x1bb"])
-def test_of_other_scripts_there_are_no_large_letters(text: str) -> None:
-    assert large_text(text, 1) is None
-
-
-def _points(rows: Sequence[str] | None) -> list[str]:
-    """One character a point: `#` or a blank."""
-    assert rows is not None
-    points = []
-    for row in rows:
-        points.append("".join("#" if cell in "\u2580\u2588" else " " for cell in row))
-        points.append("".join("#" if cell in "\u2584\u2588" else " " for cell in row))
-    return points
 
 
 WIDTH = 12
@@ -228,12 +186,6 @@ def test_every_cell_that_differs_is_painted(before: Line, after: Line) -> None:
             assert region.x <= x < region.right
 
 
-def test_one_changed_digit_paints_one_cell() -> None:
-    before = line("door ", Span("+0.310", Tone.STRONG), " rad")
-    after = line("door ", Span("+0.311", Tone.STRONG), " rad")
-    assert changed_cells(before, after, 0, 40).size == (1, 1)
-
-
 async def test_markup_and_control_characters_are_only_text() -> None:
     page = Page()
     page.styles.width, page.styles.height = WIDTH, 3
@@ -245,18 +197,10 @@ async def test_markup_and_control_characters_are_only_text() -> None:
         assert [strip.text for strip in strips] == ["[b]x[/] !   ", "a long line…", " " * 12]
 
 
-def test_a_line_is_as_wide_as_its_cells() -> None:
-    assert width_of(line("門", Span("ab"), "")) == 4
-
-
 def test_a_scale_clips_at_its_ends() -> None:
     assert [column(v, 10.0, 21) for v in (-99.0, -10.0, 0.0, 10.0, 99.0)] == [0, 0, 10, 20, 20]
     drawn = scale("-----", [(0, "a", Tone.GOOD), (4, "b", Tone.GOOD), (9, "c", Tone.BAD)])
     assert plain([drawn]) == "a---b"
-
-
-def test_labels_of_a_ruler_do_not_run_into_each_other() -> None:
-    assert ruler(20, [(0, "-90"), (10, "0"), (11, "1"), (19, "90")]) == "-90       0       90"
 
 
 FAULT = "/madrob/passage/cw_left: no message for 2.3 s, the publisher is gone"
@@ -393,21 +337,6 @@ def test_the_mark_stays_on_its_row_when_rows_come_and_go() -> None:
     assert table.selected == ("00009", 9)
 
 
-def test_only_the_rows_in_view_are_drawn() -> None:
-    drawn: list[str] = []
-
-    def cell(pair: Pair) -> Span:
-        drawn.append(pair[0])
-        return Span(pair[0])
-
-    table = Table([Column("name", "name", cell, lambda pair: pair[0], 8)], lambda pair: pair[0])
-    table.set_rows(many(10_000))
-    table.action_move(5_000)
-    table.page(80, 24)
-    assert len(drawn) == 22
-    assert "05000" in drawn
-
-
 # ---------------------------------------------------------------- columns
 
 WIDTHS = st.lists(st.tuples(st.integers(3, 50), st.integers(0, 30)), min_size=1, max_size=12)
@@ -508,13 +437,6 @@ def test_a_table_has_a_head_its_rows_and_says_where_it_is(
     assert {number: shown[number] for number in rows} == rows
 
 
-def test_rows_that_lead_are_strong() -> None:
-    table = a_table()
-    table.strong = {"b"}
-    tones = [[span.tone for span in line[2::2]] for line in table.page(40, 7)[1:5]]
-    assert [set(row) == {Tone.STRONG} for row in tones] == [False, True, False, False]
-
-
 @pytest.mark.parametrize(
     ("column", "text", "shown"),
     [
@@ -548,19 +470,6 @@ def test_numbers_stand_on_the_right_and_long_texts_show_an_ellipsis(
 )
 def test_a_number_is_short_and_never_a_false_zero(value: float, shown: str) -> None:
     assert number_text(value, 2, 7) == shown
-
-
-def test_an_indicator_column_says_what_it_is_and_in_which_unit() -> None:
-    column = indicator_column(IndicatorName.UNSAFETY_OF_DOOR_OPERATION)
-    assert column.meaning == "unsafety of door operation (rad/s^2)"
-    assert column.cell(summary(values={})) == Span("- ", Tone.DIM)
-    assert column.value(summary(values={})) is None
-
-
-@pytest.mark.parametrize("name", list(IndicatorName))
-def test_a_title_leaves_room_for_its_arrow(name: IndicatorName) -> None:
-    column = indicator_column(name)
-    assert len(column.title) < column.width
 
 
 # ---------------------------------------------------------------- keys

@@ -31,13 +31,11 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase, stop
 from madrob_console.ui.cells.lines import plain
-from madrob_console.ui.keys.dialogs import ask_copy
 from madrob_console.ui.keys.key_table import (
     FUNCTION_KEYS,
     KEYS,
     LETTER_KEYS,
     MENU,
-    START_ENGINE,
 )
 from madrob_console.ui.look.words import cut_inside, wrapped
 from madrob_console.ui.panes.result_pane import ResultDetails
@@ -209,11 +207,6 @@ def test_no_key_is_one_that_tmux_or_screen_keep_for_themselves() -> None:
     assert not pressed & {"ctrl+b", "ctrl+a", "escape"}
 
 
-def test_no_screen_has_more_than_eighteen_keys() -> None:
-    keys = [key for key in (*FUNCTION_KEYS, *LETTER_KEYS) if key.act != START_ENGINE]
-    assert len([key for key in keys if key.name != "palette"]) == 18
-
-
 def unscored() -> FakeEngine:
     """A run has stopped, and its result is still to come."""
     engine = prepared()
@@ -247,10 +240,6 @@ async def press_button(driver: Driver, text: str) -> None:
         driver.app._driver.send_message(event)
         await driver.pilot.pause()
     await driver.pilot.pause()
-
-
-def test_there_may_be_nothing_to_copy() -> None:
-    assert ask_copy("", "", "", "", "ada@hall") == "there is no row, no result and no run to copy"
 
 
 def test_a_path_is_whole_or_cut_in_its_middle_and_never_broken_in_a_number() -> None:

@@ -14,7 +14,7 @@ from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.dialog import Field
 from madrob_console.ui.link import ConsoleDefaults
-from madrob_console.ui.panes.plan_pane import about, cell
+from madrob_console.ui.panes.plan_pane import cell
 from madrob_console.ui.panes.team_picker import matching
 from scoring.protocol import Outcome
 from tests.madrob_console.run_folders import summary
@@ -130,16 +130,6 @@ async def test_all_of_a_large_plan_can_be_seen_and_reached(
 def test_a_cell_says_one_thing(attempts: Attempts, text: str) -> None:
     assert cell(attempts, is_next=False).text == text
     assert cell(attempts, is_next=True).text == f">{text}"
-
-
-def test_the_line_below_says_all_of_a_cell() -> None:
-    teams = {3: "Delft"}
-    assert about(Attempts(Task(3, 7), 3, 2, 1, 5), teams) == (
-        "3 Delft, condition 7: push, from CCW to CW, Constant Force; 2 of 3 attempts done; 1 valid;"
-        " best level 5; 1 left"
-    )
-    assert "OUT OF PLAN, 1 done" in about(Attempts(Task(3, 7), 0, 1, 1, 5), teams)
-    assert about(Attempts(Task(4, 7)), teams).endswith("not in the plan")
 
 
 LONG = "The Very Long Name of a Team that Goes On to Sixty Letters!!"

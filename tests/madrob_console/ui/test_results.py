@@ -26,7 +26,6 @@ from madrob_console.referee.flags import FlagWeight
 from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import ProtestEnd, RemovedEvidence, Voiding
 from madrob_console.referee.records import TestbedFault as Fault
-from madrob_console.referee.run import Run
 from madrob_console.ui.cells.lines import Tone, plain
 from madrob_console.ui.look.words import export_text
 from madrob_console.ui.panes.result_pane import (
@@ -35,7 +34,6 @@ from madrob_console.ui.panes.result_pane import (
     ResultHead,
     ResultsPane,
     compared,
-    mark_words,
 )
 from madrob_console.ui.panes.runs_pane import HistoryPane, about, columns
 from madrob_console.ui.panes.runs_pane import summary as head_line
@@ -168,16 +166,6 @@ async def test_values_and_steps_of_an_ordinary_result_fill_20_rows_and_v_turns_t
         ("v", *first),
     ]
     await play_alone(pane, *rows, size=(80, 20))
-
-
-def test_the_newest_mark_comes_first() -> None:
-    result = finished().result
-    assert result is not None
-    said = ("first", "second")
-    rulings = tuple(Ruling(Step.CROSS, True, 5.0, words, "Ada") for words in said)
-    run = Run(rulings=rulings, voided=Voiding(4.0, "wrong door", "Ada"))
-    words = [text.split()[-1] for _, text in mark_words(run, result)]
-    assert words[-3:] == ["second", "first", "door"]
 
 
 EXACT = Aggregate.of([10.0, 10.0])

@@ -16,14 +16,12 @@ from rich.cells import cell_len
 from rich.color import Color, ColorSystem
 from rich.console import RenderableType
 from rich.segment import Segment
-from rich.style import Style
 from rich.terminal_theme import TerminalTheme
 from textual._compositor import CompositorUpdate
 from textual.app import App, ComposeResult
 from textual.color import WHITE
 from textual.containers import Vertical
 from textual.screen import Screen
-from textual.theme import BUILTIN_THEMES, Theme
 
 import madrob_console.ui
 from madrob_console.common.formatting import format_size, relative_text
@@ -347,32 +345,11 @@ def test_16_colours_can_be_read_in_the_usual_palettes(palette: Sequence[Rgb]) ->
             assert contrast(text, back) >= 4.5, (name, segment)
 
 
-def test_no_text_vanishes_where_full_colours_are_brought_down_to_16() -> None:
-    for name, segments in themes(""):
-        for segment in segments:
-            text, back = colours(segment, ColorSystem.STANDARD)
-            assert text != back, (name, segment)
-
-
 def test_a_screen_without_colours_tells_the_tones_that_matter_by_other_means() -> None:
     looks = {s.text.strip(): s.style for s in NO_COLOURS.apply(drawn()[COLOURLESS], WHITE)}
     assert all(style is not None and style.without_color == style for style in looks.values())
     plain = looks[Tone.PLAIN]
     assert all(looks[tone] != plain for tone in set(Tone) - {Tone.PLAIN, Tone.GOOD})
-
-
-def test_the_mouse_still_knows_what_is_under_it() -> None:
-    style = Style(color="red", bgcolor="blue", bold=True, meta={"@mouse.down": "grab"})
-    (bare,) = NO_COLOURS.apply([Segment("x", style)], WHITE)
-    assert bare.style == Style(bold=True, meta={"@mouse.down": "grab"})
-
-
-@pytest.mark.parametrize("theme", THEMES, ids=lambda theme: str(theme.name))
-def test_no_variable_of_a_style_sheet_is_missing(theme: Theme) -> None:
-    def variables(theme: Theme) -> set[str]:
-        return {*theme.to_color_system().generate(), *theme.variables}
-
-    assert variables(BUILTIN_THEMES["textual-dark"]) <= variables(theme)
 
 
 @pytest.mark.parametrize(

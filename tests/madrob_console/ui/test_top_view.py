@@ -29,30 +29,24 @@ from madrob_console.ui.cells.lines import plain
 from madrob_console.ui.frame.frame_lines import (
     KeyLine,
     playback_line,
-    speed_text,
     tiny_lines,
 )
-from madrob_console.ui.keys.dialogs import Leave, ask_leave
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS
 from madrob_console.ui.look.themes import to_ascii
-from madrob_console.ui.look.words import clock_text
 from madrob_console.ui.panes.result_pane import ResultHead
-from madrob_console.ui.panes.top_view import TopView, top_view
+from madrob_console.ui.panes.top_view import top_view
 from scoring.protocol import BenchmarkType, Condition, Side, StartPose
 from tests.madrob_console.ui.driver import (
-    Alone,
     Driver,
     Stories,
-    Story,
     no,
     no_question,
     on_engine,
     play,
-    play_alone,
     says,
     sets,
 )
-from tests.madrob_console.ui.fake_engine import FakeEngine, finished, prepared
+from tests.madrob_console.ui.fake_engine import FakeEngine, finished
 
 ARROWS = "↑↖←↙↓↘→↗"
 SMALL, ROOMY = (15, 7), (30, 13)
@@ -97,7 +91,7 @@ def test_without_room_nothing_is_drawn(size: tuple[int, int]) -> None:
 @given(
     st.sampled_from(list(Side)),
     st.sampled_from(ROOMS),
-    st.just(0.0) | st.floats(-16, 16),  # what the smallest view holds
+    st.just(0.0) | st.floats(-16, 16),  # farther it is beyond the smallest drawing
     st.floats(-15, 15),
 )
 def test_the_robot_stands_where_it_is_in_metres(
@@ -113,12 +107,6 @@ def test_the_robot_stands_where_it_is_in_metres(
     assert abs(up - max(abs(x) * rows_a_metre, float(x != 0))) <= 0.5 + 1e-9
     assert abs((centre - column) - 2 * y * rows_a_metre) <= 0.5 + 1e-9
     assert any("WRONG SIDE" in row for row in rows) is not right_side
-
-
-def test_sides_start_and_scale_are_written() -> None:
-    rows = drawn(starting(Side.CW), StartPose(-1.5, 0.0, 0.0), SMALL)
-    assert rows[0] == "CCW        +2 m"
-    assert rows[-1] == "CW start   -2 m"
 
 
 SIGNS = (" ^ ", " \\o", " < ", " /o", " v ", "o\\ ", " > ", "o/ ")
@@ -174,19 +162,6 @@ def test_a_pose_that_is_no_number_is_no_pose() -> None:
         assert any("no pose" in row for row in drawn(starting(Side.CCW), pose))
 
 
-async def test_the_widget_follows_what_is_typed() -> None:
-    view = TopView()
-    view.styles.width, view.styles.height = ROOMY
-    condition, wrong = starting(Side.CCW), StartPose(-1.5, 0, 0)
-    rows: Story = [
-        (lambda _: view.show_setup(condition, wrong),),
-        (Alone.settle, "WRONG SIDE"),
-        (lambda _: view.show_setup(condition, None),),
-        (Alone.settle, "no pose"),
-    ]
-    await play_alone(view, *rows)
-
-
 VIEW = PlaybackView(12.34, -5.0, 65.0, 1.0, paused=False, ended=False)
 
 
@@ -221,14 +196,6 @@ def test_the_bar_never_takes_more_room_than_there_is(
     bar = plain([playback_line(view, width)])
     assert bar.startswith(f" REPLAY  {'PAUSED' if paused else 'playing'} 10x")
     assert cell_len(bar) <= max(width, 50)
-
-
-def test_a_step_of_one_sample_shows() -> None:
-    assert [clock_text(t, 2) for t in (-0.02, 0.0, 1.98, 2.0, 60.0)] == [
-        "-0:00.02", "0:00.00", "0:01.98", "0:02.00", "1:00.00",
-    ]  # fmt: skip
-    speeds = {0.0: "max", 0.5: "1/2x", 1.0: "1x", 10.0: "10x", 2.5: "2.5x"}
-    assert {speed: speed_text(speed) for speed in speeds} == speeds
 
 
 @pytest.mark.parametrize(
@@ -270,10 +237,6 @@ def test_the_footer_has_the_keys_of_a_replay_only_on_one(
     keys = KeyLine()
     keys.pane, keys._snapshot = pane, engine.snapshot()
     assert ("j Jump" in plain(keys.lines(80 if there else 200))) is there
-
-
-def test_a_replay_is_left_without_a_question() -> None:
-    assert ask_leave(replaying(prepared()).snapshot()) == Leave()
 
 
 def test_the_smallest_screen_says_that_it_is_a_replay() -> None:

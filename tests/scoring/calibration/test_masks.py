@@ -77,19 +77,6 @@ def test_masks_begin_at_half_of_the_first_angle_and_end_an_eighth_after_the_last
     assert view.under == np.count_nonzero((-DOOR > 0.09) & (-DOOR < 0.25))
 
 
-def test_the_table_of_the_protocol_comes_from_the_angles_behind_it() -> None:
-    """Its numbers are half of, and 1.125 times, angles in whole thousandths of a rad."""
-    table = Thresholds()
-    firsts = [start / 0.5 for start in table.mask_from]
-    lasts = {Side.CW: table.mask_to_cw, Side.CCW: table.mask_to_ccw}
-    seen = {s: (firsts[s.index], lasts[s.side][s.index] / 1.125) for s in PASSAGE_SENSORS}
-    fine = np.arange(-1.0, 1.0, 0.0005)
-    found = propose(sweep(seen, door=fine))
-    assert found.mask_from == pytest.approx(table.mask_from, abs=0.001)
-    assert found.mask_to(Side.CW) == pytest.approx(table.mask_to_cw, abs=0.001)
-    assert found.mask_to(Side.CCW) == pytest.approx(table.mask_to_ccw, abs=0.001)
-
-
 def every(change: Callable[[Swept], Swept]) -> Sweep:
     """A sweep in which all sensors read something else."""
     plain = sweep()

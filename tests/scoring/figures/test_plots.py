@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,36 +12,30 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from scoring.figures.drawing import MOST_POINTS
-from scoring.figures.plots import alternatives_of, figures_of, missing_figures, png, svg
+from scoring.figures.plots import alternatives_of, figures_of, missing_figures, svg
 from scoring.figures.run_drawings import (
-    EventLabel,
     Lane,
     TimedPhase,
-    labels_of,
     median_phases,
     passage_figure,
     phases_of,
-    rows_of,
     stretches,
 )
 from scoring.indicator_table import (
     LARGEST_JERK,
-    EventMark,
     FigureName,
     IndicatorName,
     Quantity,
     unit_text,
 )
-from scoring.kinematics import Rows, joint_state, process_rows
-from scoring.protocol import PASSAGE_SENSORS, Event, EventName, Outcome, Side, Step, Thresholds
-from scoring.result import Ending, EventRecord, Result, value_text
-from scoring.rulesets import PROTOCOL
+from scoring.kinematics import Rows
+from scoring.protocol import PASSAGE_SENSORS, Outcome, Side, Step
+from scoring.result import Ending, Result, value_text
 from scoring.signals import Sample
 from tests.scoring.runs import CONDITION, START, assessment, clear, door, handle, under
 
@@ -167,28 +159,6 @@ def test_jerk_is_drawn_clipped_and_whole_below_with_the_mean_that_makes_the_scor
     assert f"{outside:.1f} % of the samples lie outside" in words(figure)
 
 
-def test_a_jerk_within_its_range_has_no_second_panel() -> None:
-    result, rows = run()
-    calm = replace(rows, jerk=rows.jerk / 100)
-    assert len(figures_for(result, calm)[FigureName.JERK].axes) == 2
-
-
-def test_the_force_figure_shows_the_zero_and_what_is_no_touch(nominal: Scored) -> None:
-    result, rows = nominal
-    axes = figures_for(replace(result, handle_zero=5.5), rows)[FigureName.FORCE].axes[0]
-    assert set(curve(axes, "zero")[1]) == {5.5}
-    (band,) = [found for found in axes.collections if found.get_label() == "band"]
-    heights = np.asarray(band.get_paths()[0].vertices)[:, 1]
-    touch = rows.thresholds.touch_force
-    assert heights.min() == pytest.approx(5.5 - touch)
-    assert heights.max() == pytest.approx(5.5 + touch)
-
-
-def test_all_figures_are_of_one_size(nominal: Scored) -> None:
-    figures = [*figures_for(*nominal).values(), *figures_for(*run(stop=None)).values()]
-    assert len({tuple(figure.get_size_inches()) for figure in figures}) == 1
-
-
 def test_figures_are_told_in_words_with_their_numbers(nominal: Scored) -> None:
     result, rows = nominal
     told = alternatives_of(result, rows, CONDITION)
@@ -223,47 +193,6 @@ def test_the_marked_maximum_is_the_indicator(
         words(figure)
     )
     assert unit_text(found.text) in " ".join(figure.texts[0].get_text().split())
-
-
-@pytest.mark.parametrize(
-    ("place", "label", "brightest", "darkest"),
-    [
-        (0, "position, rad", 0, 2),  # orange
-        (1, "acceleration, rad/s²", 2, 0),  # blue
-        (1, "maximum", 0, 1),  # red
-    ],
-)
-def test_position_is_orange_signal_blue_and_maximum_red(
-    nominal: Scored, place: int, label: str, brightest: int, darkest: int
-) -> None:
-    axes = figures_for(*nominal)[FigureName.ACCELERATION].axes[place]
-    color = to_rgb(line(axes, label).get_color())
-    assert (int(np.argmax(color)), int(np.argmin(color))) == (brightest, darkest)
-
-
-def test_events_are_labelled_lines(nominal: Scored) -> None:
-    result, rows = nominal
-    moments = {
-        "touch": EventName.HANDLE_IS_TOUCHED,
-        "opening": EventName.DOOR_OPENS,
-        "crossing": EventName.MOVES_TO_CW,
-        "closing": EventName.DOOR_CLOSES,
-    }
-    for name, figure in figures_for(result, rows).items():
-        if name in (FigureName.JERK_OF_THE_OPENING, FigureName.JERK_OF_THE_CLOSING):
-            continue
-        for word, event in moments.items():
-            at = next(e.time for e in result.events if e.event is event) - START
-            for axes in figure.axes:
-                assert curve(axes, word)[0][0] == pytest.approx(at, abs=0.01)
-            assert word in words(figure)
-
-
-def test_a_repeated_event_says_which_one_is_labelled() -> None:
-    figure = figures_for(*run(lambda t: swing(t) + swing(3 * t)))[FigureName.ACCELERATION]
-    assert np.unique(curve(figure.axes[0], "closing")[0]).size == 2
-    assert "opening 1 of 2" in words(figure)
-    assert "closing 2 of 2" in words(figure)
 
 
 @pytest.mark.parametrize(
@@ -332,10 +261,6 @@ def test_every_figure_is_there_or_has_a_reason(
     assert set(figures_for(result, rows)) == set(FigureName) - set(reasons)
 
 
-def test_a_figure_without_its_signal_says_why_inside(shut: Scored) -> None:
-    assert "door never opened" in words(figures_for(*shut)[FigureName.JERK])
-
-
 def test_svg_is_xml_with_readable_text_and_the_same_whatever_the_users_settings(
     nominal: Scored,
 ) -> None:
@@ -347,32 +272,6 @@ def test_svg_is_xml_with_readable_text_and_the_same_whatever_the_users_settings(
         before = dict(mpl.rcParams)
         assert {name: svg(figure) for name, figure in figures_for(*nominal).items()} == first
         assert dict(mpl.rcParams) == before
-
-
-def test_png_is_a_picture_of_some_size(nominal: Scored) -> None:
-    data = png(figures_for(*nominal)[FigureName.FORCE])
-    assert data.startswith(b"\x89PNG\r\n")
-    assert int.from_bytes(data[16:20], "big") > 600
-
-
-def test_a_long_run_stays_a_small_file_and_keeps_its_extremes(nominal: Scored) -> None:
-    result, _ = nominal
-    rng = np.random.default_rng(1)
-    time = START + np.arange(180_000) / 50  # an hour
-    angle = 0.5 + 0.4 * np.sin(time) + 1e-3 * rng.standard_normal(time.size)
-    force = 20 * rng.standard_normal(time.size)
-    joint = joint_state(time, angle, PROTOCOL, Thresholds())
-    rows = process_rows(joint, time, force, PROTOCOL, Thresholds())
-    flaps = tuple(
-        EventRecord.of(Event(float(at), name), START)
-        for at in time[::20]
-        for name in (EventName.DOOR_OPENS, EventName.DOOR_CLOSES)
-    )
-    result = replace(result, stop=float(time[-1]), events=(*result.events, *flaps))
-    figures = figures_for(result, rows)
-    assert max(len(svg(figure)) for figure in figures.values()) < 300_000
-    _, drawn = curve(figures[FigureName.FORCE].axes[0], "force, N")
-    assert (drawn.min(), drawn.max()) == (force.min(), force.max())
 
 
 values = arrays(np.float64, st.integers(0, 40), elements=st.floats(allow_nan=True))
@@ -392,23 +291,6 @@ def test_thinning_keeps_order_and_extremes_of_every_curve(part: Array, repeat: i
     assert np.all(np.diff(kept_time) > 0)
     np.testing.assert_array_equal(value[kept_time.astype(int)], kept)
     assert (kept.min(), kept.max()) == (whole.min(), whole.max())
-
-
-@given(st.lists(st.lists(st.floats(0, 10), min_size=1, max_size=30), max_size=4))
-def test_labels_stay_on_the_sheet_and_apart(times: list[list[float]]) -> None:
-    events = dict(zip(EventMark, times, strict=False))
-    labels = labels_of(events, (0.0, 10.0), 240.0, 10.0)
-    assert len(labels) == len(events)
-    rows = rows_of(labels)
-    assert all(label.right <= 250 for label in labels)
-    assert max(rows, default=0) < 4
-    for index, (a, row) in enumerate(zip(labels, rows, strict=True)):
-        for b, other in zip(labels[:index], rows, strict=False):
-            assert row != other or not overlap(a, b)
-
-
-def overlap(a: EventLabel, b: EventLabel) -> bool:
-    return a.left < b.right and b.left < a.right
 
 
 @pytest.fixture(scope="module")
@@ -444,17 +326,6 @@ def test_no_number_is_too_large_to_be_drawn(
     )
     for figure in figures_for(result, wild).values():
         assert "nan" not in svg(figure).lower()
-
-
-@pytest.mark.machine
-def test_drawing_needs_no_pyplot_and_the_report_no_matplotlib_until_it_draws() -> None:
-    program = (
-        "import sys, madrob_console.pages.report\n"
-        "assert 'matplotlib' not in sys.modules\n"
-        "import scoring.figures.plots\n"
-        "assert 'matplotlib' in sys.modules and 'matplotlib.pyplot' not in sys.modules\n"
-    )
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=120)
 
 
 ALL_DONE = {step: 10.0 + step for step in Step}

@@ -23,9 +23,8 @@ from madrob_console.referee.checks import blocking
 from madrob_console.referee.journal import Entry, Origin, read_journal
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.ros import RosSource, asks_for_sim_time
-from madrob_console.testbeds.ros.abort_service import DEPTH
 from madrob_console.testbeds.ros.connection import RosObject, load_module
-from madrob_console.testbeds.source import CallAnswer, LookForAnswer
+from madrob_console.testbeds.source import LookForAnswer
 from scoring.protocol import Outcome
 from tests.madrob_console import said
 from tests.madrob_console.engine.drive import make_setup
@@ -129,18 +128,6 @@ def test_a_flood_of_calls_aborts_at_once_and_is_answered(hall: Hall) -> None:
     assert len(hall.remote_lines()) == 1
     assert hall.engine.snapshot().pulse.core == 0
     print(f"stopped {took:.3f} s after the call")
-
-
-def test_no_flood_of_refusals_takes_the_place_of_the_answer_to_an_abort_that_was_done(
-    hall: Hall,
-) -> None:
-    service = hall.source._abort_service
-    assert service is not None
-    service.close()  # so that no reply is sent
-    for done, calls in ((False, 3 * DEPTH), (True, 1), (False, DEPTH)):
-        service._callers = [f"{done}"] * calls
-        service._answer(CallAnswer(success=done, message=""))
-    assert [caller for caller, _ in service._replies] == ["True", *["False"] * DEPTH]
 
 
 def test_a_start_that_the_disk_does_not_answer_holds_up_no_abort(hall: Hall) -> None:
