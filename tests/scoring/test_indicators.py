@@ -21,6 +21,7 @@ from scoring.indicators import (
     time_to_handle,
     unsafety_of_door_operation,
 )
+from scoring.kinematics import jerk, joint_state, low_pass
 from scoring.protocol import (
     BenchmarkType,
     Condition,
@@ -29,6 +30,7 @@ from scoring.protocol import (
     ScoringError,
     Side,
     Step,
+    Thresholds,
 )
 from scoring.rest import braking_table, door_controller_mode
 from scoring.result import Indicator, Uncertainty, distinguishable, uncertainty_text, value_text
@@ -204,6 +206,20 @@ def test_an_indicator_has_either_a_value_or_a_reason(
         Indicator(value, "s", reason)
 
 
+def test_a_sinusoidal_door_has_the_unsafety_of_its_closed_form() -> None:
+    amplitude, omega = 0.5, 2 * math.pi * 0.25
+    time = np.arange(2001) / 50
+    joint = joint_state(time, 1 + amplitude * np.sin(omega * time), PROTOCOL, Thresholds())
+    unsafety = unsafety_of_door_operation(low_pass(joint, PROTOCOL, Thresholds())[500:1500])
+    smoothing = 1 - (omega * 0.02) ** 2 * (9**2 - 1) / 24  # of the moving average alone
+    assert unsafety.value == pytest.approx(amplitude * omega**2 * smoothing, rel=0.01)
+    times, jerks = jerk(joint, PROTOCOL, Thresholds())
+    run = (times > 10) & (times <= 30)  # whole periods
+    smoothness = smoothness_of_door_actuation(jerks[run], opened=True)
+    mean = 2 / math.pi * amplitude * omega**3
+    assert smoothness.value == pytest.approx(10 / (mean * smoothing), rel=0.01)
+
+
 def test_the_indicators_of_eurobench_keep_their_names_and_their_order() -> None:
     names = (
         *("execution_time", "time_to_handle", "door_occupation_time", "passage_time"),
@@ -273,6 +289,21 @@ def test_values_are_plain_finite_numbers_whatever_comes_in(
             assert indicator.reason is None
             assert type(indicator.value) is (int if whole else float)
             assert math.isfinite(indicator.value)
+
+
+@given(st.integers(-(2**40), 2**40), st.integers(1, 20), RULESETS)
+def test_a_shift_in_time_changes_no_indicator_and_the_sides_decide_which_events_count(
+    shift: int, number: int, ruleset: Ruleset
+) -> None:
+    condition = Condition.from_number(number)
+    later = tuple(Event(event.time + shift, event.name) for event in NOMINAL)
+    for indicator in (execution, occupation):
+        here, there = (indicator(events, ruleset, condition).value for events in (NOMINAL, later))
+        assert there == (here and pytest.approx(here, abs=1e-3))
+    here, there = (passage(events, ruleset, Step).value for events in (NOMINAL, later))
+    assert there == pytest.approx(here, abs=1e-3)
+    valued = occupation(NOMINAL, ruleset, condition).value is not None
+    assert valued == (condition.starting_side is Side.CCW)
 
 
 @pytest.mark.parametrize(
