@@ -231,7 +231,6 @@ def _defaults(arguments: argparse.Namespace, settings: Settings, results: Path) 
     elif kind == SourceKind.SIMULATED and first_time:
         hint = _PRACTICE
     return ConsoleDefaults(
-        competition=competition.name,
         results=results,
         host=socket.gethostname(),
         best_runs=competition.best_runs,

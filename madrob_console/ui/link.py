@@ -153,7 +153,6 @@ class ConsoleDefaults:
     `best_runs` of a team count in the standings, 0 = all; `hint` is the first message.
     """
 
-    competition: str = ""
     results: Path = Path()
     host: str = ""
     best_runs: int = 0

@@ -326,7 +326,6 @@ class WallApp(MadrobApp, inherit_bindings=False):
     ) -> None:
         super().__init__(open_client, defaults, look, monotonic)
         self._history = History(defaults.results)
-        self._competition = defaults.competition
         self._wall = Wall()
         self._active = monotonic()
         self._read_of: object = None
@@ -351,7 +350,7 @@ class WallApp(MadrobApp, inherit_bindings=False):
         if run.active:
             self._active = self._monotonic()
         wall.page = int((self._monotonic() - self._active) / PAGE_TIME)
-        lists = snapshot.teams, snapshot.plan
+        lists = snapshot.teams, snapshot.plan, snapshot.competition
         seen = (snapshot.result, run.issue, run.closure, *lists, snapshot.practice)
         if seen != self._read_of:
             self._read_of = seen
@@ -361,8 +360,8 @@ class WallApp(MadrobApp, inherit_bindings=False):
     def _read(self, snapshot: Snapshot) -> None:
         try:
             every = self._history.refresh()
-            runs = of_competition(every, self._competition)
-            self._wall.plan = plan_progress(snapshot.plan, every, self._competition)
+            runs = of_competition(every, snapshot.competition)
+            self._wall.plan = plan_progress(snapshot.plan, every, snapshot.competition)
         except (MadrobError, OSError, MemoryError):
             return  # what was read before stays; the referee's screens say what is wrong
         practice = snapshot.practice

@@ -38,9 +38,9 @@ class Panes:
         self.live = LivePane()
         self.results = ResultsPane(history.refresh)
         self.figures = FiguresPane(lambda: link.answer(GiveCurves()))
-        self.history = HistoryPane(history.refresh, defaults.competition)
+        self.history = HistoryPane(history.refresh)
         self.plan = PlanPane(plan)
-        self.standings = StandingsPane(history.refresh, defaults.best_runs, defaults.competition)
+        self.standings = StandingsPane(history.refresh, defaults.best_runs)
         self.help = HelpPane()
 
     def __getitem__(self, name: str) -> Pane:

@@ -91,6 +91,7 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row, _View]):
         self._reading = False
         self._seen: object = None
         self.teams: Mapping[int, str] = {}
+        self.competition = ""
 
     @abstractmethod
     def prepare(self, runs: Sequence[RunSummary]) -> Content:
@@ -121,8 +122,8 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row, _View]):
         self._read()
 
     def show(self, snapshot: Snapshot) -> None:
-        seen = (results_state(snapshot), snapshot.teams)
-        self.teams = snapshot.teams.names
+        seen = (results_state(snapshot), snapshot.teams, snapshot.competition)
+        self.teams, self.competition = snapshot.teams.names, snapshot.competition
         if self._seen not in (None, seen):
             self.reload()
         self._seen = seen
@@ -344,7 +345,7 @@ _TAKES: Mapping[RunFilter, Callable[[RunSummary], bool]] = {
 
 
 class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary, RunFilter]):
-    """Newest first; a filter and `v` choose. Teams of `competition` are called as in the list."""
+    """Newest first; a filter and `v` choose. Teams of the competition are called as in the list."""
 
     KEYS = "Enter opens its menu, v {}, o sorts, / filters, <- -> columns"
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -352,11 +353,10 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary, RunFilter]):
         Binding("escape", "unfilter", show=False),
     ]
 
-    def __init__(self, load: Load, competition: str = "") -> None:
+    def __init__(self, load: Load) -> None:
         table = Table(columns(self._called), lambda run: run.folder, fixed=5)
         table.legend = LEGEND
         super().__init__(load, table, (), RunFilter.ALL, "history")
-        self._competition = competition
         self._field = Field(id="history-filter")
         self._field.placeholder = EXAMPLES
 
@@ -371,7 +371,7 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary, RunFilter]):
 
     def _called(self, run: RunSummary) -> str:
         """The team as listed; as recorded for other competitions and teams that are not listed."""
-        listed = self.teams.get(run.subject, "") if run.competition == self._competition else ""
+        listed = self.teams.get(run.subject, "") if run.competition == self.competition else ""
         return listed or run.team
 
     def prepare(self, runs: Sequence[RunSummary]) -> Sequence[RunSummary]:

@@ -72,15 +72,14 @@ class Tables:
 class StandingsPane(RunsPane[Tables, Standing, StandingsView]):
     """Official runs, or practice runs where there are no others.
 
-    `best` runs of a team in a condition enter its statistics; 0 = all. Only runs of `competition`
-    enter: others have other teams of the same numbers.
+    `best` runs of a team in a condition enter its statistics; 0 = all. Only runs of the
+    competition enter: others have other teams of the same numbers.
     """
 
     KEYS = "Enter shows its runs, v {}, o sorts, <- -> columns"
 
-    def __init__(self, load: Load, best: int, competition: str) -> None:
+    def __init__(self, load: Load, best: int) -> None:
         self._best = best
-        self._competition = competition
         self._signs = 0
         table = Table([number_column("cond", "condition", _condition, 5)], _key, fixed=3)
         super().__init__(load, table, Tables(), StandingsView.BEST, "standings")
@@ -90,7 +89,7 @@ class StandingsPane(RunsPane[Tables, Standing, StandingsView]):
         return self.content.official
 
     def prepare(self, runs: Sequence[RunSummary]) -> Tables:
-        every, runs = len(runs), of_competition(runs, self._competition)
+        every, runs = len(runs), of_competition(runs, self.competition)
         official = any(run.official for run in runs) or not any(run.practice for run in runs)
 
         def over(best: int) -> Sequence[Standing]:

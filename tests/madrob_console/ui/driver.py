@@ -49,9 +49,7 @@ SMALL = (80, 24)
 LARGE = (120, 36)
 PANE = (80, 19)
 """What a terminal of 80x24 leaves to a pane."""
-DEFAULTS = ConsoleDefaults(
-    competition="Autumn Cup", results=Path("/results"), team="Door Bots", referee="Ada"
-)
+DEFAULTS = ConsoleDefaults(results=Path("/results"), team="Door Bots", referee="Ada")
 MOST_LOOKS = 2000
 LOOKING = 3.0
 """Between two keys of somebody who looks at the screen, s."""

@@ -522,4 +522,4 @@ if __name__ == "__main__":
     moving = MovingEngine(Path(sys.argv[2] if len(sys.argv) > 2 else "never"))
     if "--running" in sys.argv:
         moving.start_run()
-    sys.exit(run_console(lambda: moving, ConsoleDefaults(competition="Autumn Cup")))
+    sys.exit(run_console(lambda: moving, ConsoleDefaults()))

@@ -39,6 +39,7 @@ from tests.madrob_console.ui.driver import (
     Alone,
     Driver,
     Story,
+    on_engine,
     opened,
     play,
     play_alone,
@@ -121,13 +122,14 @@ def test_any_text_becomes_ascii_in_as_many_cells(text: str) -> None:
 
 @pytest.mark.slow
 async def test_on_no_screen_is_anything_but_ascii() -> None:
-    names = replace(DEFAULTS, team="Zürich 門", competition="Coupe d'été", referee="Åse")
+    names = replace(DEFAULTS, team="Zürich 門", referee="Åse")
 
     def is_ascii(driver: Driver) -> bool:
         return driver.text.isascii()
 
     story: Story = [
         (opened(defaults=names, look=ConsoleSettings(ascii=True)),),
+        (on_engine(competition="Coupe d'été"),),
         ("f2 enter tab", is_ascii, "Zurich ??", " v 8 ok"),
         (Driver.run,),
         ("f3 f8", is_ascii, "+-------", '#"#'),  # the clock

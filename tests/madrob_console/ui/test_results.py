@@ -740,7 +740,7 @@ async def test_a_team_has_its_name_in_the_list_and_what_was_recorded_is_a_remark
         summary(3, 1, 2, hour=1, team="Rotterdam", competition="Spring Cup"),  # no team of the list
     )
     engine.teams = TeamList({3: "Delft Walkers"})
-    pane = HistoryPane(Results(runs).load, "Autumn Cup")
+    pane = HistoryPane(Results(runs).load)
 
     def beside(name: str, *there: bool) -> Callable[[Alone], object]:
         return lambda shown: [name in row for row in shown.rows() if " Nov " in row] == [*there]

@@ -68,7 +68,9 @@ PRACTICE = (timed(1, 99.0, team="Delft", source="simulated"),)
 
 
 def pane_of(runs: Sequence[RunSummary], best: int = 0) -> StandingsPane:
-    return StandingsPane(lambda: runs, best, "Autumn Cup")
+    pane = StandingsPane(lambda: runs, best)
+    pane.competition = "Autumn Cup"
+    return pane
 
 
 LOW = {**VALUES, "execution_time": 300.0, "capability_level": 3}
