@@ -11,6 +11,7 @@ from typing import Self, TypeVar
 PATIENCE = 30.0  # s; only a test that fails waits so long
 _BETWEEN_LOOKS = 0.005  # s
 _WAKES = 4  # threads that wait for each other between a key and what it does
+_MOST = 0.5  # s; what takes longer is no hiccup of the machine
 _T = TypeVar("_T")
 
 
@@ -61,4 +62,4 @@ class Stutter:
     @property
     def allowance(self) -> float:
         """What a request and its answer, between processes and threads, may take longer, s."""
-        return _WAKES * self.worst
+        return min(_WAKES * self.worst, _MOST)

@@ -473,7 +473,7 @@ def pages(*words: str) -> Callable[[Shown], object]:
 
     async def turn(shown: Shown) -> None:
         text = ""
-        for _ in range(5):
+        for _ in range(8):
             text += "\n".join(["", *shown.rows()[1:]])
             await shown.press("pagedown")
         assert [one for one in words if not reads(text, one)] == [], text

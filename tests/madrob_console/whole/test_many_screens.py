@@ -102,7 +102,13 @@ def test_what_is_asked_of_an_engine_that_stands_still_never_happens(tmp_path: Pa
             filling = [
                 engine.client.begin_request(Perform.of(AddNote(50_000 * "x"))) for _ in range(40)
             ]
-            until(lambda: any(answer.running() for answer in filling))
+            begun: list[int] = []
+
+            def no_more_fits() -> bool:
+                begun.append(sum(answer.running() for answer in filling))
+                return 0 < begun[-1] == begun[-100:][0] and len(begun) > 100
+
+            until(no_more_fits)
             waiting = filling[-1]  # the socket is full: it waits in the screen
             assert not waiting.running()
             assert waiting.cancel()
