@@ -22,7 +22,7 @@ from tests.terminal import Terminal
 from tests.watching import until
 
 ENTER = "\r"
-F3, F5, F6, F7, F8, F10 = "\x1bOR", "\x1b[15~", "\x1b[17~", "\x1b[18~", "\x1b[19~", "\x1b[21~"
+F5, F6, F7, F8, F10 = "\x1b[15~", "\x1b[17~", "\x1b[18~", "\x1b[19~", "\x1b[21~"
 
 
 class Hall:

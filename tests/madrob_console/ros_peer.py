@@ -37,8 +37,6 @@ RELIABLE = Qos()
 BEST_EFFORT = Qos(Reliability.BEST_EFFORT)
 KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)
 FLOOD = "/madrob/flood"
-MATCHED = 0.5
-"""The other side has found this one so long after this one has found it, s."""
 BOOL = "std_msgs/msg/Bool"
 LOCKED = "/madrob/door/locked"
 TYPES = MessageTypes()

@@ -332,6 +332,15 @@ def test_a_run_that_cannot_be_read_is_one_row_with_its_reason(
     assert len(frame(out / "runs.csv")) == 1
 
 
+@pytest.mark.parametrize("line", ["score --json", "table runs", "standings --json --practice"])
+def test_a_path_that_is_no_text_is_one_in_tables_and_json(
+    line: str, tmp_path: Path, madrob: Madrob
+) -> None:
+    for name in (b"hall \xff", b"the same run"):
+        copy(recorded(Scenario.NOMINAL), tmp_path / os.fsdecode(name))
+    assert "hall \ufffd/" in madrob(line, tmp_path)
+
+
 def test_tables_are_there_whole_or_not_at_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

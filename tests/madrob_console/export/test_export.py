@@ -613,10 +613,6 @@ def test_a_file_beyond_the_limits_of_old_zips_is_packed(
 CAMERA = RecordedTopic("/camera/c1", "raw/Type", 90, 4_000_000, 0, {EvidenceLoss.BEHIND: 14})
 
 
-def told(**fields: object) -> list[str]:
-    return list(protest_lines(Run(**fields), "the_run"))  # type: ignore[arg-type]
-
-
 GAPS = EvidenceGap(6.7, 8.6, "the process ended"), EvidenceGap(20.0, None, "the disk")
 SETUP = make_setup()
 

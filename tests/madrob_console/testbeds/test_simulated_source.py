@@ -93,6 +93,20 @@ def test_the_same_seed_gives_the_same_bytes_however_they_are_taken() -> None:
     assert other.take_messages(0.1)[0].data != once[0].data
 
 
+def test_jitter_delays_at_random_and_no_message_overtakes_one_of_its_topic() -> None:
+    late = Network(jitter=dict.fromkeys(Signal, 0.06))  # three times the period
+    plain, delayed, again = (simulated(network=n).take_messages(12.0) for n in (None, late, late))
+    assert again == delayed
+    for topic in {message.topic for message in delayed}:
+        slow = [m for m in delayed if m.topic == topic]
+        sent = [m for m in plain if m.topic == topic][: len(slow)]
+        assert [(m.data, m.publish_ns) for m in slow] == [(m.data, m.publish_ns) for m in sent]
+        assert all(a.receive_ns < b.receive_ns for a, b in pairwise(slow))
+        waits = [(m.receive_ns - s.receive_ns) / NS for m, s in zip(slow, sent, strict=True)]
+        assert min(waits) >= 0
+        assert max(waits) > 0.12
+
+
 DOOR_TOPIC = "/madrob/door/angle"
 
 
