@@ -13,16 +13,17 @@ from hypothesis import strategies as st
 from madrob_console.common.clock import NS, SimulationClock, SystemClock
 from madrob_console.engine.core import Engine
 from madrob_console.engine.engine_config import EngineConfig
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping, describe_topic
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, Start, Waive
 from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
-from madrob_console.testbeds.ros.intake import arrivals
+from madrob_console.testbeds.ros.intake import Received, arrivals
+from madrob_console.testbeds.ros.ros_source import RosSource
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from recorder.bag import RawMessage
-from scoring.protocol import Outcome
+from scoring.protocol import Outcome, Signal
 from tests.madrob_console.engine.deck import Deck
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.faulty_source import FaultyDrive
@@ -161,6 +162,92 @@ def test_arrivals_are_steady_whenever_the_clock_that_notes_them_is_stepped(
     assert found[-1] <= now
     errors = [abs(one - at) for one, at in zip(found, times, strict=True)]
     assert max(errors) <= (max(wait, PERIOD) if len({*ahead}) > 1 else 0)
+
+
+HEADERLESS = (Signal.DOOR, Signal.HANDLE)
+MAPPINGS = tuple(
+    TopicMapping(m.signal, m.topic, "std_msgs/msg/Float64", "data") if m.signal in HEADERLESS else m
+    for m in DEFAULT_MAPPINGS
+)
+
+
+class OnWire:
+    """A topic on the wire, as an intake has it: what came, when by the machine's wall clock."""
+
+    def __init__(self, mapping: TopicMapping, types: MessageTypes) -> None:
+        self.name, self.type = mapping.topic, mapping.type
+        self.found_type, self.publishers, self.lost, self.problem = self.type, 1, 0, None
+        self.topic = describe_topic(types, self.name, self.type)
+        self.arrived: list[Received] = []
+
+    def take_messages(self) -> list[Received]:
+        taken, self.arrived = self.arrived, []
+        return taken
+
+
+class Wire(RosSource):
+    """The live source, with a simulated testbed in the place of DDS."""
+
+    def __init__(self, machine: Machine, clock: SystemClock, types: MessageTypes) -> None:
+        super().__init__(MAPPINGS, types, clock, domain=0)
+        self._machine, self._steady = machine, SystemClock()
+        self._steady.hold_steady()
+        self._testbed = SimulatedSource(
+            SimulatedTestbed(Scenario.NOMINAL, 0), self._steady, types, MAPPINGS
+        )
+        self._wired = {m.topic: OnWire(m, types) for m in MAPPINGS if not m.signal.optional}
+        self._intakes = tuple(self._wired.values())  # type: ignore[arg-type]
+        self.jump = 0.0
+
+    def open(self) -> None:
+        self._testbed.open()
+
+    def publish(self, message: RawMessage) -> None:
+        self._testbed.publish(message)
+
+    def take_messages(self, timeout: float) -> list[RawMessage]:
+        """As the thread does it; the clock is stepped in the midst of what it takes."""
+        busy, jump, self.jump = 0.12 * (self.jump != 0.0), self.jump, 0.0
+        self.receive(max(timeout, busy))
+        self._machine.step(jump)
+        self.receive(busy)
+        return self._take()
+
+    def receive(self, duration: float) -> None:
+        """Messages arrive and wait to be taken."""
+        messages = self._testbed.take_messages(duration)
+        ahead = self._machine.time_ns() - self._steady.now_ns()
+        for m in messages:
+            received = Received(m.data, m.publish_ns, m.receive_ns + ahead, None)
+            self._wired[m.topic].arrived.append(received)
+
+
+class WiredDrive(Drive):
+    def __init__(self, results: Path, machine: Machine) -> None:
+        types, clock = MessageTypes(), SystemClock()
+        self.wire = Wire(machine, clock, types)
+        config = EngineConfig(results, MAPPINGS, lossless=True, disk_needed=0)
+        self.engine = Engine(self.wire, clock, config, types)
+        self.engine.open()
+
+
+def test_a_stepped_clock_costs_no_sample_of_a_topic_without_a_header(
+    machine: Machine, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("madrob_console.testbeds.ros.ros_source.time", machine)
+    undisturbed, stepped = (WiredDrive(tmp_path / name, machine) for name in ("one", "two"))
+    undisturbed.whole_run(make_setup())
+    stepped.start(make_setup())
+    stepped.wait(2.5)
+    stepped.wire.jump = 1.36
+    stepped.finish()
+    result = stepped.scored().result
+    assert {(s.dropped, s.shifted) for s in result.quality.signals} == {(0, 0)}
+    events = [
+        {event.event: event.since_start for event in drive.scored().result.events}
+        for drive in (undisturbed, stepped)
+    ]
+    assert events[1] == pytest.approx(events[0], abs=0.025)  # a sample
 
 
 class InWorld(SimulatedSource):

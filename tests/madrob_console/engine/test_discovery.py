@@ -111,7 +111,7 @@ def test_the_first_message_and_its_answers_have_a_form_that_never_changes(owned:
         }
 
 
-def test_what_a_later_version_adds_is_passed_over(owned: Owned) -> None:
+def test_what_a_later_version_adds_is_passed_over() -> None:
     later = msgspec.msgpack.encode(
         {"type": "WhoAnswer", "wire": 900, "mood": ["good"], "busy": True}
     )

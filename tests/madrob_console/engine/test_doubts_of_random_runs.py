@@ -103,7 +103,7 @@ def decoded(folder: Path) -> list[Sample]:
 def test_clean_runs_are_seldom_doubted(
     part: int, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
-    runs = request.config.getoption("--runs")
+    runs = max(20, request.config.getoption("--runs"))
     fired: Counter[str] = Counter()
     doubted = beyond = 0
     for seed in range(part, runs, 2):
@@ -221,7 +221,7 @@ def test_every_fault_is_doubted(part: int, tmp_path: Path, request: pytest.Fixtu
     while sum(tried.values()) < wanted // 2:
         random = Random(seed)
         run = record(tmp_path / str(seed), seed)
-        kind = FAULTS[sum(tried.values()) % len(FAULTS)]
+        kind = FAULTS[(part * len(FAULTS) // 2 + sum(tried.values())) % len(FAULTS)]
         order = sorted(FAULTS, key=lambda each: (each != kind, random.random()))
         found = next((f for each in order if (f := fault_in(run, each, random))), None)
         kind = next(each for each in order if fault_in(run, each, Random(seed)) is not None)

@@ -102,6 +102,12 @@ def test_a_disk_that_says_nothing_is_no_recorder_that_is_ready(tmp_path: Path) -
     disk.come_back()
     drive.wait(LOOKED)
     assert drive.check(CheckName.RECORDER) == READY
+    disk.held = True
+    drive.wait(LOOKED)
+    drive.check(CheckName.RECORDER)  # it is asked again
+    drive.wait(LOOKED)
+    for name in (CheckName.DISK, CheckName.RECORDER):
+        assert drive.check(name).startswith("no data: ")
 
 
 def test_a_disk_with_too_little_room_is_a_fault_as_long_as_nobody_waived_it(

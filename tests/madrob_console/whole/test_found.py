@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -275,6 +276,19 @@ def test_an_engine_of_another_version_is_ended_by_the_line_that_the_console_says
     assert other.wait(1.0) == 0
     told = f"a console of version {wire.VERSION} was rejected: this engine speaks version 900"
     assert process.communicate(timeout=60.0)[0].count(told) == 1
+
+
+def test_an_engine_that_was_stopped_by_a_signal_is_there_but_silent(bench: Bench) -> None:
+    process = bench.served()
+    process.send_signal(signal.SIGSTOP)
+    silent, line = "there, but silent", f"madrob engine stop --results {bench.results}"
+    assert bench.status(process).endswith(f", {silent}, runs in {bench.results}")
+    assert '"phase": null' in bench.engine("status", "--json")[1]
+    assert re.search(rf"{silent} \(.*since .*`{line}` ends it", bench.refused())
+    code, said = bench.stop(*line.split()[3:])
+    assert (code, CUT_OFF in said, process.poll()) == (1, True, None)
+    assert bench.stop(f"--pid={process.pid}", "--force")[0] == 0
+    assert process.wait(1.0) == 0  # in order: it went on for that
 
 
 def test_an_engine_that_hangs_says_so_and_is_killed_when_it_does_not_end(

@@ -241,7 +241,8 @@ def events_of_a_run(folder: Path, name: str) -> dict[str, float]:
         assert (shown.run.phase, document["outcome"]) == (Phase.RUNNING, "completed")
         told = [*document["quality"]["remarks"], *shown.all_faults]
         # a machine that has more to do than this says that, too
-        assert [words for words in told if " behind: " not in words and "disk" not in words] == []
+        said = [words for words in told if " behind: " not in words]
+        assert [words for words in said if name != "stalled disk" or "disk" not in words] == []
         assert (dropped, read_bag(run).complete) == (0, True)
         rescored = msgspec.json.decode(msgspec.json.encode(next(score(run)).result))
         for part in ("indicators", "events", "steps", "quality", "outcome", "stop"):
