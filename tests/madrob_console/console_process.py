@@ -19,7 +19,7 @@ from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.rebuild import Change
 from tests.madrob_console.engine_process import NO_REPORTS, ROOT, STARTING, start_madrob
 from tests.terminal import Terminal
-from tests.watching import until
+from tests.watching import Stutter, until
 
 ENTER = "\r"
 F5, F6, F7, F8, F10 = "\x1b[15~", "\x1b[17~", "\x1b[18~", "\x1b[19~", "\x1b[21~"
@@ -39,11 +39,13 @@ class Hall:
         self.results = results or self.folder / "runs"
         self.speed = speed
         self.scenario = "nominal"
+        self.stutter = Stutter()
         self._settings = self.folder / "madrob.toml"
         self._settings.write_text(f"{NO_REPORTS}[checks]\ndisk_space = 0\n")
         self._env = {"XDG_STATE_HOME": str(self.folder), "PYTHONPATH": str(ROOT)}
 
     def __enter__(self) -> Self:
+        self.stutter.__enter__()
         return self
 
     def __exit__(
@@ -52,6 +54,7 @@ class Hall:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        self.stutter.__exit__(kind, error, traceback)
         self.madrob("engine", "stop", "--force", f"--results={self.results}")
         shutil.rmtree(self.folder, ignore_errors=True)  # a process that was killed may still write
 

@@ -51,7 +51,7 @@ from tests.madrob_console.engine.scored_elsewhere import (
     pid_of,
 )
 from tests.madrob_console.engine_process import EngineProcess
-from tests.watching import until
+from tests.watching import Stutter, until
 
 pytestmark = pytest.mark.machine
 
@@ -230,20 +230,21 @@ def test_a_run_of_three_hours_makes_nobody_wait_for_its_scoring(
     drive.clock.sleep(hours * 3600 + 60.0)
     drive.act(DeclareTimeout("enough"))
     deaf, before = list[float](), time.monotonic()
-    while not drive.engine.situation().scored:
-        drive.clock.sleep(0.01)
-        drive.engine.step(0.0)
-        now = time.monotonic()
-        deaf.append(now - before)
-        before = now
-        time.sleep(0.001)
+    with Stutter() as stutter:
+        while not drive.engine.situation().scored:
+            drive.clock.sleep(0.01)
+            drive.engine.step(0.0)
+            now = time.monotonic()
+            deaf.append(now - before)
+            before = now
+            time.sleep(0.001)
     assert drive.engine.scored is not None
     size = sum(map(len, drive.engine.scored.files.values()))
     print(f"\nscored in {sum(deaf):.1f} s, {size / 1e6:.0f} MB, deaf for {1000 * max(deaf):.0f} ms")
     assert scorer.problem is None
     assert size > 100_000_000
     assert sum(deaf) > 1.0
-    assert max(deaf) <= max(0.1, 0.02 * sum(deaf))  # all is slow on a busy machine
+    assert max(deaf) <= 0.1 + stutter.allowance
     drive.engine.close()
 
 

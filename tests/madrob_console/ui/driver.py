@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+import re
 import shlex
+from base64 import b64decode
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from copy import copy
@@ -50,6 +52,7 @@ LARGE = (120, 36)
 PANE = (80, 19)
 """What a terminal of 80x24 leaves to a pane."""
 DEFAULTS = ConsoleDefaults(results=Path("/results"), team="Door Bots", referee="Ada")
+OSC_52 = re.compile(r"\x1b\]52;c;(.*?)\a")
 MOST_LOOKS = 2000
 LOOKING = 3.0
 """Between two keys of somebody who looks at the screen, s."""
@@ -169,6 +172,8 @@ class Driver(Shown):
     """The time of the screens."""
     remembered: Sequence[Act] = ()
     """The engine's acts when a story asked to keep them in mind."""
+    copies: list[str] = field(default_factory=list)
+    """What the terminal was handed for its clipboard, oldest first."""
 
     @property
     def console(self) -> ConsoleScreen:
@@ -271,6 +276,11 @@ async def driving(
         app = MadrobApp(found, defaults, look, lambda: seconds[0], lambda: engine.now, ahead)
         async with app.run_test(size=size) as pilot:
             driver = Driver(app, pilot, engine, hand, seconds)
+
+            def keep(data: str) -> None:
+                driver.copies += (b64decode(one).decode() for one in OSC_52.findall(data))
+
+            patch.setattr(app._driver, "write", keep)
             if find is None:
                 await driver.answered()
             yield driver

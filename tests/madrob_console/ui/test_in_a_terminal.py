@@ -24,7 +24,7 @@ from tests.madrob_console.ui.driver import DEFAULTS, Shown
 from tests.madrob_console.ui.fake_engine import FOLDER
 from tests.terminal import Terminal
 from tests.tmux import Tmux
-from tests.watching import until
+from tests.watching import Stutter, until
 
 ROOT = Path(__file__).parents[3]
 PROGRAM = [sys.executable, "-m", "tests.madrob_console.ui.fake_engine"]
@@ -200,7 +200,22 @@ def test_y_copies_into_the_tmux_of_this_machine(result: Tmux) -> None:
     assert result.buffer() == FOLDER
 
 
+@pytest.mark.machine
+@pytest.mark.needs("tmux")
+def test_y_copies_into_a_tmux_at_the_other_end_of_ssh_that_lets_it(ends: Path) -> None:
+    ends.touch()
+    with Tmux(["env", "-u", "TMUX", *CONSOLE, str(ends)], cwd=ROOT) as tmux:
+        tmux.set_option("set-clipboard", "on")
+        tmux.wait_for("The result is written", timeout=STARTING)
+        time.sleep(HUMAN)
+        copy_folder(tmux)
+        tmux.wait_for("Copied, if tmux has `set-clipboard on`")
+        assert tmux.buffer() == FOLDER
+
+
 FIRST = "ada@hall (1)"
+PROMPT = 2.0
+"""From the first key to the end of the run, s."""
 
 
 @pytest.fixture
@@ -231,7 +246,7 @@ async def test_two_keys_of_a_second_console_abort_the_run(
 ) -> None:
     gone = first == "gone"
     has_it = "No console" if gone else FIRST
-    with ExitStack() as stack:
+    with ExitStack() as stack, Stutter() as stutter:
         close = first_console(served, first, stack)
         start(served.local)
         second = served.attach(who="bo@tent (2)")
@@ -242,9 +257,12 @@ async def test_two_keys_of_a_second_console_abort_the_run(
             if gone:
                 close()
             await shown.until(lambda _: second.snapshot().right.free == gone)
+            began = time.monotonic()
             app.simulate_key("f8")
             await shown.until(f"{has_it} has the right to act. Take it over")
             app.simulate_key("y")
             await shown.until(lambda _: served.local.snapshot().run.phase is Phase.STOPPED)
+            took = time.monotonic() - began
             await app.workers.wait_for_complete()
     assert served.local.snapshot().run.outcome is Outcome.ABORTED
+    assert took < PROMPT + stutter.allowance

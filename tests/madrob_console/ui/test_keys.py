@@ -294,7 +294,7 @@ def test_what_is_no_folder_of_pictures_counts_as_none(tmp_path: Path) -> None:
 
 def copied(text: str) -> Callable[[Driver], object]:
     """What the terminal was handed last."""
-    return lambda driver: driver.app.clipboard == text
+    return lambda driver: driver.copies[-1:] == [text]
 
 
 def subjects(*numbers: int) -> Callable[[Driver], object]:
@@ -339,10 +339,10 @@ STORIES: Stories = {
         ("enter y s", copied(f"scp -r {getpass.getuser()}@hall:{FOLDER} .")),
         (
             "enter y r",
-            lambda d: d.app.clipboard.startswith("COMPLETED"),
-            lambda d: "17.432" in d.app.clipboard,
+            lambda d: d.copies[-1].startswith("COMPLETED"),
+            lambda d: "17.432" in d.copies[-1],
         ),
-        ("enter y enter escape", lambda d: d.app.clipboard.startswith("COMPLETED")),
+        ("enter y enter escape", lambda d: len(d.copies) == 3),  # nothing more
         (has(export=ExportView(1, "/home/ada/a team.zip")),),
         ("enter y l", copied(f"scp '{getpass.getuser()}@hall:/home/ada/a team.zip' .")),
     ],
@@ -352,13 +352,13 @@ STORIES: Stories = {
         (
             "enter y m",
             lambda d: (
-                dict(zip(*(row.split("\t") for row in d.app.clipboard.splitlines()), strict=True))[
+                dict(zip(*(row.split("\t") for row in d.copies[-1].splitlines()), strict=True))[
                     "subj"
                 ]
                 == "7"
             ),
         ),
-        ("enter y p", lambda d: Path(d.app.clipboard).name == summary(7).folder),
+        ("enter y p", lambda d: Path(d.copies[-1]).name == summary(7).folder),
     ],
     "there may be nothing to copy": [
         ("f3 enter y", says("Refused: copy: there is no row")),

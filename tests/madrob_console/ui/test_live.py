@@ -89,9 +89,7 @@ MANY_FAULTS = (
 
 
 @SIZES
-async def test_the_live_pane_has_every_fault_with_all_its_words(
-    driver: Driver, engine: FakeEngine
-) -> None:
+async def test_the_live_pane_has_every_fault_with_all_its_words(driver: Driver) -> None:
     await follow(driver, [(Driver.run, no("all faults")), (has(faults=MANY_FAULTS), no(": F3"))])
     top = " ".join(row.strip() for row in driver.rows()[1:4])
     assert re.search(r"\(and \d+ more below\)", top)

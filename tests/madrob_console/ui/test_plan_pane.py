@@ -98,9 +98,7 @@ BIG = plan(*((subject, cond, 2) for subject in range(1, 13) for cond in range(1,
 
 
 @pytest.mark.parametrize("size", [SMALL, LARGE])
-async def test_all_of_a_large_plan_can_be_seen_and_reached(
-    driver: Driver, engine: FakeEngine
-) -> None:
+async def test_all_of_a_large_plan_can_be_seen_and_reached(driver: Driver) -> None:
     teams = TeamList({subject: f"Team number {subject}" for subject in range(1, 13)})
     await follow(driver, [(has(plan=BIG, teams=teams),), (answered("f3 p"),)])
     seen = set()

@@ -267,8 +267,8 @@ STORIES: Stories = {
         ("f3 o", commanded(GiveFrames()), says("it holds no evidence")),
         (sets(frames=FRAMES),),
         ("o", says(f"y copies where they are: {FRAMES}")),
-        ("enter y f", lambda d: d.app.clipboard == FRAMES),
-        ("enter y g", lambda d: re.fullmatch(rf"scp -r \w+@\w*:{FRAMES} \.", d.app.clipboard)),
+        ("enter y f", lambda d: d.copies[-1] == FRAMES),
+        ("enter y g", lambda d: re.fullmatch(rf"scp -r \w+@\w*:{FRAMES} \.", d.copies[-1])),
     ],
     "the keys move a replay and nothing else": [
         (on_engine(kind=SourceKind.REPLAY, playback=VIEW),),

@@ -106,7 +106,8 @@ class Case:
     def start(self) -> str | None:
         """Pressed 1.5 s after the freezing to 2 s before it; why it is refused."""
         before = (1.5, 0.5, 0.1, 0.0)
-        if self.moment < len(before):
+        frozen = self.moment < len(before)
+        if frozen:
             self.frozen.begin()
             self.frozen.wait_frozen()
             time.sleep(before[self.moment])
@@ -114,6 +115,7 @@ class Case:
             self.frozen.begin(after=0.002 * 4 ** (self.moment - len(before)))
         refused = self.referee.do(Start())
         self.within(ANSWERED, "answered", self.referee.notes.slowest(Start))
+        assert refused is not None or not frozen
         return refused
 
     def result_after_thaw(self) -> None:

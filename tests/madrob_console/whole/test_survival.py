@@ -22,7 +22,7 @@ from madrob_console.ui.keys.console_app import UNSEEN
 from recorder.reader import read_bag
 from scoring.protocol import EventName
 from tests.madrob_console.console_process import F8, F10, Hall, start_a_run
-from tests.madrob_console.engine_process import ROOT, STARTING
+from tests.madrob_console.engine_process import ROOT, STARTING, remarks_of
 from tests.programs import found
 from tests.terminal import Terminal
 from tests.watching import until
@@ -35,10 +35,11 @@ def hall() -> Iterator[Hall]:
 
 
 def check_whole(hall: Hall, folder: Path) -> None:
-    """The run was completed, recorded and scored."""
+    """The run was completed, recorded and scored, and nothing is said of it."""
     result = hall.wait_for_result(folder)
     assert result["outcome"] == "completed"
     assert result["indicators"]["capability_level"]["value"] == 6
+    assert remarks_of(result, hall.stutter) == []
     assert read_bag(folder).complete
 
 
