@@ -124,6 +124,11 @@ def encoded(*records: McapRecord) -> bytes:
     return content
 
 
+def all_within(folder: Path, names: str = "*") -> dict[Path, bytes | bool]:
+    """Every path below a folder, with the bytes of what is a file."""
+    return {path: path.is_file() and path.read_bytes() for path in folder.rglob(names)}
+
+
 def add_evidence(folder: Path, messages: Sequence[RawMessage], number: int = 0) -> Path:
     """Put a file of evidence into a bag folder, as the recorder names it; types as ROS has them."""
     types = {message.topic: message.type for message in messages}

@@ -227,7 +227,7 @@ def little_memory() -> Iterator[None]:
     yield
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert peak < 40_000_000
+    assert peak < 10_000_000
 
 
 SCHEMA = Schema(1, talk().definition.encode(), "ros2msg", talk().type)

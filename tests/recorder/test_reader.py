@@ -340,6 +340,18 @@ def test_however_many_chunks_claim_an_instant_few_are_unpacked_for_it(
     assert 0 < len(looked_at) < 6
 
 
+def test_to_find_one_message_a_small_part_of_the_file_is_read(place: Path) -> None:
+    messages = strings(["x" * 20_000] * 500)
+    place.write_bytes(by_library(messages, chunk_size=100_000, compression=CompressionType.NONE))
+
+    def read() -> int:
+        return int(Path("/proc/self/io").read_text().split()[1])
+
+    before = read()
+    assert Seeker(place).nearest("/talk", messages[250].receive_ns, 0) == messages[250]
+    assert read() - before < place.stat().st_size / 20
+
+
 @pytest.fixture(scope="module", params=[IndexType.ALL, IndexType.NONE])
 def indexed(request: pytest.FixtureRequest) -> bytes:
     return by_library(door_messages(ROUNDS), ALL_TOPICS, chunk_size=2000, index_types=request.param)

@@ -29,7 +29,7 @@ from recorder.errors import RecorderError
 from recorder.reader import read_bag
 from recorder.recovery import recover
 from recorder.writer import BagWriter, RecorderState
-from tests.recorder.samples import by_library, encoded, strings, talk
+from tests.recorder.samples import all_within, by_library, encoded, strings, talk
 from tests.recorder.torn_bags import (
     TornBag,
     by_mcap,
@@ -552,7 +552,7 @@ def test_what_is_no_bag_is_refused_in_one_line_with_the_remedy_and_left_alone(
     tmp_path: Path, name: str, make: Callable[[Path], object], words: str, only: object
 ) -> None:
     make(tmp_path / name)
-    before = sorted(tmp_path.rglob("*"))
+    before = all_within(tmp_path)
     for act in (read_bag, recover):
         if only in (None, act):
             with pytest.raises(RecorderError) as caught:
@@ -560,7 +560,7 @@ def test_what_is_no_bag_is_refused_in_one_line_with_the_remedy_and_left_alone(
             assert words in str(caught.value)
             assert str(tmp_path / name) in str(caught.value)
             assert "\n" not in str(caught.value)
-    assert sorted(tmp_path.rglob("*")) == before
+    assert all_within(tmp_path) == before
 
 
 def numbers(messages: list[RawMessage]) -> list[int]:

@@ -97,6 +97,15 @@ def test_messages_reach_the_disk_while_recording(tmp_path: Path) -> None:
     assert summary.file_bytes == file.stat().st_size
 
 
+def test_a_kill_costs_0_2_s_at_most(tmp_path: Path) -> None:
+    now, messages = 0.0, strings(["a", "b", "c"])
+    with BagWriter(tmp_path / "bag", [talk()], {}, clock=lambda: now) as writer:
+        for message in messages:
+            now += 0.21
+            assert writer.put_message(message)
+            until(lambda last=message: last in read_bag(tmp_path / "bag").messages())  # type: ignore[misc]
+
+
 def test_a_full_queue_drops_at_once_and_counts(tmp_path: Path, stuck: StuckDisk) -> None:
     messages = strings([f"{number:04}" for number in range(1000)])
     writer = BagWriter(tmp_path / "bag", [talk()], {}, queue_bytes=20_000, clock=stuck)

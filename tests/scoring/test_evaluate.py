@@ -128,6 +128,9 @@ def test_each_indicator_has_its_value_or_its_reason(
     result, _ = assessment(samples).result(ending, rulings)
     told = {name: result.indicators[name].reason or result.indicators[name].value for name in found}
     assert told == found
+    if found is NEVER:
+        assert result.events == ()
+        assert {step.final for step in result.steps} == {None}
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import math
 import re
 import shutil
 import struct
+import tracemalloc
 import zlib
 from dataclasses import replace
 from functools import cache
@@ -347,6 +348,18 @@ def test_depth_is_grey_from_the_nearest_to_the_farthest_and_says_which(
     picture, scale = decoded(raw(rows, encoding, 2, 2, step, big=big))
     assert np.asarray(picture).ravel().tolist() == pytest.approx(grey, abs=1)
     assert scale == words
+
+
+def test_a_large_depth_image_takes_no_more_than_a_picture_does() -> None:
+    side = 2800  # as many as a message holds
+    depths = np.linspace(0.5, 9.0, side * side, dtype="<f4")
+    sent = raw(depths.tobytes(), "32FC1", side, side, 4 * side)
+    tracemalloc.start()
+    picture, scale = decoded(sent)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert (picture.size, scale) == ((SIDE, SIDE), "depth 0.5 to 9 m")
+    assert peak < 6 * depths.nbytes
 
 
 def test_grey_of_one_byte_is_as_it_is_and_rows_may_be_longer_than_their_pixels() -> None:

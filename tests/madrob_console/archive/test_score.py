@@ -587,6 +587,16 @@ def test_an_aborted_and_an_unfinished_run_and_one_cut_off_with_its_result_agree(
     assert found(folder) == []
 
 
+def test_a_result_that_hides_damage_where_lists_do_not_look_is_named(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, deep = run / RESULT_FILE, b"[" * 100_000 + b"]" * 100_000
+    path.write_bytes(path.read_bytes().rstrip()[:-1] + b', "more": ' + deep + b"}")
+    assert check(run) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert "result.json is damaged" in said
+
+
 @pytest.mark.slow
 def test_every_simulated_run_agrees(tmp_path: Path, pytestconfig: pytest.Config) -> None:
     count = pytestconfig.getoption("--runs")

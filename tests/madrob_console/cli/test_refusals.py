@@ -15,7 +15,7 @@ from tests.madrob_console.archive.frames import film
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.recorded_runs import completed, publish, recorded
 from tests.madrob_console.run_folders import summary, write
-from tests.recorder.samples import door_messages, door_topics
+from tests.recorder.samples import all_within, door_messages, door_topics
 
 WORDS = [
     ("consol", "madrob: COMMAND: there is no 'consol', did you mean console?"),
@@ -180,8 +180,8 @@ def test_what_cannot_be_done_is_one_line_and_nothing_is_painted_or_written(
     monkeypatch.chdir(things)
     monkeypatch.setattr("madrob_console.ui.terminal.check_terminal", lambda *_: None)
     monkeypatch.setattr("madrob_console.ui.terminal.run_console", main)  # which takes no client
-    before = sorted(things.rglob("[!.]*"))
+    before = all_within(things, "[!.]*")
     said = madrob.refusal(line)
     assert words in said
     assert "\x1b" not in said
-    assert sorted(things.rglob("[!.]*")) == before
+    assert all_within(things, "[!.]*") == before

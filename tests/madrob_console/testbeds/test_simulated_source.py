@@ -185,7 +185,7 @@ STORIES = {
     Scenario.CLOSES_UNDER_SENSORS: (6, "touch open approach close arrive"),
     Scenario.BOUNCES: (6, f"{THROUGH} open close"),
 }
-"""How many steps are done, and what happens; a pushed door falls shut behind who turns back."""
+"""How many steps are done, and what happens; the door behind who turns back is a pulled one."""
 
 
 @pytest.mark.parametrize("scenario", STORIES)
@@ -208,7 +208,7 @@ def test_a_scenario_gets_as_far_as_its_name_says_and_a_detector_finds_it(
     truth = check_run(source, clock, timeout_after(source, condition))
     assert truth.capability_level == level
     told = " ".join(words[event.name] for event in truth.events[1:-1])
-    assert told.removesuffix(" close") == story.removesuffix(" close")
+    assert told == story
 
 
 def timeout_after(source: SimulatedSource, condition: Condition, seed: int | None = None) -> float:
@@ -232,6 +232,7 @@ def test_a_detector_finds_the_truth_of_many_robots(request: pytest.FixtureReques
 
 def check_robots(seeds: range) -> None:
     """After the run, and at a time within it where samples can tell what comes first."""
+    checked = 0
     for seed in seeds:
         for within in (None, seed):
             clock = VirtualClock(START_NS)
@@ -242,6 +243,8 @@ def check_robots(seeds: range) -> None:
             assert plan is not None
             if is_clear_cut(plan, source.testbed.geometry, timeout):
                 check_run(source, clock, timeout)
+                checked += 1
+    assert checked > len(seeds)
 
 
 def test_the_robot_sets_out_when_the_run_starts_and_returns_for_the_next() -> None:
