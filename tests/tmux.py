@@ -81,6 +81,10 @@ class Tmux(Screen):
         """Type a text, letter by letter."""
         self._tell("send-keys", "-t", _PANE, "-l", text)
 
+    def set_option(self, name: str, value: str) -> None:
+        """A setting of this tmux."""
+        self._tell("set-option", "-g", name, value)
+
     def buffer(self) -> str:
         """What was copied last into this tmux."""
         return self._tell("show-buffer")
