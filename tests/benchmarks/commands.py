@@ -34,4 +34,4 @@ def help_text(repeats: int) -> list[Figure]:
         "madrob score --help": (*MADROB, "score", "--help"),
     }
     took = in_turns({"argparse": ARGPARSE, **programs}, repeats)
-    return [Figure(name, "s", took[name], "argparse", took["argparse"], 4) for name in programs]
+    return [Figure(name, "s", took[name], "argparse", took["argparse"], 2.8) for name in programs]

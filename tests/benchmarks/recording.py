@@ -29,8 +29,8 @@ from tests.madrob_console.ros_peer import FLOOD, Peer, Taker, source
 
 MESSAGES = 100_000
 DURATION = 5.0  # s
-RATES = 3_000, 30_000
-"""Messages/s on all topics together."""
+RATES = {3_000: 1.0, 30_000: 0.9}
+"""Messages/s on all topics together, and the share of them that arrives on a busy machine."""
 TOPICS = 10
 HEADER = "std_msgs/msg/Header"
 NAMES = [f"{FLOOD}_{number}" for number in range(TOPICS)]
@@ -47,7 +47,7 @@ def mcap_writer(repeats: int) -> list[Figure]:
             with tempfile.TemporaryFile() as file:
                 ours = McapWriter(file.write) if writer is McapWriter else None
                 took[writer].append(_written(ours or Writer(file, chunk_size=CHUNK_BYTES)))
-    return [Figure("a message written", "us", took[McapWriter], "mcap.Writer", took[Writer], 0.5)]
+    return [Figure("a message written", "us", took[McapWriter], "mcap.Writer", took[Writer], 0.3)]
 
 
 def _written(writer: McapWriter | Writer) -> float:
@@ -64,7 +64,7 @@ def _written(writer: McapWriter | Writer) -> float:
 def take_loop(repeats: int) -> list[Figure]:
     """Ten topics from another process: CPU of a message, and how many arrive."""
     figures: list[Figure] = []
-    for rate in RATES:
+    for rate, share in RATES.items():
         runs = [(_flooded("ours", rate), _flooded("executor", rate)) for _ in range(repeats)]
         ours, theirs = ([pair[side] for pair in runs] for side in range(2))
         sent = [_sent(rate)] * repeats
@@ -78,9 +78,11 @@ def take_loop(repeats: int) -> list[Figure]:
                 1 / 5,
             ),
             Figure(
-                f"arrived of {rate}/s", "", [n for n, _ in ours], "sent", sent, 1, at_least=True
+                f"arrived of {rate}/s", "", [n for n, _ in ours], "sent", sent, share, at_least=True
             ),
         ]
+    arrived = [n for n, _ in theirs]  # of the highest rate
+    figures.append(Figure(f"arrived of {rate}/s by an executor", "", arrived, "sent", sent, 0.9))
     return figures
 
 

@@ -81,15 +81,15 @@ def _cpu_time(pid: int) -> float:
 def lines(repeats: int) -> list[Figure]:
     """A live run, beside an app of as many widgets of Textual that show moving numbers."""
     (ours, _), (widgets, _) = _costs((OURS, WIDGETS), repeats)
-    return [Figure("a live run over SSH", "kB/s", ours, "widgets", widgets, 0.5)]
+    return [Figure("a live run over SSH", "kB/s", ours, "widgets", widgets, 0.15)]
 
 
 def compositor(repeats: int) -> list[Figure]:
     """A live run by our compositor and by Textual's."""
     (ours, cpu), (others, other_cpu) = _costs((OURS, OTHER_COMPOSITOR), repeats)
     return [
-        Figure("changed cells over SSH", "kB/s", ours, "Textual's compositor", others, 0.75),
-        Figure("changed cells", "% core", cpu, "Textual's compositor", other_cpu, 0.85),
+        Figure("changed cells over SSH", "kB/s", ours, "Textual's compositor", others, 0.6),
+        Figure("changed cells", "% core", cpu, "Textual's compositor", other_cpu, 0.8),
     ]
 
 
