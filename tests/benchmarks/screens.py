@@ -89,7 +89,7 @@ def compositor(repeats: int) -> list[Figure]:
     (ours, cpu), (others, other_cpu) = _costs((OURS, OTHER_COMPOSITOR), repeats)
     return [
         Figure("changed cells over SSH", "kB/s", ours, "Textual's compositor", others, 0.6),
-        Figure("changed cells", "% core", cpu, "Textual's compositor", other_cpu, 0.7),
+        Figure("changed cells", "% core", cpu, "Textual's compositor", other_cpu, 0.8),
     ]
 
 

@@ -194,7 +194,7 @@ def test_one_bad_sample_that_moves_a_value_is_doubted_and_repaired_by_the_robust
                 told = all(found.indicators[name].doubts for name in moved(plain, found))
                 undoubted[what, size] += not told
     print(f"of {runs} moved: {dict(moves)}, undoubted: {dict(undoubted)}")
-    assert max(undoubted.values()) <= runs / 100
+    assert max(undoubted.values()) <= 1 + runs / 100
     assert max(moves.values()) <= 1 + runs / 50
 
 
