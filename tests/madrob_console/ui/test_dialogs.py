@@ -304,7 +304,7 @@ STORIES: Stories = {
         (Driver.run,),
         ("f8 1",),
         (lambda d: d.engine.finish(),),
-        ("y", Outcome.COMPLETED, says("Refused: abort: the run has stopped")),
+        ("y", Outcome.COMPLETED, says("the run has stopped")),  # by the question or by the engine
     ],
     "a void and a correction are made and taken back by keys": [
         (Driver.run,),
