@@ -227,6 +227,8 @@ class Journal:
 
     def close(self) -> None:
         if self._file is not None:
+            with suppress(OSError):  # a disk without locks
+                fcntl.flock(self._file, fcntl.LOCK_UN)  # a process that starts just now has it, too
             os.close(self._file)
             self._file = None
         if self._hold is not None:

@@ -19,6 +19,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from madrob_console.archive.run_journal import is_held
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.acts import Finalise, SetUp, Situation, act_details
@@ -597,3 +598,17 @@ def test_a_flag_of_a_later_version_is_one_that_weighs() -> None:
     later = b'{"kind":"moon","words":"full","weight":"grave","undecided":false}'
     flag = msgspec.json.decode(later, type=Flag)
     assert flag == Flag(FlagKind.OTHER, "full", FlagWeight.ALARM)
+
+
+@pytest.mark.machine
+def test_a_process_that_was_starting_does_not_hold_a_closed_journal(tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    journal = Journal()
+    journal.open(path)
+    opened = [int(n.name) for n in Path("/proc/self/fd").iterdir() if n.resolve() == path]
+    with subprocess.Popen(["sleep", "60"], pass_fds=opened) as process:
+        journal.close()
+        held = is_held(path)
+        process.kill()
+    assert opened
+    assert not held
