@@ -49,7 +49,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """What computes takes a process for each core; screens wait, and the machine waits more."""
     cores = len(os.sched_getaffinity(0))
     asked = str(config.getoption("-m"))
-    return cores if asked == "pure" else max(6 if "machine" in asked else 4, cores)
+    return cores if asked == "pure" else max(6 if "machine" in asked else 0, cores + 1)
 
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` picks
