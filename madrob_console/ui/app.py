@@ -18,7 +18,7 @@ from textual import events
 from textual.app import App, SuspendNotSupported
 from textual.binding import BindingType
 from textual.filter import LineFilter
-from textual.screen import Screen
+from textual.screen import Screen, SystemModalScreen
 from textual.widget import MountError
 
 from madrob_console.common.errors import MadrobError
@@ -45,7 +45,15 @@ from madrob_console.ui.keys.console_app import (
     give_to_tmux,
     in_tmux,
 )
-from madrob_console.ui.keys.dialogs import Copy, Intent, Leave, OtherName, Press, RunMeant
+from madrob_console.ui.keys.dialogs import (
+    Copy,
+    Intent,
+    Leave,
+    OtherName,
+    Press,
+    RunMeant,
+    ask_abort,
+)
 from madrob_console.ui.keys.key_table import (
     FUNCTION_KEYS,
     KEYS,
@@ -212,7 +220,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         if (
             isinstance(event, events.Key | events.Paste | events.MouseDown | events.MouseUp)
             and not event.is_forwarded
-            and self.screen is self._console
+            and not isinstance(self.screen, SystemModalScreen)  # the palette
         ):
             if not isinstance(event, events.MouseUp):
                 self._console.key_pressed()
@@ -229,22 +237,36 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     async def action_press(self, name: str, pressed: str) -> None:
         key = KEYS[name]
-        if self.screen is not self._console:
+        if isinstance(self.screen, SystemModalScreen):
             if not key.over:
                 return
             self.pop_screen()  # what is urgent does not wait for the palette
-        if key.name == "leave" and not self._link.connected:
+        if key.name == "abort":
+            self._press_abort(key)
+        elif key.name == "leave" and not self._link.connected:
             self.exit()
-        elif self._console.dialogs and not self._over_dialogs(key):
-            return
+        elif key.name in [dialog.name for dialog in self._console.dialogs]:
+            return  # it is asked already
         elif key.name == "palette":
             self.action_command_palette()
         elif key.name == "engine":
             self._start_engine(key)
         elif key.pane:
             self._console.show_pane(key.pane)
-        elif not (key.name == "abort" and self.withdraw()):
+        else:
             await self._awaited.soon(self._press_key(key, pressed), key.act or key.label)
+
+    def _press_abort(self, key: Key) -> None:
+        """Asks at once, whatever waits and whatever is open: y may be typed already."""
+        if self.withdraw():
+            return
+        now = self._link.snapshot()
+        if (refused := NOT_YET if now is None else key.refusal(now)) is not None:
+            self._refuse_key(key, refused)
+        elif now is not None:
+            for dialog in [one for one in self._console.dialogs if one.name == key.name]:
+                self._console.close(dialog)
+            self._open_dialog(key, ask_abort(now), partial(key.question, pressed=""))
 
     def _start_engine(self, key: Key) -> None:
         if (refused := self.key_refusal(key)) is not None:
@@ -282,7 +304,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         if now is None:
             self._refuse_key(key, NOT_YET)
             return
-        if key.act and key.name != "abort" and now.notice is not None:
+        if key.act and now.notice is not None:
             key = KEYS["take"]  # nothing else is possible before
         if key.commits and (problem := await self._commit()):
             self._refuse_key(key, problem)
@@ -308,7 +330,7 @@ class MadrobApp(App[None], inherit_bindings=False):
             case _ if isinstance(meant, str):
                 console.refuse(key.label, meant)
             case "open":
-                if not await console.ask_about(meant.folder):
+                if not console.ask_about(meant.folder):
                     await self._open_run(OpenRun(meant.folder))
             case "dossier":
                 await self._do(ExportDossier(meant.folder), key.name, key.act)
@@ -353,12 +375,6 @@ class MadrobApp(App[None], inherit_bindings=False):
             return "F4 shows the run that is open; Enter opens the marked one"
         return None
 
-    def _over_dialogs(self, key: Key) -> bool:
-        if key.over and all(dialog.name != key.name for dialog in self._console.dialogs):
-            return True
-        self._console.say("A question is open: answer it, or Escape closes it.", Tone.WARN)
-        return False
-
     async def _ask(
         self,
         key: Key,
@@ -368,7 +384,15 @@ class MadrobApp(App[None], inherit_bindings=False):
         """Carries out `intent`, or asks first; `question` asks as things stand later."""
         if not isinstance(intent, Ask):
             await self._do(intent, key.name, key.act or key.label.lower())
-            return
+        else:
+            self._open_dialog(key, intent, question)
+
+    def _open_dialog(
+        self,
+        key: Key,
+        ask: Ask[Intent],
+        question: Callable[[Snapshot], Ask[Intent] | str],
+    ) -> None:
         tiny = self._console.tiny
 
         def fresh() -> Ask[Intent] | str:
@@ -376,7 +400,7 @@ class MadrobApp(App[None], inherit_bindings=False):
             asked = NOT_YET if snapshot is None else question(snapshot)
             return asked.shortest if tiny and isinstance(asked, Ask) else asked
 
-        await self._console.open(key.name, intent.shortest if tiny else intent, fresh)
+        self._console.open(key.name, ask.shortest if tiny else ask, fresh)
 
     async def _do(self, intent: Intent, name: str, what: str) -> None:
         match intent:
@@ -451,7 +475,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         intent = dialog.ask.make(*dialog.answers)
         if isinstance(intent, str) and dialog.ask_again(intent):
             return
-        await self._console.close(dialog)
+        self._console.close(dialog)
         if isinstance(intent, Press):
             await self.action_press(intent.name, intent.pressed)
             return
@@ -460,9 +484,12 @@ class MadrobApp(App[None], inherit_bindings=False):
         name = dialog.name or ""
         await self._awaited.soon(self._do(intent, name, name), name)
 
-    async def on_dialog_closed(self, event: Dialog.Closed) -> None:
+    def on_dialog_clicked_beside(self, event: Dialog.ClickedBeside) -> None:
+        self._console.click_footer(event.at)
+
+    def on_dialog_closed(self, event: Dialog.Closed) -> None:
         if event.dialog in self._console.dialogs:
-            await self._console.close(event.dialog)
+            self._console.close(event.dialog)
             self._console.drafts.typed.clear()
             self._ahead.closed()
             self._console.say("Closed: nothing was done.")
@@ -473,8 +500,8 @@ class MadrobApp(App[None], inherit_bindings=False):
         key = KEYS.get(dialog.name or "")
         self._console.refuse(OpenRun.name if key is None else key.act, dialog.overtaken)
         if key is KEYS["abort"] and event.confirmed and dialog in self._console.dialogs:
-            await self._console.close(dialog)
-            await self._void_instead(", ".join(dialog.answers) or "none given")
+            self._console.close(dialog)
+            await self._void_instead(", ".join(dialog.answers) or "no reason given")
 
     async def on_check_list_chosen(self, event: CheckList.Chosen) -> None:
         key = KEYS["waive"]
@@ -487,8 +514,8 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._console.panes.setup.propose(event.task)
         self._console.show_pane("setup", chosen=False)
 
-    async def on_setup_pane_naming(self, event: SetupPane.Naming) -> None:
-        await self._console.open("other name", event.ask)
+    def on_setup_pane_naming(self, event: SetupPane.Naming) -> None:
+        self._console.open("other name", event.ask)
 
     async def on_runs_pane_opened(self, event: RunsPane.Opened) -> None:
         """Shows the runs behind a standing, or asks what to do with the marked run."""

@@ -32,13 +32,15 @@ T_co = TypeVar("T_co", covariant=True)
 class Option:
     """One answer; a `value` of None does nothing, and a `free` one asks for a text instead.
 
-    The one without a label is not listed: the words beside the options tell of its key.
+    After a `last` one nothing more is asked. The one without a label is not listed: the words
+    beside the options tell of its key.
     """
 
     key: str
     label: str
     value: str | None
     free: bool = False
+    last: bool = False
 
     @property
     def harmless(self) -> bool:
@@ -106,7 +108,7 @@ class Ask(Generic[T_co]):
         if len(self.questions) < 2 or not isinstance(self.questions[-1], Sure):
             return self
         title = self.title.partition(":")[0]
-        return Ask(title, self.questions[-1:], lambda: self.make("none given"))
+        return Ask(title, self.questions[-1:], lambda: self.make("no reason given"))
 
 
 def reasons(*texts: str) -> tuple[Option, ...]:
@@ -120,9 +122,13 @@ def ask_why(*texts: str) -> Pick:
     return Pick("Why? Enter takes the marked one.", reasons(*texts), quick=True)
 
 
+NO_THE_RUN_GOES_ON = Option("n", "no, the run goes on", None)
+
+
 def meanwhile(*texts: str) -> Pick:
-    no = Option("n", "no, the run goes on", None)
-    return Pick("Why? The run and its clock go on meanwhile.", (no, *reasons(*texts)))
+    return Pick(
+        "Why? The run and its clock go on meanwhile.", (NO_THE_RUN_GOES_ON, *reasons(*texts))
+    )
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from madrob_console.common.formatting import relative_text, seconds_of
 from madrob_console.referee.acts.act import (
     LONGEST_TEXT,
+    NO_THE_RUN_GOES_ON,
     Act,
     Ask,
     Asked,
@@ -19,6 +20,7 @@ from madrob_console.referee.acts.act import (
     Write,
     ask_why,
     meanwhile,
+    reasons,
 )
 from madrob_console.referee.records import DecisionKind, Incident, IncidentKind, Note, Voiding
 from madrob_console.referee.run import (
@@ -342,7 +344,16 @@ class Abort(Act):
     phases = (Phase.COUNTDOWN, Phase.RUNNING)
     title = "ABORT the run: it becomes invalid and stays on record"
     questions = (
-        meanwhile("robot unsafe", "testbed fault", "referee's mistake", "the team asks for it"),
+        Pick(
+            "The run and its clock go on meanwhile. A reason first, or y at once.",
+            (
+                NO_THE_RUN_GOES_ON,
+                Option("y", "ABORT now, no reason given", "no reason given", last=True),
+                *reasons(
+                    "robot unsafe", "testbed fault", "referee's mistake", "the team asks for it"
+                ),
+            ),
+        ),
         Sure("Abort now?"),
     )
     urgent = True

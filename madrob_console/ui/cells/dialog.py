@@ -1,19 +1,33 @@
-"""A dialog at the bottom of the screen, and text fields; the run stays in view."""
+"""A question in front of the run, which goes on being drawn behind it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from rich.cells import cell_len
 from textual import events
+from textual.app import ComposeResult
 from textual.containers import Vertical
+from textual.geometry import Offset, Region
 from textual.message import Message
+from textual.screen import ModalScreen
 from textual.widgets import Input
 
-from madrob_console.common.names import terminal_safe
 from madrob_console.referee.acts.act import Ask, Option, Pick, Question, Sure, Write
-from madrob_console.ui.cells.lines import Line, Lines, Span, Target, Tone, line, paragraph, width_of
+from madrob_console.ui.cells.field import Field
+from madrob_console.ui.cells.lines import (
+    TONE_CLASSES,
+    Line,
+    Lines,
+    Span,
+    Target,
+    Tone,
+    line,
+    paragraph,
+    width_of,
+)
 from madrob_console.ui.keys.console_app import TypeAhead
 from madrob_console.ui.keys.dialogs import Intent
 from madrob_console.ui.look.words import cut_inside
@@ -36,82 +50,21 @@ class Drafts:
         self.typed = {}
 
 
-# A text field on one line that does not blink.
-
-
-_EDITING = ("cursor_", "home", "end", "delete_")
-_OF_NUMBERS = "0123456789.,+-eE "
-
-
-class Field(Input):
-    """A compact input; pasted line breaks become blanks instead of cutting the text."""
-
-    def __init__(self, *, id: str | None = None, select_on_focus: bool = True) -> None:  # noqa: A002 - textual's name
-        super().__init__(id=id, select_on_focus=select_on_focus, compact=True)
-        self.cursor_blink = False
-
-    async def _on_key(self, event: events.Key) -> None:
-        # textual lets the screen see these keys first: a letter typed meanwhile would overtake them
-        for binding in self._bindings.key_to_bindings.get(event.key, ()):
-            if binding.action.startswith(_EDITING):
-                event.prevent_default()
-                event.stop()
-                await self.run_action(binding.action)
-                return
-        await super()._on_key(event)
-
-    def on_blur(self) -> None:
-        """Shows the beginning of a long text; coming back selects it all."""
-        if self.select_on_focus:
-            self.cursor_position = 0
-
-    def _on_paste(self, event: events.Paste) -> None:
-        # Input itself keeps only the first line: what follows would be lost without a word
-        text = terminal_safe(event.text.strip())
-        if text:
-            self.replace(text, *self.selection)
-        event.prevent_default()
-        event.stop()
-
-
-class NumberField(Field):
-    """A field that refuses letters, and says so."""
-
-    @dataclass
-    class Refused(Message):
-        """A letter was typed into the field of that name."""
-
-        field: str
-        letter: str
-
-    async def _on_key(self, event: events.Key) -> None:
-        char = event.character
-        if event.is_printable and char is not None and char not in _OF_NUMBERS:
-            event.prevent_default()
-            event.stop()
-            self.post_message(self.Refused((self.id or "").replace("-", " "), char))
-            return
-        await super()._on_key(event)
-
-
 FreshAsk = Callable[[], Ask[Intent] | str]
 """What a dialog asks as things stand now, or in words why it asks nothing any more."""
 
 _CLOSES = "Escape closes"
+_ANSWER_FIRST = "A question is open: answer it, or Escape closes it."
 _YES, _NO = "y", "n"
 _OR_NO = "no (also Enter, Escape)"
 
 
-class Prompt(Lines, can_focus=True):
+class Prompt(Lines):
     """Draws a dialog: its title, the answers so far, and the question."""
 
     def __init__(self, dialog: Dialog) -> None:
         super().__init__()
         self._dialog = dialog
-
-    def check_consume_key(self, key: str, character: str | None) -> bool:
-        """No letter goes on to the keys of the console."""
-        return character is not None
 
     def on_click(self, event: events.Click) -> None:
         if (hit := self.clicked(event)) is not None:
@@ -151,14 +104,19 @@ class Prompt(Lines, can_focus=True):
         return rows
 
 
-class Dialog(Vertical):
-    """Asks the questions of an `Ask` one after the other.
+OVER_QUESTIONS = ("f8", "f10", "ctrl+q", "ctrl+c")
+"""Keys that a question leaves to the console: abort and leave."""
+
+
+class Dialog(ModalScreen[None], inherit_bindings=False):
+    """Asks the questions of an `Ask` one after the other; every other key comes here.
 
     Unknown keys do nothing; Escape closes the dialog and never does more. If what it is about
     changes, the dialog changes, says so, and drops keys typed before that could be seen.
     `fresh` gives the questions as things stand; None = nothing can change them. `drafts` are
-    texts of acts that were refused. `cursor` is the option that Enter takes, -1 = none.
-    `overtaken` says why nothing can be answered any more; empty = it can.
+    texts of acts that were refused. `body` is the part of the screen that it may cover. `cursor`
+    is the option that Enter takes, -1 = none. `overtaken` says why nothing can be answered any
+    more; empty = it can.
     """
 
     @dataclass
@@ -180,6 +138,15 @@ class Dialog(Vertical):
         dialog: Dialog
         confirmed: bool
 
+    @dataclass
+    class ClickedBeside(Message):
+        """The screen behind it was clicked."""
+
+        at: Offset
+
+    COMPONENT_CLASSES: ClassVar[set[str]] = TONE_CLASSES
+    AUTO_FOCUS = ""
+
     def __init__(
         self,
         name: str,
@@ -188,31 +155,55 @@ class Dialog(Vertical):
         fresh: FreshAsk | None = None,
         ahead: TypeAhead | None = None,
         drafts: Drafts | None = None,
+        body: Callable[[], Region] | None = None,
     ) -> None:
+        super().__init__(name=name)
         self._prompt = Prompt(self)
         self._field = Field(select_on_focus=False)
-        super().__init__(self._prompt, self._field, name=name)
+        self._box = Vertical(self._prompt, self._field)
         self.about = about
         self._drafts = drafts or Drafts()
         self.ask = ask
         self._fresh = fresh
         self._ahead = ahead or TypeAhead()
+        self._body = body
         self._open = list(ask.questions)
         self.question = ask.questions[0]
         self.answers: list[str] = []
         self.cursor = 0
         self.notice = self.overtaken = self.complaint = ""
-        self.trap_focus()
+
+    def compose(self) -> ComposeResult:
+        yield self._box
+
+    def check_consume_key(self, key: str, character: str | None) -> bool:
+        """No other key goes on to the console."""
+        return key not in OVER_QUESTIONS
 
     def on_mount(self) -> None:
         self._show()
+        self.place()
+
+    def on_resize(self) -> None:
+        self.place()
+
+    def place(self) -> None:
+        """Covers the lower end of the body; the lines below it stay in view."""
+        if self._body is not None:
+            body = self._body()
+            self._box.styles.max_height = max(1, body.height)
+            self._box.styles.margin = (0, 0, max(0, self.size.height - body.bottom), 0)
+
+    def on_click(self, event: events.Click) -> None:
+        if event.widget is self:
+            self.post_message(self.ClickedBeside(event.screen_offset))
 
     @property
     def writing(self) -> bool:
         return isinstance(self.question, Write) and not self.overtaken
 
-    def take_focus(self) -> None:
-        self.screen.set_focus(self._field if self.writing else self._prompt)
+    def _take_focus(self) -> None:
+        self.set_focus(self._field if self.writing else None)
 
     def look_again(self) -> None:
         if self._fresh is None or not (self._open or self.overtaken):
@@ -248,7 +239,7 @@ class Dialog(Vertical):
         self._field.display = self.writing
         self._ahead.replaced("the question has just changed")
         self._prompt.redraw()
-        self.take_focus()
+        self._take_focus()
 
     def complain(self, words: str) -> None:
         self.complaint = words
@@ -265,7 +256,7 @@ class Dialog(Vertical):
 
     def on_key(self, event: events.Key) -> None:
         """Handles what the question knows; nothing goes on to the keys of the console."""
-        if self._field.has_focus and event.key not in ("escape", "enter"):
+        if self.focused is self._field and event.key not in ("escape", "enter"):
             return  # it moves and deletes in the text
         event.stop()
         event.prevent_default()
@@ -280,8 +271,14 @@ class Dialog(Vertical):
             self._pick(event)
         elif event.key == "enter":
             self._take_text(self._field.value)
-        elif event.is_printable and event.character:  # typed before the field had the focus
-            self._field.insert_text_at_cursor(event.character)
+        else:  # the field has lost the focus, or not yet got it
+            self._take_focus()
+            self._field.post_message(events.Key(event.key, event.character))
+
+    def on_paste(self, event: events.Paste) -> None:
+        """A text field takes what is pasted, whether or not it has the focus."""
+        if self.writing:
+            self._field.post_message(events.Paste(event.text))
 
     def _pick(self, event: events.Key) -> None:
         enter = event.key == "enter"
@@ -330,8 +327,8 @@ class Dialog(Vertical):
         letter = event.character or ""
         if letter.isalpha():
             self._ahead.mistyped(letter)
-        if event.is_printable:
-            self.complain(f"'{letter}' is no answer here")
+        words = f"'{letter}' is no answer here" if event.is_printable else _ANSWER_FIRST
+        self.complain(words)
 
     def _choose(self, chosen: Option) -> None:
         if chosen.free:
@@ -340,6 +337,8 @@ class Dialog(Vertical):
         elif chosen.value is None:
             self.post_message(self.Closed(self))
         else:
+            if chosen.last:
+                del self._open[1:]
             self._next(chosen.value)
 
     def _next(self, answer: str | None = None) -> None:
@@ -367,7 +366,7 @@ class Dialog(Vertical):
             draft = self._drafts.kept.get(self._asked(question))
             self._field.value = draft or question.initial
         self._prompt.redraw()
-        self.take_focus()
+        self._take_focus()
 
     def _asked(self, question: Write) -> tuple[str, ...]:
         return (self.name or "", self.about, self.ask.title, question.text)
@@ -387,12 +386,12 @@ def _without_words(ask: Ask[Intent]) -> tuple[object, ...]:
 
 _BESIDE = 3
 """Cells between two options of one row."""
-_MOST_ROWS = 2
+_MOST_ROWS = 3
 """Options that need more rows than this, side by side, have a row each."""
 
 
 def _options(options: Sequence[Option], cursor: int, width: int) -> list[Line]:
-    """Side by side where two rows hold them all, else one a row."""
+    """Side by side where three rows hold them all, else one a row."""
     cells = [
         _option(one, width, at_cursor=at == cursor) for at, one in enumerate(options) if one.label
     ]

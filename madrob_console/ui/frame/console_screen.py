@@ -51,6 +51,7 @@ from madrob_console.ui.panes.run_status import who_text
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from textual.geometry import Offset
     from textual.widget import Widget
 
     from madrob_console.engine.snapshot import Snapshot
@@ -236,14 +237,14 @@ class ConsoleScreen(Screen[None]):
         host = f"{user}@{self._defaults.host}"
         return ask_copy(row, result, folder, zipped, host, self.frames or pictures)
 
-    async def ask_about_unfinished(self) -> None:
+    def ask_about_unfinished(self) -> None:
         """Asks about the first run that was cut off, when this screen learns of it."""
         now = self._latest
         if now is not None and now.unfinished and not self.dialogs:
-            await self.ask_about(now.unfinished[0].folder)
+            self.ask_about(now.unfinished[0].folder)
             self._ahead.replaced("the question has just come")
 
-    async def ask_about(self, folder: str) -> bool:
+    def ask_about(self, folder: str) -> bool:
         """Asks what becomes of a run that was cut off; False if nobody here can decide it."""
 
         def asked() -> Ask[Intent] | str:
@@ -254,7 +255,7 @@ class ConsoleScreen(Screen[None]):
 
         if isinstance(ask := asked(), str):
             return False
-        await self.open("unfinished", ask, asked)
+        self.open("unfinished", ask, asked)
         return True
 
     async def begin_polling(self) -> None:
@@ -297,6 +298,7 @@ class ConsoleScreen(Screen[None]):
         self._follow(before, snapshot)
         for dialog in self.dialogs:
             dialog.look_again()
+            dialog.place()
         if before is None or (
             snapshot.run.phase is Phase.IDLE
             and (snapshot.unfinished != before.unfinished or before.pulse.gone)
@@ -440,34 +442,41 @@ class ConsoleScreen(Screen[None]):
 
     def take_focus(self, *, chosen: bool = False) -> None:
         """Gives the focus to what is in front; to a text field only if that was chosen."""
-        if self.dialogs:
-            self.dialogs[-1].take_focus()
-        elif self.pane == "setup" and not chosen:
+        if self.pane == "setup" and not chosen:
             self.panes.setup.rest()
         else:
             self.panes[self.pane].enter()
 
-    async def open(self, name: str, ask: Ask[Intent], fresh: FreshAsk | None = None) -> None:
-        """Opens a dialog in front of everything; `fresh` asks as things stand later."""
+    def open(self, name: str, ask: Ask[Intent], fresh: FreshAsk | None = None) -> None:
+        """Opens a dialog in front of everything; `fresh` asks as things stand later.
+
+        It has every key from now on, before it is drawn.
+        """
         from madrob_console.ui.cells.dialog import Dialog
 
-        dialog = Dialog(name, ask, self._about(name), fresh, self._ahead, self.drafts)
+        about, body = self._about(name), self.query_one("#body")
+        dialog = Dialog(name, ask, about, fresh, self._ahead, self.drafts, lambda: body.region)
         self.dialogs.append(dialog)
+        self.app.push_screen(dialog)
         self.on_descendant_focus()
-        await self.query_one("#body").mount(dialog)
-        dialog.take_focus()
 
     def _about(self, name: str) -> str:
         if self._latest is None or name in _ABOUT_NO_RUN:
             return ""
         return who_text(self._latest.run)
 
-    async def close(self, dialog: Dialog) -> None:
-        if dialog in self.dialogs:
-            self.dialogs.remove(dialog)
-            await dialog.remove()
+    def close(self, dialog: Dialog) -> None:
+        """Closes a dialog, and what was opened over it."""
+        while dialog in self.dialogs:
+            self.dialogs.pop()
+            self.app.pop_screen()
             self.on_descendant_focus()
             self.take_focus()
+
+    def click_footer(self, at: Offset) -> None:
+        """A click beside a dialog presses a key that still works."""
+        if self._keys.region.contains_point(at):
+            self._keys.press_key_at(at - self._keys.region.offset)
 
     def _ring(self, before: Snapshot | None, now: Snapshot) -> None:
         """Rings when a run starts, a run stops or a fault appears; never for what is over."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePath
 from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
@@ -187,20 +187,12 @@ def _offer(copy: Copy) -> str:
     return f"{copy.what}: {copy.text}" if len(lines) == 1 else copy.what
 
 
-def ask_abort(snapshot: Snapshot) -> Intent:
-    """Asks why; a console without the right to act is asked one question, and takes it over."""
-    if not snapshot.right.holder and not snapshot.right.free:
-        return Abort.ask_questions(snapshot, "")
-    return Ask(
-        "ABORT the run: it becomes invalid",
-        (
-            Sure(
-                f"{snapshot.right.holder or 'No console'} has the right to act. Take it over and"
-                " ABORT?"
-            ),
-        ),
-        lambda: Abort("aborted from another console"),
-    )
+def ask_abort(snapshot: Snapshot) -> Ask[Abort]:
+    """The same two keys on every console: one without the right to act takes it over with y."""
+    why, *more = Abort.questions
+    if snapshot.right.holder:
+        why = replace(why, text=f"{snapshot.right.holder} has the right to act: y takes it over.")
+    return Ask(Abort.title, (why, *more), Abort)
 
 
 def ask_take(snapshot: Snapshot) -> Ask[TakeOver]:

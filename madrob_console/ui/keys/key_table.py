@@ -116,7 +116,7 @@ FUNCTION_KEYS = (
         acts.ZeroHandle.name, acts.ZeroHandle.ask_questions, where=_SETUP | _LIVE,
     ),
     Key(
-        "abort", "f8", "F8", "ABORT", "interrupt the run; asks why, y confirms; it is invalid",
+        "abort", "f8", "F8", "ABORT", "interrupt the run: F8 y, or a reason, then y; it is invalid",
         acts.Abort.name, lambda s, _k: dialogs.ask_abort(s), over=True, answered=True,
     ),
     Key(

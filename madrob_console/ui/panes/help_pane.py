@@ -13,7 +13,7 @@ from madrob_console.ui.panes.live_pane import LEGEND
 
 _FIRST = """\
 A run: Enter sets up, F7 zeroes the handle, F6 confirms the pose, F5 starts.
-F8 aborts, F9 declares a timeout. Each asks why, then for y; the clock runs.
+F8 y aborts, F9 declares a timeout: it asks why, then for y; the clock runs.
 1-6, then c or d, rules on a step. i marks an incident. z takes it back.
 Enter on a result or a run: the menu to sign, correct, void or protest.
 x sets up the next run. h lists all runs, p the plan, s the standings.

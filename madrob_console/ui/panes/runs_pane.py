@@ -27,7 +27,7 @@ from madrob_console.common.names import SourceKind
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.pages.tally import Standing
 from madrob_console.referee.flags import undecided, weighty
-from madrob_console.ui.cells.dialog import Field
+from madrob_console.ui.cells.field import Field
 from madrob_console.ui.cells.lines import Label, Span, Tone
 from madrob_console.ui.cells.table import Column, Row, Table
 from madrob_console.ui.look.words import shortened

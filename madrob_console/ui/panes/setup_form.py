@@ -23,7 +23,7 @@ from madrob_console.referee.competition_plan import PlanProgress, Task
 from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.records import RunSetup
 from madrob_console.referee.run import Phase
-from madrob_console.ui.cells.dialog import Field, NumberField
+from madrob_console.ui.cells.field import Field, NumberField
 from madrob_console.ui.cells.lines import Choice, Label, Line, PushButton, Span, Tone, line
 from madrob_console.ui.keys.dialogs import OtherName
 from madrob_console.ui.link import FIRST_CONDITION, ConsoleDefaults

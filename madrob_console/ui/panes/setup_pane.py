@@ -24,7 +24,7 @@ from madrob_console.referee.checks import Check, CheckState
 from madrob_console.referee.competition_plan import Task
 from madrob_console.referee.records import CheckName, RunSetup
 from madrob_console.referee.run import Phase
-from madrob_console.ui.cells.dialog import NumberField
+from madrob_console.ui.cells.field import NumberField
 from madrob_console.ui.cells.lines import (
     Choice,
     Label,

@@ -13,7 +13,7 @@ from textual.message import Message
 from textual.widgets import Input
 
 from madrob_console.referee.lists import NO_TEAMS, TeamList
-from madrob_console.ui.cells.dialog import Field
+from madrob_console.ui.cells.field import Field
 from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.cells.table import Column, Table
 from madrob_console.ui.panes.runs_pane import ListPane, number_column, text_column

@@ -91,6 +91,7 @@ class Shown:
         loop: Any = asyncio.get_running_loop()
         owing = True
         while owing:
+            await self.app.animator.wait_until_complete()  # a page that scrolls, at its next tick
             await asyncio.sleep(0)
             if not loop._ready:
                 owing = self.app.is_running and _owes(
@@ -177,9 +178,7 @@ class Driver(Shown):
 
     @property
     def console(self) -> ConsoleScreen:
-        screen = self.app.screen
-        assert isinstance(screen, ConsoleScreen)
-        return screen
+        return next(one for one in self.app.screen_stack if isinstance(one, ConsoleScreen))
 
     async def set_up(self) -> None:
         """A run is set up and its pose confirmed."""
@@ -204,8 +203,7 @@ class Driver(Shown):
     async def settle(self) -> None:
         """Look at the engine once more and let all messages pass."""
         await self.drawn()
-        if isinstance(self.app.screen, ConsoleScreen):  # else the palette is in front
-            self.console.poll()
+        self.console.poll()
         await self.drawn()
 
     async def answered(self, *keys: str) -> None:

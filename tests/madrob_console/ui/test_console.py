@@ -136,26 +136,6 @@ async def test_the_bell_rings_on_start_stop_and_fault_and_not_when_it_is_off(
     await play(FakeEngine, story)
 
 
-async def test_a_question_that_takes_long_to_paint_is_not_put_down_to_the_engine(
-    driver: Driver, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    mounted = asyncio.Event()
-    opens = ConsoleScreen.open
-
-    async def slowly(*what: Any) -> None:  # noqa: ANN401  as it is called
-        await mounted.wait()
-        await opens(*what)
-
-    monkeypatch.setattr(ConsoleScreen, "open", slowly)
-    awaited.PATIENCE = 0.01  # until the console is left
-    await driver.run()
-    await driver.press("f8")
-    await asyncio.sleep(0.05)
-    assert "no answer" not in driver.console.status
-    mounted.set()
-    await driver.until("ABORT the run")
-
-
 async def test_an_answer_that_comes_with_the_end_of_patience_is_what_is_said(
     driver: Driver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -247,8 +227,7 @@ def keys_are(words: str) -> Callable[[Driver], object]:
 
 WIDTHS = (60, 18), (120, 36), (200, 60)
 HELD = RightToAct(holder="bo@tent")
-HELD_SO = "bo@tent has the right to act. Take it over"
-FREE_SO = "No console has the right to act. Take it over"
+HELD_SO = "bo@tent has the right to act: y takes it over."
 
 
 def has_right(right: RightToAct) -> Callable[[Driver], object]:
@@ -473,7 +452,10 @@ STORIES: Stories = {
             (f"{key} escape", Phase.RUNNING),
             (f"{key} y", act),
         ]
-        for key, act in (("f8", Abort("none given")), ("f9", DeclareTimeout("none given")))
+        for key, act in (
+            ("f8", Abort("no reason given")),
+            ("f9", DeclareTimeout("no reason given")),
+        )
     },
     "the keys that start and end a run are named in every size": [
         (Driver.set_up,),
@@ -491,18 +473,19 @@ STORIES: Stories = {
         ),
     ],
     **{
-        f"a console without the right to act aborts with two keys: {words}, {sizes[-1][0]} cells": [
+        f"a second console aborts with two keys: {right.holder}, {sizes[-1][0]} cells": [
             (in_sizes(*sizes),),
             (types_every(0.0),),
             (Driver.run,),
             (has(right=right),),
             ("f8", *asked, has_right(right)),  # a question takes nothing over
-            ("y", Abort("aborted from another console"), lambda d: not d.engine.right.holder),
+            ("y", Abort("no reason given"), lambda d: not d.engine.right.holder),
         ]
-        for right, words, sizes, asked in (
-            (HELD, HELD_SO, ((120, 36), (80, 24), (40, 12)), (HELD_SO, "y yes")),
-            (HELD, HELD_SO, ((20, 5), (10, 3)), ()),
-            (RightToAct(free=True), FREE_SO, ((80, 24),), (FREE_SO, "y yes")),
+        for right, sizes, asked in (
+            (HELD, ((120, 36), (80, 24)), (HELD_SO, "y ABORT now")),
+            (HELD, ((60, 17), (40, 12)), ("bo@tent", "Abort now?", "y yes")),
+            (HELD, ((20, 5), (10, 3)), ()),
+            (RightToAct(free=True), ((80, 24),), ("y ABORT now",)),
         )
     },
     "a spectator reads on the smallest screen what can act": [

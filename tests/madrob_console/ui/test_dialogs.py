@@ -50,7 +50,6 @@ SLIPS = [
     "f8 f8 f8 enter",
     "f8 enter",
     "f8 enter enter",
-    "f8 y",
     "f8 n",
     "f8 escape",
     "f8 1 enter",
@@ -295,7 +294,7 @@ STORIES: Stories = {
         (Driver.run,),
         (
             "i f9 f2",
-            says("A question is open"),
+            "A question is open: answer it, or Escape closes it.",
             pane("live"),
             lambda d: len(d.console.dialogs) == 1,
         ),

@@ -32,7 +32,7 @@ from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.lists import TeamList
 from madrob_console.ui.app import MadrobApp
-from madrob_console.ui.cells.dialog import Field
+from madrob_console.ui.cells.field import Field
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Lines, Span, Tone, line
 from madrob_console.ui.look.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
 from madrob_console.ui.look.words import clock_text, fitted, minutes_text, wrapped

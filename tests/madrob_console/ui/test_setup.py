@@ -12,7 +12,7 @@ from madrob_console.referee.acts import SetUp
 from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import RunSetup
 from madrob_console.referee.run import Phase
-from madrob_console.ui.cells.dialog import Field
+from madrob_console.ui.cells.field import Field
 from madrob_console.ui.link import ConsoleDefaults
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
