@@ -40,7 +40,9 @@ from madrob_console.ui.awaited import PendingRequests
 from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.console_app import (
-    ButtonsDriver,
+    UNSEEN,
+    ConsoleDriver,
+    KeysDropped,
     TypeAhead,
     give_to_tmux,
     in_tmux,
@@ -61,6 +63,7 @@ from madrob_console.ui.keys.key_table import (
     Key,
     bindings,
 )
+from madrob_console.ui.keys.terminal_input import MOST_KEYS
 from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink
 from madrob_console.ui.look.themes import (
     ASCII,
@@ -142,7 +145,7 @@ class MadrobApp(App[None], inherit_bindings=False):
     ) -> None:
         environ = os.environ.copy()
         os.environ.pop("NO_COLOR", None)  # textual makes it grey; the themes make it colourless
-        super().__init__(driver_class=ButtonsDriver)
+        super().__init__(driver_class=ConsoleDriver)
         self.animation_level = "none"  # each frame would cross the line
         self._look = look or ConsoleSettings()
         self._environ = environ
@@ -228,6 +231,10 @@ class MadrobApp(App[None], inherit_bindings=False):
                 self._console.leave_out(words)
                 return
         await super().on_event(event)
+
+    def on_keys_dropped(self, _event: KeysDropped) -> None:
+        words = f"More than {MOST_KEYS} keys at once: the rest was left out."
+        self.set_timer(UNSEEN, partial(self._console.leave_out, words))  # after those that count
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         key = KEYS.get(str(parameters[0])) if action == "press" and parameters else None

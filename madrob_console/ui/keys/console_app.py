@@ -1,23 +1,30 @@
-"""What screens ask of the app around them; palette, clipboard, mouse, keys typed ahead."""
+"""What screens ask of the app around them; palette, clipboard, terminal, keys typed ahead."""
 
 from __future__ import annotations
 
+import os
 import sys
 import time
+from codecs import getincrementaldecoder
 from collections.abc import Awaitable, Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from io import TextIOWrapper
+from selectors import EVENT_READ, DefaultSelector
 from subprocess import TimeoutExpired, run
+from threading import Thread
 from typing import TYPE_CHECKING, Protocol, cast
 
 from textual import events
 from textual.command import Hit, Hits, Provider
 from textual.content import Content
 from textual.drivers.linux_driver import LinuxDriver
+from textual.message import Message
 
 from madrob_console.common.names import ThemeName
 from madrob_console.ui.keys.key_table import KEYS
+from madrob_console.ui.keys.terminal_input import InputFilter, escape_patience
 from scoring.protocol import Step
 
 if TYPE_CHECKING:
@@ -78,14 +85,24 @@ def give_to_tmux(text: str, environ: Mapping[str, str]) -> bool:
     return done.returncode == 0
 
 
-# Mouse events of the terminal.
+# What comes from the terminal: whole keys, and clicks and drags of the mouse.
 
 
 _MOVES, _DRAGS = "\x1b[?1003", "\x1b[?1002"
 
+_LOOK = 0.05
+"""Between two looks for what the terminal does not finish, s."""
 
-class ButtonsDriver(LinuxDriver):
-    """Reports clicks and drags, but no moves: each would cross the line and wake the screens."""
+
+class KeysDropped(Message):
+    """So many keys came at once that most were dropped."""
+
+
+class ConsoleDriver(LinuxDriver):
+    """Textual reads what `InputFilter` hands on.
+
+    Moves of the mouse are not reported: each would cross the line and wake the screens.
+    """
 
     def __init__(
         self,
@@ -97,11 +114,46 @@ class ButtonsDriver(LinuxDriver):
     ) -> None:
         """As any driver; if the error output goes elsewhere, draws on the output."""
         super().__init__(app, debug=debug, mouse=mouse, size=size)
+        self._filter = InputFilter(
+            escape_patience(os.environ),
+            lambda: app.message_queue_size,
+            lambda: self.send_message(KeysDropped()),
+        )
         error, output = sys.__stderr__, sys.__stdout__
         if output is not None and not (error is not None and error.isatty()):
             if isinstance(output, TextIOWrapper):
                 output.reconfigure(errors="backslashreplace")  # as the error output has it
             self._file = output
+
+    def run_input_thread(self) -> None:
+        """Textual's, on a pipe."""
+        terminal, (reading, writing) = self.fileno, os.pipe()
+        feeding = Thread(target=self._feed, args=(terminal, writing), name="terminal-input")
+        feeding.start()
+        self.fileno = reading
+        try:
+            super().run_input_thread()
+        finally:
+            self.fileno = terminal
+            self.exit_event.set()
+            feeding.join()
+            os.close(reading)
+            os.close(writing)
+
+    def _feed(self, terminal: int, writing: int) -> None:
+        decode = getincrementaldecoder("utf-8")("replace").decode
+        with DefaultSelector() as selector:
+            selector.register(terminal, EVENT_READ)
+            while not self.exit_event.is_set():
+                came = b""
+                if selector.select(_LOOK):
+                    with suppress(OSError):
+                        came = os.read(terminal, 1 << 16)
+                    if not came:  # a terminal that has gone: the hang-up ends the console
+                        selector.unregister(terminal)
+                now = time.monotonic()
+                text = self._filter.feed(decode(came), now) if came else self._filter.tick(now)
+                os.write(writing, text.encode())
 
     def write(self, data: str) -> None:
         super().write(data.replace(_MOVES, _DRAGS) if data.startswith(_MOVES) else data)
