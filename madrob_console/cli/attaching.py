@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import getpass
 import os
 import shlex
 import socket
@@ -11,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, assert_never
 
@@ -18,8 +18,9 @@ from madrob_console.cli import options
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.config import Settings
-from madrob_console.engine.discovery import found_at, running_engines
-from madrob_console.engine.engine_lock import Owned, names_in_use, owned_by, state_folder
+from madrob_console.engine import wire
+from madrob_console.engine.discovery import FoundEngine, ask, find_engine, running_engines
+from madrob_console.engine.engine_lock import Owned, no_state, owned_by, state_folder, this_user
 from madrob_console.engine.requests import Role
 from madrob_console.testbeds.ros_domain import domain_id
 
@@ -32,6 +33,9 @@ STARTING_TIME = 30.0
 TAKEN = 75
 """Exit code of an engine whose testbed already has one; EX_TEMPFAIL of sysexits."""
 
+_ENDING_TIME = 10.0
+"""Timeout for an engine that nobody uses to end, s."""
+
 _PERIOD = 0.02
 
 _NOTHING_TO_WATCH = (
@@ -41,12 +45,8 @@ _NOTHING_TO_WATCH = (
 
 
 def who_am_i() -> str:
-    try:
-        user = getpass.getuser()
-    except (OSError, KeyError):  # a user without a name
-        user = str(os.getuid())
     connection = os.environ.get("SSH_CONNECTION", "").partition(" ")[0]
-    return f"{user}@{connection or socket.gethostname()} ({os.getpid()})"
+    return f"{this_user()}@{connection or socket.gethostname()} ({os.getpid()})"
 
 
 def owned_testbed(arguments: argparse.Namespace, settings: Settings) -> Owned:
@@ -75,56 +75,76 @@ def owned_testbed(arguments: argparse.Namespace, settings: Settings) -> Owned:
             assert_never(kind)
 
 
-def attach(arguments: argparse.Namespace, settings: Settings, role: Role) -> RemoteEngine:
-    """Attach to the engine; a referee's console starts it where none runs."""
+def attach(
+    arguments: argparse.Namespace, settings: Settings, role: Role, *, may_start: bool = True
+) -> RemoteEngine:
+    """Attach to the engine; a referee's console may start it where none runs."""
     from madrob_console.engine.client import NotYetError
 
     owned = owned_testbed(arguments, settings)
     process: subprocess.Popen[bytes] | None = None
     end = time.monotonic() + STARTING_TIME
     while True:
-        ended = process is not None and process.poll() is not None
         late = time.monotonic() > end
         try:
             if (engine := _running(owned, role)) is not None:
                 return _checked(engine, arguments, settings)
         except NotYetError as error:
-            for found in running_engines(owned.testbed) if late else ():
+            if late and (found := find_engine(owned.stem)) is not None:
                 raise MadrobError(f"the engine ({found.who}) {error}: {found.end_words}") from None
         else:
-            if role is Role.WATCH:
+            if role is Role.WATCH or not may_start:
                 raise MadrobError(_NOTHING_TO_WATCH)
-            if process is None:
-                process = _start(arguments, owned)
-            elif ended and process.returncode != TAKEN:  # another console's engine comes, then
-                raise MadrobError(_last_words(owned))
-            elif late:
+            if late:
                 raise MadrobError(
                     f"the engine did not start within {STARTING_TIME:g} s: see {_log(owned)}"
                 )
+            if process is None:
+                _end_idle_practice(owned)
+                process = _start(arguments, owned)
+            elif process.poll() not in (None, TAKEN):  # another console's engine comes, then
+                raise MadrobError(_last_words(owned))
         time.sleep(_PERIOD)
 
 
 def demand_engine(arguments: argparse.Namespace, settings: Settings) -> None:
-    if not running_engines(owned_testbed(arguments, settings).testbed):
+    if find_engine(owned_testbed(arguments, settings).stem) is None:
         raise MadrobError(_NOTHING_TO_WATCH)
 
 
 def _running(owned: Owned, role: Role) -> RemoteEngine | None:
     from madrob_console.engine.client import RemoteEngine
 
-    for name in names_in_use(owned.testbed):
-        try:
-            return RemoteEngine(name, role, who_am_i())
-        except TimeoutError:
-            if (found := found_at(name)) is not None:
-                killed = "; it was killed and waits for a disk" if found.killed else ""
-                raise MadrobError(
-                    f"the engine is there, but silent ({found.who}{killed}): {found.end_words}"
-                ) from None
-        except OSError:
-            continue  # it has just ended, or is another user's process
+    try:
+        return RemoteEngine(owned.stem, role, who_am_i())
+    except TimeoutError:
+        if (found := find_engine(owned.stem)) is not None:
+            raise MadrobError(
+                f"the engine is there, but silent ({found.who}): {found.end_words}"
+            ) from None
+    except OSError:
+        pass  # there is none, or it has just ended
     return None
+
+
+def _end_idle_practice(owned: Owned) -> None:
+    """End the simulated engine that nobody uses in the results folder of a live testbed."""
+    if owned.kind is not SourceKind.ROS or owned.results is None:
+        return
+    for found in running_engines():
+        if _is_idle_practice(found) and found.has_results_in(owned.results):
+            with suppress(TimeoutError, MadrobError):
+                ask(found.stem, wire.Stop())  # refused if it is used by now
+            end = time.monotonic() + _ENDING_TIME
+            while time.monotonic() < end and _is_idle_practice(find_engine(found.stem)):
+                time.sleep(_PERIOD)
+
+
+def _is_idle_practice(found: FoundEngine | None) -> bool:
+    """Whether it is a console's simulated engine without screen, run and unsaved results."""
+    if found is None or found.kind != SourceKind.SIMULATED or found.answer is None:
+        return False
+    return bool(found.answer.wire) and not found.answer.against_stopping
 
 
 def _checked(
@@ -146,7 +166,10 @@ def _checked(
 def _start(arguments: argparse.Namespace, owned: Owned) -> subprocess.Popen[bytes]:
     """Start the engine in a session of its own: no hang-up of this terminal reaches it."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
-    log = os.open(_log(owned), flags, 0o600)
+    try:
+        log = os.open(_log(owned), flags, 0o600)
+    except OSError as error:
+        raise no_state(state_folder(), error) from None
     try:
         return subprocess.Popen(
             [

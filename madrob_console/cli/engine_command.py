@@ -85,7 +85,7 @@ def _stop(arguments: argparse.Namespace) -> int:
     examples=("madrob engine unit --testbed ros",),
 )
 def _unit(arguments: argparse.Namespace) -> int:
-    from madrob_console.cli.running_engines import print_unit
+    from madrob_console.cli.engine_unit import print_unit
 
     return print_unit(arguments)
 

@@ -1,23 +1,20 @@
-"""Engines that run: status, stop, which one is meant, their locks, the systemd unit."""
+"""Engines that run: status, stop, which one is meant, and what one of them owns."""
 
 from __future__ import annotations
 
 import argparse
-import getpass
-import math
 import os
 import shlex
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from importlib import resources
 from pathlib import Path
-from string import Template
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.attaching import TAKEN, engine_options, option_words, owned_testbed
+from madrob_console.cli.attaching import option_words, owned_testbed
 from madrob_console.cli.output import BAD_INPUT, complain, print_json, says_yes
 from madrob_console.cli.parsing import Parser
 from madrob_console.common.errors import MadrobError
@@ -116,8 +113,6 @@ def status_line(found: FoundEngine) -> str:
         parts.append(f"runs in {found.results}")
     if answer is not None and answer.wire not in (0, wire.VERSION):
         parts.append(f"of another version ({answer.version})")
-    if answer is None and found.killed:
-        parts.append("killed: it ends when a disk answers")
     return terminal_safe(", ".join(parts))
 
 
@@ -160,7 +155,7 @@ def _named_by(arguments: argparse.Namespace) -> list[Callable[[FoundEngine], boo
             tests.append(lambda one: one.kind == owned.kind)
             results = options.results_folder(arguments, settings)
         else:
-            tests.append(lambda one: one.testbed == owned.testbed)
+            tests.append(lambda one: one.stem == owned.stem)
     elif domain is not None:
         tests.append(lambda one: one.domain == domain)
     if results is not None:
@@ -188,7 +183,7 @@ def _end_process(found: FoundEngine, process: int, *, force: bool) -> int:
     patience, told = ENDING_TIME, None
     try:
         if answer is not None:
-            told = ask(found.name, wire.Stop(force))
+            told = ask(found.stem, wire.Stop(force))
     except (TimeoutError, MadrobError):
         answer = None
     if isinstance(told, wire.StopAnswer) and told.refused:
@@ -238,7 +233,7 @@ def owning(
             console=_console_options(arguments, owned) if wire_version else (),
             remarks=holding.remarks,
         )
-        this = FoundEngine(holding.name, os.getpid(), known, None)
+        this = FoundEngine(owned.stem, os.getpid(), owned.results, time.time(), known)
         rejected = STARTING
         if not wire_version:
             rejected = wire.Rejected(
@@ -260,75 +255,6 @@ def _console_options(arguments: argparse.Namespace, owned: Owned) -> tuple[str, 
     if arguments.settings is not None:
         words.append(f"--settings={arguments.settings.absolute()}")
     return tuple(words)
-
-
-# `madrob engine unit`: the systemd service of an engine.
-
-
-_ROS_ENVIRONMENT = (
-    *("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "ROS_DISTRO", "ROS_VERSION"),
-    *("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY"),
-    *("ROS_DISCOVERY_SERVER", "RMW_IMPLEMENTATION", "CYCLONEDDS_URI"),
-    *("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"),
-)
-"""Variables copied from the shell that prints the unit: where ROS is, and whom it finds."""
-
-
-def print_unit(arguments: argparse.Namespace) -> int:
-    """Print `engine.service`, filled in."""
-    owned = owned_testbed(arguments, load_settings(arguments.settings))
-    if owned.kind is SourceKind.REPLAY:
-        raise MadrobError("a replay needs no service: use --testbed ros or simulated")
-    arguments.testbed, arguments.domain = [owned.kind.value], owned.domain
-    arguments.results, arguments.idle_time = owned.results, arguments.idle_time or math.inf
-    system = arguments.system
-    ros = _ros_environment(os.environ) if owned.kind is SourceKind.ROS else ()
-    template = resources.files("madrob_console") / "cli" / "engine.service"
-    filled = Template(template.read_text(encoding="utf-8")).substitute(
-        name=f"madrob-{owned.stem.replace('_', '-')}",
-        testbed=owned.words,
-        network="Wants=network-online.target\nAfter=network-online.target" if system else "",
-        user=f"User={getpass.getuser()}" if system else "",
-        folder=str(Path.cwd()).replace("%", "%%"),
-        serve=_quoted([*_command_line(), "engine", "serve", *engine_options(arguments)]),
-        ros="\n".join(f"Environment={_quoted([f'{name}={value}'])}" for name, value in ros),
-        target="multi-user" if system else "default",
-        taken=TAKEN,
-        bad_input=BAD_INPUT,
-    )
-    print(filled, end="")
-    return 0
-
-
-def _command_line() -> list[str]:
-    """This `madrob`, with its absolute path."""
-    script = Path(sys.executable).with_name("madrob")
-    if script.is_file():
-        return [str(script)]
-    return [sys.executable, "-P", "-m", "madrob_console.cli.main"]
-
-
-def _ros_environment(environment: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Variables that ROS needs, without the paths that this Python finds by itself."""
-    for name in _ROS_ENVIRONMENT:
-        value = environment.get(name, "")
-        if name.endswith("PATH"):
-            parts = (part for part in value.split(os.pathsep) if not part.startswith(sys.prefix))
-            value = os.pathsep.join(parts)
-        if value:
-            yield name, value
-
-
-def _quoted(words: Sequence[str]) -> str:
-    """Words of a line of a unit file (systemd.syntax(7)): nothing in them is expanded."""
-    return " ".join(_word(word) for word in words)
-
-
-def _word(word: str) -> str:
-    if any(ord(sign) < 32 for sign in word):
-        raise MadrobError(f"{word!r}: no service can be given that; use another path")
-    word = word.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%").replace("$", "$$")
-    return f'"{word}"' if set(word) & set(" \t'\"\\;") else word
 
 
 # A command line without a testbed: it means the engine that runs.

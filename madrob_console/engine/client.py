@@ -19,7 +19,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.engine import wire
 from madrob_console.engine.discovery import has_ended
 from madrob_console.engine.disk import PriorityQueue
-from madrob_console.engine.engine_lock import connect_to
+from madrob_console.engine.engine_lock import connect_to, pid_of_peer
 from madrob_console.engine.engine_thread import begun, fail
 from madrob_console.engine.requests import NO_ANSWER, Request, Role, T
 from madrob_console.engine.snapshot import RightToAct, Snapshot
@@ -68,25 +68,26 @@ class _Asked:
 
 
 class RemoteEngine:
-    """A connection to the engine with a name; an `EngineClient`.
+    """A connection to the engine of a testbed; an `EngineClient`.
 
-    `who` is this screen's name at other screens.
+    `stem` names the testbed, `who` this screen at other screens.
 
     Raises:
         NotYetError: it starts or ends.
         MadrobError: it rejects this screen.
         TimeoutError: it is silent.
-        OSError: this user has no engine with the name, or it has just ended.
+        OSError: it has no engine of this user, or one that has just ended.
     """
 
-    def __init__(self, name: str, role: Role, who: str) -> None:
+    def __init__(self, stem: str, role: Role, who: str) -> None:
         self._numbers = itertools.count(1)
         self._asked: dict[int, _Asked] = {}
         self._outbox: PriorityQueue[_Asked] = PriorityQueue()
         self._failure: str | None = None
         self._lost, self._again = _LOST[role], _AGAIN[role]
         self._process: int | None = None
-        self._socket, self.pid = connect_to(name, GREETING_TIME)
+        self._socket = connect_to(stem, GREETING_TIME)
+        self.pid = pid_of_peer(self._socket)
         try:
             self._socket.sendall(wire.frame(wire.Hello(wire.VERSION, role, who)))
             self.results, self._snapshot = self._greeted()

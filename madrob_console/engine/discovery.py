@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import is_held
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.engine import wire
 from madrob_console.engine.engine_lock import (
@@ -25,15 +26,12 @@ from madrob_console.engine.engine_lock import (
     HeldError,
     Owned,
     connect_to,
-    files_of,
     holder_in,
-    holder_of,
-    listen_on,
+    listen_as,
     lock_file,
-    names_in_use,
+    lock_results,
+    no_state,
     state_folder,
-    testbed_in,
-    threads_of,
 )
 
 PATIENCE = 2.0
@@ -42,24 +40,25 @@ PATIENCE = 2.0
 _LOCKING_TIME = 1.0
 """A disk without an answer for this long hangs, s."""
 
-_PROCESSES = Path("/proc")
-
 _T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True)
 class FoundEngine:
-    """An engine that was found by its name.
+    """The engine of a testbed.
 
     Attributes:
+        stem: names the testbed, as in `Owned`.
+        results: where it records; None = nowhere.
+        since: when it began, s since the epoch.
         answer: what it says of itself; None = it is silent.
-        since: start of its process, s since the epoch; None where that cannot be seen.
     """
 
-    name: str
+    stem: str
     pid: int
+    results: Path | None
+    since: float
     answer: wire.WhoAnswer | None
-    since: float | None
 
     @property
     def label(self) -> str:
@@ -75,30 +74,16 @@ class FoundEngine:
 
     @property
     def process(self) -> str:
-        since = "" if self.since is None else f", since {_clock_time(self.since)}"
-        return f"pid {self.pid}{since}"
-
-    @property
-    def testbed(self) -> str:
-        """As in `Owned`."""
-        return testbed_in(self.name)
+        return f"pid {self.pid}, since {_clock_time(self.since)}"
 
     @property
     def kind(self) -> str:
-        first = self.testbed.partition("/")[0]
-        return SourceKind.ROS.value if first == "domain" else first
+        return self.stem.partition("_")[0]
 
     @property
     def domain(self) -> int | None:
-        kind, _, key = self.testbed.partition("/")
-        return int(key) if kind == "domain" and key.isdecimal() else None
-
-    @property
-    def results(self) -> Path | None:
-        """Of a silent engine the folder that it has locked; None where there is none."""
-        if self.answer is not None:
-            return Path(self.answer.results) if self.answer.results else None
-        return next((file.parent for file in files_of(self.pid) if file.name == LOCK_FILE), None)
+        last = self.stem.rpartition("_")[2]
+        return int(last) if self.kind == SourceKind.ROS and last.isdecimal() else None
 
     def has_results_in(self, folder: Path) -> bool:
         """Whether it keeps its runs there, whatever path leads there."""
@@ -106,17 +91,6 @@ class FoundEngine:
         with suppress(OSError):
             return results is not None and (results == folder or results.samefile(folder))
         return False
-
-    @property
-    def killed(self) -> bool:
-        """Whether it was killed and still runs, as while the machine waits for a disk."""
-        pending = []
-        for thread in threads_of(self.pid):
-            with suppress(OSError):
-                lines = (thread / "status").read_text().splitlines()
-                told = [line.split()[1] for line in lines if line.startswith(("SigPnd", "ShdPnd"))]
-                pending += [int(mask, 16) for mask in told]
-        return any(mask >> (signal.SIGKILL - 1) & 1 for mask in pending)
 
     def attach_line(self, command: str = "console") -> str:
         if self.answer is None or not self.answer.console:
@@ -138,16 +112,15 @@ class FoundEngine:
         return terminal_safe(shlex.join(["madrob", "engine", "stop", *what]))
 
 
-def ask(name: str, question: wire.First, patience: float = PATIENCE) -> wire.FromEngine | None:
-    """Ask the engine of this user that has a name; None = it has none, or has just ended.
+def ask(stem: str, question: wire.First, patience: float = PATIENCE) -> wire.FromEngine | None:
+    """Ask the engine of a testbed; None = there is none, or it has just ended.
 
     Raises:
         TimeoutError: it is silent.
         MadrobError: it answers something else.
     """
     try:
-        connection, _ = connect_to(name, patience)
-        with connection:
+        with connect_to(stem, patience) as connection:
             connection.sendall(wire.frame(question))
             return wire.receive(connection)
     except TimeoutError:
@@ -156,36 +129,31 @@ def ask(name: str, question: wire.First, patience: float = PATIENCE) -> wire.Fro
         return None
 
 
-def found_at(name: str) -> FoundEngine | None:
-    """The engine of this user that has a name, even if it is silent."""
+def find_engine(stem: str) -> FoundEngine | None:
+    """The engine of a testbed, even if it is silent."""
     answer: wire.FromEngine | None = None
     with suppress(TimeoutError, MadrobError):
-        if (answer := ask(name, wire.Who())) is None:
+        if (answer := ask(stem, wire.Who())) is None:
             return None
-    if (pid := holder_of(name)) is None:
+    return _holder_of(stem, answer)
+
+
+def _holder_of(stem: str, answer: wire.FromEngine | None) -> FoundEngine | None:
+    """The engine that holds the lock of a testbed: whoever else answers is none."""
+    path = state_folder() / f"{stem}.lock"
+    holder = holder_in(path)
+    if not is_held(path) or not holder.pid:
         return None
-    return FoundEngine(
-        name, pid, answer if isinstance(answer, wire.WhoAnswer) else None, began(pid)
-    )
+    results = Path(holder.results) if holder.results else None
+    known = answer if isinstance(answer, wire.WhoAnswer) else None
+    return FoundEngine(stem, holder.pid, results, holder.since, known)
 
 
-def running_engines(
-    testbed: str | None = None, besides: str | None = None
-) -> tuple[FoundEngine, ...]:
-    """Every engine of this user, or those of a testbed; but the one with the name `besides`."""
-    names = sorted(names_in_use(testbed).keys() - {besides})
+def running_engines(besides: str = "") -> tuple[FoundEngine, ...]:
+    """Every engine of this user but that of the testbed `besides`."""
+    stems = sorted({path.stem for path in state_folder().glob("*.sock")} - {besides})
     with ThreadPoolExecutor() as pool:  # one that hangs holds up nobody else's answer
-        return tuple(found for found in pool.map(found_at, names) if found is not None)
-
-
-def began(pid: int) -> float | None:
-    """Start of a process, s since the epoch; None where that cannot be seen."""
-    try:
-        ticks = int((_PROCESSES / str(pid) / "stat").read_text().rpartition(")")[2].split()[19])
-        up = float((_PROCESSES / "uptime").read_text().split()[0])
-    except (OSError, ValueError, IndexError):
-        return None
-    return time.time() - up + ticks / os.sysconf("SC_CLK_TCK")
+        return tuple(found for found in pool.map(find_engine, stems) if found is not None)
 
 
 def _clock_time(moment: float) -> str:
@@ -194,8 +162,8 @@ def _clock_time(moment: float) -> str:
     return time.strftime("%H:%M" if same_day else "%Y-%m-%d %H:%M", local)
 
 
-# The locks of an engine: a file in its results folder, and one for its ROS domain in a folder that
-# only this user can change. Another user or another machine may hold the first, nobody the second.
+# The locks of an engine: on its testbed, which only this user can have, and on its results folder,
+# which another user or another machine may have.
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,11 +171,10 @@ class Holding:
     """What an engine holds.
 
     Attributes:
-        listening: has its name; whoever connects must be answered.
+        listening: the testbed's socket; whoever connects must be answered.
         remarks: what could not be locked and the consequence, in words.
     """
 
-    name: str
     listening: socket.socket
     locks: tuple[int, ...]
     remarks: tuple[str, ...]
@@ -227,50 +194,55 @@ def held(owned: Owned) -> Iterator[Holding]:
     Raises:
         HeldError: another engine holds some of it; the message names that and what to do.
     """
-    for found in running_engines(owned.testbed):
-        raise HeldError(_taken(owned.words, found), same=True)
-    wanted = {}
-    if owned.domain is not None:
-        wanted[state_folder() / f"domain_{owned.domain}.lock"] = owned.words
-    if owned.results is not None:
-        wanted[owned.results / LOCK_FILE] = str(owned.results)
-    locks, remarks = [], []
+    folder, remarks = state_folder(), list[str]()
     with ExitStack() as stack:
-        name, listening = listen_on(owned.testbed)
-        stack.enter_context(listening)
-        for path, words in wanted.items():
+        try:
+            locks = [lock_file(folder / f"{owned.stem}.lock", owned.results)]
+            stack.callback(os.close, locks[0])
+            listening = stack.enter_context(listen_as(owned.stem))
+        except BlockingIOError:
+            found = find_engine(owned.stem) or _holder_of(owned.stem, None)
+            raise HeldError(_taken(owned.words, found), same=True) from None
+        except OSError as error:
+            raise no_state(folder, error) from None
+        if owned.results is not None:
             try:
-                lock = _in_time(partial(lock_file, path))
+                locks.append(_in_time(partial(lock_results, owned.results)))
+                stack.callback(os.close, locks[1])
             except OSError as error:
-                _refuse_second(owned, path, words, name, locked=isinstance(error, BlockingIOError))
-                if isinstance(error, FileExistsError):
-                    continue  # a file is in the folder's place: whoever writes there says so
+                _refuse_second(owned.results, error, owned.stem)
                 why = error.strerror or "it does not answer"
-                remarks.append(f"{path}: {why}: other engines are not kept off {words}")
-            else:
-                stack.callback(os.close, lock)
-                locks.append(lock)
-        yield Holding(name, listening, tuple(locks), tuple(remarks))
+                if not isinstance(error, FileExistsError):  # whoever writes there says so
+                    remarks.append(
+                        f"{owned.results}: {why}: other engines are not kept off this folder"
+                    )
+        yield Holding(listening, tuple(locks), tuple(remarks))
 
 
-def _refuse_second(owned: Owned, path: Path, words: str, name: str, *, locked: bool) -> None:
-    for found in running_engines(besides=name):
-        same = found.testbed == owned.testbed
-        if same or (path.name == LOCK_FILE and found.has_results_in(path.parent)):
-            raise HeldError(_taken(owned.words if same else words, found), same=same)
-    if locked:
+def _refuse_second(results: Path, error: OSError, own: str) -> None:
+    """Refuse a results folder that has an engine, or may have one of another user."""
+    for found in running_engines(besides=own):
+        if found.has_results_in(results):
+            said = f"{_taken(str(results), found)}, or use another --results"
+            raise HeldError(said, same=False)
+    lock = results / LOCK_FILE
+    if isinstance(error, BlockingIOError):
         raise HeldError(
-            f"{words} has an engine already ({holder_in(path)}), of another user, another machine "
-            "or another container: end it there, or use another --results",
+            f"{results} has an engine already ({holder_in(lock).words}): end it there, or use "
+            "another --results",
             same=False,
         )
+    if isinstance(error, PermissionError) and os.path.lexists(lock):
+        said = f"{lock} is another user's: delete it, or use another --results"
+        raise HeldError(said, same=False)
 
 
-def _taken(words: str, found: FoundEngine) -> str:
+def _taken(words: str, found: FoundEngine | None) -> str:
+    if found is None:
+        return f"{words} has had an engine a moment ago: try it again"
     line = found.attach_line()
     attach = f"`{line}` attaches to it, " if line else ""
-    said = f"{words} has an engine already ({found.who}): {attach}{found.end_words}"
-    return said if words.startswith(("ROS", "this")) else f"{said}, or use another --results"
+    return f"{words} has an engine already ({found.who}): {attach}{found.end_words}"
 
 
 def _in_time(job: Callable[[], _T]) -> _T:
@@ -299,7 +271,8 @@ def process_of(found: FoundEngine) -> Iterator[int]:
     """
     process = os.pidfd_open(found.pid)
     try:
-        if holder_of(found.name) != found.pid:
+        now = _holder_of(found.stem, None)
+        if now is None or now.pid != found.pid:
             raise ProcessLookupError
         yield process
     finally:

@@ -25,7 +25,6 @@ import msgspec
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.engine import wire
-from madrob_console.engine.engine_lock import peer_of
 from madrob_console.engine.engine_thread import LocalEngine
 from madrob_console.engine.requests import Command, Request, Role, TakeOver
 from madrob_console.engine.snapshot import RightToAct, Snapshot
@@ -112,9 +111,9 @@ class EngineServer:
     """Answers on an engine's socket while inside, in a thread of its own.
 
     From the beginning it says what the engine is (`describe`, which must not wait) and grants or
-    refuses its end; a stop that is granted is a SIGTERM to this process. Only the user who runs
-    the engine, and root, gets an answer. Screens attach after `admit_screens`; before, they are
-    `rejected`. `over` gets an item when nobody needs the engine any more, or it has failed.
+    refuses its end; a stop that is granted is a SIGTERM to this process. Screens attach after
+    `admit_screens`; before, they are `rejected`. `over` gets an item when nobody needs the engine
+    any more, or it has failed.
     """
 
     def __init__(
@@ -208,9 +207,6 @@ class EngineServer:
             self._troubles.log_trouble("new screens must wait", error)
             self._loop.remove_reader(self._listening)
             self._loop.call_later(_PAUSE, self._listen)
-            return
-        if peer_of(connection).user not in (os.getuid(), 0):
-            connection.close()
             return
 
         def leave(task: asyncio.Task[None]) -> None:

@@ -1,6 +1,6 @@
 """Many callers, run as a program of its own: they read, ask for too much, or are deaf.
 
-Usage: `crowd.py NAME WATCHING FLOOD DEAF`: so many screens that watch, requests that one of them
+Usage: `crowd.py STEM WATCHING FLOOD DEAF`: so many screens that watch, requests that one of them
 sends at once, and screens that ask and never read. It says `there` when all are attached.
 """
 
@@ -25,12 +25,12 @@ THERE = "there"
 
 
 @contextmanager
-def crowd(name: str, watching: int = 0, flood: int = 0, deaf: int = 0) -> Iterator[None]:
+def crowd(stem: str, watching: int = 0, flood: int = 0, deaf: int = 0) -> Iterator[None]:
     """They are attached while inside; the flood goes on from the beginning."""
     sizes = map(str, (watching, flood, deaf))
     module = "tests.madrob_console.crowd"
     with subprocess.Popen(
-        [sys.executable, "-m", module, name, *sizes],
+        [sys.executable, "-m", module, stem, *sizes],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         text=True,
@@ -43,8 +43,8 @@ def crowd(name: str, watching: int = 0, flood: int = 0, deaf: int = 0) -> Iterat
             process.kill()
 
 
-def _attached(name: str, role: Role) -> socket.socket:
-    screen, _ = connect_to(name, 10.0)
+def _attached(stem: str, role: Role) -> socket.socket:
+    screen = connect_to(stem, 10.0)
     screen.settimeout(None)
     screen.sendall(wire.frame(wire.Hello(wire.VERSION, role, "one of many")))
     return screen
@@ -63,9 +63,9 @@ def _read(screen: socket.socket) -> None:
 
 def main() -> None:
     """Attach, ask, and read until the end."""
-    name, watching, flood, deaf = sys.argv[1], *map(int, sys.argv[2:])
-    screens = [_attached(name, Role.WATCH) for _ in range(watching)]
-    never_read = [_attached(name, Role.REFEREE) for _ in range(deaf)]
+    stem, watching, flood, deaf = sys.argv[1], *map(int, sys.argv[2:])
+    screens = [_attached(stem, Role.WATCH) for _ in range(watching)]
+    never_read = [_attached(stem, Role.REFEREE) for _ in range(deaf)]
     asked = _asking(flood)
     for screen in (*screens[:1], *never_read):
         threading.Thread(target=screen.sendall, args=(asked,), daemon=True).start()

@@ -20,7 +20,7 @@ from typing import Any, Self
 import msgspec
 
 from madrob_console.engine.client import NotYetError, RemoteEngine
-from madrob_console.engine.engine_lock import names_in_use
+from madrob_console.engine.discovery import running_engines
 from madrob_console.engine.requests import Perform, Role
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
@@ -166,7 +166,7 @@ class EngineProcess:
         def attach() -> bool:
             assert self.process.poll() is None, self.log.read_text()
             with suppress(OSError, StopIteration, NotYetError):
-                attached.append(RemoteEngine(self.name, Role.REFEREE, "a test"))
+                attached.append(RemoteEngine(self.stem, Role.REFEREE, "a test"))
             return bool(attached)
 
         try:
@@ -177,9 +177,9 @@ class EngineProcess:
         (self.client,) = attached
 
     @property
-    def name(self) -> str:
+    def stem(self) -> str:
         """By which it is found."""
-        return next(name for name in names_in_use() if name.endswith(f"/{self.process.pid}"))
+        return next(one.stem for one in running_engines() if one.pid == self.process.pid)
 
     def __enter__(self) -> Self:
         return self

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import socket
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from madrob_console.engine.client import RemoteEngine
 from madrob_console.engine.core import Engine
 from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.engine_config import EngineConfig
-from madrob_console.engine.engine_lock import connect_to, listen_on
+from madrob_console.engine.engine_lock import connect_to, listen_as
 from madrob_console.engine.engine_thread import LocalEngine
 from madrob_console.engine.reports import Reporting
 from madrob_console.engine.requests import Perform, Role
@@ -57,17 +58,18 @@ class Served:
         engine = engine or simulated(folder / "runs")
         self.reporting = reporting
         self.local = LocalEngine(engine, reporting)
-        self.name, self._listening = listen_on("simulated/test")
+        self.stem = f"simulated_{secrets.token_hex(4)}"
+        self._listening = listen_as(self.stem)
         known = WhoAnswer(wire=wire.VERSION)
         self.server = EngineServer(self._listening, known).__enter__()
         self.server.admit_screens(self.local, known, idle_time)
 
     def attach(self, role: Role = Role.REFEREE, who: str = "ada@hall (1)") -> RemoteEngine:
-        return RemoteEngine(self.name, role, who)
+        return RemoteEngine(self.stem, role, who)
 
     def connect(self) -> socket.socket:
         """A caller that says nothing yet."""
-        return connect_to(self.name, 10.0)[0]
+        return connect_to(self.stem, 10.0)
 
     def close(self) -> None:
         if self._listening.fileno() < 0:

@@ -6,12 +6,12 @@ import fcntl
 import os
 import shlex
 import socket
-import sys
+import subprocess
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
-from subprocess import Popen
 
 import msgspec
 import pytest
@@ -19,12 +19,11 @@ import pytest
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
-from madrob_console.engine import client, discovery, engine_lock, wire
+from madrob_console.engine import discovery, engine_lock, wire
 from madrob_console.engine.client import RemoteEngine
 from madrob_console.engine.discovery import (
-    FoundEngine,
     ask,
-    found_at,
+    find_engine,
     held,
     process_of,
     running_engines,
@@ -32,25 +31,28 @@ from madrob_console.engine.discovery import (
 from madrob_console.engine.engine_lock import (
     LOCK_FILE,
     HeldError,
+    Holder,
     Owned,
     connect_to,
-    names_in_use,
+    holder_in,
+    listen_as,
+    lock_results,
     owned_by,
     state_folder,
 )
 from madrob_console.engine.requests import Role
 from madrob_console.engine.server import EngineServer
 from madrob_console.engine.wire import Rejected, Who, WhoAnswer
-from tests.madrob_console.stranger import NOBODY, stranger
+from tests.madrob_console.stranger import open_folder, said_by_stranger, stranger
 
 KNOWN = WhoAnswer("0.1.0", 5, "SIMULATED nominal")
 
 
 @contextmanager
 def answering(owned: Owned, known: WhoAnswer = KNOWN) -> Iterator[tuple[EngineServer, str]]:
-    """An engine's locks and its name, and what answers on it."""
+    """An engine's locks and its socket, and what answers there."""
     with held(owned) as got, EngineServer(got.listening, known) as server:
-        yield server, got.name
+        yield server, owned.stem
 
 
 @pytest.fixture
@@ -66,11 +68,10 @@ def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 # ------------------------------------------------------------------ who, stop, another version
 
 
-def say(name: str, message: dict[str, object] | bytes) -> list[object]:
+def say(stem: str, message: dict[str, object] | bytes) -> list[object]:
     """What is answered to a first message, as plain data."""
     data = message if isinstance(message, bytes) else msgspec.msgpack.encode(message)
-    connection, _ = connect_to(name, 10.0)
-    with connection:
+    with connect_to(stem, 10.0) as connection:
         answer = b""
         with suppress(ConnectionResetError, BrokenPipeError):  # it has read enough
             connection.sendall(wire.LENGTH.pack(len(data)) + data)
@@ -90,19 +91,19 @@ def test_the_first_message_and_its_answers_have_a_form_that_never_changes(owned:
         "0.1.0", 5, "SIMULATED nominal", "/runs", "running", "run 1 of subject 3", True, 2,
         ("--testbed", "ros"), ("odd",),
     )  # fmt: skip
-    with answering(owned, busy) as (_, name):
-        (answer,) = say(name, {"type": "Who"})
+    with answering(owned, busy) as (_, stem):
+        (answer,) = say(stem, {"type": "Who"})
         assert answer == {
             "type": "WhoAnswer", "version": "0.1.0", "wire": 5, "testbed": "SIMULATED nominal",
             "results": "/runs", "phase": "running", "run": "run 1 of subject 3", "busy": True,
             "screens": 2, "console": ["--testbed", "ros"], "remarks": ["odd"], "unsaved": False,
         }  # fmt: skip
         refused = "a run is going on, 2 screens are attached"
-        assert say(name, {"type": "Stop", "force": False}) == [
+        assert say(stem, {"type": "Stop", "force": False}) == [
             {"type": "StopAnswer", "refused": refused}
         ]
         hello = {"type": "Hello", "version": 900, "role": "watch", "who": "ada", "mood": ["good"]}
-        (answer,) = say(name, hello)
+        (answer,) = say(stem, hello)
         assert answer == {
             "type": "Rejected",
             "reason": f"the engine speaks version {wire.VERSION}, this console 900: `madrob engine "
@@ -135,20 +136,20 @@ def test_what_a_later_version_adds_is_passed_over() -> None:
     ],
 )
 def test_rubbish_is_rejected_and_the_next_one_is_answered(owned: Owned, data: bytes) -> None:
-    with answering(owned) as (_, name):
-        for answer in say(name, data):
+    with answering(owned) as (_, stem):
+        for answer in say(stem, data):
             assert isinstance(answer, dict)
             assert answer["type"] == "Rejected"
-        assert ask(name, Who()) == KNOWN
+        assert ask(stem, Who()) == KNOWN
 
 
 def test_an_engine_that_has_failed_still_says_so(owned: Owned) -> None:
     def failing() -> WhoAnswer:
         raise MadrobError("the engine has failed: no disk")
 
-    with answering(owned) as (server, name):
+    with answering(owned) as (server, stem):
         server.describe = failing
-        found = found_at(name)
+        found = find_engine(stem)
         assert found is not None
         assert found.answer is not None
         assert (found.answer.phase, found.pid) == ("failed", os.getpid())
@@ -156,16 +157,16 @@ def test_an_engine_that_has_failed_still_says_so(owned: Owned) -> None:
 
 
 def test_an_engine_that_starts_says_so_and_a_screen_comes_later(owned: Owned) -> None:
-    with answering(owned) as (_, name):
-        assert ask(name, wire.Hello(wire.VERSION, Role.REFEREE, "ada")) == Rejected(
+    with answering(owned) as (_, stem):
+        assert ask(stem, wire.Hello(wire.VERSION, Role.REFEREE, "ada")) == Rejected(
             "is starting", again=True
         )
 
 
 def test_callers_that_say_nothing_keep_no_other_out(owned: Owned) -> None:
-    with answering(owned) as (_, name):
-        idle = [connect_to(name, 10.0)[0] for _ in range(100)]
-        assert ask(name, Who(), 30.0) == KNOWN
+    with answering(owned) as (_, stem):
+        idle = [connect_to(stem, 10.0) for _ in range(100)]
+        assert ask(stem, Who(), 30.0) == KNOWN
         for one in idle:
             one.close()
 
@@ -178,7 +179,7 @@ def test_a_second_engine_of_the_same_testbed_is_told_of_the_first(owned: Owned) 
         pass
     assert told.value.same
     assert f"(SIMULATED nominal, pid {os.getpid()}, since " in str(told.value)
-    assert f"`madrob engine stop --pid {os.getpid()}` ends it" in str(told.value)
+    assert f"`madrob engine stop --results {owned.results}` ends it" in str(told.value)
     with held(owned):
         pass  # nothing is left of the first
 
@@ -199,54 +200,147 @@ def test_a_results_folder_is_one_folder_by_whatever_path(owned: Owned, tmp_path:
 
 def test_a_folder_that_another_machine_records_to_is_refused(owned: Owned, tmp_path: Path) -> None:
     (tmp_path / "runs").mkdir()
-    with held(owned):
-        pass
     with (tmp_path / "runs" / LOCK_FILE).open("w") as lock:
-        lock.write("pid 7 on hall\x1b[2J\n")
-        lock.flush()
         fcntl.flock(lock, fcntl.LOCK_EX)
-        with pytest.raises(HeldError, match=r"\(pid 7 on hall\), of another user"), held(owned):
-            pass
+        for note, who in (
+            ('{"pid": 7, "user": "ada", "host": "hall\\u001b[2J"}', "user ada, pid 7 on hall"),
+            ("no note", "it does not say which"),
+        ):
+            lock.truncate(0)
+            os.pwrite(lock.fileno(), note.encode(), 0)
+            with pytest.raises(HeldError) as told, held(owned):
+                pass
+            assert f"has an engine already ({who}" in str(told.value)
+            assert "\x1b" not in str(told.value)
     with held(owned) as got:
         assert got.remarks == ()
-        assert f"pid {os.getpid()} on " in (tmp_path / "runs" / LOCK_FILE).read_text()
-        assert (tmp_path / "runs" / LOCK_FILE).stat().st_mode & 0o777 == 0o600
+        assert holder_in(tmp_path / "runs" / LOCK_FILE).pid == os.getpid()
 
 
-def no_locks(_file: int, _operation: int) -> None:
+def no_locks(_folder: Path) -> int:
     raise OSError(37, "No locks available")
 
 
 def test_without_locks_an_engine_is_kept_off_by_those_that_are_found(
     owned: Owned, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fcntl, "flock", no_locks)
+    monkeypatch.setattr(discovery, "lock_results", no_locks)
     with held(owned) as got:
         (remark,) = got.remarks
         assert "No locks available: other engines are not kept off " in remark
-    known = msgspec.structs.replace(KNOWN, results=str(owned.results))
     other = owned_by(SourceKind.SIMULATED, "another", results=owned.results)
-    with answering(owned, known), pytest.raises(HeldError, match="an engine already"), held(other):
+    with answering(owned), pytest.raises(HeldError, match="an engine already"), held(other):
         pass
 
 
 def test_a_results_folder_that_does_not_answer_holds_up_no_engine(
-    owned: Owned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    owned: Owned, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(discovery, "_LOCKING_TIME", 0.05)
     thaw = threading.Event()
-    (tmp_path / "runs").mkdir()
 
-    def hangs(_file: int, _length: int) -> None:
+    def hangs(folder: Path) -> int:
         assert thaw.wait(50.0)
+        return lock_results(folder)
 
-    monkeypatch.setattr(os, "ftruncate", hangs)
+    monkeypatch.setattr(discovery, "lock_results", hangs)
     try:
-        with held(owned) as holds:  # its own thread has locked the file by now, and waits
+        with held(owned) as holds:
             (remark,) = holds.remarks
             assert "it does not answer: other engines are not kept off" in remark
     finally:
         thaw.set()
+
+
+SECOND_USER = """
+import sys
+from pathlib import Path
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind
+from madrob_console.engine.discovery import held
+from madrob_console.engine.engine_lock import owned_by
+"""
+HOLDS = """
+os.environ["XDG_STATE_HOME"] = sys.argv[1]
+try:
+    with held(owned_by(SourceKind.ROS, 3, results=Path(sys.argv[2]))) as got:
+        print("holds it", *got.remarks, flush=True)
+        if len(sys.argv) > 3:
+            sys.stdin.read()
+except MadrobError as error:
+    print(error)
+"""
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize("mode", [0o777, 0o1777])
+def test_a_results_folder_of_two_users_has_one_engine_and_the_second_is_told_whose(
+    mode: int, owned: Owned
+) -> None:
+    with open_folder() as folder:
+        results = folder / "runs"
+        results.mkdir()
+        results.chmod(mode)
+        mine = owned_by(SourceKind.SIMULATED, "mine", results=results)
+        words = folder / "state", results
+        with held(mine):
+            said = said_by_stranger(HOLDS, *words, imports=SECOND_USER)
+            where = f"{results} has an engine already (user root, pid {os.getpid()} on "
+            assert said.startswith(where)
+        (results / LOCK_FILE).unlink()
+        with stranger(HOLDS, *words, "and stays", imports=SECOND_USER) as other:
+            assert other.stdout is not None
+            assert other.stdout.readline() == "holds it\n"
+            with pytest.raises(HeldError, match=r"\(user nobody, pid "), held(mine):
+                pass
+        with held(mine) as got:  # the file of the other user is there, and is free
+            assert got.remarks == ()
+
+
+def no_access(_folder: Path) -> int:
+    raise PermissionError(13, "Permission denied")
+
+
+def test_a_folder_whose_lock_cannot_be_opened_is_refused(
+    owned: Owned, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether another user's engine has the folder cannot be seen."""
+    with held(owned):
+        pass
+    monkeypatch.setattr(discovery, "lock_results", no_access)
+    with (
+        pytest.raises(HeldError, match="is another user's: delete it, or use another"),
+        held(owned),
+    ):
+        pass
+
+
+@pytest.mark.machine
+def test_who_may_only_read_a_results_folder_can_lock_no_engine_out() -> None:
+    locks = """
+for path in sys.argv[1:]:
+    try:
+        file = os.open(path, os.O_RDONLY)
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        print("locked", flush=True)
+    except OSError as error:
+        print(error.strerror, flush=True)
+sys.stdin.read()
+"""
+    with open_folder() as folder:
+        results = folder / "runs"
+        results.mkdir(mode=0o755)
+        mine = owned_by(SourceKind.SIMULATED, "mine", results=results)
+        with held(mine):
+            pass  # its file is there
+        with stranger(
+            locks, results, results / LOCK_FILE, imports="import fcntl, sys\n"
+        ) as process:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "locked\n"  # a lock on the folder would block
+            assert process.stdout.readline() == "Permission denied\n"
+            with held(mine) as got:
+                assert got.remarks == ()
 
 
 def in_a_file(results: Path) -> None:
@@ -273,19 +367,13 @@ def test_a_folder_that_cannot_be_locked_is_said_and_not_waited_for(
 DOMAIN = 101 + os.getpid() % 100
 
 
-def test_a_domain_has_one_engine_also_when_its_name_is_not_seen_or_its_lock_is_lost(
+def test_a_domain_has_one_engine_also_when_the_first_one_does_not_answer_yet(
     tmp_path: Path,
 ) -> None:
     one, two = (owned_by(SourceKind.ROS, DOMAIN, results=tmp_path / name) for name in "ab")
     words = f"ROS domain {DOMAIN} has an engine already"
-    with held(one):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(discovery, "names_in_use", lambda *_: {})  # both start at once, say
-            with pytest.raises(HeldError, match=words), held(two):
-                pass
-        (state_folder() / f"domain_{DOMAIN}.lock").unlink()
-        with pytest.raises(HeldError, match=words) as told, held(two):
-            pass
+    with held(one), pytest.raises(HeldError, match=words) as told, held(two):
+        pass
     assert told.value.same
 
 
@@ -308,80 +396,126 @@ def test_a_second_engine_in_a_ros_domain_is_told_of_the_first(
         assert main(["run", "--testbed", "ros", "--subject", "3", f"--results={tmp_path}"]) == 2
 
 
-def test_a_state_folder_that_cannot_be_used_is_named_with_the_remedy(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", "/dev/null/state")
-    ros = ["engine", "serve", "--testbed", "ros", f"--domain={DOMAIN}", f"--results={tmp_path}"]
-    assert main(ros) == 2
+def refused_state(state: str, results: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    """What an engine says that can use no state folder there."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", state)
+        ros = ["engine", "serve", "--testbed", "ros", f"--domain={DOMAIN}", f"--results={results}"]
+        assert main(ros) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1, said
-    assert "/dev/null/state/madrob" in said
+    assert f"{state}/madrob" in said
     assert "set XDG_STATE_HOME to a folder of your own" in said
+    return said
+
+
+def test_a_state_folder_that_is_not_this_user_s_alone_is_named_with_the_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "File exists" in refused_state("/dev/null/state", tmp_path, capsys)
+    state_folder().chmod(0o777)
+    said = refused_state(os.environ["XDG_STATE_HOME"], tmp_path, capsys)
+    assert "others may change it" in said
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize(
+    ("mounted", "why"), [("ro", "Read-only file system"), ("rw,nr_inodes=4", "No space left")]
+)
+def test_a_state_folder_that_takes_no_file_is_named_with_the_remedy(
+    mounted: str, why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if os.getuid() != 0:
+        pytest.skip("only root can mount")
+    place = tmp_path / "place"
+    folder = place / "madrob" / socket.gethostname()
+    place.mkdir()
+    subprocess.run(["mount", "-t", "tmpfs", "-o", "nr_inodes=4", "none", place], check=True)
+    try:
+        folder.mkdir(parents=True, mode=0o700)
+        subprocess.run(["mount", "-o", f"remount,{mounted}", place], check=True)
+        if mounted != "ro":
+            (folder / "full").touch()
+        assert why in refused_state(str(place), tmp_path, capsys)
+    finally:
+        subprocess.run(["umount", place], check=True)
 
 
 # ------------------------------------------------------------------ strangers, and hangs
 
 
-@pytest.mark.machine
-@pytest.mark.parametrize("full", [False, True])
-def test_a_stranger_keeps_no_engine_from_its_name_and_is_no_engine(
-    owned: Owned, full: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(client, "GREETING_TIME", 0.5)
-    own, other = f"{owned.testbed}/{os.getpid()}", f"{owned.testbed}/1"
-    with stranger(own, other, full=full) as process:
-        with answering(owned) as (_, name):
-            assert name.startswith(f"{own}.")
-            assert {own, other, name} <= names_in_use(owned.testbed).keys()
-            (found,) = running_engines(owned.testbed)
-            assert (found.name, found.pid, found.answer) == (name, os.getpid(), KNOWN)
-        assert running_engines(owned.testbed) == ()
-        for taken in (own, other):
-            assert found_at(taken) is None
-            with pytest.raises(TimeoutError if full else ConnectionRefusedError):
-                RemoteEngine(taken, Role.REFEREE, "ada")
-            by_name = FoundEngine(taken, process.pid, None, None)  # whatever it was found by
-            with pytest.raises(ProcessLookupError), process_of(by_name):
-                pass
-
-
-FLOOD = """
-import os, socket, sys
-os.setuid(int(sys.argv[1]))
-print("there", flush=True)
-while True:
+CALLS = """
+for address in sys.argv[1:]:
     with socket.socket(socket.AF_UNIX) as caller:
-        caller.setblocking(False)
         try:
-            caller.connect(sys.argv[2].replace("@", chr(0)))
-        except OSError:
-            pass
+            caller.connect(address)
+            print("connected")
+        except OSError as error:
+            print(error.strerror)
 """
 
 
 @pytest.mark.machine
-def test_a_stranger_who_calls_as_fast_as_it_can_keeps_nobody_out(owned: Owned) -> None:
-    if os.getuid() != 0:
-        pytest.skip("only root can be another user")
-    with answering(owned) as (_, name):
-        address = engine_lock.address_of(name).replace("\0", "@")
-        with Popen([sys.executable, "-c", FLOOD, str(NOBODY), address]) as process:
-            try:
-                for _ in range(20):
-                    assert ask(name, Who(), 10.0) == KNOWN
-            finally:
-                process.kill()
+@pytest.mark.parametrize("mode", [0o700, 0o755])
+def test_no_other_user_can_call_an_engine(
+    mode: int, owned: Owned, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = os.umask(0)
+    try:
+        with open_folder() as folder:
+            monkeypatch.setenv("XDG_STATE_HOME", str(folder))
+            for path in (state_folder().parent, state_folder()):
+                path.chmod(mode)
+            with answering(owned) as (_, stem):
+                there = state_folder() / f"{stem}.sock"
+                assert there.is_socket()
+                assert (
+                    said_by_stranger(CALLS, there, imports="import socket, sys\n")
+                    == "Permission denied"
+                )
+                assert ask(stem, Who(), 10.0) == KNOWN
+    finally:
+        os.umask(before)
+
+
+def test_the_files_of_an_engine_that_was_killed_are_passed_over(owned: Owned) -> None:
+    listen_as(owned.stem).close()
+    lock = state_folder() / f"{owned.stem}.lock"
+    lock.write_bytes(msgspec.json.encode(Holder(os.getpid())))
+    assert find_engine(owned.stem) is None
+    assert running_engines() == ()
+    with answering(owned):
+        (found,) = running_engines()
+        assert (found.pid, found.answer) == (os.getpid(), KNOWN)
+
+
+def test_another_program_on_the_socket_is_no_engine_and_is_not_ended(owned: Owned) -> None:
+    """A file of a testbed may name a process that has nothing to do with it any more."""
+    lock = state_folder() / f"{owned.stem}.lock"
+    with answering(owned):
+        (found,) = running_engines()
+    lock.write_bytes(msgspec.json.encode(Holder(os.getpid())))
+    with listen_as(owned.stem):
+        began = time.monotonic()
+        assert running_engines() == ()  # it says nothing
+        assert time.monotonic() - began < 2 * discovery.PATIENCE
+        with pytest.raises(ProcessLookupError), process_of(found):
+            pass
+        with held(owned):  # and keeps no engine from its place
+            pass
 
 
 @pytest.mark.machine
-def test_an_engine_that_hangs_with_a_full_backlog_is_found_and_named(
+def test_an_engine_that_hangs_with_a_full_backlog_is_found_and_named_at_once(
     owned: Owned, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(engine_lock, "_BACKLOG", 0)
-    with held(owned) as got, closing(socket.socket(socket.AF_UNIX)) as caller:
-        caller.connect(engine_lock.address_of(got.name))
-        found = found_at(got.name)
+    with held(owned), closing(connect_to(owned.stem, 1.0)):
+        began = time.monotonic()
+        found = find_engine(owned.stem)
+        with pytest.raises(TimeoutError):
+            RemoteEngine(owned.stem, Role.REFEREE, "ada")
+        assert time.monotonic() - began < 0.5
         assert found is not None
         assert (found.pid, found.answer) == (os.getpid(), None)
         with pytest.raises(HeldError, match=f"pid {os.getpid()}, since"), held(owned):

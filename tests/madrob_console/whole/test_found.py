@@ -22,8 +22,9 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.config import load_settings
 from madrob_console.engine import wire
 from madrob_console.engine.client import RemoteEngine
-from madrob_console.engine.discovery import FoundEngine
+from madrob_console.engine.discovery import FoundEngine, find_engine
 from madrob_console.engine.discovery import running_engines as running_engines_of_all
+from madrob_console.engine.engine_lock import this_user
 from madrob_console.engine.requests import Perform, Role, TakeOver
 from madrob_console.referee.acts import Abort, SetUp
 from madrob_console.referee.run import Phase
@@ -129,21 +130,41 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
         process.communicate()
 
 
-def test_a_run_whose_folders_are_removed_is_seen_and_aborted(
+def test_a_run_is_found_and_aborted_after_its_login_and_has_no_rival_without_its_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    own = {"XDG_STATE_HOME": str(tmp_path / "state"), "XDG_RUNTIME_DIR": str(tmp_path / "run")}
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    own = {"XDG_RUNTIME_DIR": str(tmp_path / "run")}
     with EngineProcess(tmp_path / "runs", "no-touch", environment=own) as engine:
         engine.start(make_setup(timeout=600.0))
-        for folder in own.values():
-            shutil.rmtree(folder, ignore_errors=True)
-        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "another"))  # of another login
-        with closing(Bench(tmp_path).attach("--scenario=no-touch")) as console:
+        shutil.rmtree(tmp_path / "run", ignore_errors=True)
+        bench = Bench(tmp_path)
+        with closing(bench.attach("--scenario=no-touch")) as console:
             assert console.pid == engine.process.pid  # no second one
+            shutil.rmtree(tmp_path / "state")
+            refused = bench.refused("--scenario=no-touch")
+            assert f"(user {this_user()}, pid {console.pid} on " in refused
             assert console.snapshot().run.phase is Phase.RUNNING
             assert console.send_request(TakeOver()) is None
             assert console.send_request(Perform.of(Abort("enough"))) is None
         assert engine.result()["outcome"] == "aborted"  # its first screen is still attached
+
+
+def test_an_idle_simulated_engine_makes_way_for_the_live_testbed(
+    bench: Bench, ros_domain: int
+) -> None:
+    """Not while a screen is attached."""
+    process = bench.served()
+    live = [f"--results={bench.results}", "--testbed", "ros", "--idle-time=0.5"]
+    argv = [sys.executable, "-m", "madrob_console.cli.main", "console", *live]
+    with closing(bench.attach()), Terminal(argv, 160, cwd=ROOT) as refused:
+        refused.wait_for(f"an engine already (SIMULATED nominal, pid {process.pid}, ", timeout=60.0)
+        assert refused.wait_exit(60.0) == 2
+    until(lambda: "screen" not in bench.status(process))
+    with Terminal(argv, 160, cwd=ROOT) as console:
+        console.wait_for(f"LIVE ros domain {ros_domain}", timeout=60.0)
+        assert process.wait(60.0) == 0
+    until(lambda: find_engine(f"ros_domain_{ros_domain}") is None, 60.0)
 
 
 def test_a_results_folder_has_one_engine_by_whatever_path_and_a_screen_keeps_it(
@@ -342,7 +363,7 @@ def test_what_a_disk_holds_back_is_said_to_go_on_until_it_has_ended(
                 assert code == 1
                 assert "has not ended within 1 s, it is killed" in said
                 assert "the machine waits for a disk, and ends it when that answers" in said
-                assert ", killed: it ends when a disk answers" in bench.status(process)
+                assert ", there, but silent, " in bench.status(process)
                 assert until(lambda: told_by(console)).startswith(ENDING)
                 again = bench.serve()
                 assert f"pid {process.pid}, since " in again.communicate(timeout=60.0)[0]

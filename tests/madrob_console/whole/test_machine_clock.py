@@ -360,7 +360,7 @@ def test_screens_that_come_and_go_leave_nothing_behind(
         engine.start(make_setup(countdown=1.0))
         engine.result()  # it has loaded what scoring needs
         for number in range(5 * max(20, request.config.getoption("--runs"))):
-            screen = RemoteEngine(engine.name, Role.WATCH, f"screen {number}")
+            screen = RemoteEngine(engine.stem, Role.WATCH, f"screen {number}")
             screen.snapshot()
             screen.close()
             used.append(usage(engine.process.pid))

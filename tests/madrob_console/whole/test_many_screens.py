@@ -66,7 +66,7 @@ def test_spectators_a_flood_and_deaf_screens_take_no_act_away(tmp_path: Path) ->
         for number, (act, outcome) in enumerate(acts.items(), start=1):
             engine.start(make_setup(run_number=number, countdown=1.0, timeout=600.0))
             before = memory_of(engine)
-            with crowd(engine.name, SPECTATORS, FLOOD, deaf=3), Stutter() as stutter:
+            with crowd(engine.stem, SPECTATORS, FLOOD, deaf=3), Stutter() as stutter:
                 for note in range(10):
                     engine.act(AddNote(f"note {note}"))
                 end = took(engine, act)
@@ -142,11 +142,11 @@ def test_twenty_screens_attach_and_four_places_are_for_who_may_act(tmp_path: Pat
             (Role.REFEREE, MOST_SCREENS),
         ):
             while len(shown) < most - 1:  # one is that of the test
-                shown.append(RemoteEngine(engine.name, role, "a screen"))
+                shown.append(RemoteEngine(engine.stem, role, "a screen"))
                 stack.callback(shown[-1].close)
             for _ in range(IN_VAIN):
                 with pytest.raises(MadrobError, match=f"{most} screens are attached, the most"):
-                    RemoteEngine(engine.name, role, "one too many")
+                    RemoteEngine(engine.stem, role, "one too many")
         engine.act(Abort("enough"))
         until(lambda: {one.snapshot().run.phase for one in shown} == {Phase.STOPPED})
         assert engine.result()["outcome"] == "aborted"
@@ -164,12 +164,12 @@ def test_without_file_handles_screens_wait_and_the_log_says_it_once(tmp_path: Pa
         resource.prlimit(engine.process.pid, resource.RLIMIT_NOFILE, (NONE_LEFT, limits[1]))
         before, begin = processor_time(), time.monotonic()
         with pytest.raises(TimeoutError):
-            RemoteEngine(engine.name, Role.WATCH, "a watcher")
+            RemoteEngine(engine.stem, Role.WATCH, "a watcher")
         assert processor_time() - before < 0.5 * (time.monotonic() - begin)
         assert engine.snapshot().run.phase is Phase.IDLE
         said = engine.log.read_text()
         assert said.count("new screens must wait ([Errno 24] Too many open files)\n") == 1
         assert "socket.accept" not in said
         resource.prlimit(engine.process.pid, resource.RLIMIT_NOFILE, limits)
-        with closing(RemoteEngine(engine.name, Role.WATCH, "a watcher")) as watcher:
+        with closing(RemoteEngine(engine.stem, Role.WATCH, "a watcher")) as watcher:
             assert until(lambda: watcher.snapshot().run.phase is Phase.IDLE)

@@ -48,7 +48,6 @@ class Manager:
     Attributes:
         environment: of the service.
         journal: its log.
-        state: its state folder.
     """
 
     def __init__(self) -> None:
@@ -58,13 +57,12 @@ class Manager:
         self._socket.bind(str(folder / "notify"))
         self._socket.setblocking(False)
         self._told: list[tuple[float, str]] = []
-        self.journal, self.state = folder / "journal", folder / "state"
+        self.journal = folder / "journal"
         self.journal.touch()
         found = self.journal.stat()
         self.environment = {
             "NOTIFY_SOCKET": str(folder / "notify"),
             "WATCHDOG_USEC": str(round(WATCHDOG * 1e6)),
-            "XDG_STATE_HOME": str(self.state),
             "JOURNAL_STREAM": f"{found.st_dev}:{found.st_ino}",
         }
         self.service: subprocess.Popen[str] | None = None
@@ -125,7 +123,10 @@ def serve(results: Path) -> list[str]:
 
 
 @pytest.mark.needs("mkfs.ext4")
-def test_the_watchdog_hears_through_a_frozen_disk_in_a_run(tmp_path: Path) -> None:
+def test_the_watchdog_hears_through_a_frozen_disk_in_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     with (
         Manager() as manager,
         disk_image(tmp_path / "disk") as disk,
@@ -176,12 +177,14 @@ def test_what_the_unit_starts_says_when_it_is_ready_and_ends_and_a_login_finds_i
     lines = capsys.readouterr().out.splitlines()
     (started,) = (line.partition("=")[2] for line in lines if line.startswith("ExecStart="))
     words = [word.replace("$$", "$") for word in shlex.split(started.replace("%%", "%"))]
+    state = tmp_path / "another"
+    assert f"Environment=XDG_STATE_HOME={state}" in lines  # where its consoles look for it
     with Manager() as manager:
         service = manager.start(*words[words.index("engine") :])
         manager.wait_for("READY=1")
         manager.wait_for("STATUS=")
         assert (tmp_path / ours).is_dir()
-        assert not list(manager.state.rglob("*.log"))
+        assert not list(state.rglob("*.log"))
         assert main(["engine", "status"]) == 0
         assert f"pid {service.pid}" in capsys.readouterr().out
         service.send_signal(signal.SIGTERM)
