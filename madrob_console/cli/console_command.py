@@ -113,10 +113,11 @@ def show(arguments: argparse.Namespace, role: Role, shown: Shown = Shown.SCREENS
     else:
         _read_lists(arguments, settings)
 
-    def open_client() -> EngineClient:
-        client = attach(arguments, settings, role)
+    def open_client(may_start: bool) -> EngineClient:
+        client = attach(arguments, settings, role, may_start=may_start)
         if role is Role.REFEREE:
             check_lists(client, arguments, settings)
+        if role is Role.REFEREE and may_start:
             _move(client, None if engines else arguments.speed, at)
         return client
 

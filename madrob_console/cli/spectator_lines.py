@@ -19,14 +19,13 @@ from madrob_console.referee.acts import ConfirmPose, Finalise, SetUp, Start, Zer
 from madrob_console.referee.flags import undecided
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.run import Phase
-from madrob_console.ui.link import EngineLink
+from madrob_console.ui.link import EngineLink, OpenClient
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import UNSETTLED
 from scoring.protocol import Outcome
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.engine.wire import EngineClient
 
 PERIOD = 0.25
 """Between two looks at the state, s."""
@@ -35,7 +34,7 @@ StateLines = Callable[["Snapshot | None", "Snapshot"], Iterator[str]]
 """The lines for a state and the one before, which is None at first."""
 
 
-def follow_engine(open_client: Callable[[], EngineClient], lines: StateLines) -> int:
+def follow_engine(open_client: OpenClient, lines: StateLines) -> int:
     """Print a run's lines, and those of the next engine when this one has ended, until Ctrl+C.
 
     Raises:

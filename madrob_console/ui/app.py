@@ -64,7 +64,7 @@ from madrob_console.ui.keys.key_table import (
     bindings,
 )
 from madrob_console.ui.keys.terminal_input import MOST_KEYS
-from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink
+from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink, OpenClient
 from madrob_console.ui.look.themes import (
     ASCII,
     COLOURLESS,
@@ -79,7 +79,6 @@ if TYPE_CHECKING:
     from textual.command import Provider
 
     from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.engine.wire import EngineClient
     from madrob_console.ui.cells.dialog import Dialog
     from madrob_console.ui.panes.plan_pane import PlanPane
     from madrob_console.ui.panes.runs_pane import RunsPane
@@ -135,7 +134,7 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     def __init__(
         self,
-        open_client: Callable[[], EngineClient],
+        open_client: OpenClient,
         defaults: ConsoleDefaults,
         look: ConsoleSettings | None = None,
         monotonic: Callable[[], float] = time.monotonic,

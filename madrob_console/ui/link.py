@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -30,13 +31,16 @@ LATELY = 1.0
 """What an act brings about may be seen so long after its answer, s."""
 
 
+OpenClient = Callable[[bool], "EngineClient"]
+"""Connects to the engine; `True`: starts it where none runs and this screen may."""
+
+
 class EngineLink:
     """An engine client that keeps the last snapshot; `connect` calls `open_client`."""
 
-    def __init__(
-        self, open_client: Callable[[], EngineClient], monotonic: Callable[[], float]
-    ) -> None:
+    def __init__(self, open_client: OpenClient, monotonic: Callable[[], float]) -> None:
         self._open_client = open_client
+        self._connecting = threading.Lock()
         self._monotonic = monotonic
         self._client: EngineClient | None = None
         self._latest: Snapshot | None = None
@@ -45,18 +49,19 @@ class EngineLink:
         self._looked = -math.inf
         self._looking = False
 
-    def connect(self) -> None:
+    def connect(self, *, may_start: bool = True) -> None:
         """Connects to the engine, in place of the one before; call in a thread: may take seconds.
 
         Raises:
             MadrobError: there is no engine to be had, or it gives no snapshot at all.
         """
-        before, client = self._client, self._open_client()
-        self._latest = client.snapshot()
-        self._moved = self._monotonic()
-        self._client = client
-        if before is not None:
-            before.close()
+        with self._connecting:  # by a key while the next engine is looked for
+            before, client = self._client, self._open_client(may_start)
+            self._latest = client.snapshot()
+            self._moved = self._monotonic()
+            self._client = client
+            if before is not None:
+                before.close()
 
     async def refusal_of(self, act: Act) -> str | None:
         """Hands in an act; why it did not take effect."""
@@ -66,7 +71,7 @@ class EngineLink:
             return str(error)
 
     def look_for_engine(self, aside: Callable[[Callable[[], None]], object]) -> None:
-        """Finds the next engine, for a screen without a person at its keyboard; never waits.
+        """Finds the next engine, and starts none; never waits.
 
         Searches `aside`, unless a search goes on or ended a moment ago.
         """
@@ -77,7 +82,7 @@ class EngineLink:
         def look() -> None:
             try:
                 with suppress(MadrobError):  # there is none yet
-                    self.connect()
+                    self.connect(may_start=False)
             finally:
                 self._looking = False
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TextIO
 from madrob_console.common.errors import MadrobError
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.ui.app import MadrobApp
-from madrob_console.ui.link import ConsoleDefaults
+from madrob_console.ui.link import ConsoleDefaults, OpenClient
 
 if TYPE_CHECKING:
     from madrob_console.engine.wire import EngineClient
@@ -27,7 +27,7 @@ _SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 
 
 def run_console(
-    open_client: Callable[[], EngineClient],
+    open_client: OpenClient,
     defaults: ConsoleDefaults,
     look: ConsoleSettings | None = None,
     *,
@@ -43,8 +43,8 @@ def run_console(
     """
     check_terminal(os.environ)
 
-    def connected() -> EngineClient:
-        client = open_client()
+    def connected(may_start: bool) -> EngineClient:
+        client = open_client(may_start)
         gc.freeze()  # or a garbage collection among the screens holds up a key for 0.03 s
         return client
 

@@ -19,7 +19,6 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import time_of_day
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.engine.wire import EngineClient
 from madrob_console.pages.competition import SIGNS, late_words
 from madrob_console.pages.tally import Standing, leaders_first, standings
 from madrob_console.referee.competition_plan import (
@@ -34,7 +33,7 @@ from madrob_console.ui.cells.large_text import large_text
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Span, Tone, View, line, width_of
 from madrob_console.ui.frame.console_screen import BUSY_PERIOD
 from madrob_console.ui.frame.frame_lines import WATCHING, source_badge
-from madrob_console.ui.link import ConsoleDefaults
+from madrob_console.ui.link import ConsoleDefaults, OpenClient
 from madrob_console.ui.look.words import fitted, shortened
 from madrob_console.ui.panes.run_status import (
     banner,
@@ -319,7 +318,7 @@ class WallApp(MadrobApp, inherit_bindings=False):
 
     def __init__(
         self,
-        open_client: Callable[[], EngineClient],
+        open_client: OpenClient,
         defaults: ConsoleDefaults,
         look: ConsoleSettings | None = None,
         monotonic: Callable[[], float] = time.monotonic,

@@ -278,9 +278,8 @@ class ConsoleScreen(Screen[None]):
         snapshot = self._link.snapshot()
         if snapshot is None or self._panes is None:
             return
-        if snapshot.pulse.gone and snapshot.right.only_watches:
-            aside = partial(self.run_worker, thread=True, group="engine")
-            self._link.look_for_engine(aside)  # for a referee somebody decides: see the key
+        if snapshot.pulse.gone:  # a referee's key starts one where there is none
+            self._link.look_for_engine(partial(self.run_worker, thread=True, group="next engine"))
         busy = self._latest is not None and self._latest.run.active
         self.show(snapshot)
         if snapshot.run.active != busy and self._timer is not None:

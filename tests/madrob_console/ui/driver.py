@@ -41,7 +41,7 @@ from madrob_console.ui.cells.lines import TONE_CLASSES
 from madrob_console.ui.cells.table import Table
 from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.console_app import TypeAhead
-from madrob_console.ui.link import ConsoleDefaults
+from madrob_console.ui.link import ConsoleDefaults, OpenClient
 from madrob_console.ui.panes.runs_pane import RunsPane
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.run_folders import write
@@ -248,7 +248,7 @@ async def driving(
     *,
     look: ConsoleSettings | None = None,
     gap: float = LOOKING,
-    find: Callable[[], EngineClient] | None = None,
+    find: OpenClient | None = None,
     runs: Sequence[RunSummary] = (),
 ) -> AsyncIterator[Driver]:
     """The console on `engine`, in a terminal of `size`; time stands still for the screens.
@@ -267,9 +267,9 @@ async def driving(
             defaults = replace(defaults, results=Path(folder))
         here, seconds = get_ident(), [0.0]
 
-        def found() -> EngineClient:
+        def found(may_start: bool) -> EngineClient:
             assert get_ident() != here
-            return (find or engine.find)()
+            return (find or engine.find)(may_start)
 
         app = MadrobApp(found, defaults, look, lambda: seconds[0], lambda: engine.now, ahead)
         async with app.run_test(size=size) as pilot:

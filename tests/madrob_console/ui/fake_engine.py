@@ -150,6 +150,7 @@ class FakeEngine:
     follower: FakeEngine | MadrobError | None = None
     """What is found after it."""
     looked_for: int = 0
+    started: int = 0
     slow: bool = False
     """Whether requests wait until `answer` is called."""
     waiting: list[tuple[Request[Any], Future[Any]]] = field(default_factory=list)
@@ -273,11 +274,14 @@ class FakeEngine:
                 self.right = RightToAct()
         return None
 
-    def find(self) -> FakeEngine:
-        """What is found in its place: itself, unless something follows."""
+    def find(self, may_start: bool) -> FakeEngine:
+        """What is found in its place; itself, started again, unless something follows."""
         self.looked_for += 1
+        self.started += may_start
         if isinstance(self.follower, MadrobError):
             raise self.follower
+        if self.follower is None and not may_start:
+            raise MadrobError("no engine runs here")
         return self.follower or self
 
     def close(self) -> None:
@@ -522,4 +526,4 @@ if __name__ == "__main__":
     moving = MovingEngine(Path(sys.argv[2] if len(sys.argv) > 2 else "never"))
     if "--running" in sys.argv:
         moving.start_run()
-    sys.exit(run_console(lambda: moving, ConsoleDefaults()))
+    sys.exit(run_console(lambda _: moving, ConsoleDefaults()))

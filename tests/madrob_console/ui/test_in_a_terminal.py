@@ -250,7 +250,7 @@ async def test_two_keys_of_a_second_console_abort_the_run(
         close = first_console(served, first, stack)
         start(served.local)
         second = served.attach(who="bo@tent (2)")
-        app = MadrobApp(lambda: second, DEFAULTS)
+        app = MadrobApp(lambda _: second, DEFAULTS)
         async with app.run_test(size=size) as pilot:
             shown = Shown(app, pilot)
             await app.workers.wait_for_complete()

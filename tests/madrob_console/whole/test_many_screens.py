@@ -83,7 +83,7 @@ def test_spectators_a_flood_and_deaf_screens_take_no_act_away(tmp_path: Path) ->
 def test_what_is_asked_of_an_engine_that_stands_still_never_happens(tmp_path: Path) -> None:
     """And its screens say within two seconds that it is silent."""
     with EngineProcess(tmp_path / "runs", "no-touch") as engine:
-        link = EngineLink(lambda: engine.client, time.monotonic)
+        link = EngineLink(lambda _: engine.client, time.monotonic)
         link.connect()
         engine.start(make_setup(countdown=1.0, timeout=600.0))
 

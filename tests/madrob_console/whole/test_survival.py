@@ -80,7 +80,7 @@ def test_a_console_that_comes_back_sees_the_live_run_and_can_abort_it(hall: Hall
 
 
 def test_spectators_find_the_engine_that_is_started_again(hall: Hall) -> None:
-    """And two consoles that start at once have one engine."""
+    """And a second console does; two consoles that start at once have one engine."""
     with hall.console() as terminal, hall.console() as other:
         for console in (terminal, other):
             console.wait_for("2 of 9 in the way", timeout=STARTING)
@@ -89,15 +89,16 @@ def test_spectators_find_the_engine_that_is_started_again(hall: Hall) -> None:
             for spectator in (small, big):
                 spectator.wait_for("WATCHING", timeout=STARTING)
             hall.kill_engine()
-            for screen in (small, big, terminal):
+            for screen in (small, big, terminal, other):
                 screen.wait_for("the engine has ended")
             for spectator in (small, big):
                 assert not any("Ctrl+R" in line or "^R" in line for line in spectator.screen())
             assert not hall.status()  # none starts one by itself
             terminal.send("\x12")  # Ctrl+R
             terminal.wait_for("The engine is there again", timeout=STARTING)
+            for screen in (small, big, other):
+                until(lambda s=screen: not any("ended" in x.lower() for x in s.screen()))  # type: ignore[misc]
             for spectator in (small, big):
-                until(lambda s=spectator: not any("ended" in x.lower() for x in s.screen()))  # type: ignore[misc]
                 assert any("WATCHING" in line for line in spectator.screen())
 
 
