@@ -19,7 +19,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.config import Settings
 from madrob_console.engine import wire
-from madrob_console.engine.discovery import FoundEngine, ask, find_engine, running_engines
+from madrob_console.engine.discovery import ask, find_engine, running_engines
 from madrob_console.engine.engine_lock import Owned, no_state, owned_by, state_folder, this_user
 from madrob_console.engine.requests import Role
 from madrob_console.testbeds.ros_domain import domain_id
@@ -99,12 +99,20 @@ def attach(
                 raise MadrobError(
                     f"the engine did not start within {STARTING_TIME:g} s: see {_log(owned)}"
                 )
-            if process is None:
-                _end_idle_practice(owned)
-                process = _start(arguments, owned)
-            elif process.poll() not in (None, TAKEN):  # another console's engine comes, then
-                raise MadrobError(_last_words(owned))
+            process = _starting(process, arguments, owned)
         time.sleep(_PERIOD)
+
+
+def _starting(
+    process: subprocess.Popen[bytes] | None, arguments: argparse.Namespace, owned: Owned
+) -> subprocess.Popen[bytes]:
+    """The process of the engine that starts."""
+    if process is None or process.poll() == TAKEN:  # another one comes, or has just gone
+        _end_idle_practice(owned)
+        return _start(arguments, owned)
+    if process.returncode is not None:
+        raise MadrobError(_last_words(owned))
+    return process
 
 
 def demand_engine(arguments: argparse.Namespace, settings: Settings) -> None:
@@ -129,22 +137,16 @@ def _running(owned: Owned, role: Role) -> RemoteEngine | None:
 
 def _end_idle_practice(owned: Owned) -> None:
     """End the simulated engine that nobody uses in the results folder of a live testbed."""
-    if owned.kind is not SourceKind.ROS or owned.results is None:
-        return
-    for found in running_engines():
-        if _is_idle_practice(found) and found.has_results_in(owned.results):
+    for found in running_engines() if owned.kind is SourceKind.ROS else ():
+        answer = found.answer
+        if answer is None or answer.against_stopping or not answer.wire:  # a `madrob run`
+            continue
+        if (found.kind, found.results) == (SourceKind.SIMULATED, owned.results):
             with suppress(TimeoutError, MadrobError):
                 ask(found.stem, wire.Stop())  # refused if it is used by now
             end = time.monotonic() + _ENDING_TIME
-            while time.monotonic() < end and _is_idle_practice(find_engine(found.stem)):
+            while time.monotonic() < end and find_engine(found.stem) is not None:
                 time.sleep(_PERIOD)
-
-
-def _is_idle_practice(found: FoundEngine | None) -> bool:
-    """Whether it is a console's simulated engine without screen, run and unsaved results."""
-    if found is None or found.kind != SourceKind.SIMULATED or found.answer is None:
-        return False
-    return bool(found.answer.wire) and not found.answer.against_stopping
 
 
 def _checked(

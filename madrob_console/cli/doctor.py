@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from madrob_console.cli.doctor_ros import Finding, Severity, look_at_ros, overheard
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted, format_size, listed
-from madrob_console.engine.engine_lock import state_folder
+from madrob_console.engine.engine_lock import no_state, state_folder
 from madrob_console.referee.competition_plan import PlanSource, unknown_teams
 from madrob_console.referee.evidence_account import EvidenceTopic
 from madrob_console.referee.lists import TeamSource
@@ -166,7 +166,10 @@ def look_at_lists(teams: TeamSource, plan: PlanSource) -> Iterator[Finding]:
 def look_at_state_folder() -> Finding:
     """Check where the engine's lock and log lie."""
     try:
-        return Finding(Severity.OK, "state", str(state_folder()))
+        folder = state_folder()
+        if not os.access(folder, os.W_OK):
+            raise no_state(folder, OSError(0, "it cannot be written"))
+        return Finding(Severity.OK, "state", str(folder))
     except MadrobError as error:
         return Finding(Severity.ERROR, "state", str(error))
 

@@ -8,7 +8,7 @@ import shlex
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 from madrob_console.cli import options
 from madrob_console.cli.attaching import option_words, owned_testbed
 from madrob_console.cli.output import BAD_INPUT, complain, print_json, says_yes
-from madrob_console.cli.parsing import Parser
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import RELEASE
@@ -111,8 +110,6 @@ def status_line(found: FoundEngine) -> str:
             parts.append("1 screen" if answer.screens == 1 else f"{answer.screens} screens")
     if found.results is not None:
         parts.append(f"runs in {found.results}")
-    if answer is not None and answer.wire not in (0, wire.VERSION):
-        parts.append(f"of another version ({answer.version})")
     return terminal_safe(", ".join(parts))
 
 
@@ -122,14 +119,14 @@ def run_words(snapshot: Snapshot) -> str:
 
 def stop(arguments: argparse.Namespace) -> int:
     """End the named engines, or the only one; exit code 1 if one goes on or none is found."""
-    is_meant = _named_by(arguments)
+    wanted = _wanted(arguments)
     found = running_engines()
-    chosen = [one for one in found if all(is_so(one) for is_so in is_meant)]
+    chosen = [one for one in found if all(getattr(one, key) == wanted[key] for key in wanted)]
     if not chosen:
-        what = "the engine that is named does not run" if is_meant else "no engine runs"
+        what = "the engine that is named does not run" if wanted else "no engine runs"
         print(f"{what}; these do:" if found else what)
         _list(found)
-        return 1 if is_meant else 0
+        return 1 if wanted else 0
     if len(chosen) > 1 and not arguments.all:
         print(f"{len(chosen)} engines run: name one of them, or end them with --all")
         _list(chosen)
@@ -142,26 +139,25 @@ def _list(found: Sequence[FoundEngine]) -> None:
         print(f"  {status_line(one)}: {one.end_words}")
 
 
-def _named_by(arguments: argparse.Namespace) -> list[Callable[[FoundEngine], bool]]:
-    """What holds of the engine that the command line names; empty where it names none."""
-    tests: list[Callable[[FoundEngine], bool]] = []
-    pid, domain, results = arguments.pid, arguments.domain, arguments.results
-    if pid is not None:
-        tests.append(lambda one: one.pid == pid)
+def _wanted(arguments: argparse.Namespace) -> dict[str, object]:
+    """What the command line says of the engine that it names; empty where it names none."""
+    wanted: dict[str, object] = {}
+    results = arguments.results
+    if arguments.pid is not None:
+        wanted["pid"] = arguments.pid
     if arguments.testbed is not None:
         settings = load_settings(arguments.settings)
         owned = owned_testbed(arguments, settings)
         if owned.kind is SourceKind.SIMULATED:  # whatever is simulated in its results folder
-            tests.append(lambda one: one.kind == owned.kind)
+            wanted["kind"] = owned.kind.value
             results = options.results_folder(arguments, settings)
         else:
-            tests.append(lambda one: one.stem == owned.stem)
-    elif domain is not None:
-        tests.append(lambda one: one.domain == domain)
+            wanted["stem"] = owned.stem
+    elif arguments.domain is not None:
+        wanted["domain"] = arguments.domain
     if results is not None:
-        folder = results.expanduser().resolve()
-        tests.append(lambda one: one.has_results_in(folder))
-    return tests
+        wanted["results"] = results.expanduser().resolve()
+    return wanted
 
 
 def _end(found: FoundEngine, *, force: bool) -> int:
@@ -194,7 +190,7 @@ def _end_process(found: FoundEngine, process: int, *, force: bool) -> int:
     if has_ended(process, patience):
         lost = answer is not None and answer.unsaved
         return _say(found, "ended; what it could not write is lost" if lost else "ended")
-    _say(found, f"{found.process} has not ended within {patience:g} s, it is killed")
+    _say(found, f"pid {found.pid} has not ended within {patience:g} s, it is killed")
     send_signals(process, signal.SIGKILL)
     if has_ended(process, KILLING_TIME):
         return _say(found, "ended; the next engine asks about a run that went on")
@@ -269,8 +265,7 @@ def engines_meant(arguments: argparse.Namespace, results: Path) -> tuple[FoundEn
 
     If an engine keeps its runs in `results`, the folder of the settings, it is the only one.
     """
-    usual = _parsed(())
-    if any(getattr(arguments, name) != getattr(usual, name) for name in _NAMING):
+    if any(getattr(arguments, name) != arguments.parser.get_default(name) for name in _NAMING):
         return ()
     found = running_engines()
     engines = tuple(one for one in found if one.answer is not None and one.answer.console)
@@ -279,7 +274,8 @@ def engines_meant(arguments: argparse.Namespace, results: Path) -> tuple[FoundEn
 
 def mean(arguments: argparse.Namespace, engine: FoundEngine) -> None:
     assert engine.answer is not None
-    typed = _parsed(engine.answer.console)
+    # unknown options of a later version are ignored
+    typed, _ = arguments.parser.parse_known_args([*engine.answer.console])
     for name in _NAMING:
         setattr(arguments, name, getattr(typed, name))
 
@@ -294,11 +290,3 @@ def ask_which(engines: Sequence[FoundEngine], command: str, results: Path) -> in
         own = shlex.join(["madrob", command, "--results", str(results)])
         print(f"  none yet for the results folder of your settings\n    {own}", file=sys.stderr)
     return BAD_INPUT
-
-
-def _parsed(words: Sequence[str]) -> argparse.Namespace:
-    """Parse the options that name a testbed; unknown options of a later version are ignored."""
-    parser = Parser(add_help=False)
-    for option in options.TESTBED:
-        option.add_to(parser)
-    return parser.parse_known_args(list(words))[0]

@@ -70,11 +70,8 @@ class FoundEngine:
 
     @property
     def who(self) -> str:
-        return f"{self.label}, {self.process}"
-
-    @property
-    def process(self) -> str:
-        return f"pid {self.pid}, since {_clock_time(self.since)}"
+        began = time.strftime("%Y-%m-%d %H:%M", time.localtime(self.since))
+        return f"{self.label}, pid {self.pid}, since {began}"
 
     @property
     def kind(self) -> str:
@@ -84,13 +81,6 @@ class FoundEngine:
     def domain(self) -> int | None:
         last = self.stem.rpartition("_")[2]
         return int(last) if self.kind == SourceKind.ROS and last.isdecimal() else None
-
-    def has_results_in(self, folder: Path) -> bool:
-        """Whether it keeps its runs there, whatever path leads there."""
-        results = self.results
-        with suppress(OSError):
-            return results is not None and (results == folder or results.samefile(folder))
-        return False
 
     def attach_line(self, command: str = "console") -> str:
         if self.answer is None or not self.answer.console:
@@ -156,12 +146,6 @@ def running_engines(besides: str = "") -> tuple[FoundEngine, ...]:
         return tuple(found for found in pool.map(find_engine, stems) if found is not None)
 
 
-def _clock_time(moment: float) -> str:
-    local, now = time.localtime(moment), time.localtime()
-    same_day = local[:3] == now[:3]
-    return time.strftime("%H:%M" if same_day else "%Y-%m-%d %H:%M", local)
-
-
 # The locks of an engine: on its testbed, which only this user can have, and on its results folder,
 # which another user or another machine may have.
 
@@ -210,7 +194,8 @@ def held(owned: Owned) -> Iterator[Holding]:
                 locks.append(_in_time(partial(lock_results, owned.results)))
                 stack.callback(os.close, locks[1])
             except OSError as error:
-                _refuse_second(owned.results, error, owned.stem)
+                if refusal := _refusal(owned.results, error, owned.stem):
+                    raise HeldError(refusal, same=False) from None
                 why = error.strerror or "it does not answer"
                 if not isinstance(error, FileExistsError):  # whoever writes there says so
                     remarks.append(
@@ -219,22 +204,18 @@ def held(owned: Owned) -> Iterator[Holding]:
         yield Holding(listening, tuple(locks), tuple(remarks))
 
 
-def _refuse_second(results: Path, error: OSError, own: str) -> None:
-    """Refuse a results folder that has an engine, or may have one of another user."""
+def _refusal(results: Path, error: OSError, own: str) -> str:
+    """Why a results folder is refused: it has an engine, or may have another user's."""
+    lock, other = results / LOCK_FILE, "or use another --results"
     for found in running_engines(besides=own):
-        if found.has_results_in(results):
-            said = f"{_taken(str(results), found)}, or use another --results"
-            raise HeldError(said, same=False)
-    lock = results / LOCK_FILE
+        if found.results == results:
+            return f"{_taken(str(results), found)}, {other}"
     if isinstance(error, BlockingIOError):
-        raise HeldError(
-            f"{results} has an engine already ({holder_in(lock).words}): end it there, or use "
-            "another --results",
-            same=False,
-        )
+        holder = holder_in(lock).words
+        return f"{results} has an engine already ({holder}): end it there, {other}"
     if isinstance(error, PermissionError) and os.path.lexists(lock):
-        said = f"{lock} is another user's: delete it, or use another --results"
-        raise HeldError(said, same=False)
+        return f"{lock} is another user's: delete it, {other}"
+    return ""
 
 
 def _taken(words: str, found: FoundEngine | None) -> str:

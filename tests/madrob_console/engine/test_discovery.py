@@ -16,6 +16,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from madrob_console.cli.doctor import look_at_state_folder
+from madrob_console.cli.doctor_ros import Severity
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
@@ -188,11 +190,11 @@ def test_a_results_folder_is_one_folder_by_whatever_path(owned: Owned, tmp_path:
     (tmp_path / "runs").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "runs")
     live = owned_by(SourceKind.ROS, 3, results=tmp_path / "link")
-    known = msgspec.structs.replace(KNOWN, results=str(tmp_path / "runs"))
-    with answering(owned, known), pytest.raises(HeldError) as told, held(live):
+    with answering(owned), pytest.raises(HeldError) as told, held(live):
         pass
     assert not told.value.same
-    assert f"{tmp_path / 'link'} has an engine already (SIMULATED nominal, " in str(told.value)
+    assert f"{tmp_path / 'link'} has an engine already (user " in str(told.value)
+    assert f"pid {os.getpid()} on " in str(told.value)
     assert "or use another --results" in str(told.value)
     with answering(owned), held(owned_by(SourceKind.REPLAY, "bag", results=None)):
         pass  # it records nothing
@@ -423,7 +425,11 @@ def test_a_state_folder_that_is_not_this_user_s_alone_is_named_with_the_remedy(
     ("mounted", "why"), [("ro", "Read-only file system"), ("rw,nr_inodes=4", "No space left")]
 )
 def test_a_state_folder_that_takes_no_file_is_named_with_the_remedy(
-    mounted: str, why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    mounted: str,
+    why: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     if os.getuid() != 0:
         pytest.skip("only root can mount")
@@ -437,6 +443,8 @@ def test_a_state_folder_that_takes_no_file_is_named_with_the_remedy(
         if mounted != "ro":
             (folder / "full").touch()
         assert why in refused_state(str(place), tmp_path, capsys)
+        monkeypatch.setenv("XDG_STATE_HOME", str(place))
+        assert (look_at_state_folder().severity is Severity.ERROR) == (mounted == "ro")
     finally:
         subprocess.run(["umount", place], check=True)
 

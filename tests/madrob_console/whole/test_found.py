@@ -288,7 +288,7 @@ def test_an_engine_of_another_version_is_ended_by_the_line_that_the_console_says
     bench: Bench,
 ) -> None:
     process, other = bench.served(before=OTHER_VERSION), bench.served(results=bench.folder / "two")
-    assert ", of another version (" in bench.status(process)
+    assert f"pid {process.pid}, " in bench.status(process)
     line = f"madrob engine stop --results {bench.results}"
     refused = bench.refused()
     assert "speaks version 900, this console " in refused
