@@ -101,6 +101,11 @@ def _as_setting(key: str, text: str) -> Argument:
             help="s to wait for the pre-start checks; `inf`: without an end",
         ),
         Argument("--waive", metavar="REASON", help="let failing pre-start checks pass"),
+        Argument(
+            "--accept-false-start",
+            metavar="WHY",
+            help="let false starts pass; without it one aborts the run",
+        ),
         Argument("--no-report", action="store_true", help="make no report.html"),
     ),
     examples=(
@@ -153,7 +158,10 @@ def run(arguments: argparse.Namespace) -> int:
             practice = simulated or arguments.practice
             return _setup(arguments, settings, engine, teams, plan, practice=practice)
 
-        return EXIT_CODES[unattended.go(setup, arguments.wait, arguments.waive)]
+        outcome = unattended.go(
+            setup, arguments.wait, arguments.waive, arguments.accept_false_start
+        )
+        return EXIT_CODES[outcome]
 
 
 def _setup(

@@ -32,7 +32,16 @@ from madrob_console.engine.run_recorder import EventLog
 from madrob_console.engine.scorer import Scorer
 from madrob_console.messages.codec import ROBOT_STARTED_TOPIC, referee_topics
 from madrob_console.messages.message_types import MessageTypes
-from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, Waive, ZeroHandle
+from madrob_console.referee.acts import (
+    Abort,
+    AcceptFalseStart,
+    Act,
+    ConfirmPose,
+    SetUp,
+    Start,
+    Waive,
+    ZeroHandle,
+)
 from madrob_console.referee.checks import CheckState, blocking
 from madrob_console.referee.records import CheckName, RunSetup
 from madrob_console.testbeds.ros_domain import domain_id
@@ -285,11 +294,14 @@ class UnattendedRun:
         self._log = _LogPrinter(engine.log)
         self._signal: int | None = None
 
-    def go(self, setup: SetupMaker, wait: float, waive: str | None) -> Outcome:
+    def go(
+        self, setup: SetupMaker, wait: float, waive: str | None, accept: str | None = None
+    ) -> Outcome:
         """Do the run, to its report; returns how it ended.
 
         `setup` is called when the engine is open. `wait` is for the pre-start checks, s. `waive` is
-        the reason to start despite failing checks; None = they must pass.
+        the reason to start despite failing checks; None = they must pass. `accept` is the
+        reason to accept false starts; None = one aborts the run.
 
         Raises:
             MadrobError: it did not start; nothing was recorded.
@@ -302,6 +314,7 @@ class UnattendedRun:
             self._prepare(setup, wait, waive)
             while engine.scored is None:
                 self._step()
+                self._decide_false_start(accept)
                 self._heed_signal()
         finally:
             engine.close()
@@ -357,6 +370,15 @@ class UnattendedRun:
     def _step(self) -> None:
         self._engine.step(STEP, lambda: self._signal is not None)
         self._log.print_new()
+
+    def _decide_false_start(self, accept: str | None) -> None:
+        if self._engine.run.held is None:
+            return
+        if accept:
+            self._do(AcceptFalseStart(accept))
+            return
+        print("note: --accept-false-start WHY lets a false start pass", flush=True)
+        self._do(Abort("false start, and no referee to accept it"))
 
     def _heed_signal(self) -> None:
         if self._signal is None:

@@ -134,7 +134,7 @@ def _run_events(before: Snapshot, now: Snapshot) -> Iterator[tuple[float, str]]:
     if now.result is not None and now.result != before.result:
         yield now.time, _result_words(now)
     set_up = run.phase is Phase.READY and run.setup != was.setup
-    if run.phase is not was.phase or run.start != was.start or set_up:
+    if run.phase is not was.phase or run.fixed_start != was.fixed_start or set_up:
         yield from _phase_event(before, now)
 
 
@@ -151,6 +151,10 @@ def _phase_event(before: Snapshot, now: Snapshot) -> Iterator[tuple[float, str]]
             condition = setup.condition
             task = f"{condition.number}: {condition.way}, {condition.benchmark_type}"
             yield now.time, f"{who} is set up in condition {task}"
+        case Phase.COUNTDOWN if run.countdown_began == before.run.countdown_began:
+            does = "is held" if run.held is not None else "goes on"
+            left = f"{now.remaining or 0.0:.1f} s before the start"
+            yield now.time, f"the countdown of {who} {does}, {left}"
         case Phase.COUNTDOWN if setup is not None:
             yield now.time, f"the countdown of {who} begins: {setup.countdown:g} s"
         case Phase.RUNNING if start is not None:

@@ -16,6 +16,7 @@ from madrob_console.engine.durable_acts import Answers, DurableActs, EarlierRuns
 from madrob_console.engine.evidence_client import EvidenceNotes, EvidenceStatus
 from madrob_console.engine.journal_writer import OpenJournal, Recording
 from madrob_console.engine.observation import Happening, Observation, RunTracker
+from madrob_console.engine.public_state import PublishedState
 from madrob_console.engine.replay import DECIDED_ANEW, EngineContext
 from madrob_console.engine.result_writer import CurrentResult
 from madrob_console.engine.run_faults import RunFaults
@@ -180,25 +181,26 @@ class CurrentRun:
         for one in happened:
             if self._replay is None or one.change in DECIDED_ANEW:
                 self.note(one)
-        counts_anew = run.phase is Phase.COUNTDOWN and run.countdown_began != before.countdown_began
-        if counts_anew:
+        if run.start != before.start:
             self._count_down(run)
         if before.active and run.phase is Phase.STOPPED:
             self.decided = self._engine_context.now()
             self._observation.judge(run)
-        told = (run.phase, run.setup, run.voided)
-        if counts_anew or told != (before.phase, before.setup, before.voided):
+        if run is not before and PublishedState.of(run) != PublishedState.of(before):
             self.event_publisher.announce_state(run)
 
     def _count_down(self, run: Run) -> None:
         observation = self._observation
         if observation.course is not None:
-            observation.course.restart(run)
+            observation.course.restart(run, self._engine_context.now())
+        if observation.course is not None or run.phase is not Phase.COUNTDOWN:
             return
         assert self.record is not None
-        before = observation.sensors.newest() if self._replay is None else None
+        replayed = None if self._replay is None else self._replay.recorded.run
+        before = observation.sensors.newest() if replayed is None else None
         silence = self._engine_context.config.limits.lost
-        observation.course = RunTracker(self.record, run, silence, before)
+        start = -math.inf if replayed is None else replayed.start or -math.inf
+        observation.course = RunTracker(self.record, run, silence, before, start)
 
     def interrupt(
         self, reason: str, at: float | None = None, outcome: Outcome = Outcome.INTERRUPTED
@@ -244,7 +246,7 @@ class CurrentRun:
         return self.run.start
 
     def write(self, entry: Entry) -> None:
-        self.event_publisher.write(entry, self.run.start)
+        self.event_publisher.write(entry, self.run.fixed_start)
 
     # ------------------------------------------------------------------ its end
 
@@ -421,7 +423,7 @@ class Acting:
         at_hand = self._at_hand
         if made is not None:
             at_hand.adopt(made)
-        at_hand.event_publisher.say(entry, at_hand.run.start)
+        at_hand.event_publisher.say(entry, at_hand.run.fixed_start)
         if Consequence.COUNTDOWN in act.consequences:
             details = {"time": self._engine_context.now()}
             begins = at_hand.note(Happening(Origin.CLOCK, Change.COUNTDOWN_BEGINS, details=details))

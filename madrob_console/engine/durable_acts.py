@@ -208,7 +208,7 @@ class DurableActs:
             self._clock.release()
             self._event_publisher.log.add_line(withdrawal, None)
         elif pending.job is None:
-            self._event_publisher.write(withdrawal, self._situation().run.start)
+            self._event_publisher.write(withdrawal, self._situation().run.fixed_start)
         pending.tell(f"{why}: it is withdrawn")
         return True
 
@@ -234,7 +234,7 @@ class DurableActs:
         if refused is None and (refused := pending.act.refusal(situation)) is not None:
             withdrawal = pending.withdrawal(self._engine_context.now(), refused)
             if made is None:
-                self._event_publisher.write(withdrawal, situation.run.start)
+                self._event_publisher.write(withdrawal, situation.run.fixed_start)
             else:
                 self._keepers.own.submit_job(partial(made.give_up, withdrawal))
         if refused is None:

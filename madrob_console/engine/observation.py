@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -130,7 +131,7 @@ contact) makes more; each costs a synced journal line, and all of them would del
 """
 
 MOST_FALSE_STARTS = 20
-"""Most false starts of a countdown that are noted; for the same reason."""
+"""Most undecided false starts that are noted; for the same reason."""
 
 FLICKERS = f"more than {MOST_NOTED} events: a signal flickers; the others stand in the result only"
 
@@ -162,6 +163,7 @@ class RunTracker:
         silence: how long a settle time may wait for a door that went silent, s.
         before: the newest sample of each signal; what is active before the countdown is no false
             start. None: false starts are known already, no new ones are judged.
+        not_before: the run does not start before this, s since the epoch.
     """
 
     def __init__(
@@ -170,16 +172,19 @@ class RunTracker:
         run: Run,
         silence: float,
         before: Sequence[Sample] | None = (),
+        not_before: float = -math.inf,
     ) -> None:
         self._record = record
+        self._not_before = not_before
         self._patience = record.thresholds.settle_time + silence
         self._before = before
         self._preroll: list[Sample] = []
-        self.restart(run)
-
-    def restart(self, run: Run) -> None:
-        assert run.start is not None
         assert run.countdown_began is not None
+        self.restart(run, run.countdown_began)
+
+    def restart(self, run: Run, counts_from: float) -> None:
+        """The countdown begins or goes on at `counts_from`, s since the epoch."""
+        assert run.start is not None
         self._start = run.start
         self.assessment = self._record.assessment(run.start)
         for sample in self._preroll:
@@ -187,6 +192,8 @@ class RunTracker:
         self.procedure: Procedure = self.assessment.procedure()
         self.robot_start: float | None = None
         self._known: set[Event] = set()
+        self._early: set[Event] = set()
+        self._counts_from = counts_from
         self._judged: tuple[int, tuple[Ruling, ...]] = (-1, ())
         self._counting_down = True
         self._watch: EventDetector | None = None
@@ -194,7 +201,7 @@ class RunTracker:
             return
         self._watch = EventDetector(
             self._record.setup.condition,
-            run.countdown_began,
+            counts_from,
             self._record.thresholds,
             handle_zero=self._record.handle_zero,
         )
@@ -221,35 +228,40 @@ class RunTracker:
         not judged yet. Both times are s since the epoch.
         """
         happened: list[Happening] = []
-        if run.phase is Phase.COUNTDOWN:
-            run = self._count_down(run, now, happened)
+        if self._watch is not None:
+            run = self._hold_at_false_start(run, self._watch, now, happened)
+        due = run.held is None and now >= max(self._start, self._not_before)
+        if run.phase is Phase.COUNTDOWN and due:
+            self._preroll, self._counting_down = [], False
+            event = Event(self._start, EventName.BENCHMARK_START)
+            happened.append(_seen(Change.RUN_STARTS, event, Origin.CLOCK))
+            run = begin_run(run)
         if run.phase is Phase.RUNNING:
+            if seen >= self._start + IN_FLIGHT:
+                self._watch = None
             run = self._follow(run, now, seen, happened)
         return run, happened
 
-    def _count_down(self, run: Run, now: float, happened: list[Happening]) -> Run:
-        start, began = run.start, run.countdown_began
-        assert start is not None
-        assert began is not None
-        seen: Sequence[Event] = ()
-        if self._watch is not None and len(self._known) < MOST_FALSE_STARTS:
-            seen = self._watch.events()
-        for event in seen:
-            if len(self._known) >= MOST_FALSE_STARTS:
-                break
-            inside = began < event.time < start
-            if event.name in FALSE_STARTS and inside and event not in self._known:
-                self._known.add(event)
-                mark = FalseStart(event.time, event.name)
-                run = replace(run, false_starts=(*run.false_starts, mark))
-                happened.append(_seen(Change.FALSE_START, event))
-        if now < start:
-            return run
-        self._watch, self._preroll, self._known, self._counting_down = None, [], set(), False
-        happened.append(
-            _seen(Change.RUN_STARTS, Event(start, EventName.BENCHMARK_START), Origin.CLOCK)
-        )
-        return begin_run(run)
+    def _hold_at_false_start(
+        self, run: Run, watch: EventDetector, now: float, happened: list[Happening]
+    ) -> Run:
+        """Notes false starts; the first one holds the countdown, if the run has not begun."""
+        room = MOST_FALSE_STARTS - sum(mark.accepted is None for mark in run.false_starts)
+        for event in watch.events() if room > 0 else ():
+            counts = self._start if run.held is None else math.inf
+            inside = self._counts_from < event.time < counts
+            if event.name not in FALSE_STARTS or not inside or event in self._early or not room:
+                continue
+            room -= 1
+            self._early.add(event)
+            mark = FalseStart(event.time, event.name)
+            run = replace(run, false_starts=(*run.false_starts, mark))
+            happened.append(_seen(Change.FALSE_START, event))
+            if run.phase is Phase.COUNTDOWN and run.held is None:
+                run = replace(run, held=min(now, self._start))
+                held = {"time": run.held}
+                happened.append(Happening(Origin.CLOCK, Change.COUNTDOWN_HELD, details=held))
+        return run
 
     def _follow(self, run: Run, now: float, seen: float, happened: list[Happening]) -> Run:
         if run.robot_start is None and self.robot_start is not None:

@@ -39,7 +39,8 @@ class PublishedState(msgspec.Struct, frozen=True, kw_only=True):
         benchmark_type: of the condition; null before a run is set up.
         opening_side: to where the door may open; null before a run is set up.
         starting_side: where the robot starts; null before a run is set up.
-        start_time: s since 1970; planned during the countdown; null before.
+        start_time: s since 1970; planned during the countdown; null before, and while a false
+            start holds the countdown.
         timeout: s from the start; null before a run is set up.
         outcome: null until the run has ended.
         void: whether the referee has voided the run.
@@ -75,7 +76,7 @@ class PublishedState(msgspec.Struct, frozen=True, kw_only=True):
             benchmark_type=condition.benchmark_type if condition else None,
             opening_side=condition.opening_side if condition else None,
             starting_side=condition.starting_side if condition else None,
-            start_time=run.start,
+            start_time=run.fixed_start,
             timeout=setup.timeout if setup else None,
             outcome=run.outcome,
             void=run.voided is not None,
@@ -217,6 +218,7 @@ _ISSUE = {"type": "integer", "description": "number of the result."}
 
 _DETAILS: Mapping[Change, Mapping[str, object]] = {
     Change.COUNTDOWN_BEGINS: {"time": _TIME},
+    Change.COUNTDOWN_HELD: {"time": _TIME},
     Change.RUN_STARTS: {"event": _EVENT, "time": _TIME},
     Change.ROBOT_STARTS: {"time": _TIME},
     Change.EVENT: {"event": _EVENT, "time": _TIME},

@@ -161,10 +161,10 @@ def testbed_problem(told: Announcement, run: Run) -> str | None:
 
 
 def elapsed(run: Run, now: float) -> float | None:
-    """Seconds since the start; negative in the countdown, frozen at the stop."""
+    """Seconds since the start; negative in the countdown, frozen while held and at the stop."""
     if run.start is None:
         return None
-    return (now if run.stop is None else run.stop) - run.start
+    return (run.stop or run.held or now) - run.start
 
 
 def remaining(run: Run, now: float) -> float | None:
@@ -172,7 +172,7 @@ def remaining(run: Run, now: float) -> float | None:
     if run.start is None or run.setup is None:
         return None
     if run.phase is Phase.COUNTDOWN:
-        return max(0.0, run.start - now)
+        return max(0.0, run.start - (run.held or now))
     if run.phase is Phase.RUNNING:
         return max(0.0, run.start + run.setup.timeout - now)
     return None

@@ -68,6 +68,7 @@ class Change(StrEnum):
     RUN_STOPS = "run stops"
     TIMEOUT_ELAPSED = "timeout elapsed"
     FALSE_START = "false start"
+    COUNTDOWN_HELD = "countdown held"
     EVENT = "event"
     FAULT = "fault of the testbed"
     UNRECORDED = "recording incomplete"
@@ -129,6 +130,8 @@ def _changed(run: Run, entry: Entry) -> Run:
         case Change.COUNTDOWN_BEGINS if run.setup is not None:
             decided = decide_false_starts(run, "countdown restarted")
             return begin_countdown(decided, _time(details["time"]))
+        case Change.COUNTDOWN_HELD if run.phase is Phase.COUNTDOWN:
+            return replace(run, held=_time(details["time"]))
         case Change.RUN_STARTS:
             return begin_run(run)
         case Change.TIMEOUT_ELAPSED:

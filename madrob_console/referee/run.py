@@ -60,6 +60,7 @@ class Run:
         zero_samples: the samples behind it; None = never set, or by an earlier version.
         countdown_began: the beginning of the recording.
         start: planned during the countdown, actual afterwards.
+        held: when a false start held the countdown; None = it is not held.
         robot_start: when the robot said that it set out; None = it has not said so.
         timeout_at: when the timeout came, while a running settle time delays the stop.
         corrections: of the set-up; `setup` includes them.
@@ -82,6 +83,7 @@ class Run:
     waivers: tuple[Waiver, ...] = ()
     countdown_began: float | None = None
     start: float | None = None
+    held: float | None = None
     robot_start: float | None = None
     stop: float | None = None
     timeout_at: float | None = None
@@ -181,6 +183,11 @@ class Run:
         return self.phase in (Phase.COUNTDOWN, Phase.RUNNING)
 
     @property
+    def fixed_start(self) -> float | None:
+        """The start, planned or actual; None while the countdown is held, too."""
+        return self.start if self.held is None else None
+
+    @property
     def ending(self) -> Ending:
         """How the run ended; an interrupted one has no stop.
 
@@ -237,7 +244,15 @@ def begin_countdown(run: Run, at: float) -> Run:
         phase=Phase.COUNTDOWN,
         countdown_began=at,
         start=at + max(run.setup.countdown, LEAST_PREROLL),
+        held=None,
     )
+
+
+def resume_countdown(run: Run, at: float) -> Run:
+    """Lets a held countdown go on at `at`: the start lies as much later as it was held."""
+    if run.held is None or run.start is None:
+        return run
+    return replace(run, start=run.start + max(0.0, at - run.held), held=None)
 
 
 def begin_run(run: Run) -> Run:
@@ -262,8 +277,9 @@ def time_out(run: Run, at: float, reason: str) -> Run:
 
 
 def stop(run: Run, outcome: Outcome, at: float, reason: str) -> Run:
+    """Ends the run at `at`; one whose countdown is held ends as long before its start."""
     return replace(
-        run,
+        resume_countdown(run, at),
         phase=Phase.STOPPED,
         outcome=outcome,
         stop=at,

@@ -29,6 +29,7 @@ from madrob_console.referee.run import (
     begin_countdown,
     changed,
     decide_false_starts,
+    resume_countdown,
     stop,
     time_out,
 )
@@ -40,7 +41,7 @@ from scoring.protocol import Outcome, Step
 
 @dataclass(frozen=True, slots=True)
 class AcceptFalseStart(Act):
-    """Accept the false starts found so far, with a reason."""
+    """Accept the false starts so far, with a reason; a held countdown goes on."""
 
     name = "accept the false start"
     phases = (Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED)
@@ -55,7 +56,7 @@ class AcceptFalseStart(Act):
         return "there is no false start to accept" if undecided is None else None
 
     def apply(self, situation: Situation, at: float) -> Run:
-        return decide_false_starts(situation.run, self.reason)
+        return resume_countdown(decide_false_starts(situation.run, self.reason), at)
 
 
 # A note beside the run.

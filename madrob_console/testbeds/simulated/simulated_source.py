@@ -312,7 +312,7 @@ class SimulatedSource(Source):
             self.testbed.set_start_distance(abs(pose.position.x))
 
     def heed(self, state: RefereeState) -> None:
-        if state.phase in ("idle", "ready"):
+        if state.phase in ("idle", "ready") or state.held:
             self.testbed.reset()
         if state.condition is not None:
             self.testbed.set_condition(state.condition)

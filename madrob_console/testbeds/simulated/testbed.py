@@ -145,6 +145,11 @@ class RefereeState(msgspec.Struct, frozen=True):
         number = self.condition_number
         return None if number is None else Condition.from_number(number)
 
+    @property
+    def held(self) -> bool:
+        """Whether a false start holds the countdown."""
+        return self.phase == "countdown" and self.start_time is None
+
     def goes_on_with(self, before: RefereeState) -> bool:
         if self.phase not in ("countdown", "running", "stopped"):
             return False

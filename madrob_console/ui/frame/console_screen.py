@@ -17,6 +17,7 @@ from textual.widgets import ContentSwitcher
 from madrob_console.engine.requests import ExportTeam, OpenRun
 from madrob_console.referee.acts import (
     Abort,
+    AcceptFalseStart,
     DecideProtest,
     DeclareTimeout,
     FileProtest,
@@ -42,7 +43,14 @@ from madrob_console.ui.frame.frame_lines import (
     TinyClock,
     TopLine,
 )
-from madrob_console.ui.keys.dialogs import Copy, Press, RunMeant, ask_copy, ask_unfinished
+from madrob_console.ui.keys.dialogs import (
+    Copy,
+    Press,
+    RunMeant,
+    ask_copy,
+    ask_false_start,
+    ask_unfinished,
+)
 from madrob_console.ui.keys.key_table import KEYS, MENU, ask_menu
 from madrob_console.ui.link import NOT_YET
 from madrob_console.ui.look.words import PHASES, export_text
@@ -139,6 +147,7 @@ class ConsoleScreen(Screen[None]):
         self.frames = ""
         self._timer: Timer | None = None
         self._count = 0
+        self._asked_held: float | None = None
         self._was_active = False
         self._was_written = False
         self._behind = "setup"
@@ -244,6 +253,26 @@ class ConsoleScreen(Screen[None]):
             self.ask_about(now.unfinished[0].folder)
             self._ahead.replaced("the question has just come")
 
+    def ask_about_false_start(self) -> None:
+        """Asks once about each held countdown where it can be decided; closes once it is."""
+        now = self._latest
+        for dialog in [one for one in self.dialogs if one.name == "accept" and one.overtaken]:
+            self.close(dialog)
+        if now is None or now.run.held in (None, self._asked_held) or self.dialogs:
+            return
+
+        def asked() -> Ask[Intent] | str:
+            now = self._latest
+            if now is None:
+                return NOT_YET
+            return now.refusal(AcceptFalseStart.name) or ask_false_start(now.run)
+
+        if not isinstance(ask := asked(), str):
+            self._asked_held = now.run.held
+            self.show_pane("live", chosen=False)
+            self.open("accept", ask, asked)
+            self._ahead.replaced("the question has just come")
+
     def ask_about(self, folder: str) -> bool:
         """Asks what becomes of a run that was cut off; False if nobody here can decide it."""
 
@@ -303,6 +332,7 @@ class ConsoleScreen(Screen[None]):
             and (snapshot.unfinished != before.unfinished or before.pulse.gone)
         ):  # a slow disk tells of them after the first look; an engine that starts asks again
             self.call_later(self.ask_about_unfinished)
+        self.call_later(self.ask_about_false_start)
         self._tell_export(before, snapshot)
         self._tell_lists(before, snapshot)
         self._playback.show(snapshot)
@@ -478,15 +508,16 @@ class ConsoleScreen(Screen[None]):
             self._keys.press_key_at(at - self._keys.region.offset)
 
     def _ring(self, before: Snapshot | None, now: Snapshot) -> None:
-        """Rings when a run starts, a run stops or a fault appears; never for what is over."""
+        """Rings when a run starts, is held or stops, or a fault appears; never for what is over."""
         if before is None or now.playback is not None:
             return
         started = now.run.phase is Phase.RUNNING is not before.run.phase
         stopped = before.run.active and not now.run.active
         known = {*before.all_faults, now.pulse_words or "" if before.pulse.words else ""}
         new = {*map(cause_of, now.all_faults)} - {*map(cause_of, known)}
+        held = now.run.held not in (None, before.run.held)
         taken = now.notice is not None and now.notice != before.notice
-        if started or stopped or taken or new:
+        if started or stopped or held or taken or new:
             cast("ConsoleApp", self.app).ring()
 
     def _follow(self, before: Snapshot | None, now: Snapshot) -> None:

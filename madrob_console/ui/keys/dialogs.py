@@ -152,6 +152,28 @@ def ask_unfinished(run: Unfinished) -> Ask[OpenRun]:
     )
 
 
+def ask_false_start(run: Run) -> Ask[Press] | str:
+    """Asks what becomes of a held countdown; a text says that it is not held."""
+    mark = run.undecided_false_start
+    if run.held is None or run.start is None or mark is None:
+        return "it is decided: the countdown is not held any more"
+    left = f"{run.start - run.held:.1f} s"
+    return Ask(
+        f"FALSE START: {mark.event.words}. The countdown is held {left} before the start.",
+        (
+            Pick(
+                "",
+                (
+                    Option("r", "begin the countdown again", "restart"),
+                    Option("a", "accept it: the countdown goes on", "accept"),
+                ),
+                below=("F8 aborts the run.",),
+            ),
+        ),
+        lambda key: Press(key, ""),
+    )
+
+
 def ask_copy(
     row: str, result: str, folder: str, zipped: str, host: str, pictures: str = ""
 ) -> Ask[Copy] | str:

@@ -128,6 +128,8 @@ def phase_span(run: Run, result: Result | None = None) -> Span:
         word = OUTCOMES[run.outcome].partition(":")[0]
         lacks_steps = result is not None and result.lacks_steps
         return Span("ENDED" if lacks_steps else word, TONES[run.outcome])
+    if run.held is not None:
+        return Span("HELD", Tone.BAD)
     tone = Tone.GOOD if run.phase is Phase.RUNNING else Tone.STRONG
     return Span(PHASES[run.phase], Tone.WARN if run.phase is Phase.COUNTDOWN else tone)
 
@@ -159,6 +161,8 @@ def _time_left(snapshot: Snapshot) -> Line:
     if snapshot.remaining is None:
         return ()
     if run.phase is Phase.COUNTDOWN:
+        if run.held is not None:
+            return line(f"  {snapshot.remaining:.1f} s before the start")
         return line(f"  starts in {minutes_text(snapshot.remaining)}")
     of = f" of {minutes_text(run.setup.timeout)}" if run.setup else ""
     return line(f"  {minutes_text(snapshot.remaining)} left{of}")
@@ -336,7 +340,7 @@ def banner(snapshot: Snapshot) -> tuple[str, Tone]:
     silent = snapshot.playback is not None or snapshot.right.only_watches
     if (false_start := run.undecided_false_start) is not None:
         at = "" if run.start is None else f" at {false_start.time - run.start:.1f} s"
-        again = "r restarts the countdown, " if run.phase is Phase.COUNTDOWN else ""
+        again = "r restarts, " if run.held is not None else ""
         how = "" if silent else f": Enter, then {again}a accepts it"
         return f" FALSE START: {false_start.event.words}{at}{how} ", Tone.ALARM
     if writing := snapshot.pulse.writing:

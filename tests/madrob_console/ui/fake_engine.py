@@ -300,7 +300,8 @@ class FakeEngine:
     def tick(self, duration: float) -> None:
         """Let time pass; a countdown becomes a run."""
         self.now += duration
-        if self.run.phase is Phase.COUNTDOWN and self.now >= (self.run.start or 0.0):
+        counts = self.run.phase is Phase.COUNTDOWN and self.run.held is None
+        if counts and self.now >= (self.run.start or 0.0):
             self.run = begin_run(self.run)
             self.recorder = RecorderView("recording", 12345, 3_400_000)
 
@@ -310,9 +311,10 @@ class FakeEngine:
         self.steps = tuple(done if record.step is step else record for record in self.steps)
 
     def false_start(self, event: EventName = EventName.HANDLE_IS_TOUCHED) -> None:
-        """Somebody touches the handle in the countdown."""
+        """Somebody touches the handle in the countdown, which is held, or just before its end."""
         found = FalseStart(self.now, event)
-        self.run = replace(self.run, false_starts=(*self.run.false_starts, found))
+        held = self.now if self.run.phase is Phase.COUNTDOWN else None
+        self.run = replace(self.run, false_starts=(*self.run.false_starts, found), held=held)
 
     def say(self, text: str, origin: Origin = Origin.SENSOR, weight: Weight = Weight.PLAIN) -> None:
         """One more line in the log."""

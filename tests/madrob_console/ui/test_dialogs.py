@@ -94,8 +94,8 @@ SIGNED_SO = "1 false start UNDECIDED (handle touched)"
 WITH_A_FALSE_START: Story = [
     (Driver.set_up,),
     ("f5",),
-    (lambda d: d.engine.false_start(),),
     (passes(6.0),),
+    (lambda d: d.engine.false_start(),),
     ("i f",),
     (Driver.finish,),
 ]

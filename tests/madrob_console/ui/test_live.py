@@ -17,9 +17,15 @@ from madrob_console.engine.snapshot import (
     Snapshot,
 )
 from madrob_console.engine.view import NO_STEPS
-from madrob_console.referee.acts import Abort
+from madrob_console.referee.acts import (
+    Abort,
+    AcceptFalseStart,
+    MarkIncident,
+    RestartCountdown,
+)
 from madrob_console.referee.checks import Freshness
 from madrob_console.referee.journal import Origin
+from madrob_console.referee.records import IncidentKind
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.ui.cells.lines import Line, Tone, plain, width_of
 from madrob_console.ui.look.words import ROUGH
@@ -41,6 +47,7 @@ from tests.madrob_console.ui.driver import (
     Story,
     acting,
     ages,
+    did_nothing,
     engine_does,
     follow,
     has,
@@ -51,9 +58,11 @@ from tests.madrob_console.ui.driver import (
     opened,
     passes,
     play,
+    remember,
     resized,
     says,
     sets,
+    types_every,
 )
 from tests.madrob_console.ui.fake_engine import EPOCH, FakeEngine
 
@@ -265,6 +274,15 @@ def row_ends(number: int, words: str) -> Callable[[Driver], object]:
     return lambda driver: driver.rows()[number].endswith(words)
 
 
+HELD: Story = [
+    (Driver.set_up,),
+    ("f5",),
+    (passes(1.5),),
+    (lambda d: d.engine.false_start(),),
+    (Driver.settle, "The countdown is held"),
+]
+"""Somebody touched the handle in the countdown, and the question has come."""
+
 STORIES: Stories = {
     "the clock reads the time in large digits": [
         (Driver.run,),
@@ -375,10 +393,53 @@ STORIES: Stories = {
         (lambda d: d.engine.false_start(),),
         (
             Driver.settle,
-            "FALSE START: handle touched at -3.5 s: Enter, then r restarts the countdown",
-            "a accepts it",
+            "HELD  3.5 s before the start",
+            "FALSE START: handle touched. The countdown is held 3.5 s before the start.",
+            "F8 aborts the run.",
         ),
-        ("enter r", no("FALSE START"), "starts in 0:05"),
+        (passes(60.0), "HELD  3.5 s before the start"),
+        ("r", RestartCountdown(), no("FALSE START"), "starts in 0:05"),
+    ],
+    "a false start is accepted and the countdown goes on from where it was held": [
+        *HELD,
+        (passes(60.0),),
+        ("a 1", AcceptFalseStart("nothing gained"), "starts in 0:04"),
+    ],
+    "keys typed before a false start was seen do not decide it": [
+        (Driver.set_up,),
+        ("f5",),
+        (remember,),
+        (lambda d: d.engine.false_start(),),
+        (Driver.settle, "The countdown is held"),
+        (types_every(0.0),),
+        ("r", "'r' is left out: the question has just come", did_nothing),
+        (types_every(1.0),),
+        ("enter", "Press the key of an answer", did_nothing),
+    ],
+    "a false start whose question was closed is still held and says how to decide": [
+        *HELD,
+        ("escape", no_question),
+        (passes(60.0), no_question, "at -3.5 s: Enter, then r restarts, a accepts it"),
+        ("enter a 1", AcceptFalseStart("nothing gained")),
+    ],
+    "a run that is held can be aborted": [*HELD, ("f8 1 y", Abort("robot unsafe"), no_question)],
+    "a false start waits until the open question is answered": [
+        (Driver.set_up,),
+        ("f5",),
+        ("i",),
+        (lambda d: d.engine.false_start(),),
+        (Driver.settle, "HELD", no("The countdown is held")),
+        ("f", MarkIncident(IncidentKind.FALL)),
+        (Driver.settle, "The countdown is held"),
+    ],
+    "who takes over the right to act is asked about a false start": [
+        (Driver.set_up,),
+        ("f5",),
+        (has(right=RightToAct(holder="Ada@hall")),),
+        (lambda d: d.engine.false_start(),),
+        (Driver.settle, "HELD", no("The countdown is held")),
+        (has(right=RightToAct()),),
+        (Driver.settle, "The countdown is held"),
     ],
     "a question to the referee is shown": [
         (Driver.run,),

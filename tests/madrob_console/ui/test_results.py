@@ -114,8 +114,8 @@ FAULTS = (Fault(OVER_AT, "/madrob/door/angle: lost"),)
 WITH_FLAGS: Story = [
     (Driver.set_up,),
     ("f5",),
-    (lambda d: d.engine.false_start(),),
     (passes(6.0),),
+    (lambda d: d.engine.false_start(),),
     ("i f",),
     (sets(steps=DENIED_STEPS),),
     (runs_with(rulings=(DENIAL,), faults=FAULTS),),
