@@ -72,6 +72,7 @@ def open_engine(
         competition=settings.competition.name,
         testbed=settings.testbed_name(gethostname()),
         disk_needed=settings.checks.disk_space,
+        usual_setup=settings.usual_setup,
         evidence=_evidence_plan(settings),
         lossless=arguments.speed == 0,
     )

@@ -47,6 +47,7 @@ from madrob_console.config.tables import (
 )
 from madrob_console.messages.topic_mapping import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.checks import SensorLimits
+from madrob_console.referee.records import RunSetup
 from scoring.protocol import DoubtLimits, Side, Signal, StartPose, Thresholds
 
 if TYPE_CHECKING:
@@ -141,6 +142,11 @@ class Settings(SettingsTable, frozen=True):
     def team_names(self) -> dict[int, str]:
         """Team names by subject number."""
         return {team.subject: team.name for team in self.teams}
+
+    def usual_setup(self, setup: RunSetup) -> RunSetup:
+        """`setup` with the timeout, countdown, ruleset, lock and pose of the settings."""
+        pose = self.start_pose(setup.condition.starting_side)
+        return replace(setup, start_pose=pose, **asdict(self.run))
 
     def start_pose(self, side: Side) -> StartPose:
         """The first start pose on `side`."""

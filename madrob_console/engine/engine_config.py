@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +14,7 @@ from madrob_console.engine.disk import DiskJobs, RepeatedReading
 from madrob_console.engine.evidence_client import EvidencePlan
 from madrob_console.messages.codec import TopicMapping
 from madrob_console.referee.checks import SensorLimits
-from madrob_console.referee.records import Randomness
+from madrob_console.referee.records import Randomness, RunSetup
 from scoring.protocol import Thresholds
 
 
@@ -24,6 +25,7 @@ class EngineConfig:
     Attributes:
         disk_needed: bytes that must be free before a start.
         lossless: wait for the disk instead of dropping messages (virtual time).
+        usual_setup: gives a set-up the values of the settings, to compare it with.
         random: makes run identities without asking the system, because the core calls it.
     """
 
@@ -37,6 +39,7 @@ class EngineConfig:
     version: str = field(default_factory=software_version)
     evidence: EvidencePlan | None = None
     lossless: bool = False
+    usual_setup: Callable[[RunSetup], RunSetup] = lambda setup: setup
     random: Randomness = field(default_factory=lambda: Random().randbytes)
 
     def limited(self) -> EngineConfig:

@@ -63,6 +63,7 @@ class PreStart:
             other_referee=source.other_referee,
             evidence=self._evidence(disk.free, now),
             teams=teams,
+            usual=None if run.setup is None else config.usual_setup(run.setup),
         )
         return preflight(readings, run)
 

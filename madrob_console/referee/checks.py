@@ -29,20 +29,26 @@ class CheckState(StrEnum):
 _ANOTHER_CLOCK = 10.0
 """s; larger offsets of stamps mean another clock (protocol section 3)."""
 
-_NO_ZERO = "F7 zeroes the handle (not yet done since the engine started)"
+_NO_ZERO = "not yet done since the engine started"
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
     """One pre-start check; it is not `waivable` where nothing would be detected.
 
-    The `reason` of a failed one begins with what to do, a key if there is one, and stands alone.
+    `finding` says what is so, `remedy` what to do, a key if there is one; empty = nothing.
     """
 
     name: CheckName
     state: CheckState
-    reason: str
+    finding: str
     waivable: bool = True
+    remedy: str = ""
+
+    @property
+    def reason(self) -> str:
+        """Begins with what to do, and stands alone."""
+        return ": ".join(filter(None, (self.remedy, self.finding)))
 
     @property
     def blocks(self) -> bool:
@@ -102,6 +108,7 @@ class Readings:
             answered.
         evidence: None = no evidence is wanted.
         least_skew: the smallest of the last second on the topic where that is largest.
+        usual: the set-up of the run with the values of the settings; None = no run is set up.
         simulated_time: `/clock` - log time; None = nobody publishes it.
     """
 
@@ -123,6 +130,7 @@ class Readings:
     least_skew: float | None = None
     simulated_time: float | None = None
     teams: TeamList = NO_TEAMS
+    usual: RunSetup | None = None
 
 
 def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
@@ -135,6 +143,7 @@ def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
         run = Run()  # what was seen and let pass was for that run alone
     found = (
         *_team(readings, run.setup),
+        *_settings(readings.usual, run.setup),
         _topics(readings),
         _door(readings),
         _handle(readings, run),
@@ -161,15 +170,19 @@ def _waive(check: Check, waivers: tuple[Waiver, ...]) -> Check:
     waiver = next((w for w in waivers if w.check is check.name), None)
     if waiver is None:
         return check
-    return Check(check.name, CheckState.WAIVED, f"waived, {waiver.reason} ({check.reason})")
+    finding = f" ({check.finding})" if check.finding else ""
+    return Check(check.name, CheckState.WAIVED, f"waived, {waiver.reason}{finding}")
 
 
-def _verdict(name: CheckName, ok: bool, good: str, failed: str) -> Check:
-    return Check(name, CheckState.OK, good) if ok else Check(name, CheckState.FAILED, failed)
+def _verdict(name: CheckName, ok: bool, finding: str, remedy: str) -> Check:
+    if ok:
+        return Check(name, CheckState.OK, finding)
+    return Check(name, CheckState.FAILED, finding, remedy=remedy)
 
 
 def _no_data(name: CheckName, what: str) -> Check:
-    return Check(name, CheckState.NO_DATA, f"look at the topic: no {what} comes now")
+    words = f"no {what} comes now"
+    return Check(name, CheckState.NO_DATA, words, remedy="look at the topic")
 
 
 def _team(r: Readings, setup: RunSetup | None) -> Iterator[Check]:
@@ -182,14 +195,20 @@ def _team(r: Readings, setup: RunSetup | None) -> Iterator[Check]:
         text = "this run is out of plan"
     else:
         return
-    words = f"F2 corrects the team: {text} (Enter waives)"
-    yield Check(CheckName.TEAM, CheckState.FAILED, words)
+    remedy = "F2 corrects the team, Enter waives"
+    yield Check(CheckName.TEAM, CheckState.FAILED, text, remedy=remedy)
+
+
+def _settings(usual: RunSetup | None, setup: RunSetup | None) -> Iterator[Check]:
+    if setup is not None and usual is not None and setup != usual:
+        words = f"{'; '.join(setup.differences(usual))}: F2 changes it"
+        yield Check(CheckName.SETTINGS, CheckState.WARNING, words)
 
 
 def _topics(r: Readings) -> Check:
     more = len(r.topic_faults) - 1
     first = "".join(r.topic_faults[:1]) + (f" (and {more} more)" if more > 0 else "")
-    return _verdict(CheckName.TOPICS, not first, "all fresh and at rate", first)
+    return _verdict(CheckName.TOPICS, not first, first or "all fresh and at rate", "")
 
 
 def _door(r: Readings) -> Check:
@@ -197,15 +216,17 @@ def _door(r: Readings) -> Check:
         return _no_data(CheckName.DOOR, "door angle")
     text = f"angle {r.angle:+.3f} rad, closed below {r.closed_angle:g}"
     closed = abs(r.angle) < r.closed_angle
-    return _verdict(CheckName.DOOR, closed, text, f"close the door: {text}")
+    return _verdict(CheckName.DOOR, closed, text, "close the door")
 
 
 def _handle(r: Readings, run: Run) -> Check:
     if r.force is None:
         return _no_data(CheckName.HANDLE, "handle force")
     text = f"{r.force:+.2f} N from zero, at rest up to {r.rest_force:.2f} N"
-    remedy = f"F7 zeroes the handle, if nobody holds it: {text}" if run.handle_zero else _NO_ZERO
-    return _verdict(CheckName.HANDLE, abs(r.force) <= r.rest_force, text, remedy)
+    rests = abs(r.force) <= r.rest_force
+    if not (rests or run.handle_zero):
+        return _verdict(CheckName.HANDLE, False, _NO_ZERO, "F7 zeroes the handle")
+    return _verdict(CheckName.HANDLE, rests, text, "F7 zeroes the handle, if nobody holds it")
 
 
 def _zero(r: Readings) -> Iterator[Check]:
@@ -219,14 +240,15 @@ def _zero(r: Readings) -> Iterator[Check]:
         text = f"samples span {zero.span:.2f} N, steady up to {r.rest_force:.2f} N"
     else:
         return
-    yield Check(CheckName.HANDLE_ZERO, CheckState.FAILED, f"F7 zeroes the handle again: {text}")
+    remedy = "F7 zeroes the handle again"
+    yield Check(CheckName.HANDLE_ZERO, CheckState.FAILED, text, remedy=remedy)
 
 
 def _doorway(r: Readings) -> Check:
     if r.occupied is None:
         return _no_data(CheckName.DOORWAY, "reading of some passage sensor")
-    found = f"clear the doorway: something under {', '.join(r.occupied)}"
-    return _verdict(CheckName.DOORWAY, not r.occupied, "sensors clear", found)
+    found = f"something under {', '.join(r.occupied)}" if r.occupied else "sensors clear"
+    return _verdict(CheckName.DOORWAY, not r.occupied, found, "clear the doorway")
 
 
 def _clock(r: Readings) -> Check:
@@ -237,7 +259,7 @@ def _clock(r: Readings) -> Check:
     limit = f"limit {r.largest_skew * 1000:.0f} ms"
     text = f"stamps differ by {abs(r.skew) * 1000:.0f} ms, {limit}"
     same = abs(r.skew) < r.largest_skew
-    return _verdict(CheckName.CLOCK, same, text, f"set the clocks: {text}")
+    return _verdict(CheckName.CLOCK, same, text, "set the clocks")
 
 
 def _another_clock(r: Readings) -> str | None:
@@ -252,66 +274,70 @@ def _another_clock(r: Readings) -> str | None:
     return "set the clock, or use --use-sim-time: stamps are of another clock"
 
 
+_LOOK = "look at the results folder"
+
+
 def _disk(r: Readings) -> Check:
     if r.disk_free is None:
-        unknown = "look at the results folder: free space unknown"
-        return Check(CheckName.DISK, CheckState.NO_DATA, unknown)
+        return Check(CheckName.DISK, CheckState.NO_DATA, "free space unknown", remedy=_LOOK)
     text = f"{format_size(r.disk_free)} free, {format_size(r.disk_needed)} needed"
     enough = r.disk_free >= r.disk_needed
-    return _verdict(CheckName.DISK, enough, text, f"make room on the disk: {text}")
+    return _verdict(CheckName.DISK, enough, text, "make room on the disk")
 
 
 def _recorder(r: Readings) -> Check:
     if r.recorder_problem is None:
-        silent = "look at the results folder: the disk does not answer"
-        return Check(CheckName.RECORDER, CheckState.NO_DATA, silent)
+        silent = "the disk does not answer"
+        return Check(CheckName.RECORDER, CheckState.NO_DATA, silent, remedy=_LOOK)
     problem = r.recorder_problem
-    return _verdict(CheckName.RECORDER, not problem, "ready to open a file", problem)
+    return _verdict(CheckName.RECORDER, not problem, problem or "ready to open a file", "")
 
 
 _MAKE_ROOM = "`madrob tidy` makes room for evidence"
-_OTHER_LIMITS = "(or change `recording.budget` or `recording.least_room`)"
 
 
 def _evidence(e: EvidenceReading | None, timeout: float) -> Iterator[Check]:
     if e is not None:
-        yield Check(CheckName.EVIDENCE, *_evidence_state(e, timeout))
+        state, finding, remedy = _evidence_state(e, timeout)
+        yield Check(CheckName.EVIDENCE, state, finding, remedy=remedy)
 
 
-def _evidence_state(e: EvidenceReading, timeout: float) -> tuple[CheckState, str]:
+def _evidence_state(e: EvidenceReading, timeout: float) -> tuple[CheckState, str, str]:
+    """State, finding and remedy."""
     if not e.ros:
-        return CheckState.OK, "none: a testbed simulated in this process has no ROS topics"
+        finding = "none: a testbed simulated in this process has no ROS topics"
+        return CheckState.OK, finding, ""
     if e.problem is not None:
-        return CheckState.FAILED, f"evidence: {e.problem}"
+        return CheckState.FAILED, f"evidence: {e.problem}", ""
     if not e.ready:
-        return CheckState.NO_DATA, "wait: the evidence's topics are not all seen yet"
+        return CheckState.NO_DATA, "the evidence's topics are not all seen yet", "wait"
     if e.left is None:
-        return CheckState.NO_DATA, "look at the results folder: room for evidence unknown"
+        return CheckState.NO_DATA, "room for evidence unknown", _LOOK
     good = CheckState.WARNING if e.notes or not e.topics else CheckState.OK
     sends = f"{e.notes}; " if e.notes else ""
     sends += f"{counted(e.topics - len(e.silent), 'topic')}, "
     if e.lasts is None:
-        text = f"{sends}room for {format_size(e.left)}"
+        text = f"room for {format_size(e.left)}"
         if e.left or not e.least:
-            return good, text
-        return CheckState.FAILED, f"{_MAKE_ROOM}: {text} {_OTHER_LIMITS}"
+            return good, f"{sends}{text}", ""
+        return CheckState.FAILED, f"{sends}{text}", _MAKE_ROOM
     text = f"room for {format_duration(e.lasts)} at the rate of now"
     if e.lasts < e.least:
-        needed = format_duration(e.least)
-        return CheckState.FAILED, f"{_MAKE_ROOM}: {text}, {needed} needed {_OTHER_LIMITS}"
+        return CheckState.FAILED, f"{text}, {format_duration(e.least)} needed", _MAKE_ROOM
     if e.lasts < timeout:
         run_takes = f"a run may take {format_duration(timeout)}"
-        return CheckState.WARNING, f"{sends}{text}: {run_takes}"
-    return good, f"{sends}{text}"
+        return CheckState.WARNING, f"{sends}{text}: {run_takes}", ""
+    return good, f"{sends}{text}", ""
 
 
 def _referee(r: Readings) -> Check:
     alone = "none: only this engine tells the testbed"
-    return _verdict(CheckName.REFEREE, r.other_referee is None, alone, r.other_referee or "")
+    return _verdict(CheckName.REFEREE, r.other_referee is None, r.other_referee or alone, "")
 
 
 def _pose(run: Run) -> Check:
-    return _verdict(CheckName.POSE, run.pose_confirmed, "confirmed", "F6 confirms the start pose")
+    confirmed = "confirmed" if run.pose_confirmed else ""
+    return _verdict(CheckName.POSE, run.pose_confirmed, confirmed, "F6 confirms the start pose")
 
 
 # How alive a topic is: fresh, stale, lost (protocol section 3).

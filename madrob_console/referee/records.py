@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Annotated
@@ -42,6 +42,25 @@ def derived_run_id(sha256: str) -> str:
 
 
 # What is set for a run before its start (protocol section 2).
+
+
+_OF_SETTINGS = {
+    "timeout": "timeout",
+    "countdown": "countdown",
+    "ruleset": "ruleset",
+    "lock_detection": "lock by",
+    "start_pose": "start pose",
+}
+"""What the settings say of every set-up, in words."""
+
+
+def _setting(value: float | StrEnum | StartPose) -> str:
+    match value:
+        case StartPose(x, y, yaw):
+            return f"{x:g} {y:g} {yaw:g}"
+        case float():
+            return f"{value:g} s"
+    return str(value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +104,13 @@ class RunSetup:
     testbed: str = field(default="", compare=False)
     competition: str = field(default="", compare=False)
 
+    def differences(self, usual: RunSetup) -> Iterator[str]:
+        """What differs from `usual`, a set-up as the settings have it."""
+        for name, words in _OF_SETTINGS.items():
+            here, there = getattr(self, name), getattr(usual, name)
+            if here != there:
+                yield f"{words} {_setting(here)}, the settings say {_setting(there)}"
+
     def problem(self) -> str | None:
         """Why a run cannot be set up like this, naming the field; None when it can."""
         if not 1 <= self.subject <= 999:
@@ -115,6 +141,7 @@ class CheckName(StrEnum):
     """The pre-start checks, in the order in which they are listed."""
 
     TEAM = "team"
+    SETTINGS = "settings"
     TOPICS = "topics"
     DOOR = "door closed"
     HANDLE = "handle at rest"

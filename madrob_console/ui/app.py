@@ -34,7 +34,7 @@ from madrob_console.engine.requests import (
     TakeOver,
 )
 from madrob_console.referee.acts import Abort, Act, SetUp, Start, Void
-from madrob_console.referee.acts.act import Ask
+from madrob_console.referee.acts.act import NO_REASON, Ask
 from madrob_console.referee.run import Phase
 from madrob_console.ui.awaited import PendingRequests
 from madrob_console.ui.cells.lines import Tone
@@ -507,7 +507,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._console.refuse(OpenRun.name if key is None else key.act, dialog.overtaken)
         if key is KEYS["abort"] and event.confirmed and dialog in self._console.dialogs:
             self._console.close(dialog)
-            await self._void_instead(", ".join(dialog.answers) or "no reason given")
+            await self._void_instead(", ".join(dialog.answers) or NO_REASON)
 
     async def on_check_list_chosen(self, event: CheckList.Chosen) -> None:
         key = KEYS["waive"]
@@ -517,7 +517,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         await self._awaited.soon(self._next_run(KEYS["next"]), KEYS["next"].act)
 
     def on_plan_pane_chosen(self, event: PlanPane.Chosen) -> None:
-        self._console.panes.setup.propose(event.task)
+        self._console.panes.setup.propose_official(event.task)
         self._console.show_pane("setup", chosen=False)
 
     def on_setup_pane_naming(self, event: SetupPane.Naming) -> None:

@@ -108,7 +108,7 @@ class Ask(Generic[T_co]):
         if len(self.questions) < 2 or not isinstance(self.questions[-1], Sure):
             return self
         title = self.title.partition(":")[0]
-        return Ask(title, self.questions[-1:], lambda: self.make("no reason given"))
+        return Ask(title, self.questions[-1:], lambda: self.make(NO_REASON))
 
 
 def reasons(*texts: str) -> tuple[Option, ...]:
@@ -117,9 +117,14 @@ def reasons(*texts: str) -> tuple[Option, ...]:
     return (*listed, Option("o", "other: type it", None, free=True))
 
 
+NO_REASON = "no reason given"
+"""What is recorded unless the referee chooses a reason: it claims nothing that nobody saw."""
+
+
 def ask_why(*texts: str) -> Pick:
-    """The reason of an act that `z` takes back: Enter takes the first one."""
-    return Pick("Why? Enter takes the marked one.", reasons(*texts), quick=True)
+    """The reason of an act that `z` takes back: Enter takes none."""
+    none = Option("n", NO_REASON, NO_REASON)
+    return Pick("Why? Enter takes the marked one.", (none, *reasons(*texts)), quick=True)
 
 
 NO_THE_RUN_GOES_ON = Option("n", "no, the run goes on", None)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from madrob_console.common.formatting import relative_text, seconds_of
 from madrob_console.referee.acts.act import (
     LONGEST_TEXT,
+    NO_REASON,
     NO_THE_RUN_GOES_ON,
     Act,
     Ask,
@@ -228,8 +229,9 @@ RULED = {True: "confirmed", False: "denied", None: "as the sensors say"}
 _REASON = "reason"
 _VERDICTS = {"confirm": True, "deny": False, "sensors": None}
 _LOGGED = {True: "confirms", False: "denies", None: "takes back the ruling on"}
-_SEEN = "seen by the referee"
-_WHY = ask_why(_SEEN, "sensor missed it", "sensor false alarm", "seen on video", "my mistake")
+_WHY = ask_why(
+    "seen by the referee", "sensor missed it", "sensor false alarm", "seen on video", "my mistake"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,7 +248,7 @@ class Rule(Act):
 
     @classmethod
     def ask_questions(cls, view: RunView, pressed: str) -> Ask[Asked]:
-        return cls._ask_verdict(view, Step(int(pressed)), _SEEN)
+        return cls._ask_verdict(view, Step(int(pressed)), NO_REASON)
 
     @classmethod
     def _ask_verdict(cls, view: RunView, step: Step, reason: str) -> Ask[Asked]:
@@ -259,7 +261,7 @@ class Rule(Act):
                 Option("c", "confirm", "confirm"),
                 Option("d", "deny", "deny"),
                 Option("s", "as the sensors say", "sensors"),
-                Option("r", "another reason", _REASON),
+                Option("r", "give a reason", _REASON),
             ),
         )
         title = f"Step {step}: {step.text}"
@@ -349,7 +351,7 @@ class Abort(Act):
             "The run and its clock go on meanwhile. A reason first, or y at once.",
             (
                 NO_THE_RUN_GOES_ON,
-                Option("y", "ABORT now, no reason given", "no reason given", last=True),
+                Option("y", f"ABORT now, {NO_REASON}", NO_REASON, last=True),
                 *reasons(
                     "robot unsafe", "testbed fault", "referee's mistake", "the team asks for it"
                 ),

@@ -73,10 +73,12 @@ def _planned(setup: RunSetup, plan: PlanProgress, *, checked: bool) -> str:
 
 
 def next_words(setup: RunSetup | str, plan: PlanProgress, names: Mapping[int, str]) -> str:
-    """That x sets this up, if it is the plan's next run; else empty."""
+    """What x sets up, if that is the plan's next run or one more of practice; else empty."""
     following = plan.next
-    if following is None or isinstance(setup, str) or setup.practice:
+    if following is None or isinstance(setup, str):
         return ""
+    if setup.practice:
+        return "x: practice again. p, then Enter: the plan's next."
     if task_of(setup) != following.task:
         return ""
     attempt = f"attempt {following.number} of {following.planned}"
@@ -212,7 +214,7 @@ class SetupForm(Horizontal):
             team=known.team,
             run_number=1,
             condition=FIRST_CONDITION,
-            start_pose=start_pose_on(FIRST_CONDITION.starting_side, known.poses),
+            start_pose=self._usual_pose(FIRST_CONDITION.starting_side),
             referee=known.referee,
             **structs.asdict(known.run),
         )
@@ -221,6 +223,14 @@ class SetupForm(Horizontal):
             self.other = OtherName(setup.subject, setup.team, setup.team_reason)
         values = asdict(setup)
         self.show_values(values | values["condition"] | values["start_pose"] | {"run_number": ""})
+
+    def take_settings(self) -> None:
+        """Timeout, countdown, ruleset, lock and pose are those of the settings again."""
+        pose = self._usual_pose(self.starting.value)
+        self.show_values(structs.asdict(self._defaults.run) | asdict(pose))
+
+    def _usual_pose(self, side: Side) -> StartPose:
+        return start_pose_on(side, self._defaults.poses)
 
     def show_values(self, values: Mapping[str, Any]) -> None:
         """Writes what has a field, and what follows from it; tells nobody of a change."""
@@ -259,10 +269,10 @@ class SetupForm(Horizontal):
         self.preset.value = next(presets, _OWN_POSE)
 
     def take_task(self, task: Task) -> None:
-        """Chooses a team and a condition, whose side the start pose follows."""
+        """Chooses a team and a condition, the rest as in the settings."""
         condition = Condition.from_number(task.condition)
         self.show_values(asdict(condition) | {"subject": task.subject, "run_number": ""})
-        self.follow_side()
+        self.take_settings()
 
     def take_preset(self) -> None:
         if (pose := self._presets.get(self.preset.value)) is not None:

@@ -145,6 +145,9 @@ def _rows(check: Check, width: int, *, marked: bool) -> list[Line]:
     return [tuple(Target(*span, check.name) for span in row) for row in rows]
 
 
+_NEXT = (Phase.IDLE, Phase.STOPPED, Phase.FINAL)
+"""In these phases the next run is set up."""
+
 _SET_UP = "set up"
 """What waits for the engine; the latest replaces those before."""
 
@@ -207,6 +210,8 @@ class SetupPane(Vertical):
         elif snapshot.run.setup != before.run.setup:  # what was typed for it is no draft any more
             self._form.show_values({"run_number": ""})
             self._chosen = False
+        if snapshot.run.phase in _NEXT and (before is None or before.run.phase not in _NEXT):
+            self._form.take_settings()  # what was changed for one run is not for the next one
         simulated = snapshot.simulated is not None  # its runs are never official
         self._form.practice.value |= simulated
         self._form.practice.disabled = simulated
@@ -279,6 +284,11 @@ class SetupPane(Vertical):
         self._form.take_task(task)
         self._chosen = True
 
+    def propose_official(self, task: Task) -> None:
+        """Proposes an official run, unless the testbed is simulated: all is practice there."""
+        self._form.practice.value = self._form.practice.disabled
+        self.propose(task)
+
     def propose_same(self) -> None:
         """Proposes the team and the condition of the current run."""
         if self._snapshot is not None and self._snapshot.run.setup is not None:
@@ -295,7 +305,7 @@ class SetupPane(Vertical):
             return
         over = now.run.phase in (Phase.STOPPED, Phase.FINAL) and not self._form.practice.value
         if over or now.run.phase is Phase.IDLE:  # who practises goes on with the same
-            self.propose(following.task)
+            self.propose_official(following.task)
             self._chosen = False
 
     @property

@@ -67,6 +67,7 @@ class Drive:
         mappings: Sequence[TopicMapping] = DEFAULT_MAPPINGS,
         clock: Clock | None = None,
         lossless: bool = True,
+        usual_setup: Callable[[RunSetup], RunSetup] = lambda setup: setup,
     ) -> None:
         self.clock = clock or VirtualClock(EPOCH_NS)
         types = MessageTypes()
@@ -79,6 +80,7 @@ class Drive:
             disk_needed=disk_needed,
             testbed=testbed,
             competition=competition,
+            usual_setup=usual_setup,
             random=Random(next(_SEEDS)).randbytes,
         )
         self.engine = Engine(self.source, self.clock, config, types, keepers=keepers, scorer=scorer)

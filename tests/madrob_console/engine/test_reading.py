@@ -15,6 +15,7 @@ import pytest
 from madrob_console.archive.history import History
 from madrob_console.cli.session import UnattendedRun
 from madrob_console.common.errors import MadrobError
+from madrob_console.config import Settings
 from madrob_console.engine.engine_thread import ListWatch, follow_lists
 from madrob_console.pages.tally import overall
 from madrob_console.referee.acts import SetUp, Start, Waive
@@ -138,7 +139,7 @@ def team_check(hall: Rehearsal) -> CheckState | None:
     return next((check.state for check in checks if check.name is CheckName.TEAM), None)
 
 
-UNLISTED = "F2 corrects the team: 9 is not in the list (Enter waives)"
+UNLISTED = "F2 corrects the team, Enter waives: 9 is not in the list"
 NINE = replace(make_setup(timeout=1.0), subject=9, team="")
 
 
@@ -148,7 +149,7 @@ NINE = replace(make_setup(timeout=1.0), subject=9, team="")
         (NINE, UNLISTED),
         (
             replace(make_setup(timeout=1.0), team="Delft Walkers", out_of_plan=True),
-            "F2 corrects the team: this run is out of plan (Enter waives)",
+            "F2 corrects the team, Enter waives: this run is out of plan",
         ),
     ],
     ids=["no team of the list", "out of plan"],
@@ -161,11 +162,34 @@ def test_an_official_run_of_nobody_or_out_of_plan_starts_only_waived(
     assert hall.engine.perform(Start()) == words
     hall.act(Waive(CheckName.TEAM, "a guest"))
     assert team_check(hall) is CheckState.WAIVED
+    assert hall.check(CheckName.TEAM) == f"waived: waived, a guest ({words.partition(': ')[2]})"
     hall.act(Start())
     hall.finish()
     result = json.loads((hall.folder / "result.json").read_text())
     (waived,) = result["waivers"]
     assert (waived["check"], waived["reason"]) == ("team", "a guest")
+
+
+def test_what_differs_from_the_settings_is_said_before_the_start(tmp_path: Path) -> None:
+    drive = Drive(tmp_path, usual_setup=Settings().usual_setup)
+    usual = Settings().usual_setup(make_setup())
+    pose = replace(usual.start_pose, x=1.25)
+    for setup, words in (
+        (replace(usual, timeout=25.0), "timeout 25 s, the settings say 300 s: F2 changes it"),
+        (
+            replace(usual, countdown=2.0, start_pose=pose),
+            (
+                "countdown 2 s, the settings say 5 s; "
+                "start pose 1.25 0 180, the settings say 1.5 0 180: F2 changes it"
+            ),
+        ),
+    ):
+        drive.prepare(setup)
+        assert drive.check(CheckName.SETTINGS) == f"warning: {words}"
+        assert Start.impossible(drive.engine.situation()) is None
+    drive.prepare(usual)
+    assert CheckName.SETTINGS not in [check.name for check in drive.engine.snapshot().checks]
+    drive.engine.close()
 
 
 @pytest.mark.parametrize("waive", [None, "a guest"])

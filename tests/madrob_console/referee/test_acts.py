@@ -50,7 +50,7 @@ from madrob_console.referee.acts import (
     act_named,
     refusals,
 )
-from madrob_console.referee.acts.act import Ask, Option, Pick, Write
+from madrob_console.referee.acts.act import NO_REASON, Ask, Option, Pick, Write, ask_why
 from madrob_console.referee.checks import Check, CheckState, Freshness, Health
 from madrob_console.referee.flags import Doubts, Flag, FlagKind, FlagWeight
 from madrob_console.referee.journal import Entry, Origin
@@ -311,9 +311,9 @@ def looking(*checks: Check) -> object:
     return lambda: checks
 
 
-UNKNOWN = replace(FAILED, state=CheckState.NO_DATA, reason="look at the topic: no angle")
+UNKNOWN = replace(FAILED, state=CheckState.NO_DATA, finding="look at the topic: no angle")
 WAIVED = replace(FAILED, state=CheckState.WAIVED)
-FIXED = replace(FAILED, name=CheckName.CLOCK, reason="another clock", waivable=False)
+FIXED = replace(FAILED, name=CheckName.CLOCK, finding="another clock", waivable=False)
 WALKERS = TeamList({SETUP.subject: "Delft Walkers"})
 VOID = replace(STOPPED, voided=Voiding(5.0, "robot unsafe", "Ada"))
 DONE = replace(STOPPED, phase=Phase.FINAL, issue=1)
@@ -453,7 +453,6 @@ CW = replace(SETUP.condition, starting_side=Side.CW)
 TO_OPEN = replace(SETUP.condition, opening_side=Side.CW)
 WIND = replace(SETUP.condition, benchmark_type=BenchmarkType.WIND_RAMP)
 TIME, PASSAGE = DOUBTED
-SEEN = "seen by the referee"
 OPEN_DOOR = View(READY, (FAILED, replace(FAILED, name=CheckName.POSE), FIXED))
 LISTED = View(STOPPED, teams=TeamList({3: "Delft", 12: "Graz"}))
 CANNOT = "the check 'clock skew' cannot be waived: another clock"
@@ -538,6 +537,7 @@ UNDECIDED = Flag(FlagKind.DOUBT, "doubted: all", FlagWeight.ALARM, undecided=Tru
         (Finalise, View(NAMELESS), "a fine Eve", Finalise(TeamWord.ACKNOWLEDGED, "Eve", "fine")),
         (Waive, View(READY), "", "no check fails"),
         (Waive, View(READY, (FIXED,)), "", CANNOT),
+        (Waive, View(READY, (FAILED,)), "n", Waive(CheckName.DOOR, NO_REASON)),
         (Waive, View(READY, (FAILED,)), "1", Waive(CheckName.DOOR, "checked by hand")),
         (Waive, OPEN_DOOR, "2 o ?", Waive(CheckName.POSE, "?")),
         (MarkIncident, View(RUNNING, elapsed=3.0), "f", MarkIncident(IncidentKind.FALL)),
@@ -551,9 +551,9 @@ UNDECIDED = Flag(FlagKind.DOUBT, "doubted: all", FlagWeight.ALARM, undecided=Tru
         (MarkIncident, View(STOPPED), "o a 2", MarkIncident(IncidentKind.OTHER, "a", 2.0)),
         (MarkIncident, View(STOPPED), "h x", "'x' is no time: 12.5, -3 or 1:05 is one"),
         (MarkIncident, View(RUNNING), "n slow", AddNote("slow")),
-        (Rule, View(STOPPED), "c", Rule(Step.CROSS, confirmed=True, reason=SEEN)),
-        (Rule, View(STOPPED), "d", Rule(Step.CROSS, confirmed=False, reason=SEEN)),
-        (Rule, View(STOPPED, steps=CROSSED), "s", Rule(Step.CROSS, None, SEEN)),
+        (Rule, View(STOPPED), "c", Rule(Step.CROSS, confirmed=True, reason=NO_REASON)),
+        (Rule, View(STOPPED), "d", Rule(Step.CROSS, confirmed=False, reason=NO_REASON)),
+        (Rule, View(STOPPED, steps=CROSSED), "s", Rule(Step.CROSS, None, NO_REASON)),
         (Rule, View(STOPPED), "r o arm d", Rule(Step.CROSS, confirmed=False, reason="arm")),
         (Abort, View(RUNNING), "1", Abort("robot unsafe")),
         (Reissue, View(DONE), "o appeal", Reissue("appeal")),
@@ -678,12 +678,12 @@ REJECTED = replace(OUTDATED, answer=replace(ANSWER, end=ProtestEnd.REJECTED))
         ),
         (
             lambda: WithdrawProtest.ask_questions(View(PROTESTED), "P"),
-            "What does the team say?\n1 satisfied by the explanation\n2 filed by mistake",
+            "What does the team say?\nn no reason given\n1 satisfied by the explanation\n2 filed",
             True,
         ),
         (
             lambda: Rule.ask_questions(View(STOPPED), "4"),
-            "\nc confirm\nd deny\ns as the sensors say\nr another reason",
+            "\nc confirm\nd deny\ns as the sensors say\nr give a reason",
             True,
         ),
         (lambda: Void.instead_of_abort("unsafe"), "was over before the abort (unsafe)", True),
@@ -694,7 +694,7 @@ REJECTED = replace(OUTDATED, answer=replace(ANSWER, end=ProtestEnd.REJECTED))
         ),
         (
             lambda: Rule.ask_questions(View(STOPPED, steps=CROSSED), "4"),
-            "Step 4: cross the threshold (seen by the referee)\nSensors: 6.000 s. Referee: nothing",
+            "Step 4: cross the threshold (no reason given)\nSensors: 6.000 s. Referee: nothing",
             True,
         ),
     ],
@@ -866,3 +866,8 @@ def test_a_topic_ages_and_has_the_rate_of_its_last_two_seconds(
 def test_fresh_means_a_message_within_half_a_second(times: list[float], now: float) -> None:
     fresh = health(*times).freshness(now) is Freshness.FRESH
     assert fresh == (abs(now - times[-1]) <= 0.5)
+
+
+def test_a_reason_that_nobody_chose_claims_nothing() -> None:
+    why = ask_why("seen on video: right")
+    assert why.options[why.marked].value == NO_REASON == "no reason given"

@@ -18,6 +18,7 @@ from madrob_console.engine.requests import UNSURE, PlaybackCommand, Role, TakeOv
 from madrob_console.engine.snapshot import Pulse, RightToAct
 from madrob_console.engine.wire import EngineClient, UnsureError
 from madrob_console.referee.acts import Abort, DeclareTimeout
+from madrob_console.referee.acts.act import NO_REASON
 from madrob_console.referee.lists import TeamList
 from madrob_console.referee.run import Phase
 from madrob_console.ui import awaited
@@ -452,10 +453,7 @@ STORIES: Stories = {
             (f"{key} escape", Phase.RUNNING),
             (f"{key} y", act),
         ]
-        for key, act in (
-            ("f8", Abort("no reason given")),
-            ("f9", DeclareTimeout("no reason given")),
-        )
+        for key, act in (("f8", Abort(NO_REASON)), ("f9", DeclareTimeout(NO_REASON)))
     },
     "the keys that start and end a run are named in every size": [
         (Driver.set_up,),
@@ -537,7 +535,7 @@ STORIES: Stories = {
         ),
         (
             "f2 9 enter f6",
-            "x F2 corrects the team: 9 is not in the list (Enter waives)",
+            "x F2 corrects the team, Enter waives: 9 is not in the list",
             no("Subject 9 is not in the list"),
         ),
     ],

@@ -18,6 +18,7 @@ from madrob_console.referee.acts import (
     TakeBack,
     Void,
 )
+from madrob_console.referee.acts.act import NO_REASON
 from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
@@ -503,7 +504,7 @@ STORIES: Stories = {
         (lambda d: d.engine.do_step(Step.TOUCH),),
         (types_every(MACHINE),),
         (Driver.settle, "Sensors: 1.000 s"),
-        ("d", Rule(Step.TOUCH, confirmed=False, reason="seen by the referee")),
+        ("d", Rule(Step.TOUCH, confirmed=False, reason=NO_REASON)),
     ],
     "a text that is being typed survives a moment in which it is not possible": [
         (Driver.run,),

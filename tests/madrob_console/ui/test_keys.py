@@ -28,6 +28,7 @@ from madrob_console.referee.acts import (
     Waive,
     ZeroHandle,
 )
+from madrob_console.referee.acts.act import NO_REASON
 from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase, stop
 from madrob_console.ui.cells.lines import plain
@@ -92,6 +93,7 @@ SITUATIONS: Stories = {
                 ("f6", ConfirmPose()),
                 ("f7", ZeroHandle()),
                 ("enter w 1", Waive(CheckName.POSE, "checked by hand")),
+                ("enter w enter", Waive(CheckName.POSE, NO_REASON)),
             ],
         ),
         ("the door is open", [("enter w 2 2", Waive(CheckName.POSE, "known testbed fault"))]),
@@ -108,7 +110,7 @@ SITUATIONS: Stories = {
             [
                 ("f8 1 y", Abort("robot unsafe")),
                 ("f9 1 y", DeclareTimeout("the team gives up")),
-                ("3 c", Rule(Step.OPEN, confirmed=True, reason="seen by the referee")),
+                ("3 c", Rule(Step.OPEN, confirmed=True, reason=NO_REASON)),
                 ("i h", MarkIncident(IncidentKind.HUMAN_INTERVENTION)),
                 ("i c", MarkIncident(IncidentKind.COLLISION)),
                 ("i f", MarkIncident(IncidentKind.FALL)),
@@ -116,7 +118,7 @@ SITUATIONS: Stories = {
                     "i o v x f enter",
                     MarkIncident(IncidentKind.OTHER, "vxf", 1.0),
                 ),
-                ("3 s", Rule(Step.OPEN, None, "seen by the referee")),
+                ("3 s", Rule(Step.OPEN, None, NO_REASON)),
                 ("i n o k enter", AddNote("ok")),
             ],
         ),

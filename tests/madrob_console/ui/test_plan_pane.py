@@ -41,6 +41,7 @@ from tests.madrob_console.ui.driver import (
     row,
     says,
     says_only,
+    set_up_with,
     sets,
     setup_of,
 )
@@ -88,6 +89,14 @@ async def end(driver: Driver, outcome: Outcome = Outcome.COMPLETED, source: str 
     engine.history.append(run)
     engine.finish(outcome)
     await driver.answered()
+
+
+async def types(driver: Driver, field: str, text: str) -> None:
+    """Into a field of the set-up, which is set up then."""
+    await driver.press("f2")
+    driver.console.panes.setup.add_class("-unfolded")
+    driver.console.query_one(f"#{field}", Field).focus()
+    await driver.answered(*text, "enter")
 
 
 AT = time.strftime("%H:%M", time.gmtime(EPOCH - 12 * 60))
@@ -313,6 +322,28 @@ PLANNED: Stories = {
             lambda d: not setup_of(d).out_of_plan,
         ),
     ],
+    "after practice both ways are named and the plan's next run is official": [
+        (on_engine(plan=plan((1, 1, 1), (2, 7, 1))),),
+        (answered(),),
+        (answered("f2 tab tab right enter"), set_up_with(practice=True)),
+        (acting(end, source="simulated"),),
+        (answered("f4"), "x: practice again. p, then Enter: the plan's next."),
+        (answered("x"), is_set_up(1, 1), set_up_with(practice=True)),
+        (acting(end, source="simulated"),),
+        (answered("p enter"), pane("setup")),
+        (answered("enter"), is_set_up(1, 1), set_up_with(practice=False)),
+    ],
+    **{
+        f"what was changed for one run is not for the next one: {name}": [
+            (on_engine(plan=lines),),
+            *FIRST,
+            (acting(types, "timeout", "25"), set_up_with(timeout=25.0)),
+            (acting(types, "pose-x", "1.25"), lambda d: setup_of(d).start_pose.x == 1.25),
+            (end,),
+            (answered("x"), set_up_with(timeout=300.0), lambda d: setup_of(d).start_pose.x == 1.5),
+        ]
+        for name, lines in (("without a plan", NO_PLAN), ("with one", plan((1, 1, 1), (2, 2, 1))))
+    },
     "one key repeats the team and condition and says that it is out of plan": [
         (on_engine(plan=plan((1, 1, 1), (2, 7, 1))),),
         *FIRST,
@@ -322,7 +353,7 @@ PLANNED: Stories = {
             lambda d: (
                 (task(d), setup_of(d).run_number, setup_of(d).out_of_plan) == (Task(1, 1), 2, True)
             ),
-            "x F2 corrects the team: this run is out of plan (Enter waives)",
+            "x F2 corrects the team, Enter waives: this run is out of plan",
             no("OUT OF PLAN"),
         ),
         ("x",),
@@ -474,7 +505,7 @@ PICKED: Stories = {
         (
             "enter",
             lambda d: (setup_of(d).subject, setup_of(d).team) == (311, ""),
-            "x F2 corrects the team: 311 is not in the list (Enter waives)",
+            "x F2 corrects the team, Enter waives: 311 is not in the list",
         ),
     ],
     **{

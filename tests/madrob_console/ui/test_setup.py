@@ -382,7 +382,7 @@ STORIES: Stories = {
         (on_engine(angle=0.2),),
         (Driver.set_up,),
         ("shift+tab enter", "Waive 'door closed' for this run"),
-        ("2", "~ door closed: waived, known testbed fault (close the door: angle"),
+        ("2", "~ door closed: waived, known testbed fault (angle +0.200 rad"),
         ("f5", Phase.COUNTDOWN),
     ],
     "a check that passes is not waived": [

@@ -162,7 +162,7 @@ class Referee:
         """All that follows a run."""
         if planned.denied is not None:  # the capability follows
             self.press(str(planned.denied), f"Step {planned.denied}: ", "Sensors: ")
-            self.press("d", "denied (seen by the referee)", f" {planned.denied - 1} steps")
+            self.press("d", "denied (no reason given)", f" {planned.denied - 1} steps")
         if planned.word:
             self.finalise(planned.word)
         for issue in range(2, planned.issues + 1):
