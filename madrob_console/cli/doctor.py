@@ -17,7 +17,7 @@ from madrob_console.cli.doctor_ros import Finding, Severity, look_at_ros, overhe
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted, format_size, listed
 from madrob_console.engine.engine_lock import no_state, state_folder
-from madrob_console.referee.competition_plan import PlanSource, unknown_teams
+from madrob_console.referee.competition_plan import PlanSource, plan_remarks
 from madrob_console.referee.evidence_account import EvidenceTopic
 from madrob_console.referee.lists import TeamSource
 from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
@@ -142,22 +142,20 @@ def _safely(subject: str, check: Callable[[], Iterator[Finding]]) -> Iterator[Fi
 # Findings about the competition's teams and plan.
 
 
-def look_at_lists(teams: TeamSource, plan: PlanSource) -> Iterator[Finding]:
+def look_at_lists(teams: TeamSource, plan: PlanSource, timeout: float = 0.0) -> Iterator[Finding]:
+    """A list with a fault has warnings and no other finding; each attempt may take `timeout`, s."""
     listed, planned = teams.read(), plan.read()
-    for name, problems in (("teams", listed.problems), ("plan", planned.problems)):
+    remarks = [*planned.notes, *plan_remarks(planned.lines, listed.names, timeout)]
+    for name, problems in (("teams", listed.notes), ("plan", remarks)):
         yield from (Finding(Severity.WARNING, name, problem) for problem in problems)
-    if listed.names:
+    if listed.names and not listed.notes:
         yield Finding(Severity.OK, "teams", f"{len(listed.names)} in the list")
-    if not planned.lines:
-        return
-    tasks = {line.task for line in planned.lines}
-    subjects = sorted({task.subject for task in tasks})
-    attempts = sum(line.attempts for line in planned.lines)
-    text = f"{attempts} attempts, teams: {len(subjects)}, conditions: "
-    text += str(len({task.condition for task in tasks}))
-    yield Finding(Severity.OK, "plan", text)
-    for words in unknown_teams(tasks, listed.names):
-        yield Finding(Severity.WARNING, "plan", words)
+    if planned.lines and not remarks:
+        attempts = sum(line.attempts for line in planned.lines)
+        subjects = {line.task.subject for line in planned.lines}
+        conditions = {line.task.condition for line in planned.lines}
+        text = f"{attempts} attempts, teams: {len(subjects)}, conditions: {len(conditions)}"
+        yield Finding(Severity.OK, "plan", text)
 
 
 # A finding about the engine's socket.

@@ -79,7 +79,7 @@ def _look(arguments: argparse.Namespace, tell: Callable[[Finding], None]) -> tup
         domain=options.ros_domain(arguments, settings),
         disk_space=settings.checks.disk_space,
         abort=settings.ros.abort,
-        lists=lambda: look_at_lists(teams, plan),
+        lists=lambda: look_at_lists(teams, plan, settings.run.timeout),
         evidence=lambda: _evidence(arguments, settings),
     ):
         findings.append(finding)

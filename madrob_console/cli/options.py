@@ -330,8 +330,8 @@ def plan_list(arguments: argparse.Namespace, settings: Settings) -> Plan:
 
 
 def tell_problems(listed: TeamList | Plan) -> None:
-    """Name the bad lines of a list."""
-    for problem in listed.problems:
+    """Name the bad and odd lines of a list."""
+    for problem in listed.notes:
         complain(problem)
 
 

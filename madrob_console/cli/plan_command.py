@@ -42,7 +42,7 @@ def plan(arguments: argparse.Namespace) -> int:
         from madrob_console.common.version import software_version
         from madrob_console.config import load_settings
         from madrob_console.pages.competition import condition_lines, plan_json, plan_lines
-        from madrob_console.referee.competition_plan import plan_progress, unknown_teams
+        from madrob_console.referee.competition_plan import plan_progress, plan_remarks
 
     if arguments.conditions:
         print("\n".join(condition_lines()))
@@ -52,8 +52,9 @@ def plan(arguments: argparse.Namespace) -> int:
     if not listed.lines and (listed.problems or not listed.file):
         raise MadrobError("no plan: name a file in [plan] of the settings, or with --plan")
     teams = options.team_list(arguments, settings).names
-    unknown = [*unknown_teams((line.task for line in listed.lines), teams)]
-    listed = replace(listed, problems=(*listed.problems, *unknown))
+    remarks = [*plan_remarks(listed.lines, teams, settings.run.timeout)]
+    bad = bool(listed.notes or remarks)
+    listed = replace(listed, remarks=(*listed.remarks, *remarks))
     chosen: str | None = arguments.competition
     competition = settings.competition.name if chosen is None else chosen
     collection = options.collection(arguments, settings)
@@ -65,9 +66,9 @@ def plan(arguments: argparse.Namespace) -> int:
             print(terminal_safe(line))
     for remark in collection.twins:
         complain(f"note: {remark}")
-    for problem in unknown:
+    for problem in remarks:
         complain(problem)
     with Complaints() as complaints:
         complaints.add_each(collection.unlisted)
         complaints.add_each((run.folder, run.problem) for run in collection.runs if run.problem)
-    return BAD_INPUT if listed.problems or complaints.count else 0
+    return BAD_INPUT if bad or complaints.count else 0

@@ -138,6 +138,7 @@ def run(arguments: argparse.Namespace) -> int:
     teams = options.team_list(arguments, settings)
     plan = options.plan_list(arguments, settings)
     engine.hear_of_teams(teams)
+    engine.hear_of_plan(plan)
     reports = settings.results.reports and not arguments.no_report
     reporting = None
     if reports or settings.results.publish or settings.results.command_words:

@@ -348,7 +348,8 @@ class UnattendedRun:
         return simulated
 
     def _wait_for_checks(self, wait: float) -> None:
-        by_hand = (CheckName.TEAM, CheckName.POSE, CheckName.HANDLE, CheckName.HANDLE_ZERO)
+        lists = (CheckName.TEAM, CheckName.PLAN)
+        by_hand = (*lists, CheckName.POSE, CheckName.HANDLE, CheckName.HANDLE_ZERO)
         begin = looked = self._engine.now()
         while (now := self._engine.now()) < begin + wait:
             self._step()

@@ -346,7 +346,7 @@ class Engine:
             indicators=self.current_run.result.indicators,
             refused=self.refused,
             look=lambda: self._pre_start.checks(
-                self.run, self.source, now, self.current_run.drift, self._teams
+                self.run, self.source, now, self.current_run.drift, self._teams, self._plan
             ),
             measure=lambda: self._observation.sensors.handle_rest(now),
             rest_force=self.config.thresholds.touch_force / 2,

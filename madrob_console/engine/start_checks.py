@@ -10,6 +10,7 @@ from madrob_console.engine.disk import RepeatedReading
 from madrob_console.engine.replay import EngineContext
 from madrob_console.engine.sensors import Sensors
 from madrob_console.referee.checks import NO_ROS, Check, EvidenceReading, Readings, preflight
+from madrob_console.referee.competition_plan import NO_PLAN, Plan
 from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.run import Phase, Run
 from madrob_console.testbeds.source import Source
@@ -38,6 +39,7 @@ class PreStart:
         now: float,
         drift: float | None = None,
         teams: TeamList = NO_TEAMS,
+        plan: Plan = NO_PLAN,
     ) -> tuple[Check, ...]:
         """`now` is s since the epoch; for `drift` (N) see `Readings`."""
         sensors, config = self._sensors, self._config
@@ -63,6 +65,7 @@ class PreStart:
             other_referee=source.other_referee,
             evidence=self._evidence(disk.free, now),
             teams=teams,
+            plan=plan,
             usual=None if run.setup is None else config.usual_setup(run.setup),
         )
         return preflight(readings, run)

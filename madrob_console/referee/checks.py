@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from madrob_console.common.formatting import counted, format_duration, format_size, listed
+from madrob_console.referee.competition_plan import NO_PLAN, Plan
 from madrob_console.referee.evidence_account import unseen_words
 from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.records import CheckName, RunSetup, Waiver
@@ -130,6 +131,7 @@ class Readings:
     least_skew: float | None = None
     simulated_time: float | None = None
     teams: TeamList = NO_TEAMS
+    plan: Plan = NO_PLAN
     usual: RunSetup | None = None
 
 
@@ -143,6 +145,7 @@ def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
         run = Run()  # what was seen and let pass was for that run alone
     found = (
         *_team(readings, run.setup),
+        *_plan(readings.plan, run.setup),
         *_settings(readings.usual, run.setup),
         _topics(readings),
         _door(readings),
@@ -197,6 +200,14 @@ def _team(r: Readings, setup: RunSetup | None) -> Iterator[Check]:
         return
     remedy = "F2 corrects the team, Enter waives"
     yield Check(CheckName.TEAM, CheckState.FAILED, text, remedy=remedy)
+
+
+def _plan(plan: Plan, setup: RunSetup | None) -> Iterator[Check]:
+    """A line that cannot be used, where this may be its team."""
+    words = "" if setup is None or setup.practice else plan.unusable_line(setup.subject)
+    if words:
+        remedy = "correct the plan, Enter waives"
+        yield Check(CheckName.PLAN, CheckState.FAILED, words, remedy=remedy)
 
 
 def _settings(usual: RunSetup | None, setup: RunSetup | None) -> Iterator[Check]:

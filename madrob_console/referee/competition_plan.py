@@ -14,13 +14,15 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
+from difflib import get_close_matches
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.formatting import listed
+from madrob_console.common.formatting import format_duration, listed
 from madrob_console.common.names import terminal_safe
 from madrob_console.referee.lists import ListReader, quoted, told
 from scoring.indicator_table import IndicatorName
@@ -58,11 +60,25 @@ class PlanLine(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A plan, in running order; without lines there is none."""
+    """A plan, in running order; without lines there is none.
+
+    `problems` name what cannot be used, `remarks` what is odd and counts. `unusable` has the first
+    problem of each subject; 0 = the subject cannot be read.
+    """
 
     lines: tuple[PlanLine, ...] = ()
     problems: tuple[str, ...] = ()
     file: str = ""
+    remarks: tuple[str, ...] = ()
+    unusable: Mapping[int, str] = field(default_factory=dict)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        return (*self.problems, *self.remarks)
+
+    def unusable_line(self, subject: int) -> str:
+        """A line that cannot be used and is, or may be, of this subject; empty = there is none."""
+        return self.unusable.get(subject) or self.unusable.get(0, "")
 
 
 NO_PLAN = Plan()
@@ -234,15 +250,42 @@ def plan_progress(plan: Plan, runs: Iterable[RunFacts], competition: str) -> Pla
         replace(_attempts(task, planned[task], of_task), open_protests=protested[task])
         for task, of_task in done.items()
     )
-    return PlanProgress(tuple(lines), tasks, plan.problems, unread)
+    return PlanProgress(tuple(lines), tasks, plan.notes, unread)
 
 
-def unknown_teams(tasks: Iterable[Task], names: Mapping[int, str]) -> Iterator[str]:
-    """Names the subjects that are not in the list of teams; none where there is no list."""
-    unknown = [str(subject) for subject in sorted({task.subject for task in tasks} - {*names})]
+def plan_remarks(
+    lines: Sequence[PlanLine], names: Mapping[int, str], timeout: float = 0.0
+) -> Iterator[str]:
+    """Names subjects that are not in the list of teams, and the first time that is too short.
+
+    Without `names` there is no list. Each attempt may take the `timeout`, s.
+    """
+    unknown = [str(subject) for subject in sorted({line.task.subject for line in lines} - {*names})]
     if names and unknown:
         words = listed(unknown, _MOST_NAMED)
         yield f"the plan has subject {words}, not in the list of teams: correct one of them"
+    if tight := [*_too_short(lines, timeout)]:
+        more = f" (and {len(tight) - 1} more)" if len(tight) > 1 else ""
+        yield f"the plan cannot be kept at {tight[0]}{more}"
+
+
+def _too_short(lines: Sequence[PlanLine], timeout: float) -> Iterator[str]:
+    """Times with less than the timeout for each attempt before the next time."""
+    timed = [at for at, line in enumerate(lines) if line.time]
+    for first, following in pairwise(timed):
+        begin, end = lines[first].time, lines[following].time
+        attempts = sum(line.attempts for line in lines[first:following])
+        if len(begin) != len(end) or end < begin:
+            continue  # a time without a date is of any day
+        room = _since_midnight(end) - _since_midnight(begin)
+        if 0 <= room < attempts * timeout:
+            yield f"{begin}: {format_duration(room)} for {attempts} x {timeout:g} s"
+
+
+def _since_midnight(time: str) -> float:
+    """s, of the first day that is named."""
+    moment = datetime.fromisoformat(f"1970-01-01 {time}" if len(time) == len("14:30") else time)
+    return (moment - datetime(1970, 1, 1)).total_seconds()  # noqa: DTZ001  of the place
 
 
 def is_attempt(run: RunFacts) -> bool:
@@ -277,14 +320,21 @@ class PlanSource:
 
     def _kept(self, before: Plan, problem: str) -> Plan:
         stays = "; the plan stays as it was" if before.lines else ""
-        return Plan(before.lines, (f"{problem}{stays}",), self.file_words)
+        problems = (f"{problem}{stays}",)
+        return Plan(before.lines, problems, self.file_words, unusable=before.unusable)
 
 
 def read_plan(path: Path, remedy: str = CORRECT_SETTINGS) -> Plan:
     """Reads a csv file; MadrobError, with the `remedy`, where that fails."""
     reader = _Reader(path, "plan", remedy)
     reader.read()
-    return Plan(tuple(reader.lines), told(reader.problems), terminal_safe(str(path)))
+    return Plan(
+        tuple(reader.lines),
+        told(reader.problems),
+        terminal_safe(str(path)),
+        told(reader.remarks),
+        reader.unusable,
+    )
 
 
 def _attempts(task: Task, planned: int, runs: Sequence[RunFacts]) -> Attempts:
@@ -314,6 +364,8 @@ class _Reader(ListReader):
         time = ""
         try:
             time = _planned_time(entry.get("time", ""))
+            if _folds(time) > 0:
+                yield f"time {quoted(time)} comes twice, clocks change then: the first counts"
         except MadrobError as error:
             yield f"{error}; the line counts without it"
         self.lines.append(PlanLine(Task(subject, condition), int(attempts[1]), time))
@@ -334,9 +386,13 @@ def delay(planned: str, at: float) -> float:
 def condition_number(text: str) -> int:
     """Of a condition's number or words, as `pull, from CCW, No Force`; MadrobError if neither."""
     number = _CONDITIONS.get(_words(text.lstrip("0")))
-    if number is None:
+    if number is not None:
+        return number
+    near = get_close_matches(text, _PHRASES, 1)
+    if not near:
         raise MadrobError(f"condition {quoted(text)} is none: see `madrob plan --conditions`")
-    return number
+    missing = "benchmark type missing; " if near[0].startswith(text) else ""
+    raise MadrobError(f"condition {quoted(text)}: {missing}did you mean '{near[0]}'?")
 
 
 def _words(text: str) -> tuple[str, ...]:
@@ -357,8 +413,21 @@ _CONDITIONS = {
 }
 
 
+_PHRASES = [
+    f"{condition.way.partition(' to ')[0]}, {condition.benchmark_type}"
+    for condition in map(Condition.from_number, range(1, 21))
+]
+
 _FIRST_YEAR = 1970
 """Earlier ones are typing errors, which no clock can tell from now."""
+
+
+def _folds(planned: str) -> float:
+    """By how much a time with a date comes again, s; negative = that day skips it."""
+    if " " not in planned:
+        return 0.0
+    moment = datetime.fromisoformat(planned)
+    return moment.replace(fold=1).timestamp() - moment.timestamp()
 
 
 def _planned_time(text: str) -> str:
@@ -372,5 +441,8 @@ def _planned_time(text: str) -> str:
             moment = datetime.fromisoformat(text)
             local = moment.astimezone() if moment.tzinfo else moment
             if local.year >= _FIRST_YEAR:
-                return local.strftime("%Y-%m-%d %H:%M")
+                planned = local.strftime("%Y-%m-%d %H:%M")
+                if _folds(planned) < 0:
+                    raise MadrobError(f"time {quoted(text)} does not come, clocks change then")
+                return planned
     raise MadrobError(f"time {quoted(text)} is none: write 14:30 or 2026-11-25T14:30")

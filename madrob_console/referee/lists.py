@@ -12,7 +12,7 @@ import csv
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
@@ -37,7 +37,10 @@ _SHOWN = 20
 class ListReader(ABC):
     """Reads a list line by line.
 
-    `problems` has a line for each rejected or odd entry; `unread` counts the rejected ones.
+    Attributes:
+        problems: a line for each rejected entry, which `unread` counts.
+        remarks: a line for each odd entry that counts.
+        unusable: the first problem of each subject; 0 = the subject cannot be read.
     """
 
     columns: ClassVar[tuple[str, ...]]
@@ -45,7 +48,10 @@ class ListReader(ABC):
 
     def __init__(self, path: Path, name: str, remedy: str) -> None:
         self.problems: list[str] = []
+        self.remarks: list[str] = []
+        self.unusable: dict[int, str] = {}
         self.unread = 0
+        self._subject = 0
         self._path, self._name, self._remedy = path, name, remedy
         self._delimiter = ""
         self._columns: Sequence[str] = self.columns
@@ -58,12 +64,14 @@ class ListReader(ABC):
         """Takes all lines; MadrobError where the file is missing, too large or no text."""
         file = terminal_safe(self._path.name)
         for number, text in enumerate(_LINE_END.split(self._text()), start=1):
+            self._subject = 0
             try:
-                for problem in self._line(number, text.strip()):
-                    self.problems.append(f"{file} line {number}: {problem}")
+                for remark in self._line(number, text.strip()):
+                    self.remarks.append(f"{file} line {number}: {remark}")
             except MadrobError as error:
                 self.unread += 1
                 self.problems.append(f"{file} line {number}: {error}")
+                self.unusable.setdefault(self._subject, self.problems[-1])
 
     def _line(self, number: int, text: str) -> Iterator[str]:
         if not text or text.startswith("#"):
@@ -79,7 +87,7 @@ class ListReader(ABC):
                     self._columns = named
                 return
         values = _fields(text, self._delimiter)
-        subject = subject_number(values[0])
+        subject = self._subject = subject_number(values[0])
         if len(values) > len(self._columns):
             known = ", ".join(filter(None, self._columns))
             raise MadrobError(f"{len(values)} values, use {known}; quote one with a separator")
@@ -163,12 +171,20 @@ CORRECT_SETTINGS = "correct teams_file of [competition]"
 
 @dataclass(frozen=True, slots=True)
 class TeamList:
-    """The teams by subject number; without names there is no list, and names are free."""
+    """The teams by subject number; without names there is no list, and names are free.
+
+    `problems` name what cannot be used, `remarks` what is odd and counts.
+    """
 
     names: Mapping[int, str] = field(default_factory=dict)
     problems: tuple[str, ...] = ()
     file: str = ""
     unread: int = 0
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        return (*self.problems, *self.remarks)
 
     def differs(self, subject: int, name: str) -> bool:
         """Whether the list has another name for the subject; never without a list."""
@@ -231,9 +247,8 @@ class TeamSource:
         if kept.names and not listed.names:  # as while it is written
             return self._kept(kept, f"teams file {self.file_words}: it names no team")
         if listed.unread:  # such a line may be that of a team that was known
-            listed = TeamList({**kept.names, **listed.names}, listed.problems, "", listed.unread)
-        merged = merge_teams(self.names, listed)
-        return TeamList(merged.names, merged.problems, self.file_words, merged.unread)
+            listed = replace(listed, names={**kept.names, **listed.names})
+        return replace(merge_teams(self.names, listed), file=self.file_words)
 
     def _kept(self, before: TeamList, problem: str) -> TeamList:
         stays = "; the list stays as it was" if before.names else ""
@@ -244,7 +259,8 @@ def read_teams(path: Path, remedy: str = CORRECT_SETTINGS) -> TeamList:
     """Reads a teams file; MadrobError, with the `remedy`, where that fails."""
     reader = _Reader(path, "teams file", remedy)
     reader.read()
-    return TeamList(reader.names, told(reader.problems), unread=reader.unread)
+    problems, remarks = told(reader.problems), told(reader.remarks)
+    return TeamList(reader.names, problems, unread=reader.unread, remarks=remarks)
 
 
 def merge_teams(settings: Mapping[int, str], file: TeamList) -> TeamList:
@@ -256,7 +272,7 @@ def merge_teams(settings: Mapping[int, str], file: TeamList) -> TeamList:
         if file.names.get(subject, name) != name
     ]
     names = {**file.names, **settings}
-    return TeamList(names, (*file.problems, *told(differing)), file.file, file.unread)
+    return replace(file, names=names, remarks=(*file.remarks, *told(differing)))
 
 
 class _Reader(ListReader):

@@ -141,6 +141,7 @@ class CheckName(StrEnum):
     """The pre-start checks, in the order in which they are listed."""
 
     TEAM = "team"
+    PLAN = "plan"
     SETTINGS = "settings"
     TOPICS = "topics"
     DOOR = "door closed"

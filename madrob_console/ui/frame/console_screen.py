@@ -28,8 +28,7 @@ from madrob_console.referee.acts import (
     Start,
     WithdrawProtest,
 )
-from madrob_console.referee.competition_plan import Plan, unknown_teams
-from madrob_console.referee.lists import TeamList
+from madrob_console.referee.competition_plan import plan_remarks
 from madrob_console.referee.records import cause_of
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.compositor import CellCompositor
@@ -378,21 +377,25 @@ class ConsoleScreen(Screen[None]):
             self.say(export_text(now.export), tone)
 
     def _tell_lists(self, before: Snapshot | None, now: Snapshot) -> None:
-        """Says that teams or plan have changed; the set-up and the plan show their faults."""
-        if now.right.only_watches or before is None:
+        """Says what is wrong with teams and plan, once, and that they have changed."""
+        if now.right.only_watches:
             return
-        read: list[tuple[TeamList | Plan, str]] = []
-        if now.teams != before.teams:
-            names = len(now.teams.names)
-            read.append((now.teams, f"The list of teams was read again: {names} teams."))
-        if now.plan != before.plan:
+        read = list[str]()
+        if before is not None and now.teams != before.teams:
+            read.append(f"The list of teams was read again: {len(now.teams.names)} teams.")
+        if before is not None and now.plan != before.plan:
             attempts = sum(line.attempts for line in now.plan.lines)
-            read.append((now.plan, f"The plan was read again: {attempts} attempts."))
-        if read:
-            unknown = unknown_teams((line.task for line in now.plan.lines), now.teams.names)
-            problems = [*(words for one, _ in read for words in one.problems), *unknown]
-            said = "; ".join(problems) or " ".join(words for _, words in read)
-            self.say(said, Tone.WARN if problems else Tone.GOOD)
+            read.append(f"The plan was read again: {attempts} attempts.")
+        if read or before is None:
+            known = now.teams.problems if before is None else self._notes(before)
+            notes = [words for words in self._notes(now) if words not in known]
+            if notes or read:
+                self.say("; ".join(notes or read), Tone.WARN if notes else Tone.GOOD)
+
+    def _notes(self, now: Snapshot) -> list[str]:
+        """What is wrong with teams and plan."""
+        remarks = plan_remarks(now.plan.lines, now.teams.names, self._defaults.run.timeout)
+        return [*now.teams.notes, *now.plan.notes, *remarks]
 
     def on_descendant_focus(self) -> None:
         self._keys.typing, self._keys.asks = self._types and not self.dialogs, bool(self.dialogs)

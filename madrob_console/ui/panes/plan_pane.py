@@ -19,7 +19,13 @@ from madrob_console.pages.competition import (
     summary_words,
     task_words,
 )
-from madrob_console.referee.competition_plan import Attempts, PlanProgress, Task, unknown_teams
+from madrob_console.referee.competition_plan import (
+    Attempts,
+    PlanLine,
+    PlanProgress,
+    Task,
+    plan_remarks,
+)
 from madrob_console.ui.cells.lines import Span, Tone
 from madrob_console.ui.cells.table import Column, Table
 from madrob_console.ui.link import EngineLink
@@ -98,7 +104,8 @@ class PlanPane(ListPane[int]):
         self._next = None if found.next is None else found.next.task
         if self._goes_to_next and self._next is not None:
             marked, self._goes_to_next = self._next, False
-        unknown = unknown_teams((line.task for line in found.lines), self._teams)
+        lines = [PlanLine(line.task, line.planned) for line in found.lines]
+        unknown = plan_remarks(lines, self._teams)
         problems = [*filter(None, (self._reader.problem, *unknown, *found.problems))]
         said = [f"{listed(problems, _PROBLEMS)}."] if problems else []
         said += [summary_words(found)] if found.lines else []

@@ -113,8 +113,8 @@ class TeamPicker(ListPane[PickRow]):
             rows.append(PickRow(None, f"another name for subject {self._subject}{called}"))
         self.table.empty = "no team is called so" if names else "no teams"
         self.table.set_rows(rows, from_top=True)
-        if not names or self._teams.problems:
-            self.head.say("; ".join(self._teams.problems) if names else NO_LIST, Tone.WARN)
+        if not names or self._teams.notes:
+            self.head.say("; ".join(self._teams.notes) if names else NO_LIST, Tone.WARN)
         else:
             self.head.say(f"Teams: {len(names)}")
 

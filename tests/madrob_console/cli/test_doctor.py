@@ -297,14 +297,25 @@ def test_the_lists_of_a_competition_are_looked_at_line_by_line(tmp_path: Path) -
             "plan",
             "plan.csv line 4: condition '21' is none: see `madrob plan --conditions`",
         ),
-        (Severity.OK, "teams", "2 in the list"),
-        (Severity.OK, "plan", "4 attempts, teams: 3, conditions: 2"),
         (
             Severity.WARNING,
             "plan",
             "the plan has subject 7, 9, not in the list of teams: correct one of them",
         ),
     ]
+    teams.write_text("3,Delft\n4,Ghent\n")
+    plan.write_text("3,1,2,09:00\n4,1,1,09:10\n")
+    found = list(look_at_lists(TeamSource({}, teams), PlanSource(file=plan), 300.0))
+    assert [(f.severity, f.subject, f.text) for f in found] == [
+        (Severity.OK, "teams", "2 in the list"),
+        (Severity.OK, "plan", "3 attempts, teams: 2, conditions: 1"),
+    ]
+    (tight,) = [
+        finding
+        for finding in look_at_lists(TeamSource({}, teams), PlanSource(file=plan), 301.0)
+        if finding.subject == "plan"
+    ]
+    assert tight.severity is Severity.WARNING
     plan.unlink()
     (gone,) = look_at_lists(TeamSource({}), PlanSource(file=plan))
     assert gone.severity is Severity.WARNING

@@ -26,7 +26,7 @@ from madrob_console.referee.journal import read_journal
 from madrob_console.referee.lists import TeamList, TeamSource
 from madrob_console.referee.records import CheckName, RunSetup
 from scoring.protocol import Outcome
-from tests.madrob_console.engine.drive import Drive, Rehearsal, make_setup
+from tests.madrob_console.engine.drive import Drive, OfficialDrive, Rehearsal, make_setup
 from tests.watching import until
 
 
@@ -168,6 +168,30 @@ def test_an_official_run_of_nobody_or_out_of_plan_starts_only_waived(
     result = json.loads((hall.folder / "result.json").read_text())
     (waived,) = result["waivers"]
     assert (waived["check"], waived["reason"]) == ("team", "a guest")
+
+
+def test_a_line_of_the_plan_that_cannot_be_used_blocks_its_team_until_mended(
+    tmp_path: Path,
+) -> None:
+    drive, file = OfficialDrive(tmp_path / "runs"), tmp_path / "plan.csv"
+
+    def start(subject: int, lines: str, *, practice: bool = False) -> str | None:
+        file.write_text(lines)
+        drive.engine.hear_of_plan(PlanSource(file=file).read())
+        drive.prepare(replace(make_setup(), subject=subject, practice=practice))
+        return Start.impossible(drive.engine.situation())
+
+    line = "plan.csv line 2: condition 'push, from CCW': benchmark type missing; did you mean"
+    words = f"correct the plan, Enter waives: {line} 'push, from CCW, No Force'?"
+    bad = '3,1,1\n7,"push, from CCW",1\n'
+    assert start(7, bad) == words
+    assert [start(3, bad), start(7, bad, practice=True)] == [None, None]
+    unread = start(3, "3,1,1\nseven,1,1\n")
+    assert "plan.csv line 2: subject 'seven' is no number" in str(unread)
+    drive.act(Waive(CheckName.PLAN, "it is the guests' line"))
+    assert Start.impossible(drive.engine.situation()) is None
+    assert start(7, '3,1,1\n7,"push, from CCW, No Force",1\n') is None
+    drive.engine.close()
 
 
 def test_what_differs_from_the_settings_is_said_before_the_start(tmp_path: Path) -> None:

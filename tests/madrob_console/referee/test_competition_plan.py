@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import time
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
@@ -23,6 +25,7 @@ from madrob_console.referee.competition_plan import (
     Task,
     delay,
     plan_progress,
+    plan_remarks,
     read_plan,
 )
 from madrob_console.referee.lists import MOST_PROBLEMS
@@ -296,6 +299,17 @@ def test_every_usual_way_to_write_a_plan_is_read(
         ("3,0,1", "condition '0' is none: see `madrob plan --conditions`"),
         ("3,21,1", "condition '21' is none: see `madrob plan --conditions`"),
         ("3,No Force,1", "condition 'No Force' is none: see `madrob plan --conditions`"),
+        (
+            '3,"push, from CCW",1',
+            (
+                "condition 'push, from CCW': benchmark type missing; "
+                "did you mean 'push, from CCW, No Force'?"
+            ),
+        ),
+        (
+            '3,"pull, from CW, Suden Force",1',
+            "condition 'pull, from CW, Su...': did you mean 'pull, from CW, Sudden Force'?",
+        ),
         ("3,٤,1", "condition '٤' is none: see `madrob plan --conditions`"),
         ("3,1,0", "attempts '0' is no number from 1 to 99: write one"),
         ("3,1,100", "attempts '100' is no number from 1 to 99: write one"),
@@ -361,9 +375,74 @@ def test_what_goes_on_is_not_what_comes_next(
 @pytest.mark.parametrize("text", ["soon", "25:00", "14", "2026-11-25", "0226-11-25T14:30"])
 def test_what_is_no_time_is_named_and_its_line_counts_without(file: Path, text: str) -> None:
     why = f"time '{text}' is none: write 14:30 or 2026-11-25T14:30; the line counts without it"
+    remark = f"plan.csv line 1: {why}"
     assert read(file, f"4,1,1,{text}\n") == Plan(
-        plan((B, 1)).lines, (f"plan.csv line 1: {why}",), str(file)
+        plan((B, 1)).lines, file=str(file), remarks=(remark,)
     )
+
+
+@pytest.fixture
+def central_europe(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setenv("TZ", "CET-1CEST,M3.5.0,M10.5.0/3")
+    time.tzset()
+    yield
+    monkeypatch.undo()
+    time.tzset()
+
+
+@pytest.mark.usefixtures("central_europe")
+@pytest.mark.parametrize(
+    ("text", "planned", "remark"),
+    [
+        ("2026-03-29T01:30", "2026-03-29 01:30", ""),
+        ("2026-10-25T03:30", "2026-10-25 03:30", ""),
+        ("2026-03-29T02:30", "", "'2026-03-29T02:30' does not come, clocks change then"),
+        ("2026-10-25T02:30", "2026-10-25 02:30", "'2026-10-25 02:30' comes twice, clocks change"),
+        ("2026-10-25T01:30Z", "2026-10-25 02:30", "'2026-10-25 02:30' comes twice, clocks change"),
+    ],
+)
+def test_a_time_that_a_day_lacks_or_has_twice_is_named(
+    file: Path, text: str, planned: str, remark: str
+) -> None:
+    found = read(file, f"4,1,1,{text}\n")
+    assert [line.time for line in found.lines] == [planned]
+    assert [words.partition(remark)[0] for words in found.remarks] == (
+        ["plan.csv line 1: time "] if remark else []
+    )
+
+
+@pytest.mark.parametrize(
+    ("times", "remarks"),
+    [
+        (("", "", ""), []),
+        (("09:00", "09:10", "09:20"), []),
+        (("09:00", "", "09:20"), []),
+        (("09:00", "", "09:19"), ["the plan cannot be kept at 09:00: 19 min for 4 x 300 s"]),
+        (
+            ("09:00", "09:04", "09:08"),
+            ["the plan cannot be kept at 09:00: 4 min for 2 x 300 s (and 1 more)"],
+        ),
+        (("23:00", "00:01", ""), []),
+        (("2026-11-25 23:55", "2026-11-26 00:05", ""), []),
+        (
+            ("2026-11-25 23:55", "2026-11-26 00:04", ""),
+            ["the plan cannot be kept at 2026-11-25 23:55: 9 min for 2 x 300 s"],
+        ),
+    ],
+)
+def test_a_plan_that_cannot_be_kept_is_named_once(
+    times: Sequence[str], remarks: Sequence[str]
+) -> None:
+    lines = [PlanLine(A, 2, time) for time in times]
+    assert list(plan_remarks(lines, {}, 300.0)) == remarks
+
+
+def test_a_line_that_cannot_be_used_is_of_its_team_or_of_any(file: Path) -> None:
+    found = read(file, "3,1,1\n7,99,1\n7,98,1\n")
+    assert found.unusable_line(7).startswith("plan.csv line 2: condition '99' is none")
+    assert found.unusable_line(3) == ""
+    found = read(file, "3,1,1\nseven,1,1\n")
+    assert found.unusable_line(3).startswith("plan.csv line 2: subject 'seven' is no number")
 
 
 def test_a_plan_has_an_end(file: Path) -> None:

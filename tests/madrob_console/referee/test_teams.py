@@ -111,7 +111,7 @@ def test_what_is_taken_from_a_name_is_said(file: Path, value: str, name: str, pr
     teams = read(file, f"3,{value}\n")
     assert teams.names == {3: name}
     shown = name if len(name) <= 20 else f"{name[:17]}..."
-    assert teams.problems == (f"teams.csv line 1: {problem}: the team is '{shown}'",)
+    assert teams.remarks == (f"teams.csv line 1: {problem}: the team is '{shown}'",)
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,7 @@ def test_what_two_lines_say_differently_is_named(
     file: Path, text: str | bytes, names: dict[int, str], problem: str
 ) -> None:
     teams = read(file, text)
-    assert (teams.names, teams.problems) == (names, (f"teams.csv {problem}",))
+    assert (teams.names, teams.notes) == (names, (f"teams.csv {problem}",))
 
 
 def test_many_problems_are_counted(file: Path) -> None:
@@ -202,7 +202,7 @@ def test_the_settings_win_over_the_file_and_the_difference_is_said() -> None:
     file = TeamList({3: "Walk-Man", 4: "Runner"}, ("teams.csv line 9: subject 9 has no team",))
     merged = merge_teams({3: "Walker", 4: "Runner", 5: "Own"}, file)
     assert merged.names == {3: "Walker", 4: "Runner", 5: "Own"}
-    assert merged.problems == (
+    assert merged.notes == (
         "teams.csv line 9: subject 9 has no team",
         "subject 3 is 'Walker' in the settings and 'Walk-Man' in the file: the settings count",
     )

@@ -379,6 +379,7 @@ class FakeEngine:
     def _checks(self) -> tuple[Check, ...]:
         force = None if self.force is None else self.force - self.run.handle_zero
         readings = Readings(
+            plan=self.plan,
             topic_faults=(),
             angle=self.angle,
             closed_angle=0.03,

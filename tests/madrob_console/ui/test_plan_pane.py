@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import pytest
 
@@ -196,6 +197,7 @@ def test_a_number_that_no_team_has_is_looked_for_in_the_names() -> None:
 
 SEEN = "teams file t.csv: it names no team"
 BAD_LINE = "plan.csv line 9: condition '21' is no number"
+CUT = "teams.csv line 5: more than 60 characters, cut: the team is 'Delft...'"
 
 PLANNED: Stories = {
     "the pane says what goes on what is next and how late it is": [
@@ -295,6 +297,20 @@ PLANNED: Stories = {
         (on_engine(plan=Plan(plan((1, 1, 1)).lines, (BAD_LINE,))),),
         (answered(),),
         (answered("f3 p"), BAD_LINE),
+    ],
+    "what is odd in a list is said once and not in the checks": [
+        (on_engine(teams=replace(TEAMS, remarks=(CUT,)), plan=plan((1, 1, 1))),),
+        (answered(), says(CUT)),
+        (answered("f2 enter"), is_set_up(1, 1), no(CUT)),
+        (has(plan=plan((2, 7, 1))), says_only("The plan was read again: 1 attempts.")),
+    ],
+    "a line that cannot be used stops its team until it is waived": [
+        (on_engine(plan=replace(plan((1, 1, 1)), unusable={1: BAD_LINE})),),
+        (answered(),),
+        (answered("f2 enter f6"), f"x correct the plan, Enter waives: {BAD_LINE[:30]}"),
+        ("f5", Phase.READY),
+        (answered("escape tab enter enter"), f"~ plan: waived, no reason given ({BAD_LINE[:20]}"),
+        ("f5", Phase.COUNTDOWN),
     ],
     "the first run of the plan is proposed": [
         (on_engine(plan=plan((3, 20, 2))),),
