@@ -162,6 +162,14 @@ class Terminal(Screen):
         """Type."""
         os.write(self._fd, keys.encode())
 
+    def send_bytes(self, data: bytes) -> None:
+        """What no keyboard sends, too."""
+        os.write(self._fd, data)
+
+    def resize(self, columns: int, lines: int) -> None:
+        """The program has another size; what pyte shows then is not looked at."""
+        termios.tcsetwinsize(self._fd, (lines, columns))
+
     def wait_for(self, *texts: str, timeout: float = PATIENCE) -> str:
         """Wait until one of `texts` stands on the screen, within one line; returns it.
 

@@ -81,6 +81,14 @@ class Tmux(Screen):
         """Type a text, letter by letter."""
         self._tell("send-keys", "-t", _PANE, "-l", text)
 
+    def send_bytes(self, data: bytes) -> None:
+        """What no keyboard sends, too."""
+        self._tell("send-keys", "-t", _PANE, "-H", *(f"{byte:02x}" for byte in data))
+
+    def resize(self, columns: int, lines: int) -> None:
+        """Of the window."""
+        self._tell("resize-window", "-t", _PANE, "-x", str(columns), "-y", str(lines))
+
     def set_option(self, name: str, value: str) -> None:
         """A setting of this tmux."""
         self._tell("set-option", "-g", name, value)

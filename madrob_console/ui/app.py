@@ -10,6 +10,7 @@ import sys
 import time
 from asyncio import to_thread
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, ClassVar
@@ -95,6 +96,10 @@ _HEIGHTS = [(0, "-tiny-height"), (18, "-short"), (32, "-tall")]
 
 _DONE = {TakeOver.name: "This console has the right to act now.", PlaybackCommand.name: ""}
 """What is said when a command took effect; an export says it itself, when it is packed."""
+
+
+_UNSEEN_LIST = (KeyError,)
+"""Textual raises it for a page of commands that has no room on the screen."""
 
 
 def run_beside(words: Sequence[str]) -> int:
@@ -229,7 +234,9 @@ class MadrobApp(App[None], inherit_bindings=False):
             if (words := self._ahead.leaves_out(event)) is not None:
                 self._console.leave_out(words)
                 return
-        await super().on_event(event)
+        pressed = isinstance(event, events.Key) and isinstance(self.screen, SystemModalScreen)
+        with suppress(*_UNSEEN_LIST if pressed else ()):
+            await super().on_event(event)
 
     def on_keys_dropped(self, _event: KeysDropped) -> None:
         words = f"More than {MOST_KEYS} keys at once: the rest was left out."

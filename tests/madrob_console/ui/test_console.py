@@ -486,6 +486,13 @@ STORIES: Stories = {
             (RightToAct(free=True), ((80, 24),), ("y ABORT now",)),
         )
     },
+    "the commands on a terminal without room for them end nothing": [
+        (opened((1, 1)),),
+        (Driver.run,),
+        ("ctrl+p pagedown pageup",),
+        (resized(80, 24),),
+        ("f8 y", Abort(NO_REASON)),
+    ],
     "a spectator reads on the smallest screen what can act": [
         (in_sizes((40, 12)),),
         (on_engine(right=RightToAct(Role.WATCH, "ada@hall")),),
