@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 from rich.cells import cell_len
 from textual import events
-from textual.app import ComposeResult
 from textual.containers import Vertical
-from textual.geometry import Offset, Region
 from textual.message import Message
-from textual.screen import ModalScreen
 from textual.widgets import Input
 
 from madrob_console.referee.acts.act import Ask, Option, Pick, Question, Sure, Write
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.cells.lines import (
-    TONE_CLASSES,
     Line,
     Lines,
     Span,
@@ -104,19 +99,18 @@ class Prompt(Lines):
         return rows
 
 
-OVER_QUESTIONS = ("f8", "f10", "ctrl+q", "ctrl+c")
-"""Keys that a question leaves to the console: abort and leave."""
+_OF_DIALOG = ("escape", "enter")
+"""Keys that a text field leaves to its dialog."""
 
 
-class Dialog(ModalScreen[None], inherit_bindings=False):
-    """Asks the questions of an `Ask` one after the other; every other key comes here.
+class Dialog(Vertical):
+    """Asks the questions of an `Ask` one after the other; the app sends it every other key.
 
     Unknown keys do nothing; Escape closes the dialog and never does more. If what it is about
     changes, the dialog changes, says so, and drops keys typed before that could be seen.
     `fresh` gives the questions as things stand; None = nothing can change them. `drafts` are
-    texts of acts that were refused. `body` is the part of the screen that it may cover. `cursor`
-    is the option that Enter takes, -1 = none. `overtaken` says why nothing can be answered any
-    more; empty = it can.
+    texts of acts that were refused. `cursor` is the option that Enter takes, -1 = none.
+    `overtaken` says why nothing can be answered any more; empty = it can.
     """
 
     @dataclass
@@ -138,15 +132,6 @@ class Dialog(ModalScreen[None], inherit_bindings=False):
         dialog: Dialog
         confirmed: bool
 
-    @dataclass
-    class ClickedBeside(Message):
-        """The screen behind it was clicked."""
-
-        at: Offset
-
-    COMPONENT_CLASSES: ClassVar[set[str]] = TONE_CLASSES
-    AUTO_FOCUS = ""
-
     def __init__(
         self,
         name: str,
@@ -155,55 +140,37 @@ class Dialog(ModalScreen[None], inherit_bindings=False):
         fresh: FreshAsk | None = None,
         ahead: TypeAhead | None = None,
         drafts: Drafts | None = None,
-        body: Callable[[], Region] | None = None,
     ) -> None:
-        super().__init__(name=name)
         self._prompt = Prompt(self)
         self._field = Field(select_on_focus=False)
-        self._box = Vertical(self._prompt, self._field)
+        super().__init__(self._prompt, self._field, name=name)
         self.about = about
         self._drafts = drafts or Drafts()
         self.ask = ask
         self._fresh = fresh
         self._ahead = ahead or TypeAhead()
-        self._body = body
         self._open = list(ask.questions)
         self.question = ask.questions[0]
         self.answers: list[str] = []
         self.cursor = 0
         self.notice = self.overtaken = self.complaint = ""
 
-    def compose(self) -> ComposeResult:
-        yield self._box
-
-    def check_consume_key(self, key: str, character: str | None) -> bool:
-        """No other key goes on to the console."""
-        return key not in OVER_QUESTIONS
-
     def on_mount(self) -> None:
         self._show()
-        self.place()
 
-    def on_resize(self) -> None:
-        self.place()
-
-    def place(self) -> None:
-        """Covers the lower end of the body; the lines below it stay in view."""
-        if self._body is not None:
-            body = self._body()
-            self._box.styles.max_height = max(1, body.height)
-            self._box.styles.margin = (0, 0, max(0, self.size.height - body.bottom), 0)
-
-    def on_click(self, event: events.Click) -> None:
-        if event.widget is self:
-            self.post_message(self.ClickedBeside(event.screen_offset))
+    def take_input(self, event: events.Key | events.Paste) -> None:
+        """A key, or what was pasted, whatever has the focus; in turn, also before it is drawn."""
+        if self.writing and not (isinstance(event, events.Key) and event.key in _OF_DIALOG):
+            self._field.post_message(event)
+        elif isinstance(event, events.Key):
+            self.post_message(event)
 
     @property
     def writing(self) -> bool:
         return isinstance(self.question, Write) and not self.overtaken
 
     def _take_focus(self) -> None:
-        self.set_focus(self._field if self.writing else None)
+        self.screen.set_focus(self._field if self.writing else None)
 
     def look_again(self) -> None:
         if self._fresh is None or not (self._open or self.overtaken):
@@ -256,8 +223,6 @@ class Dialog(ModalScreen[None], inherit_bindings=False):
 
     def on_key(self, event: events.Key) -> None:
         """Handles what the question knows; nothing goes on to the keys of the console."""
-        if self.focused is self._field and event.key not in ("escape", "enter"):
-            return  # it moves and deletes in the text
         event.stop()
         event.prevent_default()
         if (words := self._ahead.leaves_out(event)) is not None:
@@ -271,14 +236,6 @@ class Dialog(ModalScreen[None], inherit_bindings=False):
             self._pick(event)
         elif event.key == "enter":
             self._take_text(self._field.value)
-        else:  # the field has lost the focus, or not yet got it
-            self._take_focus()
-            self._field.post_message(events.Key(event.key, event.character))
-
-    def on_paste(self, event: events.Paste) -> None:
-        """A text field takes what is pasted, whether or not it has the focus."""
-        if self.writing:
-            self._field.post_message(events.Paste(event.text))
 
     def _pick(self, event: events.Key) -> None:
         enter = event.key == "enter"

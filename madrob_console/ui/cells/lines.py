@@ -19,7 +19,7 @@ from rich.style import Style
 from textual import events
 from textual.binding import Binding, BindingType
 from textual.color import Color
-from textual.geometry import Offset, Region, Size
+from textual.geometry import Region, Size
 from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
@@ -121,10 +121,7 @@ class Lines(Widget):
     def clicked(self, event: events.Click) -> tuple[str, str] | None:
         """The click's purpose and the character that it hit; None if it hit no target."""
         offset = event.get_content_offset(self)
-        return None if offset is None else self.target_at(offset)
-
-    def target_at(self, offset: Offset) -> tuple[str, str] | None:
-        if not 0 <= offset.y < len(self._drawn):
+        if offset is None or not 0 <= offset.y < len(self._drawn):
             return None
         left = 0
         for span in self._drawn[offset.y]:

@@ -325,7 +325,6 @@ class ConsoleScreen(Screen[None]):
         self._follow(before, snapshot)
         for dialog in self.dialogs:
             dialog.look_again()
-            dialog.place()
         if before is None or (
             snapshot.run.phase is Phase.IDLE
             and (snapshot.unfinished != before.unfinished or before.pulse.gone)
@@ -474,6 +473,8 @@ class ConsoleScreen(Screen[None]):
 
     def take_focus(self, *, chosen: bool = False) -> None:
         """Gives the focus to what is in front; to a text field only if that was chosen."""
+        if self.dialogs:
+            return
         if self.pane == "setup" and not chosen:
             self.panes.setup.rest()
         else:
@@ -486,11 +487,16 @@ class ConsoleScreen(Screen[None]):
         """
         from madrob_console.ui.cells.dialog import Dialog
 
-        about, body = self._about(name), self.query_one("#body")
-        dialog = Dialog(name, ask, about, fresh, self._ahead, self.drafts, lambda: body.region)
+        dialog = Dialog(name, ask, self._about(name), fresh, self._ahead, self.drafts)
         self.dialogs.append(dialog)
-        self.app.push_screen(dialog)
+        self.query_one("#body").mount(dialog)
         self.on_descendant_focus()
+        if (palette := self.app.screen) is not self:
+            palette.call_after_refresh(self._close_palette)  # closed earlier, it ends in an error
+
+    def _close_palette(self) -> None:
+        if self.app.screen is not self:
+            self.app.pop_screen()
 
     def _about(self, name: str) -> str:
         if self._latest is None or name in _ABOUT_NO_RUN:
@@ -500,15 +506,13 @@ class ConsoleScreen(Screen[None]):
     def close(self, dialog: Dialog) -> None:
         """Closes a dialog, and what was opened over it."""
         while dialog in self.dialogs:
-            self.dialogs.pop()
-            self.app.pop_screen()
-            self.on_descendant_focus()
-            self.take_focus()
+            self.dialogs.pop().remove()
+        self.on_descendant_focus()
+        self.take_focus()
 
-    def click_footer(self, at: Offset) -> None:
-        """A click beside a dialog presses a key that still works."""
-        if self._keys.region.contains_point(at):
-            self._keys.press_key_at(at - self._keys.region.offset)
+    def is_clickable(self, at: Offset) -> bool:
+        """Whether a click there counts: beside an open question the footer alone takes one."""
+        return any(one.region.contains_point(at) for one in (*self.dialogs[-1:], self._keys))
 
     def _ring(self, before: Snapshot | None, now: Snapshot) -> None:
         """Rings when a run starts, is held or stops, or a fault appears; never for what is over."""

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, cast
 
 from rich.cells import cell_len
 from textual import events
-from textual.geometry import Offset
 from textual.keys import _character_to_key
 
 from madrob_console.common.formatting import format_duration, format_size, time_of_day
@@ -196,11 +195,7 @@ class KeyLine(View):
     """Whether a question is open: few keys work then."""
 
     def on_click(self, event: events.Click) -> None:
-        if (offset := event.get_content_offset(self)) is not None:
-            self.press_key_at(offset)
-
-    def press_key_at(self, offset: Offset) -> None:
-        if (hit := self.target_at(offset)) is None:
+        if (hit := self.clicked(event)) is None:
             return
         key = KEYS[hit[0]]
         pressed = key.keys.split(",")

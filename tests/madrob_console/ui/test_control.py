@@ -120,7 +120,8 @@ class Control(Shown):
     @property
     def state(self) -> str:
         """What is in front, and where the keys go."""
-        front = [one.name or type(one).__name__ for one in self.app.screen_stack[1:]]
+        front = [one.name or "" for one in self.console.dialogs]
+        front += [type(one).__name__ for one in self.app.screen_stack[1:]]
         into = type(self.app.focused).__name__
         return " ".join((self.run.phase, self.console.pane, *front, into))
 
@@ -156,7 +157,8 @@ class Control(Shown):
         for _ in range(MOST_ESCAPES):
             self.hand.now += 1.0
             await self.type("escape")
-        assert self.app.screen is self.console, (self.app.screen_stack, self.text)
+        assert self.app.screen is self.console, self.app.screen_stack
+        assert not self.console.dialogs, self.text
 
 
 def _key(name: str) -> events.Key:

@@ -17,7 +17,6 @@ from madrob_console.engine.requests import Role
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.ui.app import MadrobApp
-from madrob_console.ui.cells.dialog import Dialog
 from madrob_console.ui.terminal import check_terminal
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.served import Served, simulated, start
@@ -259,7 +258,7 @@ async def test_two_keys_of_a_second_console_abort_the_run(
             await shown.until(lambda _: second.snapshot().right.free == gone)
             began = time.monotonic()
             app.simulate_key("f8")
-            await shown.until(lambda _: isinstance(app.screen, Dialog))
+            await shown.until("y ABORT now" if size[0] > 60 else "Abort now?")
             app.simulate_key("y")
             await shown.until(lambda _: served.local.snapshot().run.phase is Phase.STOPPED)
             took = time.monotonic() - began

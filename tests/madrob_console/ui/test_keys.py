@@ -323,7 +323,7 @@ STORIES: Stories = {
         (
             "escape f1",
             *(f"{key.cap} {key.label}" for key in (*FUNCTION_KEYS, *LETTER_KEYS)),
-            *("F8 aborts", "z takes it back", "Practice never counts"),
+            *("F8 y aborts", "z takes it back", "Practice never counts"),
         ),
     ],
     "rows are marked and opened and heads sort": [
