@@ -88,6 +88,11 @@ if TYPE_CHECKING:
 _OVER = {name for key in KEYS.values() if key.over for name in key.keys.split(",")}
 """Keys that work over a question and over the palette."""
 
+
+def _is_over(event: events.Event) -> bool:
+    return isinstance(event, events.Key) and event.key in _OVER
+
+
 _OF_A_RUN = ("rule", "incident", "take_back")
 
 LATEST = 1.0
@@ -228,13 +233,12 @@ class MadrobApp(App[None], inherit_bindings=False):
             palette = typed and isinstance(self.screen, SystemModalScreen)
             with suppress(*[KeyError] * palette):  # a page of commands that has no room for one
                 await super().on_event(event)
-        elif self._console.dialogs:
-            if not (self._leaves_out(event) or self._ask_first(event)):
+        elif isinstance(self.screen, SystemModalScreen) and not (
+            self._console.dialogs or _is_over(event)
+        ):
+            if self.screen.is_mounted:  # closed earlier, it would end in an error
                 await super().on_event(event)
-        elif not isinstance(self.screen, SystemModalScreen):
-            if not self._leaves_out(event):
-                await super().on_event(event)
-        elif self.screen.is_mounted or (isinstance(event, events.Key) and event.key in _OVER):
+        elif not (self._leaves_out(event) or (self._console.dialogs and self._ask_first(event))):
             await super().on_event(event)
 
     def _leaves_out(self, event: events.Event) -> bool:
@@ -254,7 +258,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         """
         if isinstance(event, events.MouseEvent):
             return not self._console.is_clickable(event.screen_offset)
-        if isinstance(event, events.Key) and event.key in _OVER:
+        if _is_over(event):
             return False
         if taken := isinstance(event, events.Key | events.Paste):
             self._console.dialogs[-1].take_input(event)

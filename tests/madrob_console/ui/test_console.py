@@ -486,6 +486,13 @@ STORIES: Stories = {
             (RightToAct(free=True), ((80, 24),), ("y ABORT now",)),
         )
     },
+    "an abort over the palette counts though the run has just begun": [
+        (Driver.set_up,),
+        ("f5 ctrl+p",),
+        (types_every(0.0),),
+        (passes(6.0),),
+        ("f8 y", Abort(NO_REASON)),
+    ],
     "the commands on a terminal without room for them end nothing": [
         (opened((1, 1)),),
         (Driver.run,),
