@@ -256,6 +256,7 @@ class RawMessage(msgspec.Struct, frozen=True, gc=False):
         publish_ns: when the publisher sent it, ns since the epoch.
         receive_ns: when it was received, steady time (protocol section 8), ns since the
             epoch; the bag's log time.
+        sequence: the publisher's count of its messages; 0 = unknown.
     """
 
     topic: str
@@ -263,3 +264,4 @@ class RawMessage(msgspec.Struct, frozen=True, gc=False):
     data: bytes
     publish_ns: int
     receive_ns: int
+    sequence: int = 0

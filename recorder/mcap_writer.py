@@ -111,16 +111,18 @@ class McapWriter:
         self._counts.append(0)
         return number
 
-    def add_message(self, channel: int, log_time: int, data: bytes, publish_time: int) -> None:
-        """Append a message, numbered by its channel; a full chunk goes to the file."""
+    def add_message(
+        self, channel: int, log_time: int, data: bytes, publish_time: int, sequence: int = 0
+    ) -> None:
+        """Append a message; a full chunk goes to the file."""
         self._entries[channel - 1] += log_time, self._chunk_bytes
-        self._counts[channel - 1] = number = self._counts[channel - 1] + 1
+        self._counts[channel - 1] += 1
         size = len(data)
         head = _MESSAGE.pack(
             _MESSAGE_OPCODE,
             _MESSAGE_FIELDS + size,
             channel,
-            number & 0xFFFF_FFFF,
+            sequence & 0xFFFF_FFFF,
             log_time,
             publish_time,
         )
@@ -319,7 +321,8 @@ class McapFile:
     def add_message(self, message: RawMessage) -> None:
         """Append a message of a registered topic; full chunks go to the file by themselves."""
         channel = self._topics[message.topic][1]
-        self._writer.add_message(channel, message.receive_ns, message.data, message.publish_ns)
+        times = message.receive_ns, message.data, message.publish_ns
+        self._writer.add_message(channel, *times, message.sequence)
 
     def add_record(self, name: str, record: Mapping[str, str]) -> None:
         self._writer.add_metadata(_text(name), {_text(k): _text(v) for k, v in record.items()})

@@ -151,7 +151,12 @@ def read_items(file: BinaryIO) -> Iterator[BagItem]:
                 topic = catalogue.topic(record.channel_id)
                 count += 1
                 yield RawMessage(
-                    topic.name, topic.type, record.data, record.publish_time, record.log_time
+                    topic.name,
+                    topic.type,
+                    record.data,
+                    record.publish_time,
+                    record.log_time,
+                    record.sequence,
                 )
             case Gap():
                 gaps += 1

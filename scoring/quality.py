@@ -21,6 +21,9 @@ from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
 LARGEST_JUMP = 0.5
 """A larger jump of stamp minus log time is a step of the publisher's clock, s."""
 
+_UNSTEADY = 2.0
+"""Lost messages explain a jump of stamps of up to so many intervals each."""
+
 KEPT_STEPS = 5
 """Clock steps that are kept by their times; the others are counted."""
 
@@ -39,7 +42,8 @@ class StampGuard:
     A stamp that is missing (zero), repeats or goes back is dropped and counted. Where stamp
     minus log time jumps by more than 0.5 s, later stamps are shifted back by the jump. Messages
     delivered late (log times jump, stamps go on) are not shifted, nor are those after a stamp that
-    stood still. `steps` holds the first clock steps, `step_count` counts all.
+    stood still, or after lost messages that explain the jump. `steps` holds the first clock steps,
+    `step_count` counts all.
     """
 
     def __init__(self) -> None:
@@ -51,6 +55,7 @@ class StampGuard:
         self._newest: float | None = None
         self._previous: Sample | None = None
         self._reference = 0.0
+        self._interval = 0.0
 
     def admit(self, sample: Sample) -> Sample | None:
         """The sample with its stamp corrected; None when it is to be dropped."""
@@ -76,12 +81,17 @@ class StampGuard:
             self._reference = offset
             return
         stamp_interval = sample.time - previous.time
+        lost = max(0, sample.sequence - previous.sequence - 1) if previous.sequence else 0
         if abs(offset - self._reference) <= LARGEST_JUMP:
             if stamp_interval != 0:  # a stamp that stands still is no clock that goes slow
                 self._reference = offset
+                self._interval = stamp_interval / (lost + 1)
             return
         log_interval = sample.log_time - previous.log_time
         jump = stamp_interval - log_interval
+        if 0 < jump <= _UNSTEADY * lost * self._interval:
+            self._reference = offset
+            return
         delivered_late = log_interval > LARGEST_JUMP and 0 < stamp_interval < log_interval
         if abs(jump) > LARGEST_JUMP and not delivered_late:
             self._shift += jump

@@ -122,12 +122,16 @@ class BinarySignal:
 # make, and there are millions.
 
 
+# `sequence` is the publisher's count of its messages, by which a loss is seen; 0 = unknown.
+
+
 class DoorSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=True):
     """Panel angle in rad, 0 = closed, positive = CCW. NaN = no reading."""
 
     time: float
     log_time: float
     angle: float
+    sequence: int = 0
 
     @property
     def signal(self) -> Signal:
@@ -140,6 +144,7 @@ class HandleSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=T
     time: float
     log_time: float
     force: float
+    sequence: int = 0
 
     @property
     def signal(self) -> Signal:
@@ -159,6 +164,7 @@ class PassageSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=
     ranges: tuple[float, ...]
     range_min: float
     range_max: float
+    sequence: int = 0
 
     @property
     def signal(self) -> Signal:
@@ -171,6 +177,7 @@ class LatchSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=Tr
     time: float
     log_time: float
     engaged: bool
+    sequence: int = 0
 
     @property
     def signal(self) -> Signal:

@@ -6,6 +6,7 @@ It decides everything and waits for nobody. It is single-threaded: whoever owns 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from functools import partial
@@ -112,6 +113,7 @@ class Engine:
         if self.replay is not None:
             self.replay.begin_replay()
         self._looked: float | None = None
+        self._stepped = math.inf
         self._watched = 0.0
         self._observation = observation = Observation(
             config.mappings, config.thresholds, config.limits, engine_context.types
@@ -206,7 +208,10 @@ class Engine:
         """
         self._engine_context.keepers.deliver()
         self._engine_context.scorer.deliver()
-        self._looked = self.now()
+        self._looked = now = self.now()
+        if self.current_run.recorder.recording:
+            self._backlog.note_pause(now - self._stepped)
+        self._stepped = now
         if self.replay is not None or self.config.lossless:
             interrupt = None
         if self.current_run.result.hurries:

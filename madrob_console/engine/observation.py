@@ -68,6 +68,7 @@ class Backlog:
         self.recorded = 0
         self._left_out = 0
         self._left_out_at: float | None = None
+        self._pause, self._pause_at = 0.0, -math.inf
 
     def __len__(self) -> int:
         return len(self._waiting)
@@ -85,8 +86,15 @@ class Backlog:
         """Time up to which all messages were processed, s since the epoch; `now` if none waits."""
         return min(now, seconds(self._waiting[0][2].receive_ns)) if self._waiting else now
 
+    def note_pause(self, pause: float) -> None:
+        """Note the time between two looks at the source, s."""
+        if pause > LATEST:
+            self._pause, self._pause_at = pause, self._monotonic()
+
     @property
     def problem(self) -> str | None:
+        if self._monotonic() - self._pause_at <= _TOLD:
+            return f"the engine stood still for {self._pause:.1f} s"
         behind, at = self.behind, self._left_out_at
         if behind <= LATEST and (at is None or self._monotonic() - at > _TOLD):
             self._left_out = 0

@@ -87,17 +87,17 @@ ROBOT_STARTED_TYPE = "std_msgs/msg/Empty"
 
 _STRING = "std_msgs/msg/String"
 _POSE = "geometry_msgs/msg/PoseStamped"
-_MEASURED: dict[Signal, Callable[[float, float, float], Sample]] = {
+_MEASURED: dict[Signal, Callable[[float, float, float, int], Sample]] = {
     Signal.DOOR: DoorSample,
     Signal.HANDLE: HandleSample,
 }
-"""(time, log time, value) -> sample."""
+"""(time, log time, value, sequence) -> sample."""
 _STAMP = (Wanted(("header", "stamp", "sec")), Wanted(("header", "stamp", "nanosec")))
 _MOST_MISSES = 20
 """After so many layout misses in a row, no new layout is tried."""
 
 
-_Build = Callable[[float, float, Sequence[Numbers]], Sample]
+_Build = Callable[[float, float, int, Sequence[Numbers]], Sample]
 """(time, log time, the numbers of the value and of its limits) -> sample."""
 
 
@@ -174,9 +174,9 @@ class _Reader:
             self._misses = 0
         log_time = seconds(message.receive_ns)
         if not self._stamped:
-            return self._build(log_time, log_time, numbers)
+            return self._build(log_time, log_time, message.sequence, numbers)
         time = seconds(int(numbers[0][0]) * NS + int(numbers[1][0]))
-        return self._build(time, log_time, numbers[2:])
+        return self._build(time, log_time, message.sequence, numbers[2:])
 
     def _read_whole(self, data: bytes) -> tuple[Numbers, ...]:
         message = self._types.decode(self._type, data)
@@ -217,13 +217,13 @@ def _builder(mapping: TopicMapping) -> _Build:
 
     if mapping.signal is not Signal.LATCH:
         sample = _MEASURED[mapping.signal]
-        return lambda time, log, numbers: sample(time, log, number(numbers))
+        return lambda time, log, sequence, numbers: sample(time, log, number(numbers), sequence)
 
-    def latch(time: float, log_time: float, numbers: Sequence[Numbers]) -> Sample:
+    def latch(time: float, log_time: float, sequence: int, numbers: Sequence[Numbers]) -> Sample:
         state = number(numbers)
         if math.isnan(state):
             raise MessageError(f"{mapping.field} says nothing about the {mapping.signal.value}")
-        return LatchSample(time, log_time, state >= 0.5)
+        return LatchSample(time, log_time, state >= 0.5, sequence)
 
     return latch
 
@@ -233,7 +233,7 @@ def _passage_builder(mapping: TopicMapping) -> _Build:
     scale, offset = mapping.scale, mapping.offset
     as_is = scale == 1.0 and offset == 0.0
 
-    def passage(time: float, log_time: float, numbers: Sequence[Numbers]) -> Sample:
+    def passage(time: float, log_time: float, sequence: int, numbers: Sequence[Numbers]) -> Sample:
         ranges, low, high = numbers[0], 0.0, math.inf
         if limited := len(numbers) > 1:
             low, high = numbers[1][0], numbers[2][0]
@@ -241,7 +241,7 @@ def _passage_builder(mapping: TopicMapping) -> _Build:
             ranges = tuple(r * scale + offset for r in ranges)
             if limited:
                 low, high = sorted((low * scale + offset, high * scale + offset))
-        return PassageSample(time, log_time, strip, ranges, low, high)
+        return PassageSample(time, log_time, strip, ranges, low, high, sequence)
 
     return passage
 

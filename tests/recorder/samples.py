@@ -109,8 +109,9 @@ def by_library(
         told = {"offered_qos_profiles": qos_text(known.qos), "topic_type_hash": known.type_hash}
         channels[known.name] = writer.register_channel(known.name, "cdr", schema, told)
     writer.add_metadata("madrob_run", {"setup": "{}"})
-    for number, one in enumerate(messages):
-        writer.add_message(channels[one.topic], one.receive_ns, one.data, one.publish_ns, number)
+    for one in messages:
+        times = one.receive_ns, one.data, one.publish_ns
+        writer.add_message(channels[one.topic], *times, one.sequence)
     writer.finish()  # type: ignore[no-untyped-call]
     return file.getvalue()
 

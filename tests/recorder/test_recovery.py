@@ -283,7 +283,7 @@ def test_a_cut_chunk_that_cannot_be_compressed_is_kept_up_to_the_cut(
     assert recover(tmp_path / "bag").messages == 29  # of 10,035 bytes each
 
 
-@pytest.mark.parametrize("length", [600, 5000])
+@pytest.mark.parametrize("length", [600, 4500])
 def test_sectors_of_zeros_after_a_power_cut_are_not_taken_for_data(
     bag: TornBag, folder: Path, length: int
 ) -> None:

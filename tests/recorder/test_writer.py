@@ -409,23 +409,22 @@ class Sample(NamedTuple):
 
 def ours(samples: Sequence[Sample]) -> bytes:
     file = io.BytesIO()
-    return filled(McapWriter(file.write), file, samples, numbered=False)
+    return filled(McapWriter(file.write), file, samples)
 
 
 def library(samples: Sequence[Sample]) -> bytes:
     file = io.BytesIO()
-    return filled(Writer(file, chunk_size=CHUNK_BYTES), file, samples, numbered=True)
+    return filled(Writer(file, chunk_size=CHUNK_BYTES), file, samples)
 
 
-def filled(writer: Any, file: io.BytesIO, samples: Sequence[Sample], *, numbered: bool) -> bytes:  # noqa: ANN401
-    """What one of the two writers makes of three channels; only the library is told numbers."""
+def filled(writer: Any, file: io.BytesIO, samples: Sequence[Sample]) -> bytes:  # noqa: ANN401
+    """What one of the two writers makes of three channels."""
     writer.start("ros2", "test")
     _register(writer.register_schema, writer.register_channel, 3)
     count: Counter[int] = Counter()
     for channel, at, data, flush in samples:
         count[channel] += 1
-        number = (count[channel],) if numbered else ()
-        writer.add_message(channel, at, data, at + 1, *number)
+        writer.add_message(channel, at, data, at + 1, count[channel])
         if flush:
             writer.flush()
     writer.flush()

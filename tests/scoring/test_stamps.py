@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from scoring.protocol import Outcome, Signal, Thresholds
 from scoring.quality import KEPT_STEPS, QualityCounter, StampGuard
@@ -92,6 +93,18 @@ def test_messages_delivered_late_keep_their_stamps() -> None:
     samples = [DoorSample(t, log, 0.0) for t, log in zip(stamps, logs, strict=True)]
     guard, times = admitted(samples)
     assert (times, guard.steps) == (stamps, [])
+
+
+@pytest.mark.parametrize(
+    ("jump", "lost", "shifted"),
+    [(8.0, 400, 0), (8.0, 300, 0), (8.0, 4, 100), (-8.0, 400, 100), (8.0, 0, 100)],
+)
+def test_a_jump_that_lost_messages_explain_is_no_step(jump: float, lost: int, shifted: int) -> None:
+    """As of a machine that was paused with its clock."""
+    guard = StampGuard()
+    for number, sample in enumerate(stream([0.0] * 100 + [jump] * 100)):
+        guard.admit(replace(sample, sequence=1 + number + lost * (number >= 100)))
+    assert (guard.shifted, guard.step_count) == (shifted, shifted // 100)
 
 
 def test_a_clock_that_jumps_all_the_time_is_told_in_a_few_words() -> None:

@@ -158,14 +158,19 @@ def arrival(received_ns: int, now: int, wall: int) -> int:
 def arrivals(received: Sequence[int], since: int, until: int, now: int, wall: int) -> list[int]:
     """The arrivals of one topic's messages in steady time, ns, strictly increasing.
 
-    DDS knows arrivals by the system clock alone. Where that was stepped meanwhile, the messages are
-    spread evenly from `since`, the arrival of the message before them, to `until`, when they were
-    taken. `now` and `wall` are the same instant in steady time and on the system clock.
+    DDS knows arrivals by the system clock alone. Where that was stepped meanwhile, arrivals are out
+    of order: the messages are spread evenly from `since`, the arrival of the message before them,
+    to `until`, when they were taken. Messages that waited in the network while this process stood
+    still arrive all at once. `now` and `wall` are the same instant in steady time and on the system
+    clock.
     """
     found = [now - (wall - each) for each in received]
-    limits = pairwise((since, *found, now + _APART))
-    if all(later - earlier >= _APART for earlier, later in limits):
-        return found
+    steady = [since]
+    for at in found:
+        steady.append(max(at, steady[-1] + _APART))
+    limits = pairwise((since, *found, now))
+    if steady[-1] <= now and all(earlier <= later for earlier, later in limits):
+        return steady[1:]
     since = min(since, until)  # else steady time was stepped, too: no bag is open
     return [since + (until - since) * n // len(found) for n in range(1, len(found) + 1)]
 

@@ -342,7 +342,7 @@ class RosSource(Source):
             )
             self._newest[intake.name] = times[-1]
             messages += [
-                RawMessage(intake.name, intake.type, r.data, r.source_ns, at)
+                RawMessage(intake.name, intake.type, r.data, r.source_ns, at, r.sequence or 0)
                 for r, at in zip(received, times, strict=True)
             ]
         messages.sort(key=_receive_ns)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import cycle, pairwise
+from collections.abc import Callable, Sequence
+from itertools import count, cycle, pairwise
 from pathlib import Path
+from random import Random
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from madrob_console.archive import score
 from madrob_console.common.clock import NS, SimulationClock, SystemClock
 from madrob_console.engine.core import Engine
 from madrob_console.engine.engine_config import EngineConfig
@@ -24,11 +26,13 @@ from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from recorder.bag import RawMessage
 from scoring.protocol import Outcome, Signal
+from scoring.result import Result
 from tests.madrob_console.engine.deck import Deck
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.faulty_source import FaultyDrive
 from tests.madrob_console.engine.machine_time import Machine
 from tests.madrob_console.engine.spoilt import HANDLE, Edit, Fault, shift_stamp
+from tests.slowly import slow_but_for
 
 BEGIN = 100 * NS
 
@@ -38,6 +42,16 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Machine:
     machine = Machine()
     monkeypatch.setattr("madrob_console.common.clock.time", machine)
     return machine
+
+
+Wired = Callable[[tuple[TopicMapping, ...]], "WiredDrive"]
+
+
+@pytest.fixture
+def wired(machine: Machine, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Wired:
+    monkeypatch.setattr("madrob_console.testbeds.ros.ros_source.time", machine)
+    numbers = count()
+    return lambda mappings: WiredDrive(tmp_path / str(next(numbers)), machine, mappings)
 
 
 class World(SystemClock):
@@ -179,6 +193,7 @@ class OnWire:
         self.found_type, self.publishers, self.lost, self.problem = self.type, 1, 0, None
         self.topic = describe_topic(types, self.name, self.type)
         self.arrived: list[Received] = []
+        self.sent = 0
 
     def take_messages(self) -> list[Received]:
         taken, self.arrived = self.arrived, []
@@ -186,18 +201,30 @@ class OnWire:
 
 
 class Wire(RosSource):
-    """The live source, with a simulated testbed in the place of DDS."""
+    """The live source, with a simulated testbed in the place of DDS.
 
-    def __init__(self, machine: Machine, clock: SystemClock, types: MessageTypes) -> None:
-        super().__init__(MAPPINGS, types, clock, domain=0)
-        self._machine, self._steady = machine, SystemClock()
-        self._steady.hold_steady()
+    Attributes:
+        jump: of the machine's clock in the midst of the next take, s.
+        lost: between these steady times, ns, messages do not arrive.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        clock: SystemClock,
+        types: MessageTypes,
+        mappings: tuple[TopicMapping, ...],
+    ) -> None:
+        super().__init__(mappings, types, clock, domain=0)
+        self._machine, self.steady = machine, SystemClock()
+        self.steady.hold_steady()
         self._testbed = SimulatedSource(
-            SimulatedTestbed(Scenario.NOMINAL, 0), self._steady, types, MAPPINGS
+            SimulatedTestbed(Scenario.NOMINAL, 0), self.steady, types, mappings
         )
-        self._wired = {m.topic: OnWire(m, types) for m in MAPPINGS if not m.signal.optional}
+        self._wired = {m.topic: OnWire(m, types) for m in mappings if not m.signal.optional}
         self._intakes = tuple(self._wired.values())  # type: ignore[arg-type]
         self.jump = 0.0
+        self.lost = (0, 0)
 
     def open(self) -> None:
         self._testbed.open()
@@ -213,29 +240,52 @@ class Wire(RosSource):
         self.receive(busy)
         return self._take()
 
-    def receive(self, duration: float) -> None:
-        """Messages arrive and wait to be taken."""
+    def receive(self, duration: float, *, at_once: bool = False) -> None:
+        """Messages arrive and wait to be taken; `at_once`: in the last moment."""
         messages = self._testbed.take_messages(duration)
-        ahead = self._machine.time_ns() - self._steady.now_ns()
+        ahead = self._machine.time_ns() - self.steady.now_ns()
+        since, until = self.lost
         for m in messages:
-            received = Received(m.data, m.publish_ns, m.receive_ns + ahead, None)
-            self._wired[m.topic].arrived.append(received)
+            wired = self._wired[m.topic]
+            wired.sent += 1
+            if not since <= m.receive_ns < until:
+                burst = self.steady.now_ns() - 100_000 + BURST * len(wired.arrived)
+                at = burst if at_once else m.receive_ns
+                wired.arrived.append(Received(m.data, m.publish_ns, at + ahead, wired.sent))
+
+
+BURST, WAITING = 250, 2 * NS
+"""ns between messages that waited while the engine stood still, and the time that DDS keeps."""
 
 
 class WiredDrive(Drive):
-    def __init__(self, results: Path, machine: Machine) -> None:
+    def __init__(
+        self, results: Path, machine: Machine, mappings: tuple[TopicMapping, ...] = MAPPINGS
+    ) -> None:
         types, clock = MessageTypes(), SystemClock()
-        self.wire = Wire(machine, clock, types)
-        config = EngineConfig(results, MAPPINGS, lossless=True, disk_needed=0)
+        self.wire = Wire(machine, clock, types, mappings)
+        config = EngineConfig(results, mappings, lossless=True, disk_needed=0)
         self.engine = Engine(self.wire, clock, config, types)
         self.engine.open()
 
+    def interrupted(self, after: float, duration: float, *, stall: bool) -> Result:
+        """Of a run that loses messages; with a stall those of the first 2 s come after it."""
+        self.start(make_setup())
+        self.wait(after)
+        now = self.wire.steady.now_ns()
+        self.wire.lost = now + WAITING, now + round(duration * NS)
+        if stall:
+            self.wire.receive(duration, at_once=True)
+        self.finish()
+        result = self.scored().result
+        assert next(score(self.folder)).result == result
+        return result
+
 
 def test_a_stepped_clock_costs_no_sample_of_a_topic_without_a_header(
-    machine: Machine, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    wired: Wired, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("madrob_console.testbeds.ros.ros_source.time", machine)
-    undisturbed, stepped = (WiredDrive(tmp_path / name, machine) for name in ("one", "two"))
+    undisturbed, stepped = wired(MAPPINGS), wired(MAPPINGS)
     undisturbed.whole_run(make_setup())
     stepped.start(make_setup())
     stepped.wait(2.5)
@@ -248,6 +298,22 @@ def test_a_stepped_clock_costs_no_sample_of_a_topic_without_a_header(
         for drive in (undisturbed, stepped)
     ]
     assert events[1] == pytest.approx(events[0], abs=0.025)  # a sample
+
+
+@pytest.mark.parametrize("duration", [1.0, 1.5, 3.5, 8.0])
+@pytest.mark.parametrize("number", slow_but_for(range(10), 0))
+def test_an_engine_that_stood_still_has_the_values_that_the_same_loss_leaves(
+    number: int, duration: float, wired: Wired
+) -> None:
+    after = Random(f"{number} {duration}").uniform(1.0, 12.0)
+    lossy, stalled = (
+        wired(DEFAULT_MAPPINGS).interrupted(after, duration, stall=stall) for stall in (False, True)
+    )
+    assert all(one.shifted == one.clock_steps == 0 for one in stalled.quality.signals)
+    assert f"the engine stood still for {duration:.1f} s" in " ".join(stalled.quality.remarks)
+    assert stalled.outcome == lossy.outcome
+    for name, one in stalled.indicators.items():
+        assert one.value == pytest.approx(lossy.indicators[name].value, abs=1e-5)
 
 
 class InWorld(SimulatedSource):

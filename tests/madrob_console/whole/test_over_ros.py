@@ -121,8 +121,13 @@ class Ran:
             assert recorded[topic] == self.published[topic][first : first + count]
 
 
-def ran(folder: Path, settings: str = "", abort_after: float | None = None) -> Ran:
-    """One run of `madrob run` with a testbed over DDS, aborted so long after its start, s."""
+def ran(
+    folder: Path, settings: str = "", abort_after: float | None = None, stall: float = 0.0
+) -> Ran:
+    """One run of `madrob run` with a testbed over DDS.
+
+    It is aborted so long after its start, or stands still for so long while the robot passes, s.
+    """
     folder.mkdir()
     file, log = folder / "hall.toml", folder / "published"
     file.write_text(settings)
@@ -138,6 +143,11 @@ def ran(folder: Path, settings: str = "", abort_after: float | None = None) -> R
         assert run.stdout is not None
         for line in run.stdout:
             lines.append(line)
+            if stall and "run starts" in line:
+                time.sleep(9.6)
+                run.send_signal(signal.SIGSTOP)
+                time.sleep(stall)
+                run.send_signal(signal.SIGCONT)
             if abort_after is not None and "run starts" in line:
                 time.sleep(abort_after)
                 aborted = time.time()
@@ -170,6 +180,24 @@ def program(output: Path, *arguments: str, ending: signal.Signals) -> Iterator[N
     finally:
         process.send_signal(ending)
         assert process.wait(30) == (0 if ending is signal.SIGINT else -ending)
+
+
+def test_an_engine_that_was_stopped_by_a_signal_in_a_run_invents_no_clock_step(
+    ros_domain: int, tmp_path: Path
+) -> None:
+    """Messages that waited arrive all at once, and others are lost: no stamp is shifted."""
+    undisturbed, stalled = ran(tmp_path / "one"), ran(tmp_path / "two", stall=3.5)
+    quality = stalled.result["quality"]
+    assert [signal["shifted"] for signal in quality["signals"]] == [0] * len(quality["signals"])
+    assert "the engine stood still for 3." in " ".join(quality["remarks"])
+    rescored = next(score(stalled.folder)).result
+    one, two = (
+        [(event["event"], event["since_start"]) for event in each.result["events"]]
+        for each in (undisturbed, stalled)
+    )
+    assert [(str(event.event), event.since_start) for event in rescored.events] == two
+    assert [name for name, _ in two] == [name for name, _ in one]
+    assert dict(two) == pytest.approx(dict(one), abs=0.2)  # how soon the robot hears the start
 
 
 @pytest.mark.timeout(300)
