@@ -115,10 +115,9 @@ def _events(before: Snapshot, now: Snapshot) -> Iterator[tuple[float, str]]:
         decision = line.origin in (Origin.REFEREE, Origin.REMOTE) or line.weight is Weight.ALARM
         if line.number > seen and decision and line.text.partition(":")[0] not in _TOLD:
             yield line.time, line.text
-    faults, known = (*now.faults, *now.topic_faults), (*before.faults, *before.topic_faults)
-    for fault in _without(faults, known):
+    for fault in _without(now.faults, before.faults):
         yield now.time, f"fault: {fault}"
-    for fault in _without(known, faults):
+    for fault in _without(before.faults, now.faults):
         yield now.time, f"over: {fault}"
 
 

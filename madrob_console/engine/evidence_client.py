@@ -15,7 +15,6 @@ from madrob_console.referee.evidence_account import (
     EvidenceAccount,
     EvidenceGap,
     EvidenceTopic,
-    unseen_words,
 )
 from madrob_console.referee.records import FaultKind
 
@@ -58,7 +57,6 @@ class EvidenceStatus:
         unwritten: see `EvidenceAccount`.
         gaps: when nothing was recorded, s since the epoch: the start of a run may still move.
         finishing: whether one is over and not complete on disk.
-        size: bytes on disk.
         stuck: that the disk takes nothing now, in words.
         unseen: patterns of the settings for which nobody publishes anything.
         scored: patterns that match only what is recorded with the score.
@@ -72,7 +70,6 @@ class EvidenceStatus:
     gaps: tuple[EvidenceGap, ...] = ()
     recording: bool = False
     finishing: bool = False
-    size: int = 0
     problem: str | None = None
     stuck: str = ""
     unseen: tuple[str, ...] = ()
@@ -101,15 +98,18 @@ class EvidenceStatus:
         return f"nothing is recorded{since}, it is starting again: {self.gap.why}"
 
     def faults(self, start: float | None) -> Iterator[str]:
-        """All that is wrong now, in words; `start` of the run is in s since the epoch."""
+        """What a run loses now, in words; `start` of the run is in s since the epoch.
+
+        What is missing before a run, or was never there, is a matter of the check.
+        """
+        if not (self.recording or self.finishing):
+            return
         if (trouble := self.trouble(start)) is not None:
             yield trouble
-        else:
-            if self.ready and self.unseen:
-                yield unseen_words(self.unseen)
-            for one in self.topics:
-                if one.silent and (words := self._words_of(one, start)):
-                    yield f"{one.topic}: {words}"
+            return
+        for one in self.topics:
+            if one.silent and one.messages and (words := self._words_of(one, start)):
+                yield f"{one.topic}: {words}"
 
     def _words_of(self, topic: EvidenceTopic, start: float | None) -> str:
         return topic.words_since(start if self.recording else None)
@@ -124,7 +124,8 @@ class EvidenceStatus:
             len(self.topics),
             float(f"{self.byte_rate:.2g}"),
             self.recording,
-            self.size,
+            sum(one.bytes or 0 for one in self.recorded),
+            sum(one.messages for one in self.recorded),
             room,
             self.trouble(start),
             missing,

@@ -296,7 +296,6 @@ def status_of(
         gaps=recording.gaps,
         recording=recording.goes_on,
         finishing=recording.finishing,
-        size=recording.size,
         problem=status.problem or recording.problem(now) or None,
         stuck=recording.stuck,
     )

@@ -198,7 +198,7 @@ class SpectatorState(PublishedState, frozen=True, kw_only=True):
                 )
                 for record in snapshot.steps
             ),
-            faults=(*snapshot.faults, *snapshot.topic_faults),
+            faults=snapshot.faults,
             result=PublicResult.of(result, snapshot) if result else None,
         )
 

@@ -107,7 +107,7 @@ def keep_told(
 
 
 def _faults(snapshot: Snapshot) -> list[str]:
-    return [*filter(None, (snapshot.pulse.words,)), *snapshot.faults, *snapshot.topic_faults]
+    return [*filter(None, (snapshot.pulse.words,)), *snapshot.faults]
 
 
 # The abort that other programs of a testbed may call.

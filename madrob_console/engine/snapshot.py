@@ -119,7 +119,8 @@ class EvidenceView:
     Attributes:
         topics: how many there are.
         byte_rate: bytes a second of what is recorded of all.
-        size: of the current or last recording, bytes.
+        received, messages: of the current or last recording, bytes and how many; what waits for
+            the disk counts.
         room: how long it can go on at the present rate, s; None = unknown, or nothing comes.
         missing: when nothing was recorded in the current recording, in words.
         worst: the topic that lacks most, in words.
@@ -128,7 +129,8 @@ class EvidenceView:
     topics: int = 0
     byte_rate: float = 0.0
     recording: bool = False
-    size: int = 0
+    received: int = 0
+    messages: int = 0
     room: float | None = None
     problem: str | None = None
     missing: str = ""
@@ -285,8 +287,8 @@ class Snapshot:
         ask_referee: a question that only the referee can answer, in words.
         passage: ten sensors, cw 0..4 then ccw 0..4.
         disk_free: bytes.
-        faults: what is wrong now beside the topics, one line each; they stay until they are gone.
-        topic_faults: what is wrong with the topics, one line for each cause.
+        faults: what is wrong now, one line each, what costs the run most first; they stay until
+            they are gone.
         provisional: indicator file name -> value (s) of the time indicators known so far.
         provisional_doubts: indicator file name -> why its value may be wrong, as far as known.
         log: the last 200 lines.
@@ -325,7 +327,6 @@ class Snapshot:
     log: tuple[LogLine, ...] = ()
     result: Result | None = None
     result_source: SourceKind | None = None
-    topic_faults: tuple[str, ...] = ()
     simulated: str | None = None
     evidence: EvidenceView | None = None
     rescoring: bool = False
@@ -391,4 +392,4 @@ class Snapshot:
 
     @property
     def all_faults(self) -> tuple[str, ...]:
-        return (*filter(None, (self.pulse_words,)), *self.faults, *self.topic_faults)
+        return (*filter(None, (self.pulse_words,)), *self.faults)

@@ -76,19 +76,20 @@ class StateView:
         kind = scored.record.source if scored and not replay else source.kind
         other = source.other_referee
         told = testbed_problem(source.announcement, run)
-        problems = (
-            f"another referee: {other}" if other else None,
-            f"{INFO_TOPIC}: {told}" if told else None,
-            f"{ROBOT_STARTED_TOPIC}: {source.robot_problem}" if source.robot_problem else None,
-            self.backlog.problem,
+        problems = (  # by what they cost the run
             at_hand.event_publisher.journal.problem,
             *at_hand.result.problems,
-            None if replay else disk_problem(situation.checks),
-            *evidence_faults(self.engine_context.evidence_client.status, run.start),
-            *(replay.problems if replay else ()),
             *recorder_faults(recorder),
+            None if replay else disk_problem(situation.checks),
+            f"another referee: {other}" if other else None,
+            self.backlog.problem,
+            *sensors.topic_faults(source.status(), seen),
             panel_fault(door, run),
+            f"{INFO_TOPIC}: {told}" if told else None,
+            f"{ROBOT_STARTED_TOPIC}: {source.robot_problem}" if source.robot_problem else None,
+            *(replay.problems if replay else ()),
             *others,
+            *evidence_faults(self.engine_context.evidence_client.status, run.start),
         )
         return Snapshot(
             time=now,
@@ -115,7 +116,6 @@ class StateView:
             disk_free=None if replay else self.pre_start.free_disk(seen),
             evidence=self._evidence(seen),
             faults=tuple(filter(None, problems)),
-            topic_faults=sensors.topic_faults(source.status(), seen),
             provisional=dict(observation.provisional),
             provisional_doubts=dict(observation.provisional_doubts),
             log=at_hand.event_publisher.log.lines,

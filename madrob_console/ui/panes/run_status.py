@@ -409,4 +409,5 @@ def _parts(evidence: EvidenceView) -> Iterator[Span]:
     if number := evidence.topics:
         yield Span(f"{counted(number, 'topic')} {evidence.byte_rate / 1e6:.1f} MB/s")
     if evidence.recording:
-        yield Span(f"{evidence.size / 1e6:.0f} MB recorded", Tone.DIM)
+        size = f"{evidence.received / 1e6:.1f} MB"
+        yield Span(f"{size}, {counted(evidence.messages, 'message')}", Tone.DIM)

@@ -56,7 +56,7 @@ from madrob_console.ui.panes.team_picker import TeamPicker
 
 
 _MARKS = {
-    CheckState.WARNING: ("!", Tone.WARN),
+    CheckState.WARNING: ("!", Tone.DIM),
     CheckState.FAILED: ("x", Tone.BAD),
     CheckState.NO_DATA: ("?", Tone.BAD),
     CheckState.WAIVED: ("~", Tone.WARN),
@@ -140,7 +140,8 @@ def _rows(check: Check, width: int, *, marked: bool) -> list[Line]:
     sign, tone = _MARKS[check.state]
     head = line(Span("> " if marked else "  ", Tone.STRONG), Span(f"{sign} ", tone))
     text = check.reason if check.blocks else f"{check.name}: {check.reason}"
-    row = (*head, Span(shortened(text, width - width_of(head))))
+    plain = tone if tone is Tone.DIM else Tone.PLAIN
+    row = (*head, Span(shortened(text, width - width_of(head)), plain))
     rows = paragraph(text, width, Tone.CURSOR, head) if marked else [row]
     return [tuple(Target(*span, check.name) for span in row) for row in rows]
 

@@ -226,27 +226,34 @@ def test_what_is_told_of_evidence_is_said_once_stands_in_the_result_and_doubts_n
     assert not any(indicator["doubts"] for indicator in result["indicators"].values())
 
 
-def test_what_is_wrong_with_evidence_is_a_fault_before_in_and_after_a_run_and_stops_none(
-    drive: Watched,
+def test_evidence_that_a_run_loses_is_a_fault_below_all_others_and_stops_no_run(
+    drive: Watched, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     quiet = replace(COMES, topic="/camera/quiet", rate=0.0, byte_rate=0.0)
-    dead = replace(quiet, topic="/camera/dead")
-    drive.evidence.tell(topics=(COMES, dead, quiet), unseen=("/camera/front",))
+    dead = replace(quiet, topic="/camera/dead", messages=7)
+    drive.evidence.tell(topics=(COMES, dead, quiet), unseen=("/camera/front",), problem="none")
+    drive.wait(2.5)
+    assert drive.faults() == []  # before a run it is a matter of the check
+    drive.evidence.tell(problem=None)
     drive.start(make_setup(timeout=5.0))
     start = drive.engine.run.start
     assert start is not None
     drive.evidence.tell(topics=(COMES, replace(dead, silent_since=start + 3.9), quiet))
-    assert drive.faults() == [
-        "evidence: nobody publishes /camera/front",
-        "evidence: /camera/dead: silent since +3.9 s",  # the other may have nothing to say
-    ]
+    lost = "evidence: /camera/dead: silent since +3.9 s"  # the other may have nothing to say
+    assert drive.faults() == [lost]
+    doubled = [replace(one, publishers=2) for one in drive.source.status()]
+    with monkeypatch.context() as patched:
+        patched.setattr(drive.source, "status", lambda: doubled)
+        several, *others = drive.engine.snapshot(None, ["the report fails"]).all_faults
+    assert several.endswith("2 publishers: keep one")
+    assert others == ["the report fails", lost]
     drive.evidence.tell(gaps=(EvidenceGap(start + 5.62, None, KILLED),))
     told = f"nothing is recorded since +5.6 s, it is starting again: {KILLED}"
     assert drive.faults() == [f"evidence: {told}"]
     assert drive.engine.snapshot().evidence.problem == told  # type: ignore[union-attr]
     drive.finish()
     before = (drive.folder / "result.json").read_bytes()
-    drive.evidence.tell(problem="not complete on disk")
+    drive.evidence.tell(problem="not complete on disk", finishing=True)
     drive.wait(1.0)
     assert drive.faults() == ["evidence: not complete on disk"]
     assert (drive.folder / "result.json").read_bytes() == before
@@ -576,14 +583,16 @@ def test_what_all_processes_counted_is_in_the_account(run: Told) -> None:
     (one,) = both.recorded
     assert (one.messages, one.bytes, one.left_out, one.lost) == (15, 150, 1, {"behind": 4})
     assert one.silent_since == 13.9  # until something comes of it again
-    assert both.size == 1600
+    view = both.view(0.0, None)
+    assert (view.received, view.messages) == (150, 15)
     assert run.told(26.0, told_topic(first=25.2, **news)).recorded[0].silent_since is None
 
 
 def test_what_nobody_published_stands_in_the_account_and_a_dead_topic_is_silent(run: Told) -> None:
     topics = (
         EvidenceTopic("/camera/live", "a/msg/B", rate=30.0, byte_rate=6e6),
-        EvidenceTopic("/camera/dead", "a/msg/B", publishers=0, silent_since=0.2),
+        EvidenceTopic("/camera/dead", "a/msg/B", 4, publishers=0, silent_since=0.2),
+        EvidenceTopic("/camera/dead_before", "a/msg/B", publishers=0, silent_since=-9.0),
         EvidenceTopic("/tf_static", "a/msg/C", kept=True),
         EvidenceTopic("/map", "a/msg/C", publishers=0, kept=True),
     )
@@ -591,10 +600,13 @@ def test_what_nobody_published_stands_in_the_account_and_a_dead_topic_is_silent(
     begun = run.told(0.5, *topics, unseen=unseen, settled=False)
     assert begun.problems == ()  # it has only begun to look
     status = run.told(1.0, *topics, unseen=unseen)
-    assert status.silent == ("/camera/dead", "/map")
+    assert status.silent == ("/camera/dead", "/camera/dead_before", "/map")
     assert status.problems == ("nobody publishes /camera/front, /robot/a",)
-    assert list(status.faults(0.1))[1:] == ["/camera/dead: silent since +0.1 s"]
-    assert status.account_since(0.1).remarks()[1:] == ["/camera/dead: silent since +0.1 s"]
+    assert list(status.faults(0.1)) == ["/camera/dead: silent since +0.1 s"]
+    assert status.account_since(0.1).remarks()[1:] == [
+        "/camera/dead: silent since +0.1 s",
+        "/camera/dead_before: silent since -9.1 s",
+    ]
 
 
 def test_a_gap_lasts_from_what_is_in_the_file_until_all_that_came_is_back(run: Told) -> None:

@@ -136,9 +136,9 @@ ENDED = "the evidence process is started again: it was ended by SIGKILL"
         (EvidenceView(problem=ENDED), 40, "the evidence process is start…"),
         (EvidenceView(1, 6.1e6, room=11 * 3600.0), 80, "room for 11 h  1 topic 6.1 MB/s"),
         (
-            EvidenceView(2, 12.2e6, True, 48_000_000, 11 * 3600.0, worst=f"{LEFT} 12 lost"),
+            EvidenceView(2, 1.2e6, True, 3_120_000, 553, 11 * 3600.0, worst=f"{LEFT} 12 lost"),
             120,
-            f"room for 11 h  {LEFT} 12 lost  2 topics 12.2 MB/s  48 MB recorded",
+            f"room for 11 h  {LEFT} 12 lost  2 topics 1.2 MB/s  3.1 MB, 553 messages",
         ),
         (
             EvidenceView(9, 54.9e6, room=60.0, worst=f"{LEFT} 8 lost and 7 more"),
