@@ -153,6 +153,15 @@ class CurrentRun:
             cut_off = self.run.outcome is not stood.outcome
             self.score(write=opened.out_of_date or cut_off)
 
+    @property
+    def place(self) -> str:
+        """Where all that was recorded and decided is, in words."""
+        journal, recorder = self.event_publisher.journal, self.recorder.view()
+        torn = self.recorder.open or recorder.problem or recorder.dropped
+        if journal.problem or journal.unwritten[0] or (torn and self.opened is None):
+            return "it is in memory alone: do not end the engine"
+        return "the run is safe on disk"
+
     def _leave(self) -> None:
         self.generation += 1
         told = self.run.evidence

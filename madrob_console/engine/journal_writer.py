@@ -331,9 +331,7 @@ class Recording:
 
     def view(self) -> RecorderView:
         stats = self._writer.stats()
-        problem = stats.error
-        if stats.state is RecorderState.RECORDING:
-            problem = self._folder_problem.look(time.monotonic())
+        problem = stats.error or self._folder_problem.look(time.monotonic())
         return RecorderView(
             state=stats.state.value,
             messages=stats.written,

@@ -107,7 +107,7 @@ def _curve(time: Array, value: Array, start: float, rows: Rows) -> tuple[Curve, 
 
 T = TypeVar("T")
 
-NO_ANSWER = "the engine does not answer: nothing was done; look at the disk"
+NO_ANSWER = "the engine did not answer: the disk or the processor is too busy. Nothing was done"
 
 UNSURE = "the engine does not answer: what is shown when it is back tells whether it was done"
 

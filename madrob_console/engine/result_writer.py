@@ -147,10 +147,6 @@ class CurrentResult:
         return self._trying > 0
 
     @property
-    def problems(self) -> tuple[str | None, ...]:
-        return (self.problem, self._scorer.problem, *self.waiting)
-
-    @property
     def waiting(self) -> tuple[str, ...]:
         """Earlier runs that are not on disk and why, in words. From any thread."""
         return tuple(run.words for run in tuple(self._unwritten.values()))

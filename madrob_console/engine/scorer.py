@@ -173,9 +173,11 @@ class Scorer:
     def __init__(self) -> None:
         self._desk = ScoringDesk()
 
-    @property
-    def problem(self) -> str | None:
-        """Why a result is missing, or that it is retried; None = all well. From any thread."""
+    def problem(self, place: str) -> str | None:
+        """Why a result is missing, or that it is retried; None = all well.
+
+        `place` says where its run is meanwhile.
+        """
         return None
 
     @property

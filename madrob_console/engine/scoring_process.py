@@ -31,8 +31,6 @@ SOON = 3.0
 FEW = 3
 """After so many failures the referee is told what to do."""
 
-_SAFE = "the run is safe on disk"
-
 
 @dataclass(slots=True, eq=False)
 class _Asked:
@@ -77,8 +75,7 @@ class ScoringProcess(Worker, Scorer):
 
     # ------------------------------------------------------------------ the engine's thread
 
-    @property
-    def problem(self) -> str | None:
+    def problem(self, place: str) -> str | None:
         current = self._current
         if current is None or current[0].answer.done():
             return self._restarted or None
@@ -88,14 +85,14 @@ class ScoringProcess(Worker, Scorer):
             assert isinstance(asked.what, ToScore)
             name = asked.what.folder.name
             return (
-                f"no result after {failures} tries: {why}. It is tried again; {_SAFE}. "
+                f"no result after {failures} tries: {why}. It is tried again; {place}. "
                 f"Set up the next one, then `madrob score {name}` computes it, too"
             )
         now = time.monotonic()
         if not why and now - asked.due > SOON:
             still = now - max(self.moved, asked.due)
             why = f"the scoring process {'works on it' if still < SOON else 'does not move'}"
-        return f"the result is being computed: {why}; {_SAFE}" if why else None
+        return f"the result is being computed: {why}; {place}" if why else None
 
     @property
     def hopeless(self) -> bool:

@@ -78,7 +78,9 @@ class StateView:
         told = testbed_problem(source.announcement, run)
         problems = (  # by what they cost the run
             at_hand.event_publisher.journal.problem,
-            *at_hand.result.problems,
+            at_hand.result.problem,
+            self.engine_context.scorer.problem(at_hand.place),
+            *at_hand.result.waiting,
             *recorder_faults(recorder),
             None if replay else disk_problem(situation.checks),
             f"another referee: {other}" if other else None,

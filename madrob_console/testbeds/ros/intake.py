@@ -301,6 +301,9 @@ class LossCounter:
             self.restart()
 
 
+_IN_ORDER = 100
+"""So many messages with increasing numbers are of one publisher: 2 s of a sensor."""
+
 DescribeTopic: TypeAlias = Callable[[str, str], tuple[RosObject, Topic]]
 """(topic, type) -> the class of the messages and what a bag says of the topic.
 
@@ -320,7 +323,7 @@ class Intake:
     Attributes:
         topic: what a bag says of the topic; None as long as it is not known, or unusable.
         found_type: the type of what is published; `type` where nothing is.
-        publishers: those that were matched at the last take.
+        publishers: those that were matched at the last take, without those that do not send.
     """
 
     def __init__(
@@ -347,7 +350,7 @@ class Intake:
         self.found_type = type_name
         self._unusable: str | None = None
         self._problem: str | None = None
-        self.publishers = 0
+        self.publishers = self._newest = self._in_order = 0
         self._publisher_ids: frozenset[bytes] = frozenset()
         if type_name:
             self._prepare()
@@ -403,9 +406,16 @@ class Intake:
             return []
         before = self.publishers
         received = self._switch.take_messages(most)
-        self.publishers = self._switch.inbox.publishers
+        self.publishers = self._senders(received, self._switch.inbox.publishers)
         self._losses.see((r.sequence for r in received), max(before, self.publishers))
         return received
+
+    def _senders(self, received: Iterable[Received], matched: int) -> int:
+        """For 20 s DDS takes a killed publisher for alive; numbers in order are one's alone."""
+        for number in (one.sequence or 0 for one in received):
+            self._in_order = self._in_order + 1 if number > self._newest else 0
+            self._newest = number
+        return min(matched, 1) if self._in_order > _IN_ORDER else matched
 
     def close(self) -> None:
         if self._switch is not None:

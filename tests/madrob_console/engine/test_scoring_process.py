@@ -241,7 +241,7 @@ def test_a_run_of_three_hours_makes_nobody_wait_for_its_scoring(
     assert drive.engine.scored is not None
     size = sum(map(len, drive.engine.scored.files.values()))
     print(f"\nscored in {sum(deaf):.1f} s, {size / 1e6:.0f} MB, deaf for {1000 * max(deaf):.0f} ms")
-    assert scorer.problem is None
+    assert scorer.problem("") is None
     assert size > 100_000_000
     assert sum(deaf) > 1.0
     assert max(deaf) <= 0.1 + stutter.allowance
@@ -357,6 +357,21 @@ def test_an_ailing_process_is_named_and_the_result_comes_when_it_is_well(
         refused = drive.engine.perform(Finalise(TeamWord.ABSENT, "R. Eferee"))
         assert refused == "the result is being written"
         monkeypatch.setattr(ScoringProcess, "patience", 30.0)
+        heal()
+
+
+def test_a_run_is_called_safe_on_disk_only_while_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scoring_process, "SOON", 0.5)
+    with ailing(tmp_path, "time.sleep(600)", monkeypatch) as (drive, heal):
+        folder, gone = drive.folder, tmp_path / "gone"
+        drive.until_told("; the run is safe on disk")
+        folder.rename(gone)
+        drive.until_told("; it is in memory alone: do not end the engine")
+        assert "safe on disk" not in "".join(drive.engine.snapshot().all_faults)
+        gone.rename(folder)
+        drive.until_told("; the run is safe on disk")
         heal()
 
 
