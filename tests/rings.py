@@ -5,6 +5,7 @@ Every test is in exactly one: the one that it is marked with, else that of its f
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping
@@ -52,7 +53,11 @@ FOLDERS: Mapping[str, Ring] = {
     "test_rings.py": Ring.PURE,
 }
 LIMIT, MACHINE_LIMIT, SLOW_LIMIT = 60.0, 240.0, 600.0
-"""A test that takes longer hangs, s, unless it says otherwise."""
+"""A test that takes longer hangs, s, unless it says otherwise: in the ring `machine` by the clock,
+else of processor time, which other programs do not use up.
+"""
+PATIENCE = 20
+"""So many times its limit a test may wait by the clock for a processor that others use."""
 FEW_RUNS = 20  # of a slow proof, within its limit
 
 
@@ -82,7 +87,7 @@ def ring_of(item: pytest.Item) -> Ring:
 
 
 def mark(items: Iterable[pytest.Item], runs: int) -> None:
-    """Give each test its ring and the time after which it counts as hanging.
+    """Give each test its ring and the time after which it counts as hanging, by the clock.
 
     Args:
         items: the tests.
@@ -93,10 +98,11 @@ def mark(items: Iterable[pytest.Item], runs: int) -> None:
         ring = ring_of(item)
         if item.get_closest_marker(ring) is None:
             item.add_marker(ring.value)
-        if item.get_closest_marker("timeout") is None:
-            slow = item.get_closest_marker("slow") is not None
-            limit = MACHINE_LIMIT if ring is Ring.MACHINE else LIMIT
-            item.add_marker(pytest.mark.timeout(slow_limit if slow else limit))
+        slow, told = item.get_closest_marker("slow"), item.get_closest_marker("timeout")
+        limit = MACHINE_LIMIT if ring is Ring.MACHINE else LIMIT
+        limit = float(told.args[0]) if told else slow_limit if slow else limit
+        patience = 1 if ring is Ring.MACHINE else PATIENCE
+        item.add_marker(pytest.mark.timeout(patience * limit), append=False)
 
 
 _STARTS = ("os.exec", "os.fork", "os.forkpty", "os.posix_spawn", "os.system", "subprocess.Popen")
@@ -127,13 +133,30 @@ sys.addaudithook(_heard)  # for good: it cannot be taken away again
 
 
 @contextmanager
+def bounded(seconds: float) -> Iterator[None]:
+    """Fail what uses more processor time, in whatever thread; only in the main thread."""
+
+    def end(number: int, frame: object) -> None:
+        pytest.fail(f"it hangs: more than {seconds:g} s of processor time are used")
+
+    before = signal.signal(signal.SIGPROF, end)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
+
+
+@contextmanager
 def kept(item: pytest.Item) -> Iterator[None]:
-    """While a test runs: it starts no process and does not sleep, but in the ring `machine`."""
+    """While a test runs: no process, no sleep, a bound of its work, but in the ring `machine`."""
     global _watched  # noqa: PLW0603  so is the hook that reads it
-    if ring_of(item) is Ring.MACHINE:
+    limit = item.get_closest_marker("timeout")
+    if ring_of(item) is Ring.MACHINE or limit is None:
         yield
         return
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, bounded(limit.args[0] / PATIENCE):
         patch.setattr(time, "sleep", _slept)
         patch.setattr(BaseProcess, "start", _started)
         _watched = True

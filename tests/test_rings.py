@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 import time
+from itertools import count
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -25,3 +27,11 @@ def test_outside_of_the_machine_nothing_sleeps_and_no_process_is_started() -> No
         subprocess.run([sys.executable, "-c", "pass"], check=True)
     with pytest.raises(NeedsMachineError, match=r"^the process "):
         get_context("spawn").Process(target=print).start()
+
+
+def test_what_computes_without_end_fails_and_what_waits_for_a_processor_does_not() -> None:
+    hangs = pytest.raises(pytest.fail.Exception, match=r"^it hangs: more than 0.2 s of processor")
+    with rings.bounded(0.2), hangs:
+        sum(count())
+    with rings.bounded(0.2):
+        threading.Event().wait(0.5)

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 class TopicStatus:
     """The state of one testbed topic; `type` is the one found, else the configured one.
 
-    `publishers` are those matched now that send, as far as can be told. `lost` is by their sequence numbers; None = unknown.
+    `publishers` are those matched now that send, as far as can be told. `lost` is by their sequence
+    numbers; None = unknown.
     """
 
     topic: str
