@@ -199,7 +199,7 @@ class RosSource(Source):
             if self._speaks
         }
         self._door = DoorParameters(connection.node("parameters", beside=console))
-        self._referees = RefereeWatch(console, speaks=self._speaks)
+        self._referees = RefereeWatch(console, listener, speaks=self._speaks)
         self._info = InfoWatch(listener, self._types, self._clock)
         describe = partial(describe_registered, self._types, prefixes(self._environment))
         self._robot = Intake(
@@ -262,6 +262,8 @@ class RosSource(Source):
 
     def publish(self, message: RawMessage) -> None:
         if publisher := self._publishers.get(message.topic):
+            if self._referees is not None:
+                self._referees.said.append(message.data)
             publisher.publish(message.data)
 
     def offer_abort(self, begin_abort: BeginAbort) -> None:
@@ -282,8 +284,9 @@ class RosSource(Source):
         thread.join()
         for intake in self._intakes:
             intake.close()
-        if self._info is not None:
-            self._info.close()
+        for watch in (self._info, self._referees):
+            if watch is not None:
+                watch.close()
         connection.close()
         atexit.unregister(self.close)
         self._mailbox.wake()

@@ -7,7 +7,8 @@ import os
 import re
 import socket
 import time
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -67,34 +68,50 @@ def _machine() -> str:
 class RefereeWatch:
     """Looks for publishers of `/madrob/referee/state` beside this process's own one.
 
-    Any thread may read `other`: the other referee, in words; None = nobody.
+    Any thread may read `other`: the other referee, in words; None = nobody. `said` are the messages
+    of this process: who is dead by name and sends others lives.
     """
 
-    def __init__(self, node: RosObject, *, speaks: bool) -> None:
+    def __init__(self, node: RosObject, listener: RosObject, *, speaks: bool) -> None:
         self.other: str | None = None
+        self.said: deque[bytes] = deque(maxlen=2 * _DEPTH)
         self._node = node
         self._name = node.get_name()
         self._own = int(speaks)
+        message_class = load_message_class(INFO_TYPE)
+        self._inbox = Inbox(listener, message_class, REFEREE_STATE_TOPIC, _LATCHED, depth=_DEPTH)
+        self._gone: set[str] = set()
+        self._lives = False
 
     def look_at_graph(self) -> None:
         infos = self._node.get_publishers_info_by_topic(in_namespace(REFEREE_STATE_TOPIC))
-        nodes = ((i.node_namespace, i.node_name) for i in infos)
-        self.other = second_referee(nodes, self._own, self._name)
+        nodes = [(i.node_namespace, i.node_name) for i in infos]
+        heard = any(one.data not in self.said for one in self._inbox.take_messages())
+        before, self._gone = self._gone, {name for _, name in nodes if _is_gone(name)}
+        self._lives = bool(self._gone) and (self._lives or (heard and self._gone <= before))
+        gone = set() if self._lives else self._gone
+        self.other = second_referee(nodes, gone, self._own, self._name)
+
+    def close(self) -> None:
+        self._inbox.close()
 
 
 def second_referee(
-    nodes: Iterable[tuple[str, str]], own: int = 1, own_name: str | None = None
+    nodes: Iterable[tuple[str, str]],
+    gone: Collection[str] = (),
+    own: int = 1,
+    own_name: str | None = None,
 ) -> str | None:
     """The other referee among the publishers' (namespace, name) pairs, in words; None = nobody.
 
     A killed one stays in the graph for a while (20 s with Fast DDS); one that ran on this machine
-    is known to be gone. `own` is the number of this process's publishers.
+    is known to be `gone`. `own` is the number of this process's publishers.
     """
     others, ours = [], 0
     own_name = own_name or console_name()
     for namespace, name in nodes:
         ours += name == own_name
-        if not (name == own_name and ours <= own) and not _is_gone(name):
+        if not (name == own_name and ours <= own) and name not in gone:
             others.append(_in_words(namespace, name))
     if not others:
         return None
@@ -104,6 +121,7 @@ def second_referee(
 
 
 def _is_gone(name: str) -> bool:
+    """Whether a node's name is that of a process of this machine that has ended."""
     found = _OURS.fullmatch(name)
     if found is None or found["machine"] != _machine():
         return False

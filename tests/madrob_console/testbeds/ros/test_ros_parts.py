@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
@@ -21,7 +22,7 @@ from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.ros import intake as ros_intake
 from madrob_console.testbeds.ros.connection import RosObject, load_message_class, load_module
 from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
-from madrob_console.testbeds.ros.intake import LossCounter, QosSwitch
+from madrob_console.testbeds.ros.intake import LossCounter, QosSwitch, qos_profile
 from madrob_console.testbeds.ros.ros_source import Mailbox
 from madrob_console.testbeds.ros.types import describe_installed, find_definition, prefixes
 from madrob_console.testbeds.ros.watches import console_name, door_parameters, second_referee
@@ -166,6 +167,7 @@ STATE = "/madrob/referee/state"
 REMEDY = f"{STATE}: end it, or use another ROS domain"
 MACHINE = console_name().rpartition("_")[2]
 PARENT = f"console_here_{os.getppid()}_{MACHINE}"
+NODE_NAME = attrgetter("node_name")
 NO_PROCESS = 2**22 + 1
 """Above the largest that Linux gives."""
 
@@ -195,14 +197,33 @@ def test_only_others_are_second_referees() -> None:
             ("/madrob", PARENT),
             f"/madrob/{PARENT} (pid {os.getppid()} on here) publishes {REMEDY}",
         ),
-        (("/madrob", f"console_here_{NO_PROCESS}_{MACHINE}"), None),
-        (("/madrob", f"console_here_{10**30}_{MACHINE}"), None),
     ],
 )
 def test_another_one_is_named_unless_it_is_known_to_be_gone(
-    node: tuple[str, str], words: str | None
+    node: tuple[str, str], words: str
 ) -> None:
     assert second_referee([OWN, node]) == words
+    assert second_referee([OWN, node], {node[1]}) is None
+
+
+@pytest.mark.parametrize("process", [NO_PROCESS, 10**30])
+def test_who_has_the_name_of_a_dead_console_lives_when_it_sends(
+    process: int, taker: Taker, peer: Peer
+) -> None:
+    name = f"console_here_{process}_{MACHINE}"
+    ours = RawMessage(STATE, STRING, TYPES.encode(STRING, TYPES.make(STRING, data="ours")), 1, 1)
+    publisher = peer.node(name).create_publisher(
+        load_message_class(STRING), STATE, qos_profile(KEPT, 1)
+    )
+    peer.until(publisher.get_subscription_count)
+    heard = peer.listen(STATE, STRING, KEPT)
+    taker.source.publish(ours)
+    peer.until(lambda: heard)
+    peer.until(lambda: name in map(NODE_NAME, peer.own.get_publishers_info_by_topic(STATE)))
+    assert taker.source.other_referee is None
+    data = TYPES.encode(STRING, TYPES.make(STRING, data="{}"))
+    peer.until(lambda: publisher.publish(data) or name in str(taker.source.other_referee))
+    peer.own.destroy_publisher(publisher)
 
 
 def test_several_are_named_together_and_nothing_reaches_a_terminal_raw() -> None:
