@@ -321,8 +321,8 @@ class McapFile:
     def add_message(self, message: RawMessage) -> None:
         """Append a message of a registered topic; full chunks go to the file by themselves."""
         channel = self._topics[message.topic][1]
-        times = message.receive_ns, message.data, message.publish_ns
-        self._writer.add_message(channel, *times, message.sequence)
+        content = message.receive_ns, message.data, message.publish_ns, message.sequence
+        self._writer.add_message(channel, *content)
 
     def add_record(self, name: str, record: Mapping[str, str]) -> None:
         self._writer.add_metadata(_text(name), {_text(k): _text(v) for k, v in record.items()})

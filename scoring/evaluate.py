@@ -190,7 +190,7 @@ class Assessment:
             signals.append(quality)
             remarks += quality.remarks(self._thresholds.largest_skew)
             remarks += [
-                f"{signal.value}: clock stepped by {step.jump:+.3f} s, later stamps shifted back"
+                f"{signal.value}: clock stepped by {step:+.3f} s, later stamps shifted back"
                 for step in counter.guard.steps
             ]
         if self._against > self._thresholds.closed_angle:

@@ -25,15 +25,7 @@ _UNSTEADY = 2.0
 """Lost messages explain a jump of stamps of up to so many intervals each."""
 
 KEPT_STEPS = 5
-"""Clock steps that are kept by their times; the others are counted."""
-
-
-@dataclass(frozen=True, slots=True)
-class ClockStep:
-    """The publisher's clock was stepped by `jump` s at steady time `log_time`."""
-
-    log_time: float
-    jump: float
+"""Clock steps that are told; the others are counted."""
 
 
 class StampGuard:
@@ -43,13 +35,13 @@ class StampGuard:
     minus log time jumps by more than 0.5 s, later stamps are shifted back by the jump. Messages
     delivered late (log times jump, stamps go on) are not shifted, nor are those after a stamp that
     stood still, or after lost messages that explain the jump. `steps` holds the first clock steps,
-    `step_count` counts all.
+    s, `step_count` counts all.
     """
 
     def __init__(self) -> None:
         self.dropped = 0
         self.shifted = 0
-        self.steps: list[ClockStep] = []
+        self.steps: list[float] = []
         self.step_count = 0
         self._shift = 0.0
         self._newest: float | None = None
@@ -89,16 +81,15 @@ class StampGuard:
             return
         log_interval = sample.log_time - previous.log_time
         jump = stamp_interval - log_interval
+        delivered_late = log_interval > LARGEST_JUMP and 0 < stamp_interval < log_interval
         if 0 < jump <= _UNSTEADY * lost * self._interval:
             self._reference = offset
-            return
-        delivered_late = log_interval > LARGEST_JUMP and 0 < stamp_interval < log_interval
-        if abs(jump) > LARGEST_JUMP and not delivered_late:
+        elif abs(jump) > LARGEST_JUMP and not delivered_late:
             self._shift += jump
             self._reference = offset
             self.step_count += 1
             if self.step_count <= KEPT_STEPS:
-                self.steps.append(ClockStep(sample.log_time, jump))
+                self.steps.append(jump)
 
 
 LARGEST_UNEVENNESS = 1 / 3
@@ -171,21 +162,21 @@ class SignalQuality:
 
     def remarks(self, largest_skew: float) -> list[str]:
         """What to know of the signal; `largest_skew` between stamp and reception is in s."""
-        name = self.signal.value
-        remarks = []
+        return [f"{self.signal.value}: {words}" for words in self._remarks(largest_skew)]
+
+    def _remarks(self, largest_skew: float) -> Iterator[str]:
         if self.dropped:
-            remarks.append(f"{name}: {self.dropped} duplicate, backward or missing stamps dropped")
+            yield f"{self.dropped} duplicate, backward or missing stamps dropped"
         if self.clock_steps > KEPT_STEPS:
-            stepped = f"clock stepped {self.clock_steps} times"
-            remarks.append(f"{name}: {stepped}, of which the first {KEPT_STEPS} are told")
+            told = f"of which the first {KEPT_STEPS} are told"
+            yield f"clock stepped {self.clock_steps} times, {told}"
         if not self.signal.optional:
-            remarks += [f"{name}: {words}" for words in self._interruptions()]
+            yield from self._interruptions()
         if self.no_reading:
             impossible = f", {self.impossible} of them impossible" if self.impossible else ""
-            remarks.append(f"{name}: {self.no_reading} values without a reading{impossible}")
+            yield f"{self.no_reading} values without a reading{impossible}"
         if self.skew is not None and self.skew >= largest_skew:
-            remarks.append(f"{name}: stamps differ from reception by up to {self.skew:.3f} s")
-        return remarks
+            yield f"stamps differ from reception by up to {self.skew:.3f} s"
 
     def _interruptions(self) -> Iterator[str]:
         if self.begins_late:

@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import msgspec
 
@@ -119,47 +119,40 @@ class BinarySignal:
 #
 # `time` is the sample's stamp, `log_time` the steady time of its reception (section 8), both in s
 # since the epoch. Samples are no dataclasses: a frozen one takes four to five times as long to
-# make, and there are millions.
+# make, and there are millions. `sequence` is the publisher's count of its messages, by which a loss
+# is seen; 0 = unknown.
 
 
-# `sequence` is the publisher's count of its messages, by which a loss is seen; 0 = unknown.
-
-
-class DoorSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=True):
-    """Panel angle in rad, 0 = closed, positive = CCW. NaN = no reading."""
-
+class _Stamped(msgspec.Struct, frozen=True, gc=False, array_like=True):
     time: float
     log_time: float
+
+
+class DoorSample(_Stamped, frozen=True, gc=False, tag=True, array_like=True):
+    """Panel angle in rad, 0 = closed, positive = CCW. NaN = no reading."""
+
+    signal: ClassVar = Signal.DOOR
+
     angle: float
     sequence: int = 0
 
-    @property
-    def signal(self) -> Signal:
-        return Signal.DOOR
 
-
-class HandleSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=True):
+class HandleSample(_Stamped, frozen=True, gc=False, tag=True, array_like=True):
     """Force on the handle in N, positive = pushes the panel towards CCW. NaN = no reading."""
 
-    time: float
-    log_time: float
+    signal: ClassVar = Signal.HANDLE
+
     force: float
     sequence: int = 0
 
-    @property
-    def signal(self) -> Signal:
-        return Signal.HANDLE
 
-
-class PassageSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=True):
+class PassageSample(_Stamped, frozen=True, gc=False, tag=True, array_like=True):
     """Four distances down from the lintel, m, of one strip, by REP-117.
 
     +inf = nothing there, -inf = something too close; NaN, outside [range_min, range_max] or
     missing = no reading.
     """
 
-    time: float
-    log_time: float
     strip: Strip
     ranges: tuple[float, ...]
     range_min: float
@@ -171,17 +164,13 @@ class PassageSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=
         return Signal.of_strip(self.strip)
 
 
-class LatchSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=True):
+class LatchSample(_Stamped, frozen=True, gc=False, tag=True, array_like=True):
     """State of the optional latch sensor: True = latch engaged."""
 
-    time: float
-    log_time: float
+    signal: ClassVar = Signal.LATCH
+
     engaged: bool
     sequence: int = 0
-
-    @property
-    def signal(self) -> Signal:
-        return Signal.LATCH
 
 
 Sample = DoorSample | HandleSample | PassageSample | LatchSample

@@ -81,11 +81,6 @@ class EvidenceStatus:
         return sum(topic.byte_rate for topic in self.topics)
 
     @property
-    def silent(self) -> tuple[str, ...]:
-        """Topics on which nothing comes now, and nothing is kept for late joiners."""
-        return tuple(topic.topic for topic in self.topics if topic.silent)
-
-    @property
     def gap(self) -> EvidenceGap | None:
         last = self.gaps[-1] if self.recording and self.gaps else None
         return None if last is None or last.end is not None else last

@@ -132,11 +132,6 @@ class EvidenceRecording:
         return not self.goes_on and self._news.ended
 
     @property
-    def size(self) -> int:
-        """Bytes of all its files."""
-        return self._former_size + self._news.size
-
-    @property
     def unwritten(self) -> int | None:
         """Messages not in the files yet; None = unknown."""
         if self._ends or not (self.goes_on or self.counted):
@@ -171,7 +166,7 @@ class EvidenceRecording:
             self.open_gap(why)
         self._ends[why] += 1
         self._former = dict(self.topics)
-        self._former_size = self.size
+        self._former_size += self._news.size
         self._news = NOTHING
         self._given_up = not self.goes_on
 

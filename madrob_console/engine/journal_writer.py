@@ -331,13 +331,12 @@ class Recording:
 
     def view(self) -> RecorderView:
         stats = self._writer.stats()
-        problem = stats.error or self._folder_problem.look(time.monotonic())
         return RecorderView(
             state=stats.state.value,
             messages=stats.written,
             size=stats.file_bytes,
             dropped=sum(stats.dropped.values()),
-            problem=problem,
+            problem=stats.error or self._folder_problem.look(time.monotonic()),
         )
 
     def remarks(self) -> tuple[str, ...]:

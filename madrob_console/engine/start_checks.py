@@ -84,7 +84,7 @@ class PreStart:
             left=self._room.left(free),
             lasts=self.evidence_lasts(now),
             least=plan.least_room,
-            silent=status.silent,
+            silent=tuple(one.topic for one in status.topics if one.silent),
             unseen=status.unseen,
             scored=status.scored,
         )

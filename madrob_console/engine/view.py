@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from madrob_console.archive.run_journal import Unfinished
 from madrob_console.engine.current_run import Acting, CurrentRun
-from madrob_console.engine.evidence_client import EvidenceStatus
 from madrob_console.engine.observation import Backlog, Observation
 from madrob_console.engine.replay import NO_ACTS, EngineContext
 from madrob_console.engine.snapshot import (
     DoorView,
-    EvidenceView,
     ExportView,
     LatchView,
-    RecorderView,
     Snapshot,
 )
 from madrob_console.engine.start_checks import PreStart
@@ -67,7 +64,7 @@ class StateView:
         )
         run, observation = at_hand.run, self.observation
         sensors, procedure = observation.sensors, observation.procedure
-        recorder = at_hand.recorder.view()
+        recorder, evidence = at_hand.recorder.view(), self.engine_context.evidence_client.status
         topics = sensors.topics(source.status(), at_hand.recorder.dropped(), seen)
         door, latch = sensors.door_view(seen), sensors.latch_view(seen)
         scored = at_hand.result.scored
@@ -81,17 +78,18 @@ class StateView:
             at_hand.result.problem,
             self.engine_context.scorer.problem(at_hand.place),
             *at_hand.result.waiting,
-            *recorder_faults(recorder),
+            f"recorder: {recorder.problem}" if recorder.problem else None,
+            f"recorder: {recorder.dropped} messages dropped" if recorder.dropped else None,
             None if replay else disk_problem(situation.checks),
+            f"{INFO_TOPIC}: {told}" if told else None,
             f"another referee: {other}" if other else None,
             self.backlog.problem,
             *sensors.topic_faults(source.status(), seen),
             panel_fault(door, run),
-            f"{INFO_TOPIC}: {told}" if told else None,
             f"{ROBOT_STARTED_TOPIC}: {source.robot_problem}" if source.robot_problem else None,
             *(replay.problems if replay else ()),
             *others,
-            *evidence_faults(self.engine_context.evidence_client.status, run.start),
+            *(f"evidence: {words}" for words in (evidence.faults(run.start) if evidence else ())),
         )
         return Snapshot(
             time=now,
@@ -116,7 +114,9 @@ class StateView:
             topics=topics,
             recorder=recorder,
             disk_free=None if replay else self.pre_start.free_disk(seen),
-            evidence=self._evidence(seen),
+            evidence=None
+            if evidence is None
+            else evidence.view(run.start, self.pre_start.evidence_lasts(seen)),
             faults=tuple(filter(None, problems)),
             provisional=dict(observation.provisional),
             provisional_doubts=dict(observation.provisional_doubts),
@@ -135,24 +135,12 @@ class StateView:
             competition=self.engine_context.config.competition,
         )
 
-    def _evidence(self, now: float) -> EvidenceView | None:
-        status = self.engine_context.evidence_client.status
-        if status is None:
-            return None
-        return status.view(self.at_hand.run.start, self.pre_start.evidence_lasts(now))
-
 
 def disk_problem(checks: Iterable[Check]) -> str | None:
-    check = next((check for check in checks if check.name is CheckName.DISK), None)
-    if check is None or check.state is not CheckState.FAILED:
-        return None
-    return f"{check.name}: {check.reason}"
-
-
-def evidence_faults(status: EvidenceStatus | None, start: float | None) -> Iterator[str]:
-    """Faults of the evidence, in words; `start` of the run is in s since the epoch."""
-    if status is not None:
-        yield from (f"evidence: {words}" for words in status.faults(start))
+    failed = (
+        one for one in checks if one.name is CheckName.DISK and one.state is CheckState.FAILED
+    )
+    return next((f"{check.name}: {check.reason}" for check in failed), None)
 
 
 def testbed_problem(told: Announcement, run: Run) -> str | None:
@@ -190,13 +178,6 @@ def question(run: Run, procedure: Procedure | None, latch: LatchView) -> str | N
     if procedure.lock_detection is LockDetection.REFEREE and Step.CLOSE in procedure.done:
         return "the door is closed: confirm step 6 once it is locked"
     return None
-
-
-def recorder_faults(recorder: RecorderView) -> Iterator[str]:
-    if recorder.problem:
-        yield f"recorder: {recorder.problem}"
-    if recorder.dropped:
-        yield f"recorder: {recorder.dropped} messages dropped"
 
 
 def panel_fault(door: DoorView, run: Run) -> str | None:

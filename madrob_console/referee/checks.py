@@ -82,12 +82,14 @@ class EvidenceReading:
     @property
     def notes(self) -> str:
         """Silent topics and needless patterns, in words; empty = none."""
-        notes = [unseen_words(self.unseen)] if self.unseen else []
-        if self.silent:
-            notes.append(f"{listed(self.silent)}: nothing comes now")
-        if self.scored:
-            notes.append(f"{listed(self.scored)}: recorded with the score, remove the pattern")
-        return "; ".join(notes)
+        notes = (
+            unseen_words(self.unseen) if self.unseen else "",
+            f"{listed(self.silent)}: nothing comes now" if self.silent else "",
+            f"{listed(self.scored)}: recorded with the score, remove the pattern"
+            if self.scored
+            else "",
+        )
+        return "; ".join(filter(None, notes))
 
 
 NO_ROS = EvidenceReading(False, None, 0, None, None, 0.0, ros=False)

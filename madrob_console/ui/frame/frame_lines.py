@@ -159,12 +159,10 @@ class FaultLine(View):
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         told = notices(snapshot, width)
-        if not snapshot.all_faults and told:
-            return told
         if not snapshot.all_faults:
             where = fitted(snapshot.competition, min(cell_len(snapshot.competition), width - 10))
             left = fitted("no faults", width - cell_len(where))
-            return [line(Span(left + where, Tone.DIM))]
+            return told or [line(Span(left + where, Tone.DIM))]
         rows = short_form(snapshot, width, BELOW if self.whole_below else ON_LIVE).rows
         marks = [FAULT] + [" " * len(FAULT)] * (len(rows) - 1)
         return told + [
