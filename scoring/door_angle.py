@@ -91,19 +91,11 @@ class DoorAngle:
     def bad(self) -> Flags:
         return self.spikes | self.frozen
 
-    @property
-    def repairable(self) -> Flags:
-        """The bad samples that lie between good ones."""
-        beside = np.zeros_like(self.spikes)
-        beside[1:] |= self.spikes[:-1]
-        beside[:-1] |= self.spikes[1:]
-        return (self.spikes & ~beside) | self.frozen
-
-    def without(self, bad: Flags) -> Array:
+    def without_bad(self) -> Array:
         """The angles, with a curve through their neighbours in place of bad ones."""
-        good = np.flatnonzero(~bad & (np.abs(self.angle) < _WILD))
+        good = np.flatnonzero(~self.bad & (np.abs(self.angle) < _WILD))
         filled = self.angle.copy()
-        for first, last in runs(bad):
+        for first, last in runs(self.bad):
             place = int(np.searchsorted(good, first))
             near = good[max(0, place - _NEIGHBOURS) : place + _NEIGHBOURS]
             if near.size < 2 * _NEIGHBOURS or last - first > _NEIGHBOURS:

@@ -80,27 +80,23 @@ class Grounds:
         return {
             Name.SMOOTHNESS_OF_DOOR_ACTUATION: smoothness_of_door_actuation(rows.jerk, rows.opened),
             Name.UNSAFETY_OF_DOOR_OPERATION: unsafety_of_door_operation(rows.low_passed),
-            Name.ROUGHNESS_OF_DOOR_ACTUATION: roughness_of_door_actuation(rows.load),
+            Name.ROUGHNESS_OF_DOOR_ACTUATION: roughness_of_door_actuation(rows.force),
         }
 
     def without_bad_samples(self) -> Grounds | None:
         """The run without bad samples and its largest force; None if next to nothing changes."""
-        load, bad = self.rows.load, self.door.bad
-        if self.ruleset.repairs:
-            bad = bad & ~self.door.repairable
-        else:
-            load = without_top(self.rows.force_time, load, self.force_noise)
-        change = np.abs(self.rows.load).max(initial=0.0) - np.abs(load).max(initial=0.0)
+        bad = self.door.bad
+        force = without_top(self.rows.force_time, self.rows.force, self.force_noise)
+        change = np.abs(self.rows.force).max(initial=0.0) - np.abs(force).max(initial=0.0)
         if not bad.any():
             if abs(change) <= _NOISE * self.force_noise:
                 return None
-            return replace(self, rows=replace(self.rows, load=load))
+            return replace(self, rows=replace(self.rows, force=force))
         good = np.zeros_like(bad)
-        angle = self.door.without(self.door.bad)
+        angle = self.door.without_bad()
         door = replace(self.door, angle=angle, spikes=good, frozen=good)
         joint, rows = self.rows_of(door.time, angle, self.ruleset)
-        rows = replace(rows, rest=self.rows.rest, load=load)
-        return replace(self, door=door, joint=joint, rows=rows)
+        return replace(self, door=door, joint=joint, rows=replace(rows, force=force))
 
     @property
     def door_edges(self) -> list[float]:
@@ -212,7 +208,7 @@ def _gaps_near_maxima(g: Grounds) -> Iterator[Doubt]:
             Name.ROUGHNESS_OF_DOOR_ACTUATION,
             Signal.HANDLE,
             rows.force_time,
-            rows.load,
+            rows.force,
             "largest force",
         ),
     )
@@ -362,7 +358,7 @@ def _clipped(g: Grounds) -> Iterator[Doubt]:
     force = g.rows.force
     if not force.size:
         return
-    top = force[int(np.argmax(np.abs(g.rows.load)))]
+    top = force[int(np.argmax(np.abs(force)))]
     longest = max((last - first for first, last in runs(force == top)), default=0)
     pressed = abs(top - g.handle_zero) > g.thresholds.touch_force
     if pressed and longest >= g.thresholds.doubt.clipped:

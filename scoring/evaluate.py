@@ -22,10 +22,10 @@ from scoring.indicator_table import IndicatorName
 from scoring.kinematics import JointState, Rows, cut_rows, joint_state, process_rows
 from scoring.procedure import Procedure, Ruling, follow_procedure
 from scoring.protocol import Condition, Event, EventName, LockDetection, Outcome, Signal, Thresholds
-from scoring.quality import AGAINST_OPENING, BY_THE_RULES, Quality, QualityCounter
+from scoring.quality import AGAINST_OPENING, Quality, QualityCounter
 from scoring.rest import RestForce, rest_force
 from scoring.result import Ending, EventRecord, Indicator, Result
-from scoring.rulesets import PROTOCOL, ForceRule, Ruleset
+from scoring.rulesets import PROTOCOL, Ruleset
 from scoring.signals import DecidingEdge, DoorSample, EdgeKind, HandleSample, Sample
 from scoring.uncertainty import uncertainties
 
@@ -40,16 +40,11 @@ def completed_by_settling(ending: Ending, procedure: Procedure) -> bool:
     return settled and ending.outcome is Outcome.COMPLETED
 
 
-def _steps_by(ruleset: Ruleset) -> Ruleset:
-    return ruleset if ruleset.own_steps else PROTOCOL
-
-
 class Assessment:
     """Follows one run from the opening of the recording to its result.
 
     `start` is the (planned) start, s since the epoch, and `handle_zero` in N. `ruleset` makes the
-    result and the steps that stop a run (`eurobench-2020`: the protocol's); `stopped_by` are other
-    rules that stopped the run.
+    result. The protocol's rules find the steps that stop a run, whatever the ruleset (section 9).
     """
 
     def __init__(
@@ -61,7 +56,6 @@ class Assessment:
         thresholds: Thresholds | None = None,
         lock_detection: LockDetection = LockDetection.AUTO,
         handle_zero: float = 0.0,
-        stopped_by: Ruleset | None = None,
     ) -> None:
         self.condition = condition
         self.start = start
@@ -69,9 +63,7 @@ class Assessment:
         self._thresholds = thresholds or Thresholds()
         self._lock_detection = lock_detection
         self._zero = handle_zero
-        steps_by = _steps_by(ruleset)
-        self._stopped_by_others = stopped_by is not None and _steps_by(stopped_by) is not steps_by
-        self._live = EventDetector(condition, start, self._thresholds, steps_by, handle_zero)
+        self._live = EventDetector(condition, start, self._thresholds, PROTOCOL, handle_zero)
         self._largest_angle = ruleset.largest_angle(self._thresholds)
         self._largest_force = ruleset.largest_force(self._thresholds)
         self._counters: dict[Signal, QualityCounter] = {}
@@ -85,7 +77,7 @@ class Assessment:
 
     def _prepare(self) -> None:
         self._scoring = self._live
-        if not self._ruleset.own_steps:
+        if self._ruleset is not PROTOCOL:
             self._scoring = EventDetector(
                 self.condition, self.start, self._thresholds, self._ruleset, self._zero
             )
@@ -209,7 +201,6 @@ class Assessment:
         self, ending: Ending, rulings: Sequence[Ruling] = (), remarks: Iterable[str] = ()
     ) -> tuple[Result, Rows]:
         self._finish()
-        ending, later = self._stopped_by_these_rules(ending, rulings)
         end = self._end(ending)
         events = self._scoring.events(end)
         if ending.stop is None:
@@ -220,7 +211,7 @@ class Assessment:
             problem = problem or "the run never started"
         procedure = self.procedure(rulings, end)
         rest = self._rest(ending)
-        door, joint, whole = self._rows(rest)
+        door, joint, whole = self._rows()
         rows_end = end
         if completed_by_settling(ending, procedure):
             rows_end += self._thresholds.settle_time  # a slam ends after the panel has closed
@@ -267,7 +258,7 @@ class Assessment:
             lock_detection=procedure.lock_detection,
             steps=procedure.steps,
             events=tuple(EventRecord.of(event, self.start) for event in events),
-            quality=self.quality((*remarks, *later)),
+            quality=self.quality(remarks),
             rest=rest,
         )
         return result, replace(rows, occupied=self._scoring.presences())
@@ -311,29 +302,6 @@ class Assessment:
             for name, indicator in indicators.items()
         }
 
-    def _stopped_by_these_rules(
-        self, ending: Ending, rulings: Sequence[Ruling]
-    ) -> tuple[Ending, tuple[str, ...]]:
-        """Stop a run that other rules completed when these do, if the recording has it.
-
-        Later rulings move no stop, and no outcome is decided anew.
-        """
-        stop, name = ending.stop, self._ruleset.name
-        if not self._stopped_by_others or stop is None:
-            return ending, ()
-        in_the_run = [ruling for ruling in rulings if ruling.time <= stop]
-        completed = self.procedure(in_the_run).completed
-        if completed is None or completed == stop:
-            return ending, ()
-        if ending.outcome is not Outcome.COMPLETED:
-            if completed > stop or ending.outcome is not Outcome.TIMEOUT:
-                return ending, ()
-            done = f"all six steps are done {completed - self.start:.3f} s after the start"
-            return ending, (f"{BY_THE_RULES}{name} {done}: the outcome is that of the run",)
-        when = f"{abs(completed - stop):.3f} s {'later' if completed > stop else 'earlier'}"
-        remark = f"{BY_THE_RULES}{name} the run stops {when}"
-        return replace(ending, stop=completed), (remark,)
-
     def _end(self, ending: Ending) -> float:
         if ending.stop is not None:
             return ending.stop
@@ -349,17 +317,9 @@ class Assessment:
         why = "the run was not completed, the robot may hold the handle"
         return replace(rest, after=None, drift=None, no_after=why)
 
-    def _rows(self, rest: RestForce) -> tuple[DoorAngle, JointState, Rows]:
+    def _rows(self) -> tuple[DoorAngle, JointState, Rows]:
         time, angle = np.array(self._door_time), np.array(self._door_angle)
         door = DoorAngle.of(time, angle, self.start, self._thresholds)
-        if self._ruleset.repairs:
-            angle = door.without(door.repairable)
         joint = joint_state(time, angle, self._ruleset, self._thresholds)
         force_time, force = np.array(self._force_time), np.array(self._force)
-        bare = None
-        if self._ruleset.force is ForceRule.ABOUT_REST:
-            end = force_time[-1:].max(initial=self.start)
-            ends = (self._zero, self._zero + (rest.drift or 0.0))
-            bare = np.interp(force_time, (self.start, max(end, self.start + 1e-3)), ends)
-        rows = process_rows(joint, force_time, force, self._ruleset, self._thresholds, bare)
-        return door, joint, rows
+        return door, joint, process_rows(joint, force_time, force, self._ruleset, self._thresholds)

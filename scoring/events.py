@@ -99,10 +99,9 @@ class EventDetector:
         self._door_seen: float | None = None
         self._largest_angle = ruleset.largest_angle(thresholds)
         self._largest_force = ruleset.largest_force(thresholds)
-        self._closes_below = ruleset.closes_below(thresholds)
-        self._door = BinarySignal(ruleset.door_hold)
-        self._touch = BinarySignal(ruleset.touch_hold)
-        self._sensors = {s: BinarySignal(ruleset.passage_hold) for s in PASSAGE_SENSORS}
+        self._door = BinarySignal()
+        self._touch = BinarySignal()
+        self._sensors = {s: BinarySignal() for s in PASSAGE_SENSORS}
         self._of_strip = {
             strip: tuple((s, self._sensors[s]) for s in PASSAGE_SENSORS if s.strip is strip)
             for strip in Strip
@@ -170,8 +169,7 @@ class EventDetector:
         self._angle = sample.angle
         self._door_seen = sample.time
         self.angles.add_door(sample)
-        least = self._closes_below if self._door.state else self._thresholds.closed_angle
-        is_open = abs(sample.angle) >= least
+        is_open = abs(sample.angle) >= self._thresholds.closed_angle
         self.changes += self._door.update(sample.time, is_open, self._start)
 
     def finish(self) -> None:

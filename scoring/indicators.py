@@ -76,7 +76,7 @@ def _computed(
             unknown = rows.joint_state.reason if rows.opened else None
             return smoothness_of_door_actuation(rows.jerk, rows.opened, rows.no_motion or unknown)
         case IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION:
-            return roughness_of_door_actuation(rows.load)
+            return roughness_of_door_actuation(rows.force)
         case IndicatorName.CAPABILITY_LEVEL:
             return capability_level(events, condition, done, ruleset)
 

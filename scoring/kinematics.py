@@ -72,12 +72,10 @@ def joint_state(
 ) -> JointState:
     """Velocity and acceleration of the panel: a moving average, then Savitzky-Golay.
 
-    A row without a finite position is left out, like a message that never came. A ruleset may
-    interpolate onto a grid of the nominal rate. `ScoringError` if times do not increase.
+    A row without a finite position is left out, like a message that never came. `ScoringError` if
+    times do not increase.
     """
     time, position = _readings(time, position)
-    if ruleset.onto_grid:
-        time, position = _on_grid(time, position, 1 / thresholds.rate, thresholds.largest_gap)
     velocity, acceleration = np.full(time.size, np.nan), np.full(time.size, np.nan)
     gap = _gap(ruleset, thresholds)
     filters = _filters(time, ruleset, gap)
@@ -111,10 +109,6 @@ def low_pass(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> Arr
                 b, a = _butterworth(ruleset, interval)
                 for stretch in _filtered_stretches(joint, ruleset, thresholds):
                     filtered[stretch] = signal.filtfilt(b, a, joint.acceleration[stretch])
-            case LowPassRule.SECTIONS:
-                sections = _sections(ruleset, interval)
-                for stretch in _filtered_stretches(joint, ruleset, thresholds):
-                    filtered[stretch] = signal.sosfiltfilt(sections, joint.acceleration[stretch])
     return or_nan(filtered)
 
 
@@ -141,8 +135,6 @@ def jerk_rows(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """The earlier and the later row of each difference quotient, which belongs to the later one."""
     is_open = np.abs(joint.position) > thresholds.closed_angle
-    if ruleset.least_velocity:  # standing still buys nothing
-        is_open &= np.abs(joint.velocity) > ruleset.least_velocity
     rows = np.arange(joint.time.size)
     if ruleset.jerk is JerkRule.SELECT_THEN_DERIVE:
         rows = rows[is_open]
@@ -173,7 +165,7 @@ def smoothed(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> Joi
             inner = slice(stretch.start + half, stretch.stop - half)
             average = filters.moving_average(joint.position[stretch])
             position[inner] = np.where(np.isfinite(average), average, position[inner])
-    return joint_state(joint.time, position, replace(ruleset, onto_grid=False), thresholds)
+    return joint_state(joint.time, position, ruleset, thresholds)
 
 
 def noise_kernel(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> Array | None:
@@ -204,7 +196,7 @@ def low_pass_response(
     half = kernel.size // 2 + math.ceil(_RESPONSE / ruleset.low_pass_frequency / interval)
     pulse = np.zeros(2 * half + 1)
     pulse[half - kernel.size // 2 : half + kernel.size // 2 + 1] = kernel
-    sections = _sections(ruleset, interval)
+    sections = signal.iirfilter(**_low_pass_design(ruleset, interval), output="sos")
     response: Array = signal.sosfilt(sections, pulse)
     if ruleset.low_pass is not LowPassRule.ONE_PASS:
         response = signal.sosfilt(sections, response[::-1])[::-1]
@@ -258,19 +250,6 @@ def _readings(time: Array, position: Array) -> tuple[Array, Array]:
     if (time[1:] <= time[:-1]).any():
         raise ScoringError("door angle: times do not increase: drop duplicate and backward stamps")
     return time, position
-
-
-def _on_grid(time: Array, position: Array, interval: float, gap: float) -> tuple[Array, Array]:
-    if time.size < 2:
-        return time, position
-    parts = []
-    for stretch in _stretches(time, np.ones(time.size, dtype=np.bool_), gap):
-        first, last = time[stretch.start] - time[0], time[stretch.stop - 1] - time[0]
-        if last > first:
-            rows = np.arange(math.ceil(first / interval), 1 + math.floor(last / interval))
-            parts.append(time[0] + interval * rows)
-    grid = np.concatenate(parts) if parts else time[:0]
-    return grid, np.interp(grid, time, position)
 
 
 def _gap(ruleset: Ruleset, thresholds: Thresholds) -> float:
@@ -361,13 +340,6 @@ def _butterworth(ruleset: Ruleset, interval: float) -> tuple[Array, Array]:
     return b, a
 
 
-def _sections(ruleset: Ruleset, interval: float) -> Array:
-    from scipy import signal
-
-    sections: Array = signal.iirfilter(**_low_pass_design(ruleset, interval), output="sos")
-    return sections
-
-
 def _low_pass_design(ruleset: Ruleset, interval: float) -> dict[str, Any]:
     return {
         "N": ruleset.low_pass_order,
@@ -393,8 +365,6 @@ class Rows:
         low_passed: acceleration of the rows of `joint_state`, shape (n,), NaN = undefined.
         jerk_time, jerk: of the open door, shape (m,).
         force_time, force: of the handle as recorded, shape (k,).
-        rest: force of a free handle at `force_time`; 0 where the ruleset takes `force` as it is.
-        load: the force from which the roughness is taken.
         problem: why no low-passed acceleration could be computed.
         occupied: for each used sensor, from when to when something was under it since the start,
             s since the epoch, inf = to the end of the recording; not cut, as the departure is
@@ -407,8 +377,6 @@ class Rows:
     jerk: Array
     force_time: Array
     force: Array
-    rest: Array
-    load: Array
     problem: str | None
     thresholds: Thresholds
     occupied: Mapping[PassageSensor, tuple[tuple[float, float], ...]] = field(default_factory=dict)
@@ -431,7 +399,7 @@ class Rows:
             case Quantity.JERK:
                 return self.jerk_time, self.jerk
             case Quantity.FORCE:
-                return self.force_time, self.load
+                return self.force_time, self.force
 
 
 def process_rows(
@@ -440,15 +408,9 @@ def process_rows(
     force: Array,
     ruleset: Ruleset,
     thresholds: Thresholds,
-    rest: Array | None = None,
 ) -> Rows:
-    """Filter a whole recording; cut with `cut_rows` afterwards (section 5).
-
-    `rest` is the free handle's force at `force_time`, N, shape (k,), if the ruleset uses it.
-    """
+    """Filter a whole recording; cut with `cut_rows` afterwards (section 5)."""
     jerk_time, jerks = jerk(joint, ruleset, thresholds)
-    rest = np.zeros(force.size) if rest is None else rest
-    load = force - rest
     return Rows(
         joint_state=joint,
         low_passed=low_pass(joint, ruleset, thresholds),
@@ -456,20 +418,9 @@ def process_rows(
         jerk=jerks,
         force_time=force_time,
         force=force,
-        rest=rest,
-        load=median_of_three(load) if ruleset.repairs else load,
         problem=low_pass_problem(joint, ruleset, thresholds),
         thresholds=thresholds,
     )
-
-
-def median_of_three(values: Array) -> Array:
-    """The median of each value and its neighbours along the last axis; the ends stay."""
-    left, here, right = values[..., :-2], values[..., 1:-1], values[..., 2:]
-    low, high = np.minimum(left, here), np.maximum(left, here)
-    medians = values.copy()
-    medians[..., 1:-1] = np.maximum(low, np.minimum(high, right))
-    return medians
 
 
 def cut_rows(rows: Rows, start: float, end: float) -> Rows:
@@ -483,6 +434,4 @@ def cut_rows(rows: Rows, start: float, end: float) -> Rows:
         jerk=rows.jerk[jerk_kept],
         force_time=rows.force_time[force_kept],
         force=rows.force[force_kept],
-        rest=rows.rest[force_kept],
-        load=rows.load[force_kept],
     )

@@ -104,9 +104,6 @@ _MOST_HOLES = 200_000
 _DELAYS_AVERAGED = 50
 """Delays that are averaged before the median is taken: memory stays small."""
 
-BY_THE_RULES = "by the rules of "
-"""Begins the remark that other rules stop the run at another time."""
-
 AGAINST_OPENING = "against the opening side: check the testbed"
 """Ends a remark that another opening side would not make."""
 

@@ -14,7 +14,6 @@ from scoring.procedure import StepRecord
 from scoring.protocol import Event, EventName, LockDetection, Outcome, ScoringError
 from scoring.quality import Quality
 from scoring.rest import RestForce
-from scoring.rulesets import RulesetName
 
 DOUBTED = "?"
 """Stands directly behind a value that is doubted, and behind the reason why there is none."""
@@ -154,7 +153,7 @@ class Result:
 
     Attributes:
         handle_zero: force of the handle at rest, N; subtracted before a touch is looked for.
-        ruleset: the rules that made the indicators.
+        ruleset: name of the rules that made the indicators.
         outcome: how the run ended; an aborted run is invalid, an interrupted one does not count.
         outcome_reason: why it ended, in words.
         start: s since the epoch.
@@ -170,7 +169,7 @@ class Result:
     """
 
     handle_zero: float
-    ruleset: RulesetName
+    ruleset: str
     outcome: Outcome
     outcome_reason: str
     start: float

@@ -6,7 +6,7 @@ A ruleset holds choices, not code: the modules that compute look their choice up
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum, StrEnum, auto
 from sys import float_info
 
@@ -19,7 +19,6 @@ class RulesetName(StrEnum):
 
     PROTOCOL = "protocol"
     EUROBENCH_2020 = "eurobench-2020"
-    ROBUST_2026 = "robust-2026"
 
 
 class WindowRule(Enum):
@@ -36,13 +35,11 @@ class WindowRule(Enum):
 class LowPassRule(Enum):
     """How the low-pass filter runs.
 
-    `ZERO_PHASE`: forth and back (no delay). `ONE_PASS`: forth only. `SECTIONS`: forth and back, in
-    second-order sections, which keep their digits at high rates.
+    `ZERO_PHASE`: forth and back (no delay). `ONE_PASS`: forth only.
     """
 
     ZERO_PHASE = auto()
     ONE_PASS = auto()
-    SECTIONS = auto()
 
 
 class JerkRule(Enum):
@@ -50,17 +47,6 @@ class JerkRule(Enum):
 
     DERIVE_THEN_SELECT = auto()
     SELECT_THEN_DERIVE = auto()
-
-
-class ForceRule(Enum):
-    """The force from which the roughness is computed.
-
-    `RECORDED`: as recorded. `ABOUT_REST`: less a zero that runs from the referee's at the start to
-    the handle's rest force at the end of the recording, if the handle is free there.
-    """
-
-    RECORDED = auto()
-    ABOUT_REST = auto()
 
 
 class ExecutionEnd(Enum):
@@ -99,13 +85,6 @@ class Ruleset:
         present_height: an obstacle higher than this is a robot, m; None = as in `Thresholds`.
         masked_is_absent: whether a masked sensor counts as absent; else it keeps its state.
         believes_impossible: whether readings beyond the sensors' range count.
-        own_steps: whether its own rules find the steps; else the protocol's do.
-        passage_hold, touch_hold, door_hold: a state counts once held this long, s.
-        repairs: whether to replace door angles that fit no motion, and to take the roughness
-            from the median of three forces.
-        hysteresis: the door closes this many encoder counts below the closed zone's angle.
-        onto_grid: whether the door angle is interpolated linearly onto the nominal rate.
-        least_velocity: jerk counts while the panel turns faster than this, rad/s; 0 = always.
     """
 
     name: RulesetName
@@ -128,15 +107,6 @@ class Ruleset:
     present_height: float | None
     masked_is_absent: bool
     believes_impossible: bool = False
-    own_steps: bool = True
-    passage_hold: float = 0.0
-    touch_hold: float = 0.0
-    door_hold: float = 0.0
-    repairs: bool = False
-    hysteresis: float = 0.0
-    onto_grid: bool = False
-    least_velocity: float = 0.0
-    force: ForceRule = ForceRule.RECORDED
     explanations: Mapping[IndicatorName, str] = field(default_factory=dict, hash=False)
 
     def explanation(self, name: IndicatorName) -> str:
@@ -149,10 +119,6 @@ class Ruleset:
     def largest_force(self, thresholds: Thresholds) -> float:
         """Forces beyond this, in either direction, are no readings, N."""
         return float_info.max if self.believes_impossible else thresholds.impossible_force
-
-    def closes_below(self, thresholds: Thresholds) -> float:
-        """An open door closes when its angle falls below this, rad."""
-        return thresholds.closed_angle - self.hysteresis * thresholds.encoder_count
 
 
 PROTOCOL = Ruleset(
@@ -189,7 +155,6 @@ EUROBENCH_2020 = Ruleset(
     present_height=1.00,
     masked_is_absent=True,
     believes_impossible=True,
-    own_steps=False,
     explanations={
         IndicatorName.EXECUTION_TIME: (
             "From the start of the run until the door was closed and the robot through, whichever "
@@ -202,42 +167,15 @@ EUROBENCH_2020 = Ruleset(
 )
 """As the published EUROBENCH scripts compute, so that new results can be compared with old ones."""
 
-ROBUST_2026 = replace(
-    PROTOCOL,
-    name=RulesetName.ROBUST_2026,
-    low_pass=LowPassRule.SECTIONS,
-    passage_hold=0.06,
-    touch_hold=0.04,
-    door_hold=0.06,
-    repairs=True,
-    hysteresis=2,
-    onto_grid=True,
-    least_velocity=0.02,
-    force=ForceRule.ABOUT_REST,
-    explanations={
-        IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION: (
-            "How free of jolts the open door moved, while it moved: 10 divided by the mean jerk. "
-            "Higher is smoother."
-        ),
-        IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION: (
-            "The largest force on the handle, in either direction, measured from its rest force. "
-            "Lower is gentler."
-        ),
-    },
-)
-"""`PROTOCOL` with decisions that one bad sample cannot turn; an organiser chooses it."""
-
 
 def ruleset(name: str) -> Ruleset:
     try:
         known = RulesetName(name)
     except ValueError:
         allowed = " or ".join(RulesetName)
-        raise ScoringError(f"ruleset {name!r} does not exist: use {allowed}") from None
+        raise ScoringError(f"ruleset {name!r} is not known: use --ruleset {allowed}") from None
     match known:
         case RulesetName.PROTOCOL:
             return PROTOCOL
         case RulesetName.EUROBENCH_2020:
             return EUROBENCH_2020
-        case RulesetName.ROBUST_2026:
-            return ROBUST_2026

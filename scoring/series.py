@@ -84,13 +84,12 @@ class SeriesAssessment(Assessment):
     def series(self, ending: Ending, rulings: tuple[Ruling, ...]) -> WholeSeries:
         """Call it once the recording has been read to its end."""
         self._finish()
-        ending, _ = self._stopped_by_these_rules(ending, rulings)
         end = self._end(ending)
         if completed_by_settling(ending, self.procedure(rulings, end)):
             end += self._thresholds.settle_time
         whole = not self._ruleset.cut_rows
         return WholeSeries(
-            rows=self._rows(self._rest(ending))[2],
+            rows=self._rows()[2],
             rows_from=-math.inf if whole else self.start,
             rows_until=math.inf if whole else end,
             passage=PassageSeries(

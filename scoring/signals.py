@@ -13,9 +13,6 @@ import msgspec
 from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import PassageSensor, Side, Signal, Strip
 
-_STAMP = 1e-6
-"""Stamps have a resolution of 238 ns, as numbers of seconds since the epoch."""
-
 
 class Edge(NamedTuple):  # the cheapest frozen type: a strip that flickers makes 500 a second
     """A two-valued signal became `value`.
@@ -49,51 +46,33 @@ class BinarySignal:
     """A two-valued signal whose edges count from the start of the run.
 
     Before the start only its state is kept (None = not known yet); if it is up at the start, it
-    rises there. A state counts when held for `hold` s; its edge is at its first reading.
+    rises there.
     """
 
-    __slots__ = ("_began", "_hold", "_pending", "begun", "edges", "newest", "readings", "state")
+    __slots__ = ("_began", "begun", "edges", "newest", "readings", "state")
 
-    def __init__(self, hold: float = 0.0) -> None:
+    def __init__(self) -> None:
         self.state: bool | None = None
         self.edges: list[Edge] = []
         self.begun = False
         self.readings = 0
         self.newest: float | None = None
-        self._hold = hold
-        self._pending: Edge | None = None
         self._began = 0  # number of the first reading of this state
 
     def update(self, time: float, value: bool, start: float) -> bool:
         """Take a reading; return whether it changes anything."""
         since, self.newest = self.newest, time
         self.readings += 1
-        if value is self.state:
-            self._pending = None
-            if self.begun or time < start:
-                return False
-        if time >= start and not self.begun:
+        if value is self.state and (self.begun or time < start):
+            return False
+        if time >= start:
             self.begin_run(start)
         if value is self.state:
             return True
-        first = Edge(time, value, since, self.readings)
-        if self._hold and self.state is not None:
-            first = self._pending = self._pending or first
-            if time - first.time < self._hold - _STAMP:
-                return False
-            self._pending = None
         if self.begun and not (self.state is None and not value):
-            self._note(first, start)
-        self.state, self._began = value, first.reading
+            self.edges.append(Edge(time, value, since, self.readings))
+        self.state, self._began = value, self.readings
         return True
-
-    def _note(self, edge: Edge, start: float) -> None:
-        if edge.time >= start:
-            self.edges.append(edge)
-        elif self.edges:  # held since before the start: then it was not up at the start
-            self.edges.pop()
-        else:
-            self.edges.append(Edge(start, edge.value, None, edge.reading))
 
     def begin_run(self, start: float) -> None:
         """The run has started: a signal that was up rises now. Later calls do nothing."""

@@ -25,7 +25,6 @@ from scoring.kinematics import (
     jerk_rows,
     low_pass,
     low_pass_response,
-    median_of_three,
     noise_kernel,
     other_windows,
     smoothed,
@@ -78,7 +77,9 @@ def uncertainties(
 
 def _seed(grounds: Grounds) -> list[int]:
     digest = hashlib.blake2b(digest_size=16)
-    for series in (grounds.door.time, grounds.door.angle, grounds.rows.force):
+    # as recorded: `rows.force` may be without bad samples
+    of_run = np.searchsorted(grounds.force_time, grounds.rows.force_time)
+    for series in (grounds.door.time, grounds.door.angle, grounds.force[of_run]):
         digest.update(np.ascontiguousarray(series).tobytes())
     return [int(word) for word in np.frombuffer(digest.digest(), dtype=np.uint32)]
 
@@ -198,15 +199,10 @@ def _motion(
     signs, curve = np.sign(low_passed[tops]), _Curve.through(size, tops)
     near = tops[:, None] - part.start + np.arange(response.size)[::-1] - response.size // 2
     near = near.clip(0, part.stop - part.start - 1)
-    least, speed = ruleset.least_velocity, smooth.velocity[after]
-    growth = smooth.acceleration[after] * intervals
     drawn = np.full((2, DRAWS), np.nan)
     noise = np.zeros((DRAWS, tops.size))
     for draw, error in enumerate(_angle_errors(grounds, smooth, part, phases, random)):
-        phase = phases[draw, 0]
         jerks = np.abs(jerk + quotients(error))
-        if least:
-            jerks = jerks[np.abs(speed + phase * growth) > least]
         if jerks.size and (mean := float(jerks.mean())):
             drawn[0, draw] = SMOOTHNESS_SCALE / mean
         noise[draw] = error[near] @ response
@@ -222,29 +218,25 @@ def _motion(
 
 
 def _alternatives(grounds: Grounds, indicators: Values) -> Iterator[Array]:
-    """Differences of smoothness and unsafety for each chance decision, shape (2, n), first 0."""
-    door, rules = grounds.door, grounds.ruleset
-    time, angle = door.time, door.without(door.repairable) if rules.repairs else door.angle
+    """Differences of smoothness and unsafety for each chance decision, shape (2, 2), first 0."""
+    time, angle, rules = grounds.door.time, grounds.door.angle, grounds.ruleset
     if (other := other_windows(grounds.joint.time, rules)) is not None:
-        yield _differences(grounds, indicators, [(time, angle, other)])
-    if rules.onto_grid:  # where the grid begins
-        yield _differences(grounds, indicators, [(time[i:], angle[i:], rules) for i in (1, 2)])
+        yield _differences(grounds, indicators, time, angle, other)
     between = (time[1:] + time[:-1]) / 2, (angle[1:] + angle[:-1]) / 2
-    halfway = _differences(grounds, indicators, [(*between, rules)])  # where a sudden stop lies
+    halfway = _differences(grounds, indicators, *between, rules)  # where a sudden stop lies
     halfway[0] = 0.0
     yield halfway
 
 
 def _differences(
-    grounds: Grounds, indicators: Values, series: Sequence[tuple[Array, Array, Ruleset]]
+    grounds: Grounds, indicators: Values, time: Array, angle: Array, rules: Ruleset
 ) -> Array:
-    differences = np.zeros((2, 1 + len(series)))
-    for column, (time, angle, rules) in enumerate(series, 1):
-        others = replace(grounds, rows=grounds.rows_of(time, angle, rules)[1]).signal_values()
-        for row, name in enumerate(_MOTION):
-            value, other = indicators[name].value, others[name]
-            if value is not None and other.value is not None:
-                differences[row, column] = other.value - value
+    differences = np.zeros((2, 2))
+    others = replace(grounds, rows=grounds.rows_of(time, angle, rules)[1]).signal_values()
+    for row, name in enumerate(_MOTION):
+        value, other = indicators[name].value, others[name]
+        if value is not None and other.value is not None:
+            differences[row, 1] = other.value - value
     return differences
 
 
@@ -257,8 +249,7 @@ def _share_of_motion(lost: Array, noises: Sequence[Array]) -> float:
 
 def _jerks_in(grounds: Grounds, smooth: JointState, first: int, last: int) -> NDArray[np.intp]:
     """The later rows of the run's difference quotients that can be jerk; shape (m,)."""
-    ruleset = replace(grounds.ruleset, least_velocity=0.0)
-    before, after = jerk_rows(grounds.joint, ruleset, grounds.thresholds)
+    before, after = jerk_rows(grounds.joint, grounds.ruleset, grounds.thresholds)
     kept = (after >= first) & (after <= last) & (before == after - 1)
     known = np.isfinite(smooth.acceleration)
     kept &= known[after] & known[before]
@@ -344,18 +335,15 @@ class _Curve:
 
 
 def _roughness(grounds: Grounds, random: np.random.RandomState) -> Array:
-    size, noise = np.abs(grounds.rows.load), grounds.force_noise
+    size, noise = np.abs(grounds.rows.force), grounds.force_noise
     if not size.size:
         return np.full(DRAWS, np.nan)
     tops = _tops(np.where(size >= _NEAR_TOP * size.max(), size, 0.0), _MOST_TOPS)
-    repairs = grounds.ruleset.repairs
-    around = tops[:, None] + (np.arange(-1, 2) if repairs else np.zeros(1, np.intp))
-    curve = _Curve.through(size, around)
-    phases = _spread_evenly(random, 1)[:, :, None]
+    curve = _Curve.through(size, tops)
+    phases = _spread_evenly(random, 1)
     freedom = max(1, grounds.rest.before.number - 1) if grounds.rest.before else 1
-    few = np.sqrt(freedom / random.chisquare(freedom, (DRAWS, 1, 1)))  # samples tell the noise
+    few = np.sqrt(freedom / random.chisquare(freedom, (DRAWS, 1)))  # samples tell the noise
     forces = curve.under_noise(phases, few * noise)
     forces += few * noise * random.standard_normal(forces.shape)
-    seen = median_of_three(forces)[..., 1] if repairs else forces[..., 0]
-    errors: Array = np.abs(seen).max(axis=1, initial=0.0) - curve.top
+    errors: Array = np.abs(forces).max(axis=1, initial=0.0) - curve.top
     return errors

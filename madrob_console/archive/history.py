@@ -516,7 +516,7 @@ def _of_result(unread: RunSummary, result: ResultDocument) -> RunSummary:
         source=result.source.value,
         practice=unread.practice or result.practice,
         competition=result.competition,
-        ruleset=result.ruleset.value,
+        ruleset=result.ruleset,
         run_id=result.run_id,
         testbed=result.testbed,
         rate=result.rate,

@@ -24,7 +24,7 @@ from madrob_console.archive.run_journal import is_noted, was_changed
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import read_bounded, refusal
 from madrob_console.referee.flags import Flag, flags
-from madrob_console.referee.records import Reissuing, TestbedFault
+from madrob_console.referee.records import Reissuing, StoredRuleset, TestbedFault
 from madrob_console.referee.run import Run
 from scoring.libraries import Libraries
 from scoring.protocol import ScoringError
@@ -77,6 +77,7 @@ class _Bounds(msgspec.Struct):
     run_number: Number
     team: Name
     start: StartTime
+    ruleset: StoredRuleset
     indicators: dict[str, _IndicatorBounds]
     issue: Annotated[int, Meta(ge=0, le=2**53)]
     stop: StartTime | None = None
@@ -94,7 +95,7 @@ class SetupPart(msgspec.Struct, frozen=True):
 
     subject: Number
     team: Name
-    ruleset: Name
+    ruleset: StoredRuleset
     practice: bool = False
     run_id: Name = ""
     testbed: Name = ""

@@ -99,7 +99,7 @@ class RunRecord:
         """`start` is the (planned) start, s since the epoch; `rules` None = the run's own."""
         return self.assessed_by(Assessment, start, rules)
 
-    def assessed_by(self, kind: type[A], start: float, rules: RulesetName | None = None) -> A:
+    def assessed_by(self, kind: type[A], start: float, rules: str | None = None) -> A:
         return kind(
             self.setup.condition,
             start,
@@ -107,7 +107,6 @@ class RunRecord:
             thresholds=self.thresholds,
             lock_detection=self.setup.lock_detection,
             handle_zero=self.handle_zero,
-            stopped_by=ruleset(self.setup.ruleset),
         )
 
 

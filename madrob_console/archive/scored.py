@@ -33,13 +33,13 @@ from madrob_console.referee.rebuild import Change, mark_of, rebuild
 from madrob_console.referee.run import DECISION_REMARKS, Run
 from recorder.errors import RecorderError
 from recorder.reader import Bag, read_bag
-from scoring.eurobench.published import evaluate_published, rules_told
+from scoring.eurobench.published import evaluate_published
 from scoring.eurobench.run_files import EurobenchRun, read_run
 from scoring.eurobench.run_info import numbers_of
 from scoring.evaluate import Assessment
 from scoring.kinematics import Rows, load_filters
 from scoring.protocol import Condition, Outcome, ScoringError, Step
-from scoring.quality import AGAINST_OPENING, BY_THE_RULES
+from scoring.quality import AGAINST_OPENING
 from scoring.result import Result
 from scoring.rulesets import PROTOCOL, RulesetName, ruleset
 from scoring.series import SeriesAssessment, WholeSeries
@@ -122,8 +122,7 @@ def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[Scored
     with _naming(run.path):
         if run.prefix:
             published = read_run(run.path, run.prefix)
-            told = rules_told(published) or PROTOCOL
-            chosen = [ruleset(name) if name else told for name in rules]
+            chosen = [ruleset(name or _rules_told(published)) for name in rules]
             pairs = [evaluate_published(published, one) for one in chosen]
             condition = published.condition
             subject, _, number = numbers_of(run.prefix) or (None, 0, None)
@@ -139,6 +138,10 @@ def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[Scored
         ScoredPath(Path(run.name), result, rows, condition, label, flagged)
         for (result, rows), flagged in zip(pairs, found, strict=True)
     )
+
+
+def _rules_told(published: EurobenchRun) -> str:
+    return str(published.run_info.get("ruleset", PROTOCOL.name))
 
 
 def _flags_told(published: EurobenchRun) -> tuple[Flag, ...]:
@@ -362,4 +365,4 @@ def keep_stored_remarks(assessment: Assessment, run: Run, folder: Path) -> None:
 
 
 def _of_the_moment(remark: str) -> bool:
-    return remark.startswith((*DECISION_REMARKS, BY_THE_RULES)) or remark.endswith(AGAINST_OPENING)
+    return remark.startswith(DECISION_REMARKS) or remark.endswith(AGAINST_OPENING)

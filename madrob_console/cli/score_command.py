@@ -119,7 +119,7 @@ class RunText(NamedTuple):
         "madrob score --check ~/madrob_runs          # do the stored results hold?",
         "madrob score --write published --ruleset eurobench-2020 ~/madrob_runs",
         "madrob score --output tables ~/madrob_runs",
-        "madrob score --reissue 'rules of May' --ruleset robust-2026 --dry-run ~/madrob_runs",
+        "madrob score --reissue 'rules of May' --ruleset eurobench-2020 --dry-run ~/madrob_runs",
     ),
 )
 def score(arguments: argparse.Namespace) -> int:

@@ -34,6 +34,7 @@ from madrob_console.referee.records import (
     FaultKind,
     JournalMark,
     RemovedEvidence,
+    StoredRuleset,
     TestbedFault,
 )
 from madrob_console.referee.run import (
@@ -50,7 +51,6 @@ from madrob_console.referee.run import (
 )
 from scoring.protocol import EventName, Outcome
 from scoring.rest import HandleRest
-from scoring.rulesets import RulesetName
 
 _LATER = ("unwritten", "gaps", "file_bytes")
 """Fields that the first form of the evidence account lacked."""
@@ -143,8 +143,7 @@ def _changed(run: Run, entry: Entry) -> Run:
         case Change.UNRECORDED | Change.EVIDENCE_RECORDED | Change.EVIDENCE_REMOVED:
             return _with_recorded(run, entry)
         case Change.REISSUED if run.phase in (Phase.STOPPED, Phase.FINAL):
-            name = details.get("ruleset")
-            rules = None if name is None else RulesetName(name)
+            rules = msgspec.convert(details.get("ruleset"), StoredRuleset | None)
             at = _time(entry.time)
             return changed(reissued(run, at, entry.what, entry.reason, entry.referee, rules), at)
         case Change.RESULT_WRITTEN:

@@ -63,6 +63,10 @@ def _setting(value: float | StrEnum | StartPose) -> str:
     return str(value)
 
 
+StoredRuleset = Annotated[str, Meta(pattern="^[a-z0-9-]{1,40}$(?!\n)")]
+"""A name of rules, maybe of such as have gone."""
+
+
 @dataclass(frozen=True, slots=True)
 class RunSetup:
     """Everything set for a run before its start.
@@ -76,7 +80,7 @@ class RunSetup:
         referee: the referee's name, cleaned.
         timeout: s from the start.
         countdown: s before the start; the recording needs at least 1 s.
-        ruleset: which rules make the indicators.
+        ruleset: which rules make the indicators; of a stored run maybe one that has gone.
         lock_detection: what decides step 6 (protocol section 7).
         team_reason: why the team has another name than in the list of teams; empty = it has not.
         practice: it counts for nothing and stands apart from official runs (protocol section 2).
@@ -95,7 +99,7 @@ class RunSetup:
     referee: str
     timeout: float
     countdown: float
-    ruleset: RulesetName
+    ruleset: StoredRuleset
     lock_detection: LockDetection
     team_reason: str = ""
     practice: bool = False
@@ -130,6 +134,8 @@ class RunSetup:
             return f"timeout {self.timeout:g} s: use 1 to 86400 s"
         if not 0.0 <= self.countdown <= 600.0:
             return f"countdown {self.countdown:g} s: use 0 to 600 s"
+        if self.ruleset not in [*RulesetName]:
+            return f"ruleset {self.ruleset}: use {' or '.join(RulesetName)}"
         return None
 
 
@@ -398,7 +404,7 @@ class Reissuing:
     what: str
     reason: str
     referee: str
-    ruleset: RulesetName | None = None
+    ruleset: StoredRuleset | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,6 @@ from scoring.procedure import Ruling
 from scoring.protocol import Condition, Outcome
 from scoring.rest import HandleRest
 from scoring.result import Ending
-from scoring.rulesets import RulesetName
 
 VALID_OUTCOMES = (Outcome.COMPLETED, Outcome.TIMEOUT)
 """Such a run is valid, unless it was voided (protocol section 2)."""
@@ -110,7 +109,7 @@ class Run:
     changed: float | None = None
     signed_notes: int = 0
     signed_evidence: EvidenceAccount | None = None
-    ruleset: RulesetName | None = None
+    ruleset: str | None = None
     journal: JournalMark | None = None
 
     @property
@@ -294,7 +293,7 @@ def changed(run: Run, at: float) -> Run:
 
 
 def reissued(
-    run: Run, at: float, what: str, reason: str, referee: str, rules: RulesetName | None = None
+    run: Run, at: float, what: str, reason: str, referee: str, rules: str | None = None
 ) -> Run:
     """Gives the result another issue, open again; `rules` of None keep the present ones."""
     issue = max(1, run.issue) + 1

@@ -100,14 +100,16 @@ def _missing_rows(run: EurobenchRun, stop: float | None, thresholds: Thresholds)
 
 def _made_otherwise(run: EurobenchRun, ruleset: Ruleset) -> Iterator[str]:
     made = _rules_of(run)
-    if _passage_rules(made) != _passage_rules(PROTOCOL):  # the steps are always the protocol's
+    name = "other rules" if made is None else made.name
+    # the steps are always the protocol's
+    if made is None or _passage_rules(made) != _passage_rules(PROTOCOL):
         yield (
-            f"steps and outcome: judged by the passage events of {made.name}, which stand in the "
+            f"steps and outcome: judged by the passage events of {name}, which stand in the "
             "files; the recording may give another outcome"
         )
-    if _filter_rules(made) != _filter_rules(ruleset):
+    if made is None or _filter_rules(made) != _filter_rules(ruleset):
         yield (
-            f"unsafety and smoothness: from acceleration as {made.name} filters it, which stands "
+            f"unsafety and smoothness: from acceleration as {name} filters it, which stands "
             "in the files; the recording gives other values"
         )
 
@@ -116,7 +118,8 @@ def _filter_edges(run: EurobenchRun, ruleset: Ruleset, end: float) -> Iterator[s
     """A remark if the low-pass filter begins or ends within the run, where its files are cut."""
     joint = run.joint_state
     times = joint.time[np.isfinite(joint.acceleration)]
-    if not (ruleset.cut_rows or _rules_of(run).cut_rows):
+    made = _rules_of(run)
+    if not (ruleset.cut_rows or (made is not None and made.cut_rows)):
         return
     sides = []
     if times[0] >= run.start_time:
@@ -131,15 +134,10 @@ def _filter_edges(run: EurobenchRun, ruleset: Ruleset, end: float) -> Iterator[s
         )
 
 
-def rules_told(run: EurobenchRun) -> Ruleset | None:
-    """The rules by which the files say they were made; None if they do not say."""
-    name = run.run_info.get("ruleset")
-    known = isinstance(name, str) and name in set(RulesetName)
-    return ruleset_called(str(name)) if known else None
-
-
-def _rules_of(run: EurobenchRun) -> Ruleset:
-    return rules_told(run) or EUROBENCH_2020
+def _rules_of(run: EurobenchRun) -> Ruleset | None:
+    """The rules by which the files were made; None if they name others than these."""
+    name = str(run.run_info.get("ruleset", EUROBENCH_2020.name))
+    return ruleset_called(name) if name in [*RulesetName] else None
 
 
 def _passage_rules(rules: Ruleset) -> tuple[object, ...]:
@@ -147,9 +145,6 @@ def _passage_rules(rules: Ruleset) -> tuple[object, ...]:
         rules.present_height,
         rules.masked_is_absent,
         rules.passage_events_to_end,
-        rules.passage_hold,
-        rules.touch_hold,
-        rules.hysteresis,
     )
 
 
@@ -159,7 +154,6 @@ def _filter_rules(rules: Ruleset) -> tuple[object, ...]:
         rules.window_time,
         rules.savgol_window,
         rules.savgol_order,
-        rules.onto_grid,
     )
 
 

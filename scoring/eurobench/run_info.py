@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 
 from scoring.protocol import BenchmarkType, Condition, ScoringError, Side, StartPose
 from scoring.rest import braking_table, door_controller_mode
-from scoring.rulesets import RulesetName
 
 CONDITION_KEYS = ("benchmark_type", "door_opening_side", "robot_approach_side")
 
@@ -37,7 +36,7 @@ class RunInfo:
     start_time: float
     start_pose: StartPose | None
     timeout: float
-    ruleset: RulesetName
+    ruleset: str
     rosbag_path: str
     settings: Mapping[str, object] = field(default_factory=dict)
     set_up_as: tuple[int, int, int] | None = None
@@ -68,7 +67,7 @@ class RunInfo:
             "team": self.team,
             "start_pose": None if pose is None else {"x": pose.x, "y": pose.y, "yaw": pose.yaw},
             "timeout": float(self.timeout),
-            "ruleset": self.ruleset.value,
+            "ruleset": str(self.ruleset),
             "settings": dict(self.settings),
             "LUTcw": list(braking_table(kind, Side.CW)),
             "LUTccw": list(braking_table(kind, Side.CCW)),

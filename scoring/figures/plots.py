@@ -289,12 +289,12 @@ def _number(value: float, indicator: Indicator) -> str:
 
 def _touch_band(run: _Run) -> Band | None:
     """The handle's force at rest, and how far it may be off without being a touch."""
-    time, rest = run.rows.force_time, run.rows.rest
+    time = run.rows.force_time
     if not time.size:
         return None
-    ends = np.array([0, -1])
-    centre = run.result.handle_zero - rest[ends]
-    return Band(time[ends] - run.result.start, centre, run.rows.thresholds.touch_force)
+    centre = np.full(2, run.result.handle_zero)
+    ends = time[np.array([0, -1])] - run.result.start
+    return Band(ends, centre, run.rows.thresholds.touch_force)
 
 
 def _heading(run: _Run, name: FigureName) -> str:

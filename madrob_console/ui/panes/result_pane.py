@@ -109,7 +109,7 @@ def _flags(snapshot: Snapshot) -> Iterator[Span]:
 
 def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
     run, playback = snapshot.run, snapshot.playback
-    other_rules = result.ruleset is not RulesetName.PROTOCOL
+    other_rules = result.ruleset != RulesetName.PROTOCOL
     issue = f"issue {run.issue}" + (f" by ruleset {result.ruleset}" if other_rules else "")
     if (closure := run.closure) is not None:
         note = f" ({closure.note})" if closure.note else ""

@@ -17,7 +17,7 @@ from madrob_console.archive.check import Grade, check_run, stored_result
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
 from madrob_console.archive.history import History, RunSummary
 from madrob_console.archive.repair import RuleChange, next_issue, repair, write_next_issue
-from madrob_console.archive.scored import open_run, read_recorded_run, score_opened
+from madrob_console.archive.scored import open_run, read_recorded_run
 from madrob_console.cli.main import main
 from madrob_console.cli.repairing import repair_all
 from madrob_console.common.errors import MadrobError
@@ -35,7 +35,6 @@ from recorder.reader import read_bag
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import libraries_here
 from scoring.protocol import Condition, EventName, Step
-from scoring.quality import BY_THE_RULES
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
@@ -621,21 +620,6 @@ def reissue(folder: Path, rules: RulesetName) -> None:
     made = next_issue(RunPath(folder), RuleChange("rules of May", rules, "Ada", 1_800_000_100.0))
     assert made is not None
     write_next_issue(made, 1_800_000_101.0)
-
-
-def test_where_other_rules_stop_a_run_is_said_only_while_they_count(folder: Path) -> None:
-    for rules, told in ((RulesetName.ROBUST_2026, 1), (RulesetName.PROTOCOL, 0)):
-        reissue(folder, rules)
-        remarks = score_opened(folder).result.quality.remarks
-        assert len([remark for remark in remarks if remark.startswith(BY_THE_RULES)]) == told
-
-
-def test_a_torn_recording_that_has_all_steps_has_lost_none_by_other_rules(folder: Path) -> None:
-    reissue(folder, RulesetName.ROBUST_2026)
-    bag = next(folder.glob("*.mcap"))
-    bag.write_bytes(bag.read_bytes()[:-60])  # its footer
-    remarks = open_run(folder).assessment.quality().remarks
-    assert not any("is lost" in remark for remark in remarks)
 
 
 def test_a_result_that_was_put_beside_another_run_is_not_issued_again_as_that_one(

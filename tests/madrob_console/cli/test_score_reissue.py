@@ -42,7 +42,7 @@ from tests.madrob_console.recorded_runs import (
 )
 
 REISSUE = "score --jobs 1 --reissue 'rules of May'"
-ROBUST = f"{REISSUE} --ruleset robust-2026"
+OTHER = f"{REISSUE} --ruleset eurobench-2020"
 
 
 def digest(root: Path) -> dict[str, str]:
@@ -78,20 +78,20 @@ def test_a_result_that_is_another_one_gets_its_next_issue_and_a_line_in_the_jour
     before = result(folder)
     settings = tmp_path / "settings.toml"
     settings.write_text('[competition]\nreferee = "O. Rganiser"\n')
-    first, counts, *_ = madrob(ROBUST, folder, "--settings", settings).splitlines()
+    first, counts, *_ = madrob(OTHER, folder, "--settings", settings).splitlines()
     assert first.startswith(f"{folder}: issue 2: ")
-    assert "roughness of door actuation 18.0222 -> 12.0993" in first
+    assert "capability level 6 -> 4" in first
     assert counts == "1 re-issued, 0 unchanged, 0 left alone (see above)"
     after = result(folder)
-    assert (after["issue"], after["ruleset"]) == (2, "robust-2026")
+    assert (after["issue"], after["ruleset"]) == (2, "eurobench-2020")
     assert after["setup"] == before["setup"]  # what was set stays on record
-    said = {"issue": 2, "reason": "rules of May", "ruleset": "robust-2026"}
+    said = {"issue": 2, "reason": "rules of May", "ruleset": "eurobench-2020"}
     (again,) = after["reissues"]
     assert again.items() >= {**said, "referee": "O. Rganiser"}.items()
     assert result(folder, "result_issue_1.json") == before
     (line,) = reissues(folder)
     who = {"origin": "referee", "referee": "O. Rganiser", "reason": "rules of May"}
-    assert {**line, **who, "details": {"ruleset": "robust-2026"}} == line
+    assert {**line, **who, "details": {"ruleset": "eurobench-2020"}} == line
 
 
 def test_a_final_result_is_to_be_signed_again_and_what_was_decided_stays(
@@ -99,14 +99,14 @@ def test_a_final_result_is_to_be_signed_again_and_what_was_decided_stays(
 ) -> None:
     folder = copy(appealed(), tmp_path)
     before = result(folder)
-    assert "issue 3 (was final, acknowledged: not final any more): " in madrob(ROBUST, folder)
+    assert "issue 3 (was final, acknowledged: not final any more): " in madrob(OTHER, folder)
     after = result(folder)
     assert after["closure"] is None
     assert [after[key] for key in ("rulings", "incidents")] == [
         before[key] for key in ("rulings", "incidents")
     ]
     run = open_run(folder).recorded.run
-    assert (run.phase, run.issue, run.ruleset) == (Phase.STOPPED, 3, RulesetName.ROBUST_2026)
+    assert (run.phase, run.issue, run.ruleset) == (Phase.STOPPED, 3, RulesetName.EUROBENCH_2020)
 
 
 def test_a_dry_run_says_the_same_and_writes_nothing(
@@ -114,7 +114,7 @@ def test_a_dry_run_says_the_same_and_writes_nothing(
 ) -> None:
     copy(appealed(), folder.parent / "other")
     before = digest(tmp_path)
-    told = madrob(f"{ROBUST} --dry-run", folder.parent)
+    told = madrob(f"{OTHER} --dry-run", folder.parent)
     for words in (
         "2 would be re-issued, 0 unchanged, 0 left alone",
         "0 of them count in the standings; 1 of them are final and to be signed again",
@@ -124,7 +124,7 @@ def test_a_dry_run_says_the_same_and_writes_nothing(
     level = madrob(f"{REISSUE} --ruleset eurobench-2020 --dry-run", folder)
     assert "runs that change level: 6 -> 4: 1" in level
     assert digest(tmp_path) == before
-    assert madrob(ROBUST, folder.parent).splitlines()[:2] == told.splitlines()[:2]
+    assert madrob(OTHER, folder.parent).splitlines()[:2] == told.splitlines()[:2]
 
 
 def with_other_uncertainties(folder: Path) -> None:
@@ -153,7 +153,7 @@ def aborted(folder: Path) -> None:
     ("spoil", "line"),
     [
         (with_other_uncertainties, REISSUE),
-        (aborted, ROBUST),
+        (aborted, OTHER),
         (touched_only, REISSUE),
     ],
 )
@@ -188,7 +188,7 @@ def test_a_run_that_cannot_be_re_issued_is_one_line_and_stays_as_it_is(
     before = digest(folder)
     (folder / HOLD_FILE).unlink(missing_ok=True)
     held = Hold(folder / HOLD_FILE) if "console" in words else None
-    said = madrob.say(ROBUST, folder.parent)
+    said = madrob.say(OTHER, folder.parent)
     if held is not None:
         held.release()
     assert words in said.err
@@ -202,7 +202,7 @@ def test_what_the_referee_does_between_scoring_and_writing_is_not_overwritten(
     source: Callable[[], Path], tmp_path: Path
 ) -> None:
     folder = copy(source(), tmp_path)  # the second one is final, which no note changes
-    change = RuleChange("rules of May", RulesetName.ROBUST_2026, "", 1700000098.0)
+    change = RuleChange("rules of May", RulesetName.EUROBENCH_2020, "", 1700000098.0)
     made = next_issue(RunPath(folder), change)
     assert made is not None
     note = {"time": 1700000099.0, "origin": "referee", "what": "note", "details": {"note": "wait"}}
@@ -212,6 +212,47 @@ def test_what_the_referee_does_between_scoring_and_writing_is_not_overwritten(
     with pytest.raises(Exception, match="the referee went on meanwhile"):
         write_next_issue(made, 1700000100.0)
     assert digest(folder) == before
+
+
+GONE = "robust-2026"
+
+
+def of_rules_that_have_gone(folder: Path, madrob: Madrob) -> None:
+    """A re-issue by rules that a stored result names and nobody has any more."""
+    madrob(OTHER, folder)
+    without_digests(folder)
+    for name in ("journal.jsonl", "result.json"):
+        text = (folder / name).read_text()
+        (folder / name).write_text(text.replace("eurobench-2020", GONE))
+    document = result(folder)
+    del document["journal"]
+    (folder / "result.json").write_text(json.dumps(document))
+
+
+def test_a_result_of_rules_that_have_gone_is_shown_and_scored_by_those_that_stay(
+    folder: Path, madrob: Madrob
+) -> None:
+    of_rules_that_have_gone(folder, madrob)
+    stored = result(folder)["indicators"]["smoothness_of_door_actuation"]["value"]
+    (row,) = pd.read_csv(StringIO(madrob("table runs", folder))).to_dict("records")
+    assert (row["ruleset"], row["issue"], row["valid"]) == (GONE, 2, True)
+    assert GONE in madrob("standings --practice --details", folder.parent)
+    values = pd.read_csv(StringIO(madrob("table indicators", folder))).set_index("indicator")
+    assert values.value["smoothness_of_door_actuation"] == stored
+    words = f"{folder}: ruleset '{GONE}' is not known: use --ruleset protocol or eurobench-2020\n"
+    for line in ("score", "score --check", "score --json", "report", REISSUE):
+        assert madrob.say(line, folder).err == f"madrob: {words}"
+    before = digest(folder)
+    assert "ruleset protocol" in madrob("score --ruleset protocol", folder)
+    drive = Drive(folder.parent)
+    with pytest.raises(MadrobError, match="is not known: use --ruleset"):
+        drive.open(folder)
+    drive.engine.close()
+    assert digest(folder) == before
+    assert "1 re-issued" in madrob(f"{REISSUE} --ruleset protocol", folder)
+    assert (result(folder)["issue"], result(folder)["ruleset"]) == (3, "protocol")
+    assert result(folder, "result_issue_2.json")["ruleset"] == GONE
+    madrob("score --check", folder)
 
 
 class KilledError(BaseException):
@@ -232,16 +273,16 @@ def test_whenever_it_is_killed_the_next_try_makes_one_whole_issue_and_no_second(
 
     whole = copy(completed(), tmp_path / "undisturbed")  # recorded before anything is counted
     monkeypatch.setattr(os, "fsync", counted)
-    madrob(ROBUST, whole)
+    madrob(OTHER, whole)
     every, wanted = synced, result(whole)
     assert every > 8
     for at in sorted({0, 1, every // 2, every - 4, every - 3, every - 2, every - 1}):
         folder = copy(completed(), tmp_path / str(at))
         left = at
         with pytest.raises(KilledError):
-            madrob(ROBUST, folder)
+            madrob(OTHER, folder)
         left = 10**6
-        madrob(ROBUST, folder)
+        madrob(OTHER, folder)
         assert len(reissues(folder)) == 1
         made = result(folder)
         for key in ("indicators", "issue", "ruleset"):
@@ -252,14 +293,14 @@ def test_whenever_it_is_killed_the_next_try_makes_one_whole_issue_and_no_second(
 
 
 @pytest.mark.parametrize(
-    ("rules", "count", "issue"), [("robust-2026", 1, 3), ("eurobench-2020", 2, 4)]
+    ("rules", "count", "issue"), [("eurobench-2020", 1, 3), ("protocol", 2, 4)]
 )
 def test_an_issue_that_a_full_disk_refused_is_told_then_and_when_the_next_try_writes_it(
     rules: str, count: int, issue: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     madrob: Madrob,
 ) -> None:  # fmt: skip
     whole, folder = copy(appealed(), tmp_path / "whole"), copy(appealed(), tmp_path / "refused")
-    line, *summary = madrob(ROBUST, whole).replace(str(whole), str(folder)).splitlines()
+    line, *summary = madrob(OTHER, whole).replace(str(whole), str(folder)).splitlines()
 
     def full(*_: object) -> None:
         raise MadrobError("not written (No space left on device)")
@@ -267,7 +308,7 @@ def test_an_issue_that_a_full_disk_refused_is_told_then_and_when_the_next_try_wr
     with monkeypatch.context() as patch:
         patch.setattr(repair, "write_result", full)
         for _ in range(2):
-            told = madrob.say(ROBUST, folder)
+            told = madrob.say(OTHER, folder)
             assert told.code == 2
             words = "issue 3 is journalled, its result is not written yet: the same command"
             assert re.search(rf"{words}.*\(not written \(No space left on device\)\)", told.err)
@@ -290,9 +331,9 @@ def test_the_report_of_a_run_that_a_console_works_on_is_left_to_it_and_else_made
     drive.engine.close()
     before = digest(folder)
     with Hold(folder / HOLD_FILE):
-        madrob(ROBUST, folder, code=2)
+        madrob(OTHER, folder, code=2)
     assert digest(folder) == before
-    madrob(ROBUST, folder)
+    madrob(OTHER, folder)
     assert "issue 2" in (folder / "report.html").read_text()
 
 

@@ -56,7 +56,7 @@ def some_rows(time: Array, value: Array) -> Rows:
     """The same times and values in every column; `time` in s since the start."""
     at = START + time
     joint = JointState(at, value, value, value)
-    return Rows(joint, value, at, value, at, value, np.zeros(value.size), value, None, Thresholds())
+    return Rows(joint, value, at, value, at, value, None, Thresholds())
 
 
 def values(stretches: tuple[Curve, ...]) -> list[float]:

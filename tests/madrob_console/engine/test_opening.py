@@ -61,7 +61,7 @@ def document(folder: Path) -> dict[str, Any]:
 
 
 def issued_by_other_rules(folder: Path) -> None:
-    change = RuleChange("rules of May", RulesetName.ROBUST_2026, "Ada", 1_700_000_100.0)
+    change = RuleChange("rules of May", RulesetName.EUROBENCH_2020, "Ada", 1_700_000_100.0)
     issue = next_issue(RunPath(folder), change)
     assert issue is not None
     write_next_issue(issue, 1_700_000_101.0)
@@ -99,10 +99,10 @@ def test_a_run_that_was_re_issued_by_other_rules_is_ruled_and_signed_by_these(
 ) -> None:
     issued_by_other_rules(folder)
     with opened(folder) as drive:
-        assert drive.engine.run.ruleset is RulesetName.ROBUST_2026
-        assert all(step.done for step in drive.engine.snapshot().steps)  # they stop it a bit later
+        assert drive.engine.run.ruleset == RulesetName.EUROBENCH_2020
+        assert all(step.done for step in drive.engine.snapshot().steps)
         drive.act(Rule(Step.CROSS, False, "came back"), Finalise(TeamWord.ACKNOWLEDGED, "Ada"))
-    assert (document(folder)["issue"], document(folder)["ruleset"]) == (2, "robust-2026")
+    assert (document(folder)["issue"], document(folder)["ruleset"]) == (2, "eurobench-2020")
     assert document(folder)["closure"]["team_word"] == "acknowledged"
     assert check_run(RunPath(folder)).grade is Grade.SAME
 
@@ -125,7 +125,7 @@ def test_a_run_that_was_re_issued_while_it_was_read_is_opened_only_once_it_is_re
     assert files(folder) == before
     assert drive.open(folder) is None
     assert (drive.engine.run.issue, drive.engine.run.phase) == (2, Phase.STOPPED)
-    assert drive.engine.run.ruleset is RulesetName.ROBUST_2026
+    assert drive.engine.run.ruleset == RulesetName.EUROBENCH_2020
     drive.engine.close()
 
 

@@ -55,7 +55,6 @@ from scoring.events import Evidence
 from scoring.procedure import Ruling, StepRecord, follow_procedure
 from scoring.protocol import EventName, LockDetection, Outcome, Signal, Step
 from scoring.quality import Quality, SignalQuality
-from scoring.rulesets import RulesetName
 from tests.madrob_console.referee.test_acts import SETUP
 from tests.madrob_console.ui.fake_engine import a_setup
 
@@ -223,7 +222,6 @@ STOPPED = [
         details={"outcome": "completed", "time": 19.0},
     ),
 ]  # fmt: skip
-ROBUST = RulesetName.ROBUST_2026
 NO_EVIDENCE: dict[str, Any] = {"topics": [], "problems": ["no room"]}
 
 
@@ -271,12 +269,10 @@ def told(what: str, reason: str = "", **details: Any) -> Entry:  # noqa: ANN401
             [*STOPPED, told(Change.REISSUED, "new rules", ruleset="robust-2026")],
             {
                 "issue": 2,
-                "ruleset": ROBUST,
+                "ruleset": "robust-2026",
                 "changed": 21.0,
                 "reissues": (
-                    Reissuing(
-                        21.0, 2, Change.REISSUED, "new rules", "Ada", RulesetName("robust-2026")
-                    ),
+                    Reissuing(21.0, 2, Change.REISSUED, "new rules", "Ada", "robust-2026"),
                 ),
             },
         ),

@@ -21,7 +21,7 @@ from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import Signal
 from scoring.result import Indicator, Result
-from scoring.rulesets import EUROBENCH_2020, PROTOCOL, ROBUST_2026, Ruleset
+from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
 from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
 from tests.madrob_console.sampled_runs import (
     EXACT,
@@ -34,7 +34,7 @@ from tests.madrob_console.sampled_runs import (
     zero_of,
 )
 
-RULES = (PROTOCOL, EUROBENCH_2020, ROBUST_2026)
+RULES = (PROTOCOL, EUROBENCH_2020)
 COUNT = math.tau / 3600
 SUDDEN_RAMP = (4, 9, 14, 19)
 SCENARIOS = (
@@ -168,20 +168,17 @@ def moved(plain: Result, other: Result) -> set[Name]:
 
 
 @pytest.mark.slow
-def test_one_bad_sample_that_moves_a_value_is_doubted_and_repaired_by_the_robust_rules(
-    request: pytest.FixtureRequest,
-) -> None:
+def test_one_bad_sample_that_moves_a_value_is_doubted(request: pytest.FixtureRequest) -> None:
     """Wherever it is."""
     runs = request.config.getoption("--runs")
-    moves: Counter[tuple[str, float]] = Counter()
     undoubted: Counter[tuple[str, float]] = Counter()
     for seed in range(runs):
         random = Random(seed)
         plan = plan_of(SCENARIOS[seed % 5], random.choice((1, 2, 6, 8, 11, 16)), seed)
         samples = sampled(plan, seed)
         zero = zero_of(samples)
-        plain, robust = (scored(samples, plan, rules)[0] for rules in (PROTOCOL, ROBUST_2026))
-        assert not plain.doubts | robust.doubts, seed
+        plain = scored(samples, plan)[0]
+        assert not plain.doubts, seed
         end = plain.stop or START + plan.end
         for what, (kind, sizes, change) in BAD.items():
             of_kind = [
@@ -189,13 +186,11 @@ def test_one_bad_sample_that_moves_a_value_is_doubted_and_repaired_by_the_robust
             ]
             for size in sizes:
                 bad = spoilt(samples, random.choice(of_kind), change, size)
-                moves[what, size] += bool(moved(robust, scored(bad, plan, ROBUST_2026, zero)[0]))
                 found = scored(bad, plan, PROTOCOL, zero)[0]
                 told = all(found.indicators[name].doubts for name in moved(plain, found))
                 undoubted[what, size] += not told
-    print(f"of {runs} moved: {dict(moves)}, undoubted: {dict(undoubted)}")
+    print(f"of {runs} undoubted: {dict(undoubted)}")
     assert max(undoubted.values()) <= 1 + runs / 100
-    assert max(moves.values()) <= 1 + runs / 50
 
 
 # ------------------------------------------------------------------------------ the truth

@@ -231,7 +231,7 @@ def shown_in_run(
     ("scenario", "ruleset", "latch"),
     [
         (Scenario.NOMINAL, RulesetName.PROTOCOL, False),
-        (Scenario.BOUNCES, RulesetName.ROBUST_2026, True),
+        (Scenario.BOUNCES, RulesetName.EUROBENCH_2020, True),
         (Scenario.TURNS_BACK, RulesetName.EUROBENCH_2020, False),
     ],
 )

@@ -213,7 +213,7 @@ def test_figures_three_and_four_show_opening_and_closing_alone(
 def test_curves_are_broken_where_data_are_missing(nominal: Scored) -> None:
     result, rows = nominal
     kept = (rows.force_time < START + 3) | (rows.force_time > START + 6)
-    columns = ("force_time", "force", "rest", "load")
+    columns = ("force_time", "force")
     holed = replace(rows, **{name: getattr(rows, name)[kept] for name in columns})
     time, force = curve(figures_for(result, holed)[FigureName.FORCE].axes[0], "force, N")
     (gap,) = np.flatnonzero(np.isnan(force))
@@ -316,8 +316,6 @@ def test_no_number_is_too_large_to_be_drawn(
     wild = replace(
         rows,
         force=force,
-        load=force,
-        rest=np.zeros(force.size),
         force_time=rows.force_time[:30],
         joint_state=rows.joint_state.cut(START, START + 29.5 / 50),
         low_passed=acceleration,
