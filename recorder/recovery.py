@@ -14,12 +14,11 @@ import errno
 import fcntl
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
-from typing import BinaryIO, TypeAlias
+from typing import BinaryIO
 
 from mcap.records import Metadata
 
@@ -64,7 +63,6 @@ _REMEDIES = {
 }
 
 
-NewRecords: TypeAlias = Callable[[], Mapping[str, Mapping[str, str]]]
 """Called only where a new file is written."""
 
 
@@ -97,19 +95,19 @@ class Recovered:
         return written or any(file.changed for file in self.evidence)
 
 
-def recover(path: Path, new_records: NewRecords = dict) -> Recovered:
+def recover(path: Path) -> Recovered:
     """Repair a bag folder or an `.mcap` file; a whole one stays as it is.
 
     Whole chunks are kept and the whole messages of a cut one, with their bytes, order and both
     times, and types, channels, QoS and metadata records. Left in the old file is what no bag
     recorded here has: attachments, and definitions in another language than `ros2msg`.
-    `new_records` are added to the new file. Raises RecorderError; nothing is then lost.
+    Raises RecorderError; nothing is then lost.
     """
     try:
         file, is_alone = _recording_at(path)
         with ExitStack() as stack:
             folder_fd = _open_folder(file.parent, stack)
-            recovered, information = _recover_file(file, folder_fd, new_records)
+            recovered, information = _recover_file(file, folder_fd)
             if is_alone:
                 is_listed = _is_listed(file.parent, folder_fd, information)
                 if recovered.cut or not is_listed:
@@ -204,9 +202,7 @@ def _recover_evidence(
     return tuple(done), tuple(hopeless)
 
 
-def _recover_file(
-    path: Path, folder_fd: int, new_records: NewRecords = dict
-) -> tuple[Recovered, BagInformation]:
+def _recover_file(path: Path, folder_fd: int) -> tuple[Recovered, BagInformation]:
     name, torn = path.name, None
     _put_back(folder_fd, name)
     with open_recording(name, folder_fd) as file:
@@ -220,7 +216,7 @@ def _recover_file(
                 remove(folder_fd, name + _PART)
                 new = McapFile(folder_fd, name + _PART, listed_as=name)
                 undo.callback(new.close)  # it is locked up to the end
-                _write(new, file, survey, new_records())
+                _write(new, file, survey)
                 _compare(folder_fd, path, information)
                 after = os.fstat(file.fileno())
                 if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
@@ -236,10 +232,8 @@ def _recover_file(
     return Recovered(path, survey.messages, torn, None, cut, survey.tail_bytes), information
 
 
-def _write(
-    new: McapFile, file: BinaryIO, survey: Survey, records: Mapping[str, Mapping[str, str]]
-) -> None:
-    new.start((), records)
+def _write(new: McapFile, file: BinaryIO, survey: Survey) -> None:
+    new.start((), {})
     with suppress(DamageError):  # the survey has met it and told it
         for item in read_items(file):
             match item:

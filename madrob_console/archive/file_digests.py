@@ -8,18 +8,13 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from uuid import UUID
 
 from madrob_console.common.files import open_plain, refusal
-from madrob_console.referee.records import Sha256, derived_run_id
+from madrob_console.referee.records import Sha256
 
 LARGEST_DIGESTED = 4_000_000_000
 """Larger files have no digest, bytes: it would take a minute. A run of 3 h takes half of that."""
 
-IDENTITY_RECORD = "madrob_identity"
-"""The metadata record of a repaired recording, whose digest has changed since."""
-
-_RUN_ID = "run_id"
 _RECORDING = ".mcap"
 _METADATA = "metadata.yaml"
 _DATA = (_RECORDING, ".yaml", ".csv")
@@ -74,43 +69,6 @@ def listed_in(folder: Path) -> list[str]:
         return listed_names(bag_information(folder))
     except (DamageError, OSError, *YAML_PROBLEMS):
         return []
-
-
-def run_id_of(files: Mapping[str, FileDigest]) -> str:
-    """The run id of a run of an earlier version, from its files; empty without a recording.
-
-    An empty recording, as from a sync that keeps names only, identifies no run.
-    """
-    named = (name for name, of in files.items() if name.endswith(_RECORDING) and of.bytes)
-    recordings = sorted(named)
-    return derived_run_id(files[recordings[0]].sha256) if recordings else ""
-
-
-def run_id_at(path: Path) -> str:
-    """As `run_id_of`, on disk; empty where its recording cannot be read."""
-    if kept := kept_run_id(path):
-        return kept
-    names = [path.name] if path.is_file() else _data_files(path)
-    folder = path.parent if path.is_file() else path
-    recordings = sorted(name for name in names if name.endswith(_RECORDING))
-    try:
-        return run_id_of({name: _digest(folder / name) for name in recordings[:1]})
-    except OSError:
-        return ""
-
-
-def identity_record(run_id: str) -> dict[str, dict[str, str]]:
-    return {IDENTITY_RECORD: {_RUN_ID: run_id}}
-
-
-def kept_run_id(path: Path) -> str:
-    from recorder.errors import RecorderError  # lists of runs do without the recorder
-    from recorder.reader import read_bag
-
-    try:
-        return str(UUID(read_bag(path).records[IDENTITY_RECORD][_RUN_ID]))
-    except (RecorderError, KeyError, ValueError):
-        return ""
 
 
 def _data_files(folder: Path) -> list[str]:

@@ -505,7 +505,7 @@ def _of_result(unread: RunSummary, result: ResultDocument) -> RunSummary:
         reason=result.why_invalid[:_LONGEST_REASON],
         voided=result.voided is not None,
         indicators=indicators,
-        flags=result.known_flags,
+        flags=result.flags,
         thresholds=_unlike_protocol(result.thresholds or None),
         issue=result.issue,
         final=closure is not None,

@@ -9,14 +9,10 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from uuid import UUID
 
 from madrob_console.archive.check import Difference, Grade, compare
 from madrob_console.archive.file_digests import (
-    identity_record,
-    kept_run_id,
     lists_evidence,
-    run_id_at,
 )
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
 from madrob_console.archive.result_files import has_content, result_files, write_result
@@ -26,7 +22,6 @@ from madrob_console.archive.result_reader import (
     read_whole_result,
 )
 from madrob_console.archive.run_journal import Details, is_held, journal_held, written_details
-from madrob_console.archive.run_record import RECORD_NAME, RunRecord
 from madrob_console.archive.scored import OpenedRun, Scored, open_run
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold, stamp_of
@@ -42,41 +37,9 @@ from madrob_console.referee.rebuild import Change, after, mark_of, rebuild
 from madrob_console.referee.records import JournalMark, TeamWord
 from madrob_console.referee.run import Phase, Run
 from recorder.bag import METADATA_FILE
-from recorder.reader import read_bag
-from recorder.recovery import Recovered, recover
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.rulesets import RulesetName
-
-
-def recover_recording(path: Path) -> Recovered:
-    """Repair the recording of a run, or any other bag.
-
-    A run of an earlier version keeps its identity, which was its recording's digest. Raises
-    RecorderError; nothing is then lost.
-    """
-    return recover(path, lambda: _identity(path))
-
-
-def _identity(path: Path) -> dict[str, dict[str, str]]:
-    record = read_bag(path).records.get(RECORD_NAME)
-    try:
-        if record is None or RunRecord.from_metadata(record).setup.run_id or kept_run_id(path):
-            return {}
-    except MadrobError:
-        return {}  # nobody can use it
-    return identity_record(_told_run_id(path) or run_id_at(path))
-
-
-def _told_run_id(path: Path) -> str:
-    """The run id in the result beside a recording: that may be older than the damage."""
-    result = read_sound_result(str(path.parent if path.is_file() else path))
-    if result is None or (path.is_file() and path.name not in result.files):
-        return ""  # of another run
-    try:
-        return str(UUID(result.run_id))
-    except ValueError:
-        return ""
 
 
 def repair(folder: Path) -> Scored | None:

@@ -72,10 +72,8 @@ class Heading:
         run_number: the repetition, 1 to 999.
         condition_number: 1 to 20, as EUROBENCH counts.
         setup: what was set for the run.
-        run_id: which run of all testbeds it is: a UUID of version 7, made at the set-up; for runs
-            of earlier versions one of version 5, from the digest of the recording; empty where
-            that has none.
-        testbed: the name of the testbed; empty in runs of earlier versions.
+        run_id: which run of all testbeds it is: a UUID of version 7, made at the set-up.
+        testbed: the name of the testbed.
         thresholds: the testbed's numbers, of which the events and the doubts come.
     """
 
@@ -109,7 +107,7 @@ class ResultDocument(Result, Heading):
         protests: of teams against the result, open and closed ones, by their numbers.
         taken_back: what the referee decided and took back.
         reissues: why the result has more than one issue, oldest first; of each earlier issue
-            `result_issue_N.json` has what it said. Empty in results of earlier versions.
+            `result_issue_N.json` has what it said.
         removed_evidence: what was removed of the run's evidence before this issue was made; the
             journal has what was removed after it.
         remark: on the times.
@@ -124,7 +122,7 @@ class ResultDocument(Result, Heading):
             scored from it. Where it was still being written it is told again once it is in its
             files, but never of a final result: the journal has that. null = no evidence was wanted.
         zero_samples: those behind `handle_zero`, by the time of reception; null where it was never
-            set, or by an earlier version.
+            set.
         mappings: where the testbed published each signal, and how its messages were read.
         libraries: what computed it; the last digits hang on them (section 11).
     """
@@ -136,6 +134,7 @@ class ResultDocument(Result, Heading):
     notes: tuple[Note, ...]
     closure: Closure | None
     remark: str
+    flags: tuple[Flag, ...]
     voided: Voiding | None = None
     corrections: tuple[Correction, ...] = ()
     accepted_doubts: tuple[AcceptedDoubts, ...] = ()
@@ -146,16 +145,11 @@ class ResultDocument(Result, Heading):
     files: dict[str, FileDigest] = field(default_factory=dict)
     files_left_out: tuple[str, ...] = ()
     journal: JournalMark | UnsetType = UNSET
-    flags: tuple[Flag, ...] | UnsetType = UNSET
     evidence: EvidenceAccount | None = None
     zero_samples: HandleRest | None = None
     robot_start: float | None = None
     mappings: tuple[TopicMapping, ...] | UnsetType = UNSET
     libraries: Libraries | UnsetType = UNSET
-
-    @property
-    def known_flags(self) -> tuple[Flag, ...]:
-        return () if self.flags is UNSET else self.flags
 
     @property
     def steps_done(self) -> dict[Step, float]:

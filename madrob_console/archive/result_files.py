@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import msgspec
 from msgspec import UNSET
 
-from madrob_console.archive.file_digests import digests_of, kept_run_id, run_id_of
+from madrob_console.archive.file_digests import digests_of
 from madrob_console.archive.folders import (
     ISSUE_FILE,
     PRACTICE_FOLDER,
@@ -73,7 +73,7 @@ def document_of(scored: Scored, folder: Path, data: Mapping[str, bytes]) -> Resu
         run_number=setup.run_number,
         condition_number=setup.condition.number,
         setup=setup,
-        run_id=setup.run_id or kept_run_id(folder) or run_id_of(files),
+        run_id=setup.run_id,
         testbed=setup.testbed,
         thresholds=record.thresholds,
         **{each.name: getattr(scored.result, each.name) for each in fields(Result)},
@@ -228,7 +228,7 @@ class StoredRun:
 
     @property
     def undecided(self) -> int:
-        return len(undecided(self.result.known_flags))
+        return len(undecided(self.result.flags))
 
     @property
     def libraries(self) -> str:

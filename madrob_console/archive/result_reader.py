@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import msgspec
-from msgspec import UNSET, Meta
+from msgspec import Meta
 
-from madrob_console.archive.file_digests import run_id_at, run_id_of
 from madrob_console.archive.folders import (
     ISSUE_FILE,
     JOURNAL_FILE,
@@ -23,12 +21,9 @@ from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.run_journal import is_noted, was_changed
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import read_bounded, refusal
-from madrob_console.referee.flags import Flag, flags
-from madrob_console.referee.records import Reissuing, StoredRuleset, TestbedFault
-from madrob_console.referee.run import Run
+from madrob_console.referee.records import Reissuing, StoredRuleset
 from scoring.libraries import Libraries
 from scoring.protocol import ScoringError
-from scoring.quality import Quality
 
 LARGEST_RESULT = 10_000_000
 """A larger `result.json` is refused, bytes."""
@@ -36,8 +31,6 @@ LARGEST_RESULT = 10_000_000
 _Item = TypeVar("_Item")
 
 _AGAIN = "`madrob recover` makes it again"
-_FAULT = "fault at ", "fault: "
-"""How `Run.remarks` begins a fault of the testbed."""
 
 _FIRST_LINE = 65_536
 _DAMAGED = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, ScoringError, MadrobError)
@@ -135,12 +128,7 @@ def read_result(folder: str) -> ResultDocument:
     data = _read(folder)
     if was_changed(data, Path(folder)):
         raise DamagedResultError(f"{RESULT_FILE} was changed after it was written: {_AGAIN}")
-    result = _document(data, folder)
-    if result.flags is UNSET:
-        result = replace(result, flags=_flags_of(result))
-    if not result.run_id:
-        result = replace(result, run_id=run_id_of(result.files) or run_id_at(Path(folder)))
-    return result
+    return _document(data, folder)
 
 
 def _document(data: bytes, folder: str) -> ResultDocument:
@@ -154,21 +142,6 @@ def _document(data: bytes, folder: str) -> ResultDocument:
             f"{RESULT_FILE} has values that this program does not know: use the madrob-console "
             "that wrote it"
         ) from None
-
-
-def _flags_of(result: ResultDocument) -> tuple[Flag, ...]:
-    """The flags of a result of 0.1.0; its faults are among the remarks."""
-    remarks = result.quality.remarks
-    run = Run(
-        outcome=result.outcome,
-        false_starts=result.false_starts,
-        incidents=result.incidents,
-        waivers=result.waivers,
-        rulings=result.rulings,
-        closure=result.closure,
-        faults=tuple(TestbedFault(0.0, text) for text in remarks if text.startswith(_FAULT)),
-    )
-    return flags(run, result.steps, result.source, Quality(remarks=remarks))
 
 
 def earlier_issues(folder: Path, reissues: Iterable[Reissuing]) -> tuple[ResultDocument, ...]:

@@ -15,7 +15,6 @@ from typing import TypeVar
 
 import msgspec
 
-from madrob_console.archive.file_digests import run_id_at
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import seconds_of
 from madrob_console.common.names import SourceKind, terminal_safe
@@ -55,7 +54,7 @@ class RunRecord:
     """Everything set for a run when its recording was opened; `handle_zero` in N.
 
     `source` is `simulated` also where that testbed spoke over ROS. `version` is the recording
-    software's. `zero_samples` None = the zero was never set, or by an earlier version.
+    software's. `zero_samples` None = the zero was never set.
     """
 
     setup: RunSetup
@@ -70,15 +69,15 @@ class RunRecord:
     def corrected(self, run: Run) -> RunRecord:
         return self if run.setup is None else replace(self, setup=run.setup)
 
-    def label(self, recording: Path) -> RunLabel:
-        """Its bag or folder identifies a run of an earlier version."""
+    @property
+    def label(self) -> RunLabel:
         setup = self.setup
         return RunLabel(
             setup.subject,
             setup.team,
             setup.condition.number,
             setup.run_number,
-            setup.run_id or run_id_at(recording),
+            setup.run_id,
             setup.testbed,
             self.competition,
         )

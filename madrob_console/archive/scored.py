@@ -133,7 +133,7 @@ def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[Scored
             pairs = [(one.result, one.rows) for one in scored]
             found = [one.flags for one in scored]
             condition = scored[0].record.setup.condition
-            label = scored[0].record.label(run.path)
+            label = scored[0].record.label
     return tuple(
         ScoredPath(Path(run.name), result, rows, condition, label, flagged)
         for (result, rows), flagged in zip(pairs, found, strict=True)

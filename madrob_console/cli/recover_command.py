@@ -48,8 +48,8 @@ def recover(arguments: argparse.Namespace) -> int:
 
 
 def _recovered(run: RunPath) -> str:
-    from madrob_console.archive.repair import recover_recording
     from madrob_console.cli.repairing import repair_run
+    from recorder.recovery import recover as recover_recording
 
     if run.prefix:
         raise MadrobError(f"{run.name}: files without a recording: give the run's bag")

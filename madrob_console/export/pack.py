@@ -458,6 +458,6 @@ def _outcome(result: ResultDocument) -> str:
     condition = f"condition {result.condition_number}, run {result.run_number}"
     void = [f"{VOID} ({result.why_invalid})"] if result.voided else []
     told = (FlagKind.VOID, FlagKind.PROTEST)  # by the words before them
-    flagged = [flag.words for flag in weighty(result.known_flags) if flag.kind not in told]
+    flagged = [flag.words for flag in weighty(result.flags) if flag.kind not in told]
     words = ", ".join([f"{condition}: {result.outcome}", *void, final, *unofficial, *flagged])
     return "; ".join(filter(None, (words, result.testbed, result.run_id)))

@@ -181,7 +181,7 @@ class SampledRun:
         if run.prefix:
             raise MadrobError(f"{run.name}: files without a recording: give the run's bag")
         scored, series = score_with_series(run.path, rules)
-        return cls(run.own_name, scored, series, scored.record.label(run.path))
+        return cls(run.own_name, scored, series, scored.record.label)
 
     @property
     def result(self) -> Result:

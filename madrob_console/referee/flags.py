@@ -358,10 +358,8 @@ def _silence(of: SignalQuality) -> str:
 
 
 def _incidents(incidents: Iterable[Incident]) -> Iterator[Flag]:
-    standing = [mark for mark in incidents if mark.withdrawn is None]
-    if standing:
-        what = _listed(mark.kind for mark in standing)
-        words = f"{counted(len(standing), 'incident')} ({what})"
+    if marked := [mark.kind for mark in incidents]:
+        words = f"{counted(len(marked), 'incident')} ({_listed(marked)})"
         yield Flag(FlagKind.INCIDENT, words, FlagWeight.REMARK)
 
 

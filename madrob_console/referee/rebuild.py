@@ -52,9 +52,6 @@ from madrob_console.referee.run import (
 from scoring.protocol import EventName, Outcome
 from scoring.rest import HandleRest
 
-_LATER = ("unwritten", "gaps", "file_bytes")
-"""Fields that the first form of the evidence account lacked."""
-
 _LATEST = 1e11  # s since the epoch, within what calendars reach
 
 
@@ -167,9 +164,7 @@ def _with_recorded(run: Run, entry: Entry) -> Run:
     if entry.what == Change.UNRECORDED:
         return replace(run, unrecorded=max(0, int(details["messages"])))
     if entry.what == Change.EVIDENCE_RECORDED:
-        told = {key: details[key] for key in ("topics", "problems")}
-        told |= {key: details[key] for key in _LATER if key in details}
-        return replace(run, evidence=msgspec.convert(told, EvidenceAccount))
+        return replace(run, evidence=msgspec.convert(details, EvidenceAccount))
     names, size = list(details["files"]), max(0, int(details["bytes"]))
     gone = RemovedEvidence(_time(entry.time), len(names), size)
     return replace(run, removed_evidence=(*run.removed_evidence, gone))

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Annotated
-from uuid import NAMESPACE_URL, UUID, uuid5
+from uuid import UUID
 
 from msgspec import Meta
 
@@ -31,14 +31,6 @@ def new_run_id(now_ns: int, random: Randomness) -> str:
     chance = int.from_bytes(random(10), "big") % 2**74
     number = time << 80 | 7 << 76 | (chance >> 62) << 64 | 0b10 << 62 | chance % 2**62
     return str(UUID(int=number))
-
-
-def derived_run_id(sha256: str) -> str:
-    """The identity of an older run by its recording: a UUID of version 5 (RFC 9562).
-
-    It is that of the URL `urn:sha256:` and the checksum.
-    """
-    return str(uuid5(NAMESPACE_URL, f"urn:sha256:{sha256}"))
 
 
 # What is set for a run before its start (protocol section 2).
@@ -85,8 +77,8 @@ class RunSetup:
         team_reason: why the team has another name than in the list of teams; empty = it has not.
         practice: it counts for nothing and stands apart from official runs (protocol section 2).
         out_of_plan: it was set up beyond the competition's plan.
-        run_id: which run of all testbeds it is, a UUID; empty in runs of earlier versions. Set-ups
-            that differ in nothing but this, `testbed` and `competition` are equal.
+        run_id: which run of all testbeds it is, a UUID. Set-ups that differ in nothing but
+            this, `testbed` and `competition` are equal.
         testbed: the name of the testbed; likewise.
         competition: the name of the competition; likewise.
     """
@@ -236,13 +228,11 @@ class Incident:
         time: s since the epoch.
         kind: what happened.
         note: of the referee.
-        withdrawn: why it was taken back; null = it stands.
     """
 
     time: float
     kind: IncidentKind
     note: str = ""
-    withdrawn: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,7 +56,7 @@ class Run:
 
     Attributes:
         handle_zero: N, subtracted before the touch threshold; kept from run to run.
-        zero_samples: the samples behind it; None = never set, or by an earlier version.
+        zero_samples: the samples behind it; None = never set.
         countdown_began: the beginning of the recording.
         start: planned during the countdown, actual afterwards.
         held: when a false start held the countdown; None = it is not held.
@@ -156,10 +156,6 @@ class Run:
     @property
     def undecided_false_start(self) -> FalseStart | None:
         return next((f for f in self.false_starts if f.accepted is None), None)
-
-    @property
-    def last_incident(self) -> Incident | None:
-        return next((mark for mark in reversed(self.incidents) if mark.withdrawn is None), None)
 
     @property
     def referee(self) -> str:

@@ -25,7 +25,6 @@ from madrob_console.referee.acts.during import (
     RestartCountdown,
     Rule,
     Void,
-    WithdrawIncident,
 )
 from madrob_console.referee.acts.protest import DecideProtest, FileProtest, WithdrawProtest
 
@@ -53,7 +52,6 @@ __all__ = [
     "TakeBack",
     "Void",
     "Waive",
-    "WithdrawIncident",
     "WithdrawProtest",
     "ZeroHandle",
     "act_details",
@@ -75,7 +73,6 @@ ACTS: tuple[type[Act], ...] = (
     DeclareTimeout,
     Rule,
     MarkIncident,
-    WithdrawIncident,
     AddNote,
     AcceptDoubts,
     Finalise,

@@ -289,8 +289,7 @@ def _last_of(kind: DecisionKind, run: Run) -> Decision:
             words = f"step {ruling.step} {RULED[ruling.confirmed]} ({ruling.reason})"
             return Decision(kind, ruling.time, words)
         case DecisionKind.INCIDENT:
-            mark = run.last_incident
-            assert mark is not None
+            mark = run.incidents[-1]
             at = "" if run.start is None else f" at {relative_text(mark.time, run.start)} s"
             return Decision(kind, mark.time, f"incident{at}: {mark.kind}")
         case DecisionKind.WAIVER:
@@ -328,10 +327,7 @@ def _without(run: Run, kind: DecisionKind) -> Run:
         case DecisionKind.RULING:
             return replace(run, decided=left, rulings=run.rulings[:-1])
         case DecisionKind.INCIDENT:
-            last = run.last_incident
-            return replace(
-                run, decided=left, incidents=tuple(m for m in run.incidents if m is not last)
-            )
+            return replace(run, decided=left, incidents=run.incidents[:-1])
         case DecisionKind.WAIVER:
             return replace(run, decided=left, waivers=run.waivers[:-1])
         case DecisionKind.VOID:

@@ -376,30 +376,3 @@ class Abort(Act):
 
     def apply(self, situation: Situation, at: float) -> Run:
         return stop(situation.run, Outcome.ABORTED, at, self.reason or "aborted by the referee")
-
-
-# Withdraw an incident.
-
-
-@dataclass(frozen=True, slots=True)
-class WithdrawIncident(Act):
-    """Take back the last incident: in older journals; today `TakeBack` does."""
-
-    name = "withdraw an incident"
-    phases = (Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED)
-    missing = "withdrawing an incident needs a reason"
-    reason: str
-
-    @classmethod
-    def hindrance(cls, situation: Situation) -> str | None:
-        if situation.run.last_incident is None:
-            return "there is no incident to withdraw"
-        return None
-
-    def apply(self, situation: Situation, at: float) -> Run:
-        run = situation.run
-        withdrawn = tuple(
-            replace(mark, withdrawn=self.reason) if mark is run.last_incident else mark
-            for mark in run.incidents
-        )
-        return replace(run, decided=run.decided_without(DecisionKind.INCIDENT), incidents=withdrawn)

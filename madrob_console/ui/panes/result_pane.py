@@ -294,8 +294,7 @@ def _at(since_start: float, epoch: float) -> str:
 
 
 def _incident(one: Incident) -> str:
-    gone = "" if one.withdrawn is None else f" WITHDRAWN: {one.withdrawn}"
-    return ": ".join(filter(None, (one.kind, one.note))) + gone
+    return ": ".join(filter(None, (one.kind, one.note)))
 
 
 def _protest(one: Protest, run: Run) -> str:

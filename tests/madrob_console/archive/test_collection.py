@@ -17,24 +17,15 @@ from hypothesis import strategies as st
 
 from madrob_console.archive.check import Grade, check_run
 from madrob_console.archive.collection import collected, collected_in, filter_problem, matches
-from madrob_console.archive.file_digests import (
-    IDENTITY_RECORD,
-    identity_record,
-    kept_run_id,
-    run_id_at,
-)
 from madrob_console.archive.folders import RunPath, all_runs_at, runs_at
 from madrob_console.archive.history import History, RunSummary
-from madrob_console.archive.repair import recover_recording, repair
 from madrob_console.archive.run_record import RECORD_NAME
-from madrob_console.archive.scored import read_recorded_run, score_run
 from madrob_console.cli.main import main
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
 from madrob_console.pages.competition import competition_standings, how_testbeds_differ
 from madrob_console.referee.acts import Correct, SetUp
 from recorder.reader import read_bag
-from recorder.recovery import recover
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import PULL, Drive, make_setup
 from tests.madrob_console.recorded_runs import completed
@@ -253,9 +244,6 @@ def test_more_words_never_find_more(run: RunSummary, first: str, second: str) ->
     assert both == (matches(run, first) and matches(run, second))
 
 
-OLDER = Path(__file__).parents[1] / "whole/version_0_1_0/results"
-
-
 @pytest.fixture(scope="module")
 def run() -> Path:
     return completed()
@@ -312,96 +300,3 @@ def test_a_corrected_run_is_still_the_same_run(run: Path, tmp_path: Path) -> Non
     told = [(result["subject"], result["run_id"]) for result in map(stored, (run, folder))]
     assert told == [(3, told[0][1]), (5, told[0][1])]
     assert check_run(RunPath(folder)).grade is Grade.SAME
-
-
-def test_the_history_knows_the_identity_of_older_runs_wherever_they_lie(tmp_path: Path) -> None:
-    for path in OLDER.iterdir():
-        moved = shutil.copytree(path, tmp_path / "elsewhere" / f"renamed {path.name}")
-        (told,) = {run_id_at(each) for each in (path, moved, next(moved.glob("*.mcap")))}
-        assert UUID(told).version == 5
-        assert read_recorded_run(moved).record.setup.run_id == ""
-    results = shutil.copytree(OLDER, tmp_path / "results")
-    for path in results.glob("*/result.json"):
-        result = json.loads(path.read_text())
-        del result["files"]
-        path.write_text(json.dumps(result))
-    for root in (shutil.copytree(OLDER, tmp_path / "with digests"), results):
-        found = [run for run in History(root).refresh() if run.outcome is not None]
-        assert len(found) > 3
-        assert [run.run_id for run in found] == [run_id_at(OLDER / run.folder) for run in found]
-        assert {run.testbed for run in found} == {""}
-
-
-def tear(folder: Path) -> Path:
-    recording = next(folder.glob("*.mcap"))
-    recording.write_bytes(recording.read_bytes()[:-1000])
-    return folder
-
-
-@pytest.fixture
-def torn(tmp_path: Path) -> Path:
-    """An older run whose recording was damaged after its result was written."""
-    finished = next(path for path in sorted(OLDER.iterdir()) if (path / "result.json").exists())
-    return tear(shutil.copytree(finished, tmp_path / finished.name))
-
-
-def identities(folder: Path) -> set[str]:
-    """As all who ask for it find it."""
-    (scored,) = score_run(RunPath(folder), (None,))
-    (alone,) = score_run(RunPath(next(folder.glob("*.mcap"))), (None,))
-    told = [run.run_id for run in History(folder.parent).refresh() if run.outcome is not None]
-    return {scored.label.run_id, alone.label.run_id, *told}
-
-
-@pytest.mark.parametrize("named", ["folder", "file"])
-def test_an_older_run_is_the_same_run_after_its_recording_was_repaired(
-    torn: Path, named: str
-) -> None:
-    (before,) = History(torn.parent).refresh()
-    recover_recording(torn if named == "folder" else next(torn.glob("*.mcap")))
-    assert identities(torn) == {before.run_id}
-    next(torn.glob("*_event.csv")).unlink()
-    assert repair(torn) is not None
-    assert stored(torn)["run_id"] == before.run_id
-    assert identities(torn) == {before.run_id}
-
-
-def test_an_older_run_without_a_result_is_the_same_run_however_often_it_is_repaired(
-    torn: Path,
-) -> None:
-    (torn / "result.json").unlink()
-    before = run_id_at(torn)
-    for _ in range(2):
-        recover_recording(torn)
-        assert identities(torn) == {before}
-        tear(torn)
-
-
-TOLD_ID = "0190b0d0-0000-7000-8000-00000000000a"
-
-
-@pytest.mark.parametrize(
-    ("claimed", "kept"), [(TOLD_ID.upper(), TOLD_ID), ("not-a-uuid", None)], ids=["usual", "none"]
-)
-def test_a_repair_keeps_what_a_result_says_if_that_is_an_identity(
-    torn: Path, claimed: str, kept: str | None
-) -> None:
-    before = run_id_at(torn)
-    (torn / "result.json").write_text(json.dumps(stored(torn) | {"run_id": claimed}))
-    recover_recording(torn)
-    assert read_bag(torn).records[IDENTITY_RECORD] == {"run_id": kept or before}
-    assert kept_run_id(torn) == (kept or before)
-
-
-def test_no_repair_adds_to_the_identity_of_a_run_that_has_one(run: Path, tmp_path: Path) -> None:
-    folder = tear(shutil.copytree(run, tmp_path / run.name))
-    recover_recording(folder)
-    assert IDENTITY_RECORD not in read_bag(folder).records
-
-
-def test_a_recording_that_claims_an_identity_that_is_none_has_that_of_its_digest(
-    torn: Path,
-) -> None:
-    recover(torn, lambda: identity_record("x" * 1000))
-    assert kept_run_id(torn) == ""
-    assert UUID(run_id_at(torn)).version == 5

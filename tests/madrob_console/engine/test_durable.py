@@ -35,7 +35,6 @@ from madrob_console.referee.acts import (
     Start,
     TakeBack,
     Void,
-    WithdrawIncident,
     WithdrawProtest,
 )
 from madrob_console.referee.journal import Entry, read_journal
@@ -259,12 +258,11 @@ def never_happened(hall: Hall, act: Act) -> None:
 FELL = MarkIncident(IncidentKind.FALL)
 NOTED = AddNote("the disk hangs")
 RULED = Rule(Step.TOUCH, confirmed=False, reason="seen")
-WRONG = WithdrawIncident("by mistake")
 AT_ONCE: list[tuple[Phase, Sequence[Act], Sequence[str]]] = [
     (Phase.COUNTDOWN, (FELL, NOTED, Abort("enough")), ("stopped",)),
-    (Phase.RUNNING, (RULED, FELL, NOTED, WRONG, Abort("enough")), ("stopped",)),
+    (Phase.RUNNING, (RULED, FELL, NOTED, Abort("enough")), ("stopped",)),
     (Phase.RUNNING, (NOTED, DeclareTimeout("gave up")), ("stopped",)),
-    (Phase.STOPPED, (RULED, NOTED, FELL, WRONG), ()),
+    (Phase.STOPPED, (RULED, NOTED, FELL), ()),
 ]
 
 

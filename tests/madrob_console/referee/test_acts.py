@@ -9,7 +9,6 @@ import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
-from uuid import NAMESPACE_URL, uuid5
 
 import pytest
 from hypothesis import given
@@ -43,7 +42,6 @@ from madrob_console.referee.acts import (
     TakeBack,
     Void,
     Waive,
-    WithdrawIncident,
     WithdrawProtest,
     ZeroHandle,
     act_details,
@@ -68,7 +66,6 @@ from madrob_console.referee.records import (
     RunSetup,
     TeamWord,
     Voiding,
-    derived_run_id,
     new_run_id,
 )
 from madrob_console.referee.run import Phase, Run, begin_countdown, begin_run, stop
@@ -142,7 +139,6 @@ POSSIBLE: list[tuple[Act, set[Phase]]] = [
         MarkIncident(IncidentKind.COLLISION),
         {Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED},
     ),
-    (WithdrawIncident("by mistake"), {Phase.STOPPED}),  # it has one to withdraw
     (AddNote("slow"), set(Phase) - {Phase.IDLE}),
     (AcceptDoubts(ONE_SAMPLE, "seen on video"), {Phase.STOPPED}),
     (Finalise(TeamWord.PROTESTED, "R. Eferee"), {Phase.STOPPED}),
@@ -221,7 +217,6 @@ WORDS = {
     DeclareTimeout: ("declare timeout (gave up)", "declare timeout: gave up"),
     Rule: ("step 1 confirmed (seen)", "referee confirms step 1: seen"),
     MarkIncident: ("collision marked", "incident: collision"),
-    WithdrawIncident: ("withdraw an incident (by mistake)", "withdraw an incident: by mistake"),
     AddNote: ("note (slow)", "note: slow"),
     AcceptDoubts: (
         "doubt accepted: time to handle (seen on video)",
@@ -285,12 +280,6 @@ def test_an_act_is_told_to_who_did_it_and_in_the_log(act: Act) -> None:
         (DeclareTimeout("gave up"), RUNNING, "timeout_at", 130.0),
         (DeclareTimeout("gave up"), RUNNING, "phase", Phase.RUNNING),  # a settle time may run
         (Abort("x" * 3000), RUNNING, "outcome_reason", "x" * 2000),
-        (
-            WithdrawIncident("a shadow"),
-            RUNS[Phase.STOPPED],
-            "incidents",
-            (Incident(110.0, IncidentKind.FALL, withdrawn="a shadow"),),
-        ),
         (WithdrawProtest(1, "ok"), PROTESTED, "protests", (replace(PROTEST, answer=WITHDRAWN),)),
         (FileProtest("slow", "Graz", "a time", 12.5), STOPPED, "protests", (FILED,)),
     ],
@@ -375,7 +364,6 @@ def set_up(**changes: object) -> SetUp:
         refused(
             "the timeout is already there", DeclareTimeout("x"), replace(RUNNING, timeout_at=9.0)
         ),
-        refused("there is no incident to withdraw", WithdrawIncident("?"), STOPPED),
         refused("the referee's name", Finalise(TeamWord.ACKNOWLEDGED, ""), STOPPED),
         refused("is being written", Finalise(TeamWord.ABSENT, "Ada"), STOPPED, scored=False),
         refused("No space", Finalise(TeamWord.ABSENT, "Ada"), STOPPED, refused="No space left"),
@@ -823,7 +811,6 @@ def test_identities_hang_on_time_and_chance_alone_as_in_rfc_9562() -> None:
     chance = 0xCC3 << 62 | 0x18C4DC0C0C07398F
     made = new_run_id(0x017F22E279B0 * 1_000_000, lambda count: chance.to_bytes(count, "big"))
     assert made == "017f22e2-79b0-7cc3-98c4-dc0c0c07398f"
-    assert derived_run_id(DIGEST) == str(uuid5(NAMESPACE_URL, f"urn:sha256:{DIGEST}"))
 
 
 def health(*times: float) -> Health:

@@ -446,7 +446,6 @@ def seen(*signals: SignalQuality, words: str = "") -> object:
         flagged(  # what was taken back is none
             replace(
                 RUN,
-                incidents=(replace(FALL, withdrawn="it was the other robot"),),
                 rulings=(ruled(Step.CROSS, False), ruled(Step.CROSS, None)),
                 closure=Closure(170.0, "Ada", TeamWord.ACKNOWLEDGED),
             ),

@@ -257,7 +257,7 @@ def check_flag(drive: Recorded, fault: Fault) -> None:
     flag = Flag(FlagKind.RECORDING, words, FlagWeight.CAUTION)
     flagged = [one for one in drive.engine.snapshot().flags if one.kind is FlagKind.RECORDING]
     assert flagged == [flag] * (lacking > 0)
-    assert (flag in read_result(str(drive.folder)).known_flags) is (lacking > 0)
+    assert (flag in read_result(str(drive.folder)).flags) is (lacking > 0)
     if lacking and fault not in DELETED:  # no bag to score again
         path = drive.folder / "result.json"
         kept = path.read_bytes()
