@@ -8,7 +8,6 @@ import shlex
 import subprocess
 import sys
 import time
-from asyncio import to_thread
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
@@ -45,8 +44,6 @@ from madrob_console.ui.keys.console_app import (
     ConsoleDriver,
     KeysDropped,
     TypeAhead,
-    give_to_tmux,
-    in_tmux,
 )
 from madrob_console.ui.keys.dialogs import (
     Copy,
@@ -321,14 +318,10 @@ class MadrobApp(App[None], inherit_bindings=False):
 
         self.run_worker(connect, thread=True, group="engine", exclusive=True)
 
-    async def _copy(self, copy: Copy) -> None:
+    def _copy(self, copy: Copy) -> None:
         self.copy_to_clipboard(copy.text)  # of the referee's own machine, through SSH (OSC 52)
-        words, environ = "Copied", self._environ
-        here = bool(environ.get("TMUX"))
-        if here and await to_thread(give_to_tmux, copy.text, environ):
-            words = "Copied, also into tmux's buffer"
-        elif in_tmux(environ):
-            words = "Copied, if tmux has `set-clipboard on`"
+        tmux = "TMUX" in self._environ or self._environ.get("TERM", "").startswith("tmux")
+        words = "Copied, if tmux has `set-clipboard on`" if tmux else "Copied"
         shown = f": {copy.text}" if "\n" not in copy.text else ""
         self._console.say(f"{words}: {copy.what}{shown}", Tone.GOOD)
 
@@ -448,7 +441,7 @@ class MadrobApp(App[None], inherit_bindings=False):
             case str():
                 self._console.refuse(what, intent)
             case Copy():
-                await self._copy(intent)
+                self._copy(intent)
             case Ask():
                 key, asked = KEYS[name], intent
                 await self._ask(key, asked, lambda now: key.refusal(now) or asked)

@@ -1,4 +1,4 @@
-"""What screens ask of the app around them; palette, clipboard, terminal, keys typed ahead."""
+"""What screens ask of the app around them; palette, terminal, keys typed ahead."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ import os
 import sys
 import time
 from codecs import getincrementaldecoder
-from collections.abc import Awaitable, Callable, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from io import TextIOWrapper
 from selectors import EVENT_READ, DefaultSelector
-from subprocess import TimeoutExpired, run
 from threading import Thread
 from typing import TYPE_CHECKING, Protocol, cast
 
@@ -55,34 +54,6 @@ class ConsoleApp(Protocol):
     def withdraw(self) -> bool:
         """Withdraws what waits for the disk; False if nothing does."""
         ...
-
-
-# Text to the tmux of this machine: without a setting it passes on no clipboard sequence (OSC 52).
-
-
-TMUX_TIME = 2.0
-"""Timeout for handing tmux a text, s."""
-
-
-def in_tmux(environ: Mapping[str, str]) -> bool:
-    """Whether the terminal is a tmux, here or at the other end of SSH."""
-    return bool(environ.get("TMUX")) or environ.get("TERM", "").startswith("tmux")
-
-
-def give_to_tmux(text: str, environ: Mapping[str, str]) -> bool:
-    """Hands a text to the tmux of this machine, and it to its terminal; whether one took it.
-
-    That works with tmux's default settings.
-    """
-    command = ("tmux", "load-buffer", "-w", "-")
-    given, env = text.encode(), dict(environ)
-    try:
-        done = run(
-            command, input=given, env=env, capture_output=True, timeout=TMUX_TIME, check=False
-        )
-    except (OSError, TimeoutExpired):
-        return False
-    return done.returncode == 0
 
 
 # What comes from the terminal: whole keys, and clicks and drags of the mouse.

@@ -194,17 +194,10 @@ def test_an_abort_is_answered_at_any_speed(tmux: Tmux, gap: float) -> None:
 
 @pytest.mark.machine
 @pytest.mark.needs("tmux")
-def test_y_copies_into_the_tmux_of_this_machine(result: Tmux) -> None:
-    copy_folder(result)
-    result.wait_for("Copied, also into tmux's buffer: the run's folder")
-    assert result.buffer() == FOLDER
-
-
-@pytest.mark.machine
-@pytest.mark.needs("tmux")
-def test_y_copies_into_a_tmux_at_the_other_end_of_ssh_that_lets_it(ends: Path) -> None:
+@pytest.mark.parametrize("end", [[], ["env", "-u", "TMUX"]], ids=["here", "over SSH"])
+def test_y_copies_into_a_tmux_that_lets_it(ends: Path, end: list[str]) -> None:
     ends.touch()
-    with Tmux(["env", "-u", "TMUX", *CONSOLE, str(ends)], cwd=ROOT) as tmux:
+    with Tmux([*end, *CONSOLE, str(ends)], cwd=ROOT) as tmux:
         tmux.set_option("set-clipboard", "on")
         tmux.wait_for("The result is written", timeout=STARTING)
         time.sleep(HUMAN)
