@@ -6,12 +6,11 @@ import ctypes
 import importlib.util
 import os
 import re
-import shutil
 import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
 from importlib import metadata
@@ -28,7 +27,6 @@ from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.ros.abort_service import SERVICE_PACKAGE, SERVICE_REMEDY
 from madrob_console.testbeds.ros.connection import (
     REMEDY,
-    SHARED_MEMORY,
     Connection,
     load_module,
     load_rclpy,
@@ -116,9 +114,6 @@ def _plain(line: str) -> str:
 
 
 SYSTEM_ROS = Path("/opt/ros")
-ENOUGH_SHARED_MEMORY = 16_000_000
-"""Bytes; Fast DDS wants half a megabyte for each program, and files for its ports."""
-
 _WHEELS = "ros-jazzy-rclpy"
 _DISCOVERY = 3.0
 """Timeout of discovery, s; it ends sooner if everything is found."""
@@ -138,11 +133,10 @@ def look_at_ros(
     except MadrobError as error:
         yield Finding(Severity.ERROR, "ros domain", str(error))
         return
-    yield _domain(number)
+    yield Finding(Severity.OK, "ros domain", str(number))
     yield _discovery(environment)
     if importlib.util.find_spec("rclpy") is None:
         return
-    yield from look_at_shared_memory()
     with overheard() as lines:
         found = list(_look_inside(mappings, number, listen, environment, abort=abort))
     yield from found
@@ -159,8 +153,6 @@ def _look_inside(
 ) -> Iterator[Finding]:
     try:
         load_rclpy()
-        rmw = load_module("rclpy.utilities").get_rmw_implementation_identifier()
-        yield Finding(Severity.OK, "middleware", str(rmw))
         yield from look_at_messages(abort=abort)
         if listen > 0:
             yield from look_at_testbed(mappings, number, listen, environment)
@@ -183,18 +175,6 @@ def look_at_messages(*, abort: bool) -> Iterator[Finding]:
             yield Finding(Severity.ERROR, package, f"no engine starts: {SERVICE_REMEDY}")
         else:
             yield Finding(Severity.OK, package, f"not installed: {lacks}")
-
-
-def look_at_shared_memory(folder: Path = SHARED_MEMORY) -> Iterator[Finding]:
-    with suppress(OSError):
-        free = shutil.disk_usage(folder).free
-        if free < ENOUGH_SHARED_MEMORY:
-            yield Finding(
-                Severity.WARNING,
-                "shared memory",
-                f"{folder} has {free / 1e6:.1f} MB free, ROS may lose messages: make room; "
-                f"{folder}/fastrtps_* may go while no ROS program runs",
-            )
 
 
 def look_at_installation(
@@ -292,15 +272,6 @@ def _door(*, present: bool) -> Finding:
     if present:
         return Finding(Severity.OK, DOOR_NODE, "takes the sides and the brake")
     return Finding(Severity.WARNING, DOOR_NODE, "not there: the sides must be set by hand")
-
-
-def _domain(number: int) -> Finding:
-    # above, its ports lie among those that Linux gives to any connection
-    if 101 < number < 215:
-        return Finding(
-            Severity.WARNING, "ros domain", f"{number}: its ports may be taken, use 0 to 101"
-        )
-    return Finding(Severity.OK, "ros domain", str(number))
 
 
 def _discovery(environment: Mapping[str, str]) -> Finding:

@@ -77,7 +77,6 @@ def test_a_live_testbed_is_shown_topic_by_topic(ros_domain: int, tmp_path: Path)
     )
     assert found["/madrob/door"].severity is Severity.OK
     assert found["ros domain"].text == str(ros_domain)
-    assert found["middleware"].text.startswith("rmw_")
     assert "console" not in found
 
 
@@ -108,7 +107,6 @@ def test_full_shared_memory_is_named_and_the_doctor_gets_to_the_end(
     lines = ended.stdout.splitlines()
     assert lines[-1].startswith("usable, ")
     assert all(re.match(r"(ok|warning|error) ", text) for text in lines[:-1])
-    assert any("/dev/shm has " in text and "make room" in text for text in lines)
     if free == 0:
         assert any("the system ends programs that load ROS then" in text for text in lines)
     else:
@@ -216,12 +214,6 @@ SET_UP = [
     ({"ROS_DOMAIN_ID": "-1"}, "ros domain", Severity.ERROR, ""),
     ({"ROS_DOMAIN_ID": "233"}, "ros domain", Severity.ERROR, ""),
     ({"ROS_DOMAIN_ID": "7"}, "ros domain", Severity.OK, "7"),
-    (
-        {"ROS_DOMAIN_ID": "150"},
-        "ros domain",
-        Severity.WARNING,
-        "150: its ports may be taken, use 0 to 101",
-    ),
     ({}, "discovery", Severity.OK, "SUBNET"),
     (
         {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
