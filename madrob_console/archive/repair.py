@@ -22,10 +22,9 @@ from madrob_console.archive.result_reader import (
     read_whole_result,
 )
 from madrob_console.archive.run_journal import Details, is_held, journal_held, written_details
-from madrob_console.archive.scored import OpenedRun, Scored, open_run
+from madrob_console.archive.scored import Scored, open_run
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold, stamp_of
-from madrob_console.common.names import SourceKind
 from madrob_console.referee.journal import (
     HOLD_FILE,
     Entry,
@@ -33,9 +32,9 @@ from madrob_console.referee.journal import (
     read_journal,
     refusal_words,
 )
-from madrob_console.referee.rebuild import Change, after, mark_of, rebuild
+from madrob_console.referee.rebuild import Change, after, mark_of
 from madrob_console.referee.records import JournalMark, TeamWord
-from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run import Phase
 from recorder.bag import METADATA_FILE
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
@@ -131,7 +130,6 @@ class NextIssue:
         values: the indicators that the rule change changes.
         others: the number of differences beside `values`.
         signed: the team's word on the issue before; None = that was not final.
-        counts: whether the run enters the standings: it is valid and official.
         made_of: the journal that it was made of, with all its lines.
         entry: the journal's next line.
     """
@@ -141,7 +139,6 @@ class NextIssue:
     values: Mapping[IndicatorName, Difference]
     others: int
     signed: TeamWord | None
-    counts: bool
     made_of: JournalMark
     entry: Entry
     files: Mapping[str, bytes] = field(default_factory=dict)
@@ -157,16 +154,6 @@ class NextIssue:
 
 class OutOfDateError(MadrobError):
     """A result that does not agree with its journal: make it again first."""
-
-
-class UnwrittenError(MadrobError):
-    """An issue that is journalled, but whose result the disk refuses."""
-
-    def __init__(self, folder: Path, number: int, why: object) -> None:
-        super().__init__(
-            f"{folder}: issue {number} is journalled, its result is not written yet: the same "
-            f"command writes it ({why})"
-        )
 
 
 def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextIssue | None:
@@ -195,40 +182,11 @@ def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextI
         raise MadrobError(f"{folder}: was cut off: open it in the console, the referee decides")
     if before.outcome is Outcome.ABORTED:
         return None
-    return _issue(opened, opened.recorded.entries, before, change.entry, files=files)
-
-
-def unwritten_issue(folder: Path) -> NextIssue | None:
-    """The issue whose line a journal has but which was not written, as when the disk was full.
-
-    Without its files; None = there is none, or its changes cannot be told. `repair` writes it.
-    """
-    opened = open_run(folder)
-    recorded = opened.recorded
-    if not opened.out_of_date or recorded.entries[-1].what != Change.REISSUED:
-        return None
-    *earlier, entry = recorded.entries
-    set_as = recorded.recorded_as
-    before = rebuild(earlier, set_as.handle_zero, set_as.zero_samples)
-    before = replace(before, journal=mark_of(earlier))
-    try:
-        return _issue(opened, earlier, before, entry, files=False)
-    except MadrobError:
-        return None
-
-
-def _issue(
-    opened: OpenedRun, entries: Sequence[Entry], before: Run, entry: Entry, *, files: bool
-) -> NextIssue | None:
-    """The issue that a journal line makes of a run; None = the result stays as it is.
-
-    `opened` was assessed by the rules of `entry`; `before` is the state after `entries`.
-    """
-    folder, recorded = opened.folder, opened.recorded
+    recorded, entry = opened.recorded, change.entry
     found = _differences(folder, Scored.of(recorded.record, before, opened.assessment))
     if not found:
         return None
-    reissued = replace(after(before, entry), journal=mark_of((*entries, entry)))
+    reissued = replace(after(before, entry), journal=mark_of((*recorded.entries, entry)))
     values = {name: each for each in found if (name := each.indicator) is not None}
     data: dict[str, bytes] = {}
     if files:
@@ -239,8 +197,7 @@ def _issue(
         values,
         len(found) - len(values),
         None if before.closure is None else before.closure.team_word,
-        before.valid and not before.practice and recorded.record.source is SourceKind.ROS,
-        _whole(entries),
+        _whole(recorded.entries),
         entry,
         {name: data[name] for name in data if not has_content(folder / name, data[name])},
     )
@@ -252,8 +209,8 @@ def write_next_issue(made: NextIssue, now: float) -> None:
     `made` has its files, `now` is in s since the epoch.
 
     Raises:
-        UnwrittenError: the disk refuses the result, but took the journal's line.
-        MadrobError: somebody works on the run or did so since, or the disk refuses.
+        MadrobError: somebody works on the run or did so since, or the disk refuses the line, or
+            the result alone.
     """
     folder, path = made.folder, made.folder / JOURNAL_FILE
     if is_held(path):
@@ -269,7 +226,10 @@ def write_next_issue(made: NextIssue, now: float) -> None:
             try:
                 write_result(folder, made.files, made.number)
             except MadrobError as error:
-                raise UnwrittenError(folder, made.number, error) from None
+                raise MadrobError(
+                    f"{folder}: issue {made.number} is journalled, its result is not written yet: "
+                    f"the same command writes it ({error})"
+                ) from None
             details = written_details(made.files[RESULT_FILE], made.number)
             journal.append([Entry(now, Origin.SYSTEM, Change.RESULT_WRITTEN, details=details)])
     except BlockingIOError:

@@ -6,7 +6,6 @@ import argparse
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -18,7 +17,6 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.export.table_columns import RUN_TABLES, UNREADABLE, TableFormat
 from madrob_console.referee.flags import Flag, common_reason, merged_remarks
-from scoring.indicator_table import IndicatorName
 from scoring.result import (
     Indicator,
     Result,
@@ -243,52 +241,6 @@ def made_issue(run: RunPath, *, change: RuleChange, files: bool) -> MadeIssue:
         return MadeIssue(out_of_date=str(error))
 
 
-@dataclass
-class ChangeTotals:
-    """Effects of a rule change.
-
-    Attributes:
-        counting: of the changed results, how many enter the standings.
-        signed: of the changed results, how many were final.
-        levels: by the capability level before and after, how many runs.
-        unwritten: issues that the disk refused after the journal's line.
-    """
-
-    issues: int = 0
-    counting: int = 0
-    signed: int = 0
-    values: Counter[IndicatorName] = field(default_factory=Counter)
-    levels: Counter[tuple[object, object]] = field(default_factory=Counter)
-    unchanged: int = 0
-    unwritten: int = 0
-
-    def count_issue(self, issue: NextIssue) -> None:
-        self.issues += 1
-        self.counting += issue.counts
-        self.signed += issue.signed is not None
-        for name, value in issue.values.items():
-            self.values[name] += 1
-            if name is IndicatorName.CAPABILITY_LEVEL:
-                self.levels[value.stored, value.recomputed] += 1
-
-    def lines(self, bad: int, *, dry: bool) -> Iterator[str]:
-        done = "would be re-issued" if dry else "re-issued"
-        counts = [f"{self.issues} {done}", f"{self.unchanged} unchanged"]
-        if self.unwritten:
-            counts.append(f"{self.unwritten} journalled and not written yet")
-        yield f"{', '.join(counts)}, {bad - self.unwritten} left alone (see above)"
-        if not self.issues:
-            return
-        final = f"{self.signed} of them {'are' if dry else 'were'} final and to be signed again"
-        yield f"{self.counting} of them count in the standings; {final}"
-        if self.values:
-            named = (f"{name.words} {count}" for name, count in self.values.most_common())
-            yield f"values that change: {', '.join(named)}"
-        if self.levels:
-            moved = (f"{a} -> {b}: {count}" for (a, b), count in self.levels.most_common())
-            yield f"runs that change level: {', '.join(moved)}"
-
-
 def reissue(
     arguments: argparse.Namespace,
     runs: Sequence[RunPath],
@@ -299,74 +251,47 @@ def reissue(
     from madrob_console.config import load_settings
 
     dry: bool = arguments.dry_run
-    reason = arguments.reissue.strip()
     referee = load_settings(arguments.settings).competition.referee
-    change = RuleChange(reason, rules, referee, clock.now_ns() / 1e9)
-    totals = ChangeTotals()
+    change = RuleChange(arguments.reissue.strip(), rules, referee, clock.now_ns() / 1e9)
+    counts: Counter[bool] = Counter()
+    work = partial(made_issue, change=change, files=not dry)
     with Complaints() as bad:
-        _go_through(arguments, runs, change, clock, totals, bad)
+        with closing(each_run(arguments, work, runs, bad, at_once=_AT_ONCE)) as issues:
+            for run, made in issues:
+                if made is None:
+                    continue
+                try:
+                    issue = _settled(run, made, change, clock, dry=dry)
+                except MadrobError as error:
+                    bad.add_complaint(error, run.name)
+                    continue
+                counts[issue is not None] += 1
+                if issue is not None:
+                    print(terminal_safe(f"{run.name}: {issue.words}"), flush=True)
         if not dry:
             _renew_reports(arguments, runs, change, bad)
-    for line in totals.lines(bad.count, dry=dry):
-        print(line)
+    done = "would be re-issued" if dry else "re-issued"
+    left = f"{bad.count} left alone (see above)"
+    print(f"{counts[True]} {done}, {counts[False]} unchanged, {left}")
     return BAD_INPUT if bad.count else 0
-
-
-def _go_through(
-    arguments: argparse.Namespace,
-    runs: Sequence[RunPath],
-    change: RuleChange,
-    clock: Clock,
-    totals: ChangeTotals,
-    bad: Complaints,
-) -> None:
-    from madrob_console.archive.repair import UnwrittenError
-
-    dry: bool = arguments.dry_run
-    work = partial(made_issue, change=change, files=not dry)
-    with closing(each_run(arguments, work, runs, bad, at_once=_AT_ONCE)) as issues:
-        for run, made in issues:
-            if made is None:
-                continue
-            issues_before = totals.issues
-            try:
-                for issue in _settled(run, made, change, clock, dry=dry):
-                    totals.count_issue(issue)
-                    print(terminal_safe(f"{run.name}: {issue.words}"), flush=True)
-            except MadrobError as error:
-                totals.unwritten += isinstance(error, UnwrittenError)
-                bad.add_complaint(error, run.name)
-                continue
-            totals.unchanged += totals.issues == issues_before
 
 
 def _settled(
     run: RunPath, made: MadeIssue, change: RuleChange, clock: Clock, *, dry: bool
-) -> Iterator[NextIssue]:
-    """Write the issues of one run: those journalled before, and the new one."""
-    from madrob_console.archive.repair import UnwrittenError, unwritten_issue, write_next_issue
+) -> NextIssue | None:
+    """Write the next issue of a run; None = its result stays."""
+    from madrob_console.archive.repair import write_next_issue
     from madrob_console.cli.repairing import repair_run
 
     if made.out_of_date and not dry:  # an earlier re-issue was killed, or an engine
-        unwritten = unwritten_issue(run.path)
-        try:
-            repair_run(run.path)
-        except MadrobError as error:
-            if unwritten is None:
-                raise
-            if unwritten_issue(run.path) is not None:
-                raise UnwrittenError(run.path, unwritten.number, error) from None
-            yield unwritten  # only its report is not there
-            raise
-        if unwritten is not None:
-            yield unwritten
+        if repair_run(run.path):
+            print(terminal_safe(f"{run.name}: its result was made again from the journal"))
         made = made_issue(run, change=change, files=True)
     if made.out_of_date:
         raise MadrobError(made.out_of_date)
-    if made.issue is not None:
-        if not dry:
-            write_next_issue(made.issue, clock.now_ns() / 1e9)
-        yield made.issue
+    if made.issue is not None and not dry:
+        write_next_issue(made.issue, clock.now_ns() / 1e9)
+    return made.issue
 
 
 def _renew_reports(
