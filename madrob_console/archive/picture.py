@@ -137,8 +137,8 @@ def _unpacked(data: bytes, side: int) -> Image.Image:
     _check_size(*picture.size)
     picture.draft("RGB", (side, side))  # a large JPEG is decoded small
     picture.load()
-    if picture.mode.startswith(("I", "F")):  # 16 bits of grey
-        return _stretched(np.asarray(picture, dtype=np.float64))
+    if picture.mode.startswith(("I", "F")):
+        raise PictureError("16 bits of grey are not shown")
     has_colour = picture.mode not in ("1", "L", "LA")
     return picture.convert("RGB" if has_colour else "L")
 
@@ -195,13 +195,6 @@ def _grey(values: PixelArray) -> Image.Image:
     return _picture("L", values)
 
 
-def _stretched(values: PixelArray) -> Image.Image:
-    """The brightest is white: few cameras use all of 16 bits."""
-    finite = np.nan_to_num(values.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0).clip(0)
-    brightest = float(finite.max(initial=0.0)) or 1.0
-    return _picture("L", finite * (255 / brightest))
-
-
 def _colours(*order: int) -> Callable[[PixelArray], Image.Image]:
     """`order` gives the places of red, green and blue, and how many bytes there are in all."""
     *places, size = order
@@ -227,45 +220,23 @@ def _yuv(luma: int, blue: int, red: int) -> Callable[[PixelArray], Image.Image]:
     return make
 
 
-def _bayer(pattern: str, shift: int) -> Callable[[PixelArray], Image.Image]:
-    """Each square of four becomes one pixel; `pattern` names its colours, row by row."""
-    red, blue = pattern.index("r"), pattern.index("b")
-    greens = [place for place, colour in enumerate(pattern) if colour == "g"]
-
-    def make(rows: PixelArray) -> Image.Image:
-        values = rows >> shift
-        height, width = (size - size % 2 for size in values.shape)
-        if not height or not width:
-            raise PictureError("it is smaller than one square of its pattern")
-        corners = [values[y:height:2, x:width:2].astype(np.uint16) for y in (0, 1) for x in (0, 1)]
-        green = (corners[greens[0]] + corners[greens[1]]) // 2
-        return _picture("RGB", np.dstack([corners[red], green, corners[blue]]))
-
-    return make
-
-
-def _depth(unit: float) -> Callable[[PixelArray], Decoded]:
-    """Distances, by REP 118, as grey: the nearest dark, the farthest white, no distance black."""
-
-    def make(found: PixelArray) -> Decoded:
-        there = np.isfinite(found) if found.dtype.kind == "f" else found > 0
-        if not there.any():
-            raise PictureError("no pixel of it has a depth")
-        depths = found[there].astype(np.float64)  # they may be as far apart as float32 goes
-        low, high = float(depths.min()), float(depths.max())
-        depths -= low
-        depths *= (255 - _NEAREST) / ((high - low) or 1.0)
-        depths += _NEAREST
-        grey = np.zeros(found.shape, np.uint8)
-        grey[there] = np.rint(depths, out=depths)
-        words = f"depth {low * unit:.3g} to {high * unit:.3g} m"
-        return Decoded(_picture("L", grey), words if there.all() else f"{words}, black: none")
-
-    return make
+def _depth(found: PixelArray) -> Decoded:
+    """Distances in m, by REP 118, as grey: nearest dark, farthest white, no distance black."""
+    there = np.isfinite(found)
+    if not there.any():
+        raise PictureError("no pixel of it has a depth")
+    depths = found[there].astype(np.float64)  # they may be as far apart as float32 goes
+    low, high = float(depths.min()), float(depths.max())
+    depths -= low
+    depths *= (255 - _NEAREST) / ((high - low) or 1.0)
+    depths += _NEAREST
+    grey = np.zeros(found.shape, np.uint8)
+    grey[there] = np.rint(depths, out=depths)
+    words = f"depth {low:.3g} to {high:.3g} m"
+    return Decoded(_picture("L", grey), words if there.all() else f"{words}, black: none")
 
 
 _NEAREST = 40
-_PATTERNS = ("rggb", "bggr", "gbrg", "grbg")
 
 _RGB, _BGR = _colours(0, 1, 2, 3), _colours(2, 1, 0, 3)
 _UYVY, _YUYV = _yuv(1, 0, 2), _yuv(0, 1, 3)
@@ -279,14 +250,10 @@ _ENCODINGS: Mapping[str, tuple[str, int, Callable[[PixelArray], Image.Image | De
     "8UC4": ("u1", 4, _colours(2, 1, 0, 4)),
     "mono8": ("u1", 1, _grey),
     "8UC1": ("u1", 1, _grey),
-    "mono16": ("u2", 2, _stretched),
     "yuv422": ("u1", 2, _UYVY),
     "uyvy": ("u1", 2, _UYVY),
     "yuv422_yuy2": ("u1", 2, _YUYV),
     "yuyv": ("u1", 2, _YUYV),
-    "32FC1": ("f4", 4, _depth(1.0)),
-    "16UC1": ("u2", 2, _depth(0.001)),
-    **{f"bayer_{pattern}8": ("u1", 1, _bayer(pattern, 0)) for pattern in _PATTERNS},
-    **{f"bayer_{pattern}16": ("u2", 2, _bayer(pattern, 8)) for pattern in _PATTERNS},
+    "32FC1": ("f4", 4, _depth),
 }
 """By the names of `sensor_msgs/image_encodings.hpp`: numpy's numbers, bytes a pixel, decoder."""
