@@ -13,7 +13,6 @@ from madrob_console.cli.output import complain
 from madrob_console.cli.parsing import (
     as_path,
     delay,
-    none_of,
     number_within,
     one_of,
     whole_number,
@@ -23,7 +22,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import Scenario, SourceKind
 from madrob_console.export.table_columns import TableFormat
 from madrob_console.testbeds.ros_domain import domain_number
-from scoring.protocol import BenchmarkType, Condition, Side, Signal, Strip
+from scoring.protocol import BenchmarkType, Condition, Side
 
 if TYPE_CHECKING:
     from madrob_console.archive.collection import Collection
@@ -152,27 +151,9 @@ def subject(default: int | None = None) -> Argument:
 
 # Which testbed.
 
-_DELAYED: dict[str, Sequence[Signal]] = {
-    "all": tuple(Signal),
-    "passage": tuple(map(Signal.of_strip, Strip)),
-    **{signal.name.lower(): (signal,) for signal in Signal},
-}
-"""Names by which `--latency` and `--jitter` choose the delayed messages."""
-
-
-def delays(text: str | None) -> Mapping[Signal, float]:
-    """The delays that `--latency` or `--jitter` names, s; later ones replace earlier ones."""
-    found = dict[Signal, float]()
-    for part in () if text is None else text.split(","):
-        name, _, time = part.rpartition("=")
-        if (signals := _DELAYED.get(name or "all")) is None:
-            raise argparse.ArgumentTypeError(none_of(name, _DELAYED))
-        found |= dict.fromkeys(signals, delay(time))
-    return found
-
 
 def _delay_text(text: str) -> str:
-    delays(text)
+    delay(text)
     return text
 
 
@@ -195,14 +176,13 @@ def _testbed(words: Sequence[str]) -> Sequence[str]:
 SIMULATION = ("scenario", "seed", "speed", "latency", "jitter")
 """Options that tell one simulated testbed from another."""
 
-_DELAYS = {"type": _delay_text, "metavar": "SIGNAL=TIME,..."}
+_DELAYS = {"type": _delay_text, "metavar": "TIME"}
 SIMULATED = (
     choice("--scenario", Scenario, "what the simulated robot does", Scenario.NOMINAL),
     Argument("--seed", type=whole_number, default=0, metavar="N", help="of the simulation"),
     Argument(
         "--latency",
-        help="simulated messages arrive so much later: `50ms` or `door=50ms,passage=0.1s`; "
-        f"signals: {', '.join(_DELAYED)}",
+        help="simulated messages arrive so much later, `50ms`",
         **_DELAYS,
     ),
     Argument(

@@ -17,6 +17,7 @@ from typing import Protocol, assert_never
 from madrob_console.cli import aside, options
 from madrob_console.cli.batch import named_places, site_arguments
 from madrob_console.cli.output import StoppedError
+from madrob_console.cli.parsing import delay
 from madrob_console.cli.score_output import result_lines
 from madrob_console.common.clock import Clock, SimulationClock, SystemClock, VirtualClock
 from madrob_console.common.errors import MadrobError
@@ -174,7 +175,7 @@ def simulated_testbed(arguments: argparse.Namespace, settings: Settings) -> Simu
         settings.door_geometry(),
         settings.simulated.sensors.settings(),
         settings.simulated.robot.settings(),
-        Network(options.delays(arguments.latency), options.delays(arguments.jitter)),
+        Network(*(delay(by or "0s") for by in (arguments.latency, arguments.jitter))),
     )
 
 

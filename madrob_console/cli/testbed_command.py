@@ -31,7 +31,7 @@ from scoring.imports import imports_kept
     ),
     examples=(
         "madrob testbed --scenario slam --repeat 0  # beside: madrob console --testbed ros",
-        "madrob testbed --latency door=50ms --jitter 30ms  # a slow network",
+        "madrob testbed --latency 50ms --jitter 30ms  # a slow network",
     ),
 )
 def testbed(arguments: argparse.Namespace) -> int:

@@ -375,7 +375,7 @@ class _Stream:
     def _message(self) -> RawMessage:
         signal = self._mapping.signal
         reading = self._testbed.read(signal, self._stamp_ns)
-        delay = nanoseconds(self._testbed.network.delay(signal, self._network_rng))
+        delay = nanoseconds(self._testbed.network.delay(self._network_rng))
         self._receive_ns = max(self.due_ns + delay, self._receive_ns + 1)
         return RawMessage(
             self._mapping.topic,

@@ -6,8 +6,7 @@ both drive it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from random import Random
 
 import msgspec
@@ -34,17 +33,17 @@ _SLOWEST_PANEL = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Network:
-    """Delays of each signal's messages, s; their stamps stay those of the readings.
+    """Delays of messages, s; their stamps stay those of the readings.
 
     The constant part is `latency`. The random part is the absolute value of a normal distribution
-    with the standard deviation `jitter`. Both are 0 where a signal is missing.
+    with the standard deviation `jitter`.
     """
 
-    latency: Mapping[Signal, float] = field(default_factory=dict)
-    jitter: Mapping[Signal, float] = field(default_factory=dict)
+    latency: float = 0.0
+    jitter: float = 0.0
 
-    def delay(self, signal: Signal, rng: Random) -> float:
-        return self.latency.get(signal, 0.0) + abs(rng.gauss(0.0, self.jitter.get(signal, 0.0)))
+    def delay(self, rng: Random) -> float:
+        return self.latency + abs(rng.gauss(0.0, self.jitter))
 
 
 class SimulatedTestbed:

@@ -121,8 +121,8 @@ def typed(*words: str) -> argparse.Namespace:
             {"ros_args": REMAPPED, "testbed": ["ros"], "domain": 7},
         ),
         (
-            ["--testbed=simulated", "--latency", "20ms,door=50ms", "--jitter=handle=60ms"],
-            {"latency": "20ms,door=50ms", "jitter": "handle=60ms"},
+            ["--testbed=simulated", "--latency", "20ms", "--jitter=60ms"],
+            {"latency": "20ms", "jitter": "60ms"},
         ),
         (["--testbed=ros", "--use-sim-time"], {"use_sim_time": True}),
         ([], {"use_sim_time": False}),

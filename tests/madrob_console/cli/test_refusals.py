@@ -61,12 +61,10 @@ WORDS = [
     ("pictures x --width=0", "use 16 to 6000"),
     ("pictures x --width=7000", "use 16 to 6000"),
     ("pictures x --width=x", "'x' is no whole number"),
-    ("run --latency dor=50ms", "--latency: there is no 'dor', did you mean door?"),
     ("run --latency door", "--latency: 'door' is no delay, as 50ms or 0.2s are"),
     ("console --latency 50", "--latency: '50' is no delay, as 50ms or 0.2s are"),
-    ("testbed --jitter handle=1s,", "--jitter: '' is no delay, as 50ms or 0.2s are"),
     ("testbed --jitter 1m", "--jitter: '1m' is no delay, as 50ms or 0.2s are"),
-    ("testbed --jitter door=11s", "--jitter: '11s' is too long: use 0s to 10s"),
+    ("testbed --jitter 11s", "--jitter: '11s' is too long: use 0s to 10s"),
 ]
 
 
