@@ -20,7 +20,6 @@ from madrob_console.cli.parsing import (
 )
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import Scenario, SourceKind
-from madrob_console.export.table_columns import TableFormat
 from madrob_console.testbeds.ros_domain import domain_number
 from scoring.protocol import BenchmarkType, Condition, Side
 
@@ -116,8 +115,6 @@ JOBS = Argument(
     metavar="N",
     help="runs at once; as many as there are cores if not given",
 )
-FORMAT_WORDS = "csv, ndjson (a JSON object on each line) or parquet, which needs the extra `tables`"
-FORMAT = choice("--format", TableFormat, FORMAT_WORDS, TableFormat.CSV)
 
 # Which run, and what of it.
 

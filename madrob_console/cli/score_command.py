@@ -20,7 +20,6 @@ from madrob_console.cli.output import BAD_INPUT, Complaints, complain, name_twin
 from madrob_console.cli.parsing import as_path
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe, valid_text
-from madrob_console.export.table_columns import TableFormat
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
@@ -104,7 +103,6 @@ class RunText(NamedTuple):
             ),
         ),
         options.JSON,
-        options.choice("--format", TableFormat, f"with --output: {options.FORMAT_WORDS}"),
         Argument(
             "--dry-run",
             action="store_true",
@@ -168,8 +166,6 @@ def _refuse_contradictions(arguments: argparse.Namespace) -> None:
         parser.error("--reissue: give a reason, it stands in every journal")
     if arguments.json and (tables is not None or issues is not None):
         parser.error(f"--json: not allowed with {'--reissue' if tables is None else '--output'}")
-    if arguments.format is not None and tables is None:
-        parser.error("--format: only with --output")
 
 
 def _describe(

@@ -15,7 +15,7 @@ from madrob_console.cli.batch import each_run
 from madrob_console.cli.output import BAD_INPUT, Complaints, name_twins
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from madrob_console.export.table_columns import RUN_TABLES, UNREADABLE, TableFormat
+from madrob_console.export.table_columns import RUN_TABLES, UNREADABLE
 from madrob_console.referee.flags import Flag, common_reason, merged_remarks
 from scoring.result import (
     Indicator,
@@ -59,10 +59,8 @@ def write_tables(
     """Write the tables of all runs atomically; one that cannot be read has its row."""
     from madrob_console.archive.result_files import stored_places
     from madrob_console.common.files import new_folder, whole_file
-    from madrob_console.export.rows import TableWriter, check_writable
+    from madrob_console.export.rows import TableWriter
 
-    kind = arguments.format or TableFormat.CSV
-    check_writable(kind)
     folder = arguments.output.absolute()
     counted = places_that_count(stored_places(runs))
     twins: list[tuple[str, str]] = []
@@ -71,8 +69,8 @@ def write_tables(
         part = stack.enter_context(new_folder(folder))
         writers = {}
         for table in (*RUN_TABLES, UNREADABLE):
-            file = stack.enter_context(whole_file(part / f"{table.name}.{kind}"))
-            writers[table.name] = stack.enter_context(closing(TableWriter(file, table, kind)))
+            file = stack.enter_context(whole_file(part / f"{table.name}.csv"))
+            writers[table.name] = stack.enter_context(closing(TableWriter(file, table)))
         work = partial(fresh_rows, rules=rules)
         for run, one in stack.enter_context(closing(each_run(arguments, work, runs, bad))):
             if one is None:

@@ -18,7 +18,6 @@ from madrob_console.common.names import terminal_safe
 from madrob_console.export.table_columns import (
     RUN_TABLES,
     SAMPLE_TABLES,
-    TableFormat,
     TidyTable,
     column_lines,
 )
@@ -68,7 +67,6 @@ def _of_runs(table: TidyTable) -> MadrobCommand:
                 metavar="FILE",
                 help="the file; standard output if not given, or -",
             ),
-            options.FORMAT,
             options.SETTINGS,
         ),
         (f"madrob table {table.name} ~/madrob_runs --output {table.name}.csv",),
@@ -81,13 +79,10 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
     from madrob_console.common.files import whole_file
     from madrob_console.config import load_settings
     from madrob_console.export.read_runs import ReadRuns
-    from madrob_console.export.rows import TableWriter, check_writable
+    from madrob_console.export.rows import TableWriter
 
     output: Path = arguments.output
     to_terminal = output == _STDOUT
-    if to_terminal and arguments.format is TableFormat.PARQUET:
-        raise MadrobError("Parquet is no text: name a file with --output")
-    check_writable(arguments.format)
     paths = options.run_paths(arguments, load_settings(arguments.settings))
     for path in paths:
         if not path.exists():  # before it takes the place of a table that is there
@@ -103,7 +98,7 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
                     bad.add_complaint(problem, run.run.name)
         chosen = read.chosen(arguments.testbed_name, arguments.competition)
         file: Sink = _StandardOutput() if to_terminal else stack.enter_context(whole_file(output))
-        writer = stack.enter_context(closing(TableWriter(file, table, arguments.format)))
+        writer = stack.enter_context(closing(TableWriter(file, table)))
         for rows in chosen:
             writer.write_rows(rows)
     name_twins(read.twins)
@@ -131,25 +126,22 @@ class _StandardOutput:
             metavar="FOLDER",
             help="folder for the tables; made if there is none",
         ),
-        options.FORMAT,
         options.choice("--ruleset", RulesetName, "the rules; those of the run if not given"),
         options.JOBS,
     ),
     examples=(
         "madrob table samples my_run --output tables",
-        "madrob table samples ~/madrob_runs --output tables --format parquet",
+        "madrob table samples ~/madrob_runs --output tables",
     ),
 )
 def _samples(arguments: argparse.Namespace) -> int:
     from madrob_console.archive.folders import all_runs_at
     from madrob_console.cli.batch import each_run
-    from madrob_console.export.rows import check_writable
 
     output: Path = arguments.output
-    check_writable(arguments.format)
     runs = all_runs_at(arguments.paths)
     chosen = {run.own_name: run for run in reversed(runs)}  # the first of each name
-    write = partial(write_samples, output=output, rules=arguments.ruleset, kind=arguments.format)
+    write = partial(write_samples, output=output, rules=arguments.ruleset)
     to_write = [run for run in runs if chosen[run.own_name] is run]
     with Complaints() as bad, closing(each_run(arguments, write, to_write, bad)) as written:
         for run in runs:
@@ -164,20 +156,18 @@ def _samples(arguments: argparse.Namespace) -> int:
 
 table = MadrobCommand(
     "table",
-    "runs as tables for programs: csv, NDJSON or Parquet",
+    "runs as tables for programs: csv",
     options=(_columns(*RUN_TABLES, *SAMPLE_TABLES),),
     examples=(
         "madrob table runs ~/madrob_runs > runs.csv",
-        "madrob table indicators hall_a hall_b --format parquet --output all.parquet",
+        "madrob table indicators hall_a hall_b --output all.csv",
         "madrob table --columns",
     ),
     parts=(*map(_of_runs, RUN_TABLES), _samples),
 )
 
 
-def write_samples(
-    run: RunPath, *, output: Path, rules: RulesetName | None, kind: TableFormat
-) -> list[Path]:
+def write_samples(run: RunPath, *, output: Path, rules: RulesetName | None) -> list[Path]:
     """Write the tables of one run, which alone is in memory; MadrobError if it cannot be."""
     from madrob_console.export.rows import SampledRun, write_table
 
@@ -188,7 +178,7 @@ def write_samples(
         raise MadrobError(
             f"{output}: cannot be made ({error.strerror}): choose another --output"
         ) from None
-    files = [output / f"{run.own_name}_{table.name}.{kind}" for table in SAMPLE_TABLES]
+    files = [output / f"{run.own_name}_{table.name}.csv" for table in SAMPLE_TABLES]
     for path, table in zip(files, SAMPLE_TABLES, strict=True):
-        write_table(path, table, sampled.columns_of(table), kind)
+        write_table(path, table, sampled.columns_of(table))
     return files

@@ -33,7 +33,7 @@ from madrob_console.common.files import stamp_of, whole_file
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.export.foxglove_layout import LAYOUT_FILE, HandleZero
 from madrob_console.export.rows import SampledRun, TableWriter
-from madrob_console.export.table_columns import SAMPLE_TABLES, TableFormat
+from madrob_console.export.table_columns import SAMPLE_TABLES
 from madrob_console.export.zip_file import SUMS_FILE, Archive
 from madrob_console.referee.flags import FlagKind, weighty
 from recorder.bag import METADATA_FILE, is_evidence, is_left_of_evidence
@@ -198,10 +198,10 @@ def _add_samples(archive: Archive, run: Path, at: float) -> None:
         archive.problems.append(f"tables of the samples: {error}")
         return
     for table in SAMPLE_TABLES:
-        name = f"tables/{run.name}_{table.name}.{TableFormat.CSV}"
+        name = f"tables/{run.name}_{table.name}.csv"
         with (
             archive.new_file(name, at) as file,
-            closing(TableWriter(file, table, TableFormat.CSV)) as writer,
+            closing(TableWriter(file, table)) as writer,
         ):
             writer.write_cells(sampled.columns_of(table))
 

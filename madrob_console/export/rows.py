@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from io import BytesIO, StringIO
+from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, Self, TypeAlias
+from typing import Any, Protocol, Self, TypeAlias
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,19 +19,14 @@ from madrob_console.archive.scored import Scored, score_with_series
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import whole_file
 from madrob_console.common.names import valid_text
-from madrob_console.export.table_columns import RUN, CellKind, Row, TableFormat, TidyTable
+from madrob_console.export.table_columns import RUN, CellKind, Row, TidyTable
 from scoring.kinematics import Array
 from scoring.protocol import PASSAGE_SENSORS, Condition, PassageSensor, Thresholds
 from scoring.result import Result
 from scoring.rulesets import RulesetName, ruleset
 from scoring.series import WholeSeries
 
-if TYPE_CHECKING:
-    import pyarrow.parquet as pq
-
 _ROWS_AT_ONCE = 2_000
-
-_encoder = msgspec.json.Encoder()
 
 Cells: TypeAlias = "NDArray[Any] | Sequence[object]"
 """Cells of one column; None, and NaN among numbers, are empty."""
@@ -45,38 +38,18 @@ class Sink(Protocol):
     def write(self, data: bytes, /) -> object: ...
 
 
-def check_writable(kind: TableFormat) -> None:
-    """Raises MadrobError, before any work, if a package that the format needs is missing."""
-    if kind is not TableFormat.PARQUET:
-        return
-    import pandas as pd
-
-    try:
-        pd.DataFrame().to_parquet(BytesIO(), engine="pyarrow")
-    except ImportError:
-        raise MadrobError(
-            "Parquet needs pyarrow, which is not there or too old: install madrob-console with its "
-            "extra `tables`, or write csv"
-        ) from None
-
-
 class TableWriter:
     """Writes one table in batches of rows; only one batch is in memory.
 
-    Numbers keep all digits: csv and NDJSON have the shortest that read back as the same
-    float64. NDJSON has an object on each line, null for an empty cell, and the texts "inf"
-    and "-inf". Parquet has meaning and unit of the columns in its metadata.
+    Numbers keep all digits: the shortest that read back as the same float64.
     """
 
-    def __init__(self, file: Sink, table: TidyTable, kind: TableFormat) -> None:
+    def __init__(self, file: Sink, table: TidyTable) -> None:
         self._file = file
         self._table = table
-        self._kind = kind
         self._names = [column.name for column in table.columns]
         self._rows: list[Row] = []
-        self._parquet: pq.ParquetWriter | None = None
-        if kind is TableFormat.CSV:
-            self._write_csv([self._names])
+        self._write_csv([self._names])
 
     def write_rows(self, rows: Iterable[Row]) -> None:
         self._rows += rows
@@ -92,10 +65,6 @@ class TableWriter:
     def close(self) -> None:
         """Writes what belongs at the end; a table without rows still has its columns."""
         self._flush()
-        if self._kind is TableFormat.PARQUET and self._parquet is None:
-            self._write_batch({name: [] for name in self._names})
-        if self._parquet is not None:
-            self._parquet.close()
 
     def _flush(self) -> None:
         if self._rows:
@@ -103,49 +72,18 @@ class TableWriter:
             self._rows = []
 
     def _write_batch(self, cells: Mapping[str, Cells]) -> None:
-        columns = self._table.columns
-        plain = {one.name: _plain(one.kind, cells[one.name]) for one in columns}
-        match self._kind:
-            case TableFormat.CSV:
-                self._write_csv(zip(*plain.values(), strict=True))
-            case TableFormat.NDJSON:
-                rows = zip(*plain.values(), strict=True)
-                lines = [dict(zip(self._names, map(_json_cell, row), strict=True)) for row in rows]
-                self._file.write(_encoder.encode_lines(lines))
-            case TableFormat.PARQUET:
-                self._write_parquet(plain)
+        plain = (_plain(one.kind, cells[one.name]) for one in self._table.columns)
+        self._write_csv(zip(*plain, strict=True))
 
     def _write_csv(self, rows: Iterable[Iterable[object]]) -> None:
         text = StringIO()
         csv.writer(text, lineterminator="\n").writerows(rows)
         self._file.write(text.getvalue().encode())
 
-    def _write_parquet(self, cells: Mapping[str, list[object]]) -> None:
-        import pandas as pd
-        import pyarrow as pa
-        from pyarrow import parquet
 
-        columns = self._table.columns
-        typed = {one.name: pd.Series(cells[one.name], dtype=one.kind.value) for one in columns}
-        frame = pd.DataFrame(typed)
-        if self._parquet is None:
-            told = {one.name: f"{one.meaning} [{one.unit or '-'}]" for one in columns}
-            schema = pa.Schema.from_pandas(frame, preserve_index=False)
-            for place, one in enumerate(columns):  # without rows pandas knows no type of texts
-                if one.kind is CellKind.TEXT and pa.types.is_null(schema.field(place).type):
-                    schema = schema.set(place, pa.field(one.name, pa.string()))
-            attributes = {b"PANDAS_ATTRS": msgspec.json.encode(told)}
-            schema = schema.with_metadata({**(schema.metadata or {}), **attributes})
-            self._parquet = parquet.ParquetWriter(self._file, schema)
-        schema = self._parquet.schema
-        self._parquet.write_table(pa.Table.from_pandas(frame, schema, preserve_index=False))
-
-
-def write_table(
-    path: Path, table: TidyTable, cells: Mapping[str, Cells], kind: TableFormat
-) -> None:
+def write_table(path: Path, table: TidyTable, cells: Mapping[str, Cells]) -> None:
     """Writes a table whole or not at all, over an earlier file; MadrobError if the disk refuses."""
-    with whole_file(path) as file, closing(TableWriter(file, table, kind)) as writer:
+    with whole_file(path) as file, closing(TableWriter(file, table)) as writer:
         writer.write_cells(cells)
 
 
@@ -160,10 +98,6 @@ _CELLS: Mapping[CellKind, Callable[[Any], object]] = {
     CellKind.NUMBER: float,
     CellKind.FLAG: bool,
 }
-
-
-def _json_cell(cell: object) -> object:
-    return str(cell) if isinstance(cell, float) and math.isinf(cell) else cell
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum, StrEnum
+from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from madrob_console.common.names import valid_text
@@ -14,14 +14,6 @@ if TYPE_CHECKING:
 
 Row: TypeAlias = Mapping[str, object]
 """Cells of a row by column."""
-
-
-class TableFormat(StrEnum):
-    """File format of tables."""
-
-    CSV = "csv"
-    NDJSON = "ndjson"
-    PARQUET = "parquet"
 
 
 class CellKind(Enum):

@@ -40,7 +40,7 @@ from madrob_console.common.files import (
     refusal,
     stamp_of,
 )
-from madrob_console.export.table_columns import RUN_TABLES, TableFormat, TidyTable
+from madrob_console.export.table_columns import RUN_TABLES, TidyTable
 from madrob_console.pages.competition import plan_json
 from madrob_console.pages.outputs import standings_csv, standings_document, standings_json
 from madrob_console.pages.site_content import (
@@ -333,7 +333,7 @@ class RunTables:
         self._files = {table.name: TemporaryFile() for table in RUN_TABLES}  # noqa: SIM115
         with ExitStack() as stack:
             writers = [
-                stack.enter_context(closing(TableWriter(file, table, TableFormat.CSV)))
+                stack.enter_context(closing(TableWriter(file, table)))
                 for table, file in zip(RUN_TABLES, self._files.values(), strict=True)
             ]
             read = lru_cache(maxsize=1)(stored_run)  # of all tables, which go on together

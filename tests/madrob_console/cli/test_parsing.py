@@ -150,7 +150,7 @@ def test_without_a_command_the_help_is_printed_and_the_exit_code_is_git_s(
         ("standings one --best 3 two", "one two"),
         ("plan one --json two", "one two"),
         ("export hall_a --subject 3 hall_b", "hall_a hall_b"),
-        ("table runs one --format csv two", "one two"),
+        ("table runs one --output a.csv two", "one two"),
         ("table samples one --output tables two", "one two"),
         ("calibrate masks one --output masks.toml two", "one two"),
     ],

@@ -108,7 +108,6 @@ LINES = [
     ("score empty", "empty is no bag"),
     ("score alone", "alone is no bag"),
     ("score none", "none"),
-    ("score run --format csv", "--format: only with --output"),
     ("score run --dry-run", "--dry-run: only with --reissue"),
     ("score run --check --ruleset protocol", "--ruleset: not allowed with --check"),
     ("score run --scheduler tcp://a:1 --jobs 2", "--jobs: not allowed with --scheduler"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -22,8 +21,6 @@ from madrob_console.export.table_columns import (
     RUN_TABLES,
     SAMPLE_TABLES,
     WHOSE,
-    CellKind,
-    TableFormat,
     TidyTable,
 )
 from madrob_console.referee.acts import Abort
@@ -157,30 +154,6 @@ def test_indicators_events_and_steps_have_what_the_results_have(
     ]
 
 
-def assert_columns(frame: pd.DataFrame, text: pd.DataFrame, one: TidyTable) -> None:
-    """Whether a table with types has the cells of one without, and says what they mean."""
-    assert list(frame) == list(text) == [column.name for column in one.columns]
-    for column in one.columns:
-        assert frame.attrs[column.name] == f"{column.meaning} [{column.unit or '-'}]"
-        assert column.kind is CellKind.TEXT or frame[column.name].dtype == column.kind.value
-    told = [name for name in text if name != "time"]  # read_csv may err in its last digit
-    pd.testing.assert_frame_equal(plain(frame[told]), plain(text[told]), check_dtype=False)
-
-
-def test_every_format_has_the_same_cells_with_their_types(archive: Path, tmp_path: Path) -> None:
-    pytest.importorskip("pyarrow", reason="the extra `tables`")
-    for one in RUN_TABLES:
-        files = {kind: tmp_path / f"{one.name}.{kind}" for kind in ("csv", "ndjson", "parquet")}
-        for kind, file in files.items():
-            assert code_of(one.name, archive, "--format", kind, "--output", file) == 0
-        frame = pd.read_parquet(files["parquet"])
-        lines = files["ndjson"].read_text().splitlines()
-        cells = frame.astype(object).where(frame.notna(), None)
-        assert cells.to_dict("records") == [json.loads(line) for line in lines]
-        kinds = {column.name: column.kind.value for column in one.columns}
-        assert_columns(frame, read_csv(files["csv"], dtype=kinds), one)
-
-
 def test_a_run_that_is_there_twice_is_one_row_and_what_has_no_result_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -188,10 +161,10 @@ def test_a_run_that_is_there_twice_is_one_row_and_what_has_no_result_is_named(
         write(tmp_path / "a", summary(3, run_number=number, run_id=f"the {number}th"))
     (tmp_path / "a/subject_003_cond_001_run_009_20231114_221323").mkdir()
     shutil.copytree(tmp_path / "a", tmp_path / "deep/er/b")
-    assert code_of("runs", tmp_path, "--format", "ndjson") == 2
+    assert code_of("runs", tmp_path) == 2
     told = capsys.readouterr()
-    rows = [json.loads(line) for line in told.out.splitlines()]
-    assert len(rows) == len({row["run_id"] for row in rows}) == 5
+    rows = read_csv(StringIO(told.out))
+    assert len(rows) == rows.run_id.nunique() == 5
     assert told.err.count("has no result.json") == 2
     assert told.err.count("the same run as") == 3
     assert "and 2 more runs that are there twice" in told.err
@@ -218,28 +191,18 @@ REFUSED: dict[str, tuple[list[str], str]] = {
         "no such runs; there are 'Hall A'",
     ),
     "no such folder": (["runs", "{root}/none", "--output", "{kept}"], "no such folder"),
-    "no place for binary": (["runs", "{root}", "--format", "parquet"], "--output"),
     "no place for samples": (["samples", "{run}"], "--output"),
     "a file for a folder": (["samples", "{run}", "--output", "{kept}"], "{kept}: "),
-    "no pyarrow": (
-        ["samples", "{run}", "--format", "parquet", "--output", "{root}/tables"],
-        "extra `tables`, or write csv",
-    ),
 }
 
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_cannot_be_made_is_a_line_and_leaves_what_is_there(
-    case: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write(tmp_path, summary(testbed="Hall A"))
     kept = tmp_path / "kept.csv"
     kept.write_text("kept\n")
-    if case == "no pyarrow":
-        monkeypatch.setitem(sys.modules, "pyarrow", None)
     arguments, words = REFUSED[case]
     places = {"root": tmp_path, "kept": kept, "run": recorded(Scenario.TOUCH_ONLY)}
     assert code_of(*(word.format(**places) for word in arguments)) == 2
@@ -337,16 +300,6 @@ def test_other_rules_give_other_tables(run: Path, tmp_path: Path) -> None:
     assert door.jerk.dropna().tolist() == scored.rows.jerk.tolist()
 
 
-def test_parquet_has_the_same_with_types_and_what_the_columns_mean(
-    run: Path, tables: dict[str, pd.DataFrame], tmp_path: Path
-) -> None:
-    pytest.importorskip("pyarrow", reason="the extra `tables`")
-    assert code_of("samples", run, "--format", "parquet", "--output", tmp_path) == 0
-    for one in SAMPLE_TABLES:
-        frame = pd.read_parquet(tmp_path / f"{run.name}_{one.name}.parquet")
-        assert_columns(frame, tables[one.name], one)
-
-
 def test_a_bad_run_is_named_and_the_others_have_their_tables(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -376,7 +329,7 @@ def test_an_aborted_run_has_its_series_too_and_the_latch_sensor_a_table(tmp_path
     drive.engine.close()
     aborted, whole = sorted(runs_at(tmp_path / "results"), key=lambda run: run.name)
     for of in (aborted, whole):
-        write_samples(of, output=tmp_path, rules=None, kind=TableFormat.CSV)
+        write_samples(of, output=tmp_path, rules=None)
     stems = [tmp_path / of.path.name for of in (aborted, whole)]
     facts, door = (read_csv(f"{stems[0]}_{name}.csv") for name in ("run", "door"))
     assert facts.outcome.tolist() == ["aborted"]
