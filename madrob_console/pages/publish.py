@@ -44,18 +44,17 @@ from madrob_console.export.table_columns import RUN_TABLES, TidyTable
 from madrob_console.pages.competition import plan_json
 from madrob_console.pages.outputs import standings_csv, standings_document, standings_json
 from madrob_console.pages.site_content import (
-    ListPage,
+    PLAN,
     SiteContent,
     beside,
+    condition_place,
     team_place,
 )
 from madrob_console.pages.site_pages import (
     Links,
-    condition_pages,
+    condition_page,
     overview_page,
-    plan_pages,
-    sources_of_day,
-    team_days,
+    plan_page,
     team_page,
 )
 from madrob_console.pages.surroundings import Surroundings, team_digest, team_runs
@@ -366,25 +365,15 @@ def site_files(content: SiteContent) -> Iterator[SiteFile]:
         yield from _of_run(content, run, around)
     yield from _tables(content)
     for subject in content.of_team:
-        days = team_days(content, subject)
-        for day in days:
-            key = _key(content.software, *sources_of_day(content, subject, day))
-            yield SiteFile(day.place, key, partial(_day, content, subject, day))
-        yield SiteFile.of(team_place(subject), team_page(content, subject, days))
+        yield SiteFile.of(team_place(subject), team_page(content, subject))
     for number in content.conditions:
-        for place, text in condition_pages(content, number):
-            yield SiteFile.of(place, text)
+        yield SiteFile.of(condition_place(number), condition_page(content, number))
     if content.plan is not None:
-        for place, text in plan_pages(content, content.plan):
-            yield SiteFile.of(place, text)
+        yield SiteFile.of(PLAN, plan_page(content, content.plan))
     written = date_text(content.standings.made)
     # that it is later now is alone no reason to write it again
     pages = overview_page(content, written), overview_page(content, "")
     yield SiteFile.of(INDEX_PAGE, *pages)
-
-
-def _day(content: SiteContent, subject: int, day: ListPage[RunSummary]) -> bytes:
-    return team_page(content, subject, day=day).encode()
 
 
 def _of_run(content: SiteContent, run: RunSummary, around: Surroundings) -> Iterator[SiteFile]:

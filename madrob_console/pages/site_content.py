@@ -6,12 +6,12 @@ import os
 import posixpath
 import re
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
-from typing import Generic, NamedTuple, TypeAlias, TypeVar
+from typing import NamedTuple, TypeAlias
 
 from madrob_console.archive.folders import REPORT_FILE
 from madrob_console.archive.history import RunSummary, rank
@@ -21,8 +21,6 @@ from madrob_console.pages.tally import Overall, alike_values
 from madrob_console.referee.competition_plan import PlanProgress
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-
-_T = TypeVar("_T")
 
 PLAN = "plan.html"
 
@@ -129,33 +127,6 @@ def zip_place(subject: int) -> str:
 
 def condition_place(number: int) -> str:
     return f"conditions/{number:02d}.html"
-
-
-MOST_RUNS, MOST_LINES = 40, 150
-"""On one page: of a team's runs, and of the lines of a plan."""
-
-
-class ListPage(NamedTuple, Generic[_T]):
-    """A page with a part of a long list; `words` name it in links."""
-
-    place: str
-    words: str
-    items: Sequence[_T]
-
-
-def list_pages(
-    place: str, items: Iterable[_T], most: int, day_of: Callable[[_T], str]
-) -> Iterator[ListPage[_T]]:
-    """A page for each day, or several where a day has more than `most`; days in their order."""
-    of: dict[str, list[_T]] = defaultdict(list)
-    for item in items:
-        of[day_of(item)].append(item)
-    for day, of_day in of.items():
-        for number, first in enumerate(range(0, len(of_day), most), 1):
-            part = of_day[first : first + most]
-            name = "_".join(filter(None, (place.removesuffix(".html"), day, f"{number}")))
-            words = f"{first + 1} to {first + len(part)} of {len(of_day)}"
-            yield ListPage(f"{name}.html", f"{day or 'Plan'}: {words}", part)
 
 
 def beside(page: str, name: str) -> str:

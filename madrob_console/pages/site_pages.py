@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
-import msgspec
 from markupsafe import Markup
 
 from madrob_console.archive.folders import INDEX_PAGE
 from madrob_console.archive.history import PROTEST_OPEN, RunSummary, condition_words, rank
-from madrob_console.common.formatting import date_of, format_span
+from madrob_console.common.formatting import format_span
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.competition import (
     PLAN_NOTES,
@@ -21,25 +20,20 @@ from madrob_console.pages.competition import (
     summary_words,
     why_left_out,
 )
-from madrob_console.pages.drawings import MOST_TEAMS
 from madrob_console.pages.notes import MANUAL_START_NOTE, NO_UNCERTAINTY_NOTE, UNCERTAINTY_NOTE
 from madrob_console.pages.outputs import MEANS, NOTES_OF_PAGES
 from madrob_console.pages.site_content import (
-    MOST_LINES,
-    MOST_RUNS,
     NONE_ALIKE,
     ORDER,
     PLAN,
     TEAMS_ORDER,
     Alike,
     BestRuns,
-    ListPage,
     SiteContent,
     alike_among,
     beside,
     best_of,
     condition_place,
-    list_pages,
     team_place,
     zip_place,
 )
@@ -52,7 +46,7 @@ from madrob_console.pages.site_drawings import (
 )
 from madrob_console.pages.tally import ALIKE
 from madrob_console.pages.templates import NONE, path_link, render
-from madrob_console.referee.competition_plan import Attempts, PlanProgress
+from madrob_console.referee.competition_plan import PlanProgress
 from madrob_console.referee.flags import FlagKind, weighty
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Condition, Outcome
@@ -68,9 +62,6 @@ DOWNLOADS = {
 }
 
 _LATEST, _NEXT = 8, 3
-
-_SECTIONS = {".": "The best run of each team", "_runs.": "All valid runs", "_means.": "Means"}
-"""Of a condition's page; by the end of the name of the page that each has if they are long."""
 
 _MOST_CELLS = 240
 """Teams times conditions in one table: a larger one is too wide for any screen."""
@@ -217,61 +208,22 @@ def overview_page(content: SiteContent, written: str) -> str:
     )
 
 
-def plan_pages(content: SiteContent, plan: PlanProgress) -> Iterator[tuple[str, str]]:
-    """Places and pages; a long plan has further ones, by day."""
-    items = [*plan.lines, *(one for one in plan.tasks if not one.planned)]
-    if len(items) <= MOST_LINES:
-        yield PLAN, _plan_page(content, ListPage(PLAN, "", items), plan)
-        return
-    found = list(list_pages(PLAN, items, MOST_LINES, lambda one: one.time.rpartition(" ")[0]))
-    for part in found:
-        yield part.place, _plan_page(content, part)
-    protested = [one for one in items if one.open_protests]
-    yield PLAN, _plan_page(content, ListPage(PLAN, "", protested), plan, found)
+def plan_page(content: SiteContent, plan: PlanProgress) -> str:
+    extra = [one for one in plan.tasks if not one.planned]
+    told = {"lines": plan.lines, "extra": extra, **_progress(plan)}
+    return _page("plan.html", content, PLAN, "Plan", **told)
 
 
-def _plan_page(
-    content: SiteContent,
-    sheet: ListPage[Attempts],
-    plan: PlanProgress | None = None,
-    found: Sequence[ListPage[Attempts]] = (),
-) -> str:
-    """`plan`: whose progress the page begins with; `found`: the further pages."""
-    return _page(
-        "plan.html",
-        content,
-        sheet.place,
-        f"Plan {sheet.words}".rstrip(),
-        lines=[one for one in sheet.items if one.planned],
-        extra=[one for one in sheet.items if not one.planned],
-        sheets=found,
-        **{"plan_summary": "", **_progress(plan)},
-    )
-
-
-def condition_pages(content: SiteContent, number: int) -> Iterator[tuple[str, str]]:
-    """Places and pages: all teams in a condition beside each other; many on a page a section."""
+def condition_page(content: SiteContent, number: int) -> str:
+    """All teams in a condition beside each other."""
     place, condition = condition_place(number), Condition.from_number(number)
     name = f"Condition {number}, {condition.benchmark_type}"
     groups = [group for group in content.standings.groups if condition in group.conditions]
-    told = [_group(content, Links(content, place), group, condition) for group in groups]
-    many = max(len(group.conditions[condition]) for group in groups) > MOST_TEAMS
-    found = [ListPage(place.replace(".", end), words, [words]) for end, words in _SECTIONS.items()]
-    for sheet in found if many else [ListPage(place, "", [*_SECTIONS.values()])]:
-        yield (
-            sheet.place,
-            _page(
-                "condition.html",
-                content,
-                sheet.place,
-                ", ".join(filter(None, (name, sheet.words))),
-                condition=condition,
-                name=name,
-                groups=told,
-                shown=sheet.items,
-                sheets=found if many else [],
-            ),
-        )
+    links = Links(content, place)
+    told = [_group(content, links, group, condition) for group in groups]
+    return _page(
+        "condition.html", content, place, name, condition=condition, name=name, groups=told
+    )
 
 
 def _group(
@@ -301,50 +253,9 @@ def _order(best: RunSummary | None) -> tuple[float, ...]:
     return (1.0,) if best is None else rank(best)
 
 
-def team_days(content: SiteContent, subject: int) -> list[ListPage[RunSummary]]:
-    """The pages of a team's days; none where its own page has room for all of its runs."""
-    runs = content.of_team[subject]
-    if len(runs) <= MOST_RUNS:
-        return []
-    return list(
-        list_pages(team_place(subject), runs, MOST_RUNS, lambda run: date_of(run.started)[:10])
-    )
-
-
-def sources_of_day(
-    content: SiteContent, subject: int, day: ListPage[RunSummary]
-) -> Iterator[object]:
-    """All that a day's page is made of: the same sources, the same page."""
-    links = Links(content, day.place)
-    yield from (content.title, content.standings.title, day.words, links.ways())
-    yield links.team(subject)
-    yield from (_testbeds(content, subject), content.conditions)
-    for run in day.items:
-        yield msgspec.msgpack.encode(run)
-        yield content.places.get(run.folder)
-
-
-def _best_of_each(runs: Sequence[RunSummary]) -> list[RunSummary]:
-    """The best run in each condition by each ruleset."""
-    of: dict[tuple[int, str], list[RunSummary]] = defaultdict(list)
-    for run in runs:
-        of[run.condition, run.ruleset].append(run)
-    return [best for one in sorted(of) if (best := best_of(of[one])) is not None]
-
-
-def team_page(
-    content: SiteContent,
-    subject: int,
-    days: Sequence[ListPage[RunSummary]] = (),
-    day: ListPage[RunSummary] | None = None,
-) -> str:
-    """A team's runs by condition, and their indicators: all runs, or those of a `day`.
-
-    With `days` the page leads to theirs, and has the best runs.
-    """
-    every = content.of_team[subject]
-    sheet = day or ListPage(team_place(subject), "", _best_of_each(every) if days else every)
-    place, runs = sheet.place, sheet.items
+def team_page(content: SiteContent, subject: int) -> str:
+    """A team's runs by condition, and their indicators."""
+    place, runs = team_place(subject), content.of_team[subject]
     of: dict[int, list[RunSummary]] = defaultdict(list)
     for run in runs:
         of[run.condition].append(run)
@@ -352,10 +263,8 @@ def team_page(
         "team.html",
         content,
         place,
-        f"Team {content.who(subject)} {sheet.words}".rstrip(),
+        f"Team {content.who(subject)}",
         subject=subject,
-        sheet=sheet,
-        sheets=days,
         standings=[
             (group, team)
             for group in content.standings.groups
@@ -365,7 +274,7 @@ def team_page(
         testbeds=_testbeds(content, subject),
         zip=beside(place, zip_place(subject)),
         by_condition=sorted(of.items()),
-        curves=list(curves(runs)) if not days and any(run.valid for run in runs) else [],
+        curves=list(curves(runs)) if any(run.valid for run in runs) else [],
         notes={**_NOTES, "TEAM_NOTES": list(_notes(runs))},
     )
 

@@ -28,7 +28,6 @@ from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import read_all
 from madrob_console.pages.competition import competition_standings
-from madrob_console.pages.drawings import FEWEST_FOR_A_BOX, MOST_TEAMS
 from madrob_console.pages.publish import (
     SiteFile,
     SiteNotWrittenError,
@@ -40,8 +39,6 @@ from madrob_console.pages.publish import (
     write_site,
 )
 from madrob_console.pages.site_content import (
-    MOST_LINES,
-    MOST_RUNS,
     SiteContent,
     alike_among,
     condition_place,
@@ -230,63 +227,6 @@ def test_a_run_that_goes_on_is_none_that_was_interrupted(
 
 def words_of(*places: Path) -> str:
     return "\n".join(place.read_text() for place in places)
-
-
-NUMBERS = range(1, MOST_RUNS + 6)
-TEAMS = range(100, 100 + 3 * MOST_TEAMS)
-LINES = [f"{n},7,1,2026-11-{25 + n % 2}T10:00" for n in range(1, MOST_LINES + 2)]
-
-
-@pytest.fixture(scope="module")
-def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The results of a team with many runs, a condition with many teams and a long plan."""
-    hours = [of(8, n, condition=3, own={TIME: 100.0 + n}) for n in NUMBERS]  # from 22:13 UTC on
-    aborted = of(8, 900, condition=3, outcome=Outcome.ABORTED, values={}, reason="a child ran in")
-    protested = of(8, 902, protest_filed=EPOCH)
-    teams = [
-        of(team, number, own={TIME: 100.0 + number}, team=f"Team {team}")
-        for team in TEAMS
-        for number in range(1, FEWEST_FOR_A_BOX + 1)
-    ]
-    plan = "\n".join(("subject,condition,attempts,time", *LINES))
-    root = tmp_path_factory.mktemp("large")
-    return put_runs(root, *hours, aborted, protested, *teams, plan=plan)
-
-
-def test_what_is_long_is_on_pages_of_its_own_and_nothing_is_lost(large: Path) -> None:
-    site = publish(large)
-    parts = {
-        whole: sorted(site.glob(f"{whole}_*.html"))
-        for whole in ("teams/008", "conditions/07", "plan")
-    }
-    for name, below in parts.items():
-        found = set(Page((site / f"{name}.html").read_text()).found("href"))
-        assert {page.name for page in below} <= found
-        for page in (site / f"{name}.html", *below):
-            assert len(re.sub("(?s)<svg.*?</svg>", "", page.read_text()).encode()) <= 100_000
-    days, team = words_of(*parts["teams/008"]), (site / "teams/008.html").read_text()
-    assert len(parts["teams/008"]) >= 3
-    assert [days.count(f">{100 + n}.0000<") for n in NUMBERS] == [1] * len(NUMBERS)
-    assert [n for n in NUMBERS if f">{100 + n}.0000<" in team] == [1]  # the best one
-    assert "a child ran in" in days
-    assert "NOT FINAL: a PROTEST is open" in days
-    assert "NOT FINAL: 1 PROTEST open" in team
-    sections = [(site / "conditions/07.html"), *reversed(parts["conditions/07"])]
-    for section, title in zip(sections, ("The best run", "All valid runs", "Means"), strict=True):
-        text = section.read_text()
-        assert re.findall("<h2>(.*?)</h2>", text)[0].startswith(title)
-        assert all(f"Team {number}" in text for number in TEAMS)
-    rows = [row for day in parts["plan"] for row in Page(day.read_text()).rows]
-    assert len([row for row in rows if "condition 7" in row and "2026-11-2" in row]) == len(LINES)
-    whole = site / "plan.html"
-    assert "With an open protest" in whole.read_text()
-    assert len([row for row in rows_of(whole) if row.startswith("8 ")]) == 1
-    before = stamps(site)
-    write(large, of(8, 901, condition=3))
-    publish(large)
-    after = stamps(site)
-    names = [f"teams/{day.name}" for day in parts["teams/008"]]
-    assert sum(after[name] != before[name] for name in names) <= 1
 
 
 def test_planned_times_are_there_and_how_late_the_last_attempt_began(tmp_path: Path) -> None:
