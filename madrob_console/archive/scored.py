@@ -141,7 +141,8 @@ def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[Scored
 
 
 def _rules_told(published: EurobenchRun) -> str:
-    return str(published.run_info.get("ruleset", PROTOCOL.name))
+    name = published.run_info.get("ruleset")
+    return name if isinstance(name, str) else PROTOCOL.name
 
 
 def _flags_told(published: EurobenchRun) -> tuple[Flag, ...]:

@@ -136,8 +136,8 @@ def _filter_edges(run: EurobenchRun, ruleset: Ruleset, end: float) -> Iterator[s
 
 def _rules_of(run: EurobenchRun) -> Ruleset | None:
     """The rules by which the files were made; None if they name others than these."""
-    name = str(run.run_info.get("ruleset", EUROBENCH_2020.name))
-    return ruleset_called(name) if name in [*RulesetName] else None
+    name = run.run_info.get("ruleset", EUROBENCH_2020.name)
+    return ruleset_called(str(name)) if name in [*RulesetName] else None
 
 
 def _passage_rules(rules: Ruleset) -> tuple[object, ...]:

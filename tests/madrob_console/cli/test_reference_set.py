@@ -160,7 +160,9 @@ def test_a_file_that_is_not_as_it_was_shipped_is_one_clear_line(
             path.write_bytes(content[: len(content) // 2])
         case "changed":
             middle = len(content) // 2
-            path.write_bytes(content[:middle] + b"\0" + content[middle + 1 :])
+            path.write_bytes(
+                content[:middle] + bytes([content[middle] ^ 255]) + content[middle + 1 :]
+            )
         case "a folder":
             path.mkdir()
         case "empty":

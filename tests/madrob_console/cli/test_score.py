@@ -205,7 +205,7 @@ def test_rulesets_are_a_table_for_people() -> None:
     assert document["differences"]["capability_level"] == {"protocol": 0, "eurobench-2020": -2}
 
 
-def test_a_recording_with_a_ruleset_of_a_newer_version_is_named(
+def test_a_recording_with_another_ruleset_is_named_with_the_remedy(
     results: Path, madrob: Madrob
 ) -> None:
     path = next(results.glob("*_run_001_*"))
@@ -216,7 +216,7 @@ def test_a_recording_with_a_ruleset_of_a_newer_version_is_named(
     line = madrob.refusal("score", path)
     assert line.startswith(f"madrob: {path}: ")
     assert "'protokol'" in line
-    assert line.endswith(": use the madrob-console that recorded it\n")
+    assert line.endswith(": use --ruleset protocol or eurobench-2020\n")
 
 
 SPOILT: dict[str, tuple[str, Callable[[str], str], list[str]]] = {

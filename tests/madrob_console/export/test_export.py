@@ -511,9 +511,10 @@ def test_a_result_that_changes_meanwhile_is_named(
 def test_the_text_says_how_each_run_ended_and_what_a_decision_hangs_on(root: Path) -> None:
     write(root, summary(3, run_number=4, hour=5, outcome=Outcome.ABORTED, values={}))
     write(root, summary(3, run_number=5, hour=6, flags=(UNDECIDED_START,)))
+    write(root, summary(3, run_number=6, hour=7, testbed="Hall A", run_id="0193a"))
     text = text_of(export(root).path)
     for words in (
-        "run 1: completed, not final; ",
+        "run 6: completed, not final; Hall A; 0193a\n",
         "run 4: aborted, not final\n",
         "run 5: completed, not final, 1 false start UNDECIDED (handle touched)\n",
     ):
