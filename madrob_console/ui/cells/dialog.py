@@ -247,6 +247,8 @@ class Dialog(Vertical):
                 self._prompt.redraw()
             case Pick() if enter and self.cursor < 0:
                 self.complain("Press the key of an answer, or choose one with the arrows.")
+            case Pick(_, options) if enter and options[self.cursor].last:
+                self.complain(f"Only {options[self.cursor].key} itself does that.")
             case Pick(_, options) if enter:
                 self._choose(options[self.cursor])
             case _ if not self.take_answer("enter" if enter else event.character or ""):
