@@ -53,7 +53,7 @@ def remarks_of(result: Mapping[str, Any], stutter: Stutter) -> list[str]:
     return [
         one
         for one in result["quality"]["remarks"]
-        if " behind: " not in one and " silent for " not in one
+        if not any(words in one for words in (" behind: ", " silent for ", " stood still for "))
     ]
 
 
