@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import os
 import shutil
@@ -23,6 +24,7 @@ _FREEZE, _THAW = 0xC0045877, 0xC0045878
 _IMMUTABLE = 0x00000010
 _GET_FLAGS, _SET_FLAGS = 0x80086601, 0x40086602
 _EXT4_BYTES = 8 * 1024 * 1024
+_CLONE_NEWNS = 0x00020000
 
 
 def users_of(folder: Path) -> set[int]:
@@ -51,6 +53,7 @@ class SmallDisk:
     def mount(self) -> None:
         """Put it in place; skips the test where that is not allowed."""
         self.folder.mkdir(exist_ok=True)
+        _leave_the_mounts_of_others()
         device = "tmpfs" if self._image is None else str(self._image)
         command = ["mount", *self._mounting, device, str(self.folder)]
         try:
@@ -94,7 +97,7 @@ class SmallDisk:
         """What the kernel does when a file system finds an error."""
         device = next(
             line.split()[0].rpartition("/")[2]
-            for line in Path("/proc/mounts").read_text().splitlines()
+            for line in Path("/proc/thread-self/mounts").read_text().splitlines()
             if line.split()[1] == str(self.folder)
         )
         Path(f"/sys/fs/ext4/{device}/trigger_fs_error").write_text("1")
@@ -148,6 +151,15 @@ def disk_image(folder: Path) -> Iterator[SmallDisk]:
     subprocess.run([make, "-q", "-F", str(image)], check=True, capture_output=True)
     options = ["-t", "ext4", "-o", "loop,errors=remount-ro"]
     yield from _mounted(SmallDisk(folder, options, image))
+
+
+def _leave_the_mounts_of_others() -> None:
+    """Give this thread and what it starts mounts of their own, which end with them, killed or not.
+
+    A disk that stays mounted in a folder of pytest's makes every later session of pytest fail.
+    """
+    ctypes.CDLL(None).unshare(_CLONE_NEWNS)  # not allowed: nor is `mount`, which says so
+    subprocess.run(["mount", "--make-rprivate", "/"], check=False, capture_output=True)
 
 
 def _mounted(disk: SmallDisk) -> Iterator[SmallDisk]:
