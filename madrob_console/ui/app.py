@@ -226,6 +226,8 @@ class MadrobApp(App[None], inherit_bindings=False):
     async def on_event(self, event: events.Event) -> None:
         """Drops what was typed or clicked for something that is no longer shown."""
         typed = isinstance(event, events.InputEvent | events.Paste)
+        if typed and self.return_code is not None:
+            return  # it is leaving: nothing can be opened any more
         if not typed or event.is_forwarded:
             palette = typed and isinstance(self.screen, SystemModalScreen)
             with suppress(*[KeyError] * palette):  # a page of commands that has no room for one

@@ -495,7 +495,8 @@ class ConsoleScreen(Screen[None]):
             palette.call_after_refresh(self._close_palette)  # closed earlier, it ends in an error
 
     def _close_palette(self) -> None:
-        if self.app.screen is not self:
+        if (palette := self.app.screen) is not self:
+            self.app.workers.cancel_node(palette)  # one that looks for commands ends in an error
             self.app.pop_screen()
 
     def _about(self, name: str) -> str:

@@ -392,6 +392,14 @@ def test_after_any_input_f8_y_ends_the_run_and_escape_leads_back(halls: Halls) -
     _property(30)(halls=halls)
 
 
+@pytest.mark.parametrize("keys", [["f10", "ctrl+p"], ["ctrl+p", "f10"]])
+def test_a_console_that_is_left_without_an_engine_ends_in_no_error(
+    halls: Halls, keys: list[str]
+) -> None:
+    for _ in range(5):  # what is left over depends on the moment
+        halls.play([sets(lost=True), types(keys, 1.0)], counting_down=False, gap=0.0)
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(100_000)
 def test_after_many_inputs_f8_y_ends_the_run_and_escape_leads_back(halls: Halls) -> None:
