@@ -185,8 +185,8 @@ BY_NUMBER = "Teams stand in the order of their numbers: the protocol makes no ra
 NUMBER_NOTES = (
     "Execution time: completed runs only. std: sample standard deviation (n - 1).",
     f"min and max are told of {WITH_EXTREMES}, as EUROBENCH does.",
-    "All conditions together: every run weighs the same.",
-    "+-: of the mean, rounded up: by measurement, or 2 std / sqrt(runs) where that is larger.",
+    "All conditions together: the mean of the means of those in which each team has a value.",
+    "+-: of the mean, rounded up: by measurement, or Student's t std / sqrt(runs) if larger.",
     f"{SIGNS}.",
 )
 

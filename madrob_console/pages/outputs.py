@@ -83,7 +83,7 @@ def standings_csv(found: CompetitionStandings) -> str:
     """One row for each team, condition (and all of them) and indicator.
 
     Numbers have all their digits. Empty = no value, or none that EUROBENCH reports. The expanded
-    uncertainty is that of the mean: by measurement, or 2 std / sqrt(runs) where that is larger; of
+    uncertainty is that of the mean: by measurement, or t std / sqrt(runs) where that is larger; of
     one run its own. A team's name that a spreadsheet would take for a formula gets an apostrophe.
     """
     text = io.StringIO()

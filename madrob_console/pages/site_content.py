@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from madrob_console.archive.folders import REPORT_FILE
 from madrob_console.archive.history import RunSummary, rank
 from madrob_console.common.files import stamp_of
 from madrob_console.pages.competition import CompetitionStandings, RulesetStandings
-from madrob_console.pages.tally import Overall, alike_values
+from madrob_console.pages.tally import Overall
 from madrob_console.referee.competition_plan import PlanProgress
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
@@ -31,9 +31,9 @@ ORDER = (
 
 TEAMS_ORDER = (
     "In each condition a team's best run: the highest capability level, completed before failed, "
-    "then the least execution time. Teams are ordered by their highest level, then by in how many "
-    "conditions they reached it, then by in how many they completed a run, then by the sum of "
-    "those times; values of failed runs order nothing. The protocol makes no ranking."
+    "then the least execution time. Teams are ordered by the sum of these levels, then by in how "
+    "many conditions they completed a run; equal ones stand by their numbers. The protocol makes "
+    "no ranking."
 )
 
 _LARGEST_DRAWN = 1e12
@@ -146,27 +146,6 @@ def best_of(runs: Sequence[RunSummary]) -> RunSummary | None:
     return min((run for run in runs if run.valid), key=rank, default=None)
 
 
-Alike: TypeAlias = Mapping[str, frozenset[IndicatorName]]
-"""By run folder, the indicators in which the run is not distinguishable from another."""
-
-NONE_ALIKE: Alike = {}
-
-
-def alike_among(runs: Sequence[RunSummary]) -> Alike:
-    """Indistinguishable values among the compared ones of these runs (protocol section 11)."""
-    found: dict[str, set[IndicatorName]] = defaultdict(set)
-    for name in IndicatorName:
-        known = (
-            (run.folder, value, run.uncertainties[name])
-            for run in runs
-            if run.comparable
-            if (value := drawable(run, name)) is not None and name in run.uncertainties
-        )
-        for folder in alike_values(known):
-            found[folder].add(name)
-    return {folder: frozenset(names) for folder, names in found.items()}
-
-
 def drawable(run: RunSummary, name: IndicatorName) -> float | None:
     """The value of a valid run that a drawing can show; a failed run has no execution time."""
     value = run.values.get(name) if run.valid else None
@@ -180,27 +159,19 @@ def drawable(run: RunSummary, name: IndicatorName) -> float | None:
 
 
 class Reached(NamedTuple):
-    """By the best runs of a team: its highest level (-1 = none), and in how many conditions.
+    """By the best runs of a team: the sum of its levels, and in how many conditions completed."""
 
-    `completed` counts conditions, too; `times` is the sum of their execution times, s.
-    """
-
-    level: float
-    at_level: int
+    levels: int
     completed: int
-    times: float
 
     @classmethod
     def of(cls, best: Collection[RunSummary]) -> Reached:
-        levels = [-rank(run)[0] for run in best]
-        highest = max(levels, default=-1.0)
-        completed = [run for run in best if run.outcome is Outcome.COMPLETED]
-        times = sum(run.values.get(IndicatorName.EXECUTION_TIME, 0.0) for run in completed)
-        return cls(highest, levels.count(highest), len(completed), times)
+        levels = (int(run.values.get(IndicatorName.CAPABILITY_LEVEL, 0)) for run in best)
+        return cls(sum(levels), sum(run.outcome is Outcome.COMPLETED for run in best))
 
     @property
-    def order(self) -> tuple[float, ...]:
-        return -self.level, -self.at_level, -self.completed, self.times
+    def order(self) -> tuple[int, int]:
+        return -self.levels, -self.completed
 
 
 @dataclass(frozen=True)
@@ -217,7 +188,6 @@ class BestRuns:
     reached: Mapping[int, Reached]
     conditions: Sequence[int]
     of_team: Mapping[int, Mapping[int, RunSummary]]
-    alike: Alike
 
     @classmethod
     def of(cls, content: SiteContent, group: RulesetStandings) -> BestRuns:
@@ -230,13 +200,6 @@ class BestRuns:
             }
             for team in group.overall
         }
-        alike = {
-            folder: names
-            for number in numbers
-            for folder, names in alike_among(
-                [of_team[number] for of_team in best.values() if number in of_team]
-            ).items()
-        }
         reached = {subject: Reached.of(runs.values()) for subject, runs in best.items()}
         by_best = sorted(group.overall, key=lambda one: (reached[one.subject].order, one.subject))
-        return cls(by_best, reached, numbers, best, alike)
+        return cls(by_best, reached, numbers, best)

@@ -23,14 +23,11 @@ from madrob_console.pages.competition import (
 from madrob_console.pages.notes import MANUAL_START_NOTE, NO_UNCERTAINTY_NOTE, UNCERTAINTY_NOTE
 from madrob_console.pages.outputs import MEANS, NOTES_OF_PAGES
 from madrob_console.pages.site_content import (
-    NONE_ALIKE,
     ORDER,
     PLAN,
     TEAMS_ORDER,
-    Alike,
     BestRuns,
     SiteContent,
-    alike_among,
     beside,
     best_of,
     condition_place,
@@ -44,7 +41,6 @@ from madrob_console.pages.site_drawings import (
     curves,
     unit_and_direction,
 )
-from madrob_console.pages.tally import ALIKE
 from madrob_console.pages.templates import NONE, path_link, render
 from madrob_console.referee.competition_plan import PlanProgress
 from madrob_console.referee.flags import FlagKind, weighty
@@ -131,13 +127,12 @@ def _outcome_notes(run: RunSummary) -> str:
     return "; ".join(words)
 
 
-def _value_of(run: RunSummary, name: IndicatorName, alike: Alike = NONE_ALIKE) -> str:
+def _value_of(run: RunSummary, name: IndicatorName) -> str:
     value = run.values.get(name)
     if value is None:
         return f"{NONE}{run.sign(name)}"
-    sign = run.sign(name) + (ALIKE if name in alike.get(run.folder, ()) else "")
     known = run.uncertainties.get(name)
-    return f"{value_text(value, known)}{sign} {uncertainty_text(known)}".rstrip()
+    return f"{value_text(value, known)}{run.sign(name)} {uncertainty_text(known)}".rstrip()
 
 
 def _why(run: RunSummary) -> str:
@@ -239,7 +234,6 @@ def _group(
     return {
         "group": group,
         "ordered": ordered,
-        "alike": alike_among(having),
         "best": [
             (run, [links.team(run.subject), links.run(run, f"run {run.run_number}")])
             for run in having

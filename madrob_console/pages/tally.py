@@ -64,6 +64,15 @@ class Aggregate:
         known = Uncertainty.of_mean(uncertainties, deviation)
         return cls(mean, median, deviation, min(values), max(values), len(values), known)
 
+    @classmethod
+    def of_means(cls, parts: Sequence[Aggregate]) -> Aggregate:
+        """Over different conditions, whose scatter says nothing of how well a mean is known."""
+        means = [part.mean for part in parts]
+        known = Uncertainty.of_mean([part.uncertainty for part in parts])
+        median, mean = float(statistics.median(means)), statistics.fmean(means)
+        count = sum(part.count for part in parts)
+        return cls(mean, median, None, min(means), max(means), count, known)
+
 
 def _deviation(values: Sequence[float], mean: float) -> float:
     """As `statistics.stdev`, which computes with fractions and takes ten times as long."""
@@ -144,7 +153,7 @@ class Standing(Tally):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Overall(Tally):
-    """One team in all its conditions together; every run weighs the same."""
+    """One team in all its conditions together; every condition weighs the same."""
 
     conditions: tuple[int, ...]
 
@@ -208,6 +217,8 @@ def standings(
         Standing(condition=key.condition, **_tally(key, names, [groups[key]], best))
         for key in sorted(groups)
     ]
+    if best == 1:  # the uncertainty of a run is not that of the best of some
+        return tuple(made)
     return _told_apart(made, lambda one: (one.condition, one.ruleset))
 
 
@@ -217,6 +228,15 @@ def leaders_first(found: Iterable[Standing]) -> list[Standing]:
     `found` are standings over the best run of each team.
     """
     return sorted(found, key=_best_first)
+
+
+def leaders(found: Sequence[Standing]) -> list[Standing]:
+    """The best of each condition, each one of several that are equal."""
+    least: dict[tuple[int, str], tuple[float, float]] = {}
+    for one in leaders_first(found):
+        condition, ruleset, *order = _best_first(one)
+        least.setdefault((condition, ruleset), (order[0], order[1]))
+    return [one for one in found if _best_first(one)[2:] == least[one.condition, one.ruleset]]
 
 
 def _best_first(one: Standing) -> tuple[int, str, float, float]:
@@ -233,19 +253,33 @@ def overall(
     best: int = 0,
     listed: Mapping[int, str] | None = None,
 ) -> tuple[Overall, ...]:
-    """The standings by subject, over all conditions; `best` runs of each condition enter."""
+    """The standings by subject, over all conditions; `best` runs of each condition enter.
+
+    A mean is that of the means of those conditions in which each team has one: times of different
+    conditions do not compare.
+    """
     groups = _grouped(runs, official=official)
     names = _names(groups, listed or {})
     of_team: dict[tuple[int, str], list[_Key]] = defaultdict(list)
+    of_rules: dict[str, list[Mapping[int, Mapping[IndicatorName, Aggregate]]]] = defaultdict(list)
     for key in sorted(groups):
         of_team[key.subject, key.ruleset].append(key)
-    made = [
-        Overall(
-            conditions=tuple(key.condition for key in keys),
-            **_tally(keys[0], names, [groups[key] for key in keys], best),
-        )
-        for keys in of_team.values()
-    ]
+    single = {key: _tally(key, names, [groups[key]], best)["aggregates"] for key in groups}
+    for (_, ruleset), keys in of_team.items():
+        of_rules[ruleset].append({key.condition: single[key] for key in keys})
+    made = []
+    for (_, ruleset), keys in of_team.items():
+        tally = _tally(keys[0], names, [groups[key] for key in keys], best)
+        tally["aggregates"] = {}
+        for name in IndicatorName:
+            having = [{n for n, of in each.items() if name in of} for each in of_rules[ruleset]]
+            common = set.intersection(*filter(None, having)) if any(having) else set()
+            means = [
+                single[key][name] for key in keys if key.condition in common and name in single[key]
+            ]
+            if means:
+                tally["aggregates"][name] = Aggregate.of_means(means)
+        made.append(Overall(conditions=tuple(key.condition for key in keys), **tally))
     return _told_apart(made, lambda one: one.ruleset)
 
 
@@ -366,13 +400,18 @@ def alike_values(known: Iterable[tuple[_K, float, Uncertainty]]) -> Mapping[_K, 
 
     A value that is like no other is missing.
     """
-    ordered = sorted(known, key=lambda one: one[1] - one[2].expanded)
+    ordered = sorted(known, key=lambda one: one[1] - _width(one[2]))
     found: dict[_K, list[_K]] = defaultdict(list)
     for number, (key, value, spread) in enumerate(ordered, 1):
         for other, its, theirs in islice(ordered, number, None):
-            if its - theirs.expanded > value + spread.expanded:
+            if its - _width(theirs) > value + _width(spread):
                 break
             if not distinguishable(value, its, spread, theirs):
                 found[key].append(other)
                 found[other].append(key)
     return found
+
+
+def _width(known: Uncertainty) -> float:
+    """No value that differs by more than two of these is alike."""
+    return known.expanded + abs(known.rest)

@@ -19,6 +19,7 @@ from madrob_console.pages.tally import (
     ALIKE,
     Standing,
     counts,
+    leaders,
     leaders_first,
     standings,
     subjects_text,
@@ -96,7 +97,6 @@ class StandingsPane(RunsPane[Tables, Standing, StandingsView]):
             return standings(runs, official=official, best=best, listed=self.teams)
 
         ordered = leaders_first(over(1))
-        leaders = {(one.condition, one.ruleset): one for one in reversed(ordered)}
         rulesets = {one.ruleset for one in ordered}
         damaged = sum(run.problem is not None for run in runs)
         protests = sum(one.open_protests for one in ordered)
@@ -109,7 +109,7 @@ class StandingsPane(RunsPane[Tables, Standing, StandingsView]):
             f"{len(rulesets)} rulesets: do not compare them" if len(rulesets) > 1 else "",
             how_testbeds_differ(entering).rstrip("."),
         )
-        keys = {_key(one) for one in leaders.values() if one.counted}
+        keys = {_key(one) for one in leaders(ordered) if one.counted}
         details = cache(partial(over, self._best))
         return Tables(ordered, details, keys, official, [*filter(None, notes)])
 

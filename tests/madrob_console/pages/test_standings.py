@@ -20,7 +20,7 @@ from madrob_console.pages.outputs import (
     standings_html,
     standings_json,
 )
-from madrob_console.pages.tally import Aggregate, overall, standings
+from madrob_console.pages.tally import Aggregate, leaders, overall, standings
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import Uncertainty
@@ -178,18 +178,40 @@ def test_the_time_of_a_failed_run_makes_it_no_better_and_of_equal_ones_the_earli
         assert first.values[HANDLE] != second.values[HANDLE]
 
 
-def test_all_conditions_of_a_team_together_weigh_every_run_the_same() -> None:
-    runs = [timed(10.0), timed(20.0), summary(3, 8, values={TIME: 60.0, LEVEL: 1}), summary(4, 8)]
+def test_all_conditions_are_the_mean_of_those_in_which_each_team_has_a_value() -> None:
+    runs = [
+        *(timed(10.0), timed(20.0), summary(3, 8, values={TIME: 60.0, LEVEL: 1})),
+        summary(4, 8, values={TIME: 50.0, LEVEL: 2}),
+    ]
     first, second = overall(runs)
     assert (first.subject, first.conditions, first.completed, first.counted) == (3, (7, 8), 3, 3)
-    assert first.aggregates[TIME].mean == pytest.approx(30.0)
     assert (second.subject, second.conditions) == (4, (8,))
+    assert [one.aggregates[TIME].mean for one in (first, second)] == [60.0, 50.0]  # condition 8
     team, _ = overall(runs, best=1)  # the best of each condition
     assert (team.completed, team.counted) == (3, 2)
-    assert team.aggregates[TIME].mean == pytest.approx(35.0)
+    (alone,) = overall(runs[:3])  # a condition of two runs weighs as much as one of one
+    assert alone.aggregates[TIME].mean == pytest.approx((15.0 + 60.0) / 2)
     others = [summary(ruleset="eurobench-2020"), summary(source="simulated")]
     rulesets = [team.ruleset for team in overall([*others, summary()])]
     assert rulesets == ["eurobench-2020", "protocol"]
+
+
+def test_a_team_that_is_faster_in_each_condition_is_faster_in_all() -> None:
+    slow = [known(1, 10.0)] * 3 + [known(1, 30.0, condition=8)]
+    fast = [known(2, 9.5)] + [known(2, 28.0, condition=8)] * 4
+    one, other = (team.aggregates[TIME].mean for team in overall([*slow, *fast]))
+    assert other < one
+
+
+def test_the_best_of_several_runs_is_not_marked_as_like_another() -> None:
+    runs = [known(1, 10.0), *(known(2, 10.0 + n) for n in range(8))]
+    assert [one.alike for one in standings(runs, best=1)] == [{}, {}]
+
+
+def test_all_that_are_equal_lead() -> None:
+    equal = [summary(n, values={LEVEL: 3}, outcome=Outcome.TIMEOUT) for n in (1, 2)]
+    lower = summary(3, values={LEVEL: 2}, outcome=Outcome.TIMEOUT)
+    assert [one.subject for one in leaders(standings([*equal, lower], best=1))] == [1, 2]
 
 
 @given(st.lists(FINITE, min_size=1, max_size=8))
@@ -264,7 +286,7 @@ ALIKE: dict[str, tuple[Sequence[RunSummary], dict[int, tuple[int, ...]]]] = {
     "more runs": ([known(1, 10.0), known(2, 10.8)] * 4, {}),
     "no better than runs repeat": ([*SLOW, *FAST], BOTH),
     "of one run there is no std": ([known(1, 14.0, 0.02), known(2, 13.5, 0.02)], {}),
-    "apart by more than that": ([*SLOW, *(known(2, 19.5 + n, 0.02) for n in (-1.5, 0, 1.5))], {}),
+    "apart by more than that": ([*SLOW, *(known(2, 23.5 + n, 0.02) for n in (-1.5, 0, 1.5))], {}),
     "one unknown": ([known(1, 10.0), known(2, 10.0, None)], {}),
     "one run unknown": ([known(1, 10.0), known(2, 10.0), known(2, 10.0, None)], {}),
     "other conditions": ([known(1, 10.0), known(2, 10.0, condition=8)], {}),
@@ -283,14 +305,16 @@ def test_the_uncertainty_of_a_mean_is_that_of_its_repeated_runs() -> None:
     one, other = standings([*SLOW, *FAST])
     spread = one.aggregates[TIME].uncertainty
     assert spread is not None
-    assert spread.expanded == pytest.approx(2 * 2.0 / 3**0.5)
+    assert spread.expanded == pytest.approx(4.31 * 2.0 / 3**0.5)  # Student's t
     assert other.aggregates[TIME].deviation == pytest.approx(1.5)
-    both = overall([known(1, 10.0), known(2, 10.0, condition=8)])
+    both = overall([known(1, 10.0), known(2, 10.0)])
     assert [one.alike[TIME] for one in both] == [(2,), (1,)]
+    apart = overall([known(1, 10.0), known(2, 10.0, condition=8)])
+    assert [one.aggregates for one in apart] == [{}, {}]  # they have no condition in common
 
 
 def test_the_mean_of_a_team_has_an_uncertainty_and_its_doubts_are_counted() -> None:
-    runs = [known(1, 10.0, 0.6, doubts={TIME: 1}), known(1, 10.1, 0.8, doubts={TIME: 2})]
+    runs = [known(1, 10.0, 0.6, doubts={TIME: 1}), known(1, 10.0, 0.8, doubts={TIME: 2})]
     (one,) = standings(runs)
     mean = one.aggregates[TIME].uncertainty
     assert mean is not None
@@ -361,4 +385,6 @@ def test_what_is_shown_is_rounded_up_and_the_legend_says_that_it_is_compared_unr
     text = list(standings_details(competition_standings(runs, made=0.0)))
     assert text[text.index("+-") + 1].split()[1] == "0.4"  # which would overlap
     assert "unrounded +- overlap" in SIGNS
-    assert any("rounded up: by measurement, or 2 std / sqrt(runs)" in note for note in NOTES)
+    assert any(
+        "rounded up: by measurement, or Student's t std / sqrt(runs)" in note for note in NOTES
+    )
