@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from scoring.kinematics import Array
 from scoring.protocol import Thresholds
+from scoring.rest import REST_TIME
 
 Flags = NDArray[np.bool_]
 
@@ -22,6 +23,9 @@ _STRAY_STEPS = 2
 
 _SAME_STEP = 1e-9
 """Smaller steps of the door angle are none, rad."""
+
+_ROUNDED = 1e-6
+"""Angles that lie this near to whole milliradians were rounded, rad."""
 
 _AT_REST = 1.0
 """How long before the start the closed door is looked at, s."""
@@ -56,6 +60,8 @@ class DoorAngle:
         step: the smallest one; None where few are seen.
         count: of the encoder: the smallest step, at most what the settings say.
         noise: standard deviation of the closed door before the start; 0 where not known.
+        before: mean of the closed door in the last second before the start; None = not known.
+        after: and in the last half second of the recording.
         spikes: samples that are off their neighbours, and back.
         frozen: samples that repeat an old angle in motion.
         spike: the size of the largest spike.
@@ -66,6 +72,8 @@ class DoorAngle:
     step: float | None
     count: float
     noise: float
+    before: float | None
+    after: float | None
     spikes: Flags
     frozen: Flags
     spike: float
@@ -75,36 +83,73 @@ class DoorAngle:
         with np.errstate(over="ignore", invalid="ignore"):  # `eurobench-2020` believes any angle
             steps = np.abs(np.diff(angle))
             steps = steps[steps > _SAME_STEP]
-            few = steps.size < _FEWEST_STEPS
-            step = None if few else float(np.partition(steps, _STRAY_STEPS)[_STRAY_STEPS])
+            whole = bool((np.abs(angle - np.round(angle, 3)) < _ROUNDED).all())
+            untold = whole or steps.size < _FEWEST_STEPS  # rounded to mrad, as it was published
+            step = None if untold else float(np.partition(steps, _STRAY_STEPS)[_STRAY_STEPS])
             count = min(step or math.inf, thresholds.encoder_count)
             rest = angle[(time >= start - _AT_REST) & (time < start)]
+            until = time[-1] if time.size else start
+            later = angle[time > max(start, until - REST_TIME)]
+            before, after = (_closed_mean(each, thresholds) for each in (rest, later))
             rest = rest[np.abs(rest) < thresholds.closed_angle]
             noise = float(rest.std()) if rest.size >= _FEWEST_STEPS else 0.0
             limit = max(_COUNTS_OFF * count, _DEVIATIONS_OFF * noise)
             sizes = spike_sizes(time, angle)
             frozen = _frozen(angle, count, limit) & (np.abs(angle) >= thresholds.closed_angle)
         spike = float(sizes.max(initial=0.0))
-        return cls(time, angle, step, count, noise, sizes > limit, frozen, spike)
+        return cls(time, angle, step, count, noise, before, after, sizes > limit, frozen, spike)
 
     @property
     def bad(self) -> Flags:
         return self.spikes | self.frozen
 
-    def without_bad(self) -> Array:
-        """The angles, with a curve through their neighbours in place of bad ones."""
-        good = np.flatnonzero(~self.bad & (np.abs(self.angle) < _WILD))
-        filled = self.angle.copy()
-        for first, last in runs(self.bad):
+    def repaired(self, thresholds: Thresholds) -> DoorAngle:
+        """With curves through their neighbours in place of bad samples and of a few lost ones.
+
+        The same object where there are none.
+        """
+        steps = np.diff(self.time)
+        usual = float(np.median(steps)) if steps.size else math.inf
+        short = steps <= thresholds.largest_gap
+        lost = np.where(short, (np.rint(steps / usual) - 1).clip(0), 0).astype(int)
+        if not (self.bad.any() or lost.any()):
+            return self
+        every = np.repeat(np.arange(lost.size), lost)
+        number = np.arange(every.size) - np.repeat(np.cumsum(lost) - lost, lost) + 1
+        between = self.time[every] + steps[every] * number / (lost[every] + 1)
+        places = every + 1
+        time = np.insert(self.time, places, between)
+        bad = np.insert(self.bad, places, values=True)
+        angle = np.insert(self.angle, places, 0.0)
+        good = np.flatnonzero(~bad & (np.abs(angle) < _WILD))
+        for first, last in runs(bad):
             place = int(np.searchsorted(good, first))
             near = good[max(0, place - _NEIGHBOURS) : place + _NEIGHBOURS]
             if near.size < 2 * _NEIGHBOURS or last - first > _NEIGHBOURS:
                 near = good[max(0, place - 1) : place + 1]  # a line, as far as there is one
             if near.size:
-                middle, degree = self.time[first], min(3, near.size - 1)
-                curve = np.polyfit(self.time[near] - middle, self.angle[near], degree)
-                filled[first:last] = np.polyval(curve, self.time[first:last] - middle)
-        return filled
+                middle, degree = time[first], min(3, near.size - 1)
+                curve = np.polyfit(time[near] - middle, angle[near], degree)
+                angle[first:last] = np.polyval(curve, time[first:last] - middle)
+        none = np.zeros_like(bad)
+        return replace(self, time=time, angle=angle, spikes=none, frozen=none)
+
+
+def last_closing(time: Array, angle: Array, closed: float) -> float:
+    """When a door was last closed that was open before, s; inf = it is open, or never was."""
+    is_open = np.flatnonzero(np.abs(angle) >= closed)
+    return (
+        float(time[is_open[-1] + 1]) if is_open.size and is_open[-1] + 1 < time.size else math.inf
+    )
+
+
+def _closed_mean(angle: Array, thresholds: Thresholds) -> float | None:
+    """Of a door that rests near its zero, rad."""
+    near = (
+        angle[np.abs(angle - np.median(angle)) < thresholds.closed_angle] if angle.size else angle
+    )
+    mean = float(near.mean()) if near.size >= _FEWEST_STEPS else math.inf
+    return mean if abs(mean) < 2 * thresholds.closed_angle else None
 
 
 def runs(flags: Flags) -> list[tuple[int, int]]:

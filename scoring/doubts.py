@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from scoring.door_angle import DoorAngle, runs, without_top
+from scoring.door_angle import DoorAngle, last_closing, runs, without_top
 from scoring.indicator_table import IndicatorName as Name
 from scoring.indicators import (
     roughness_of_door_actuation,
@@ -21,9 +21,20 @@ from scoring.indicators import (
     unsafety_of_door_operation,
 )
 from scoring.kinematics import Array, JointState, Rows, cut_rows, joint_state, process_rows
-from scoring.protocol import PASSAGE_SENSORS, Event, EventName, Signal, Thresholds
+from scoring.protocol import (
+    FARTHEST_ZERO,
+    PASSAGE_SENSORS,
+    Condition,
+    Event,
+    EventName,
+    PassageSensor,
+    Side,
+    Signal,
+    Strip,
+    Thresholds,
+)
 from scoring.quality import QualityCounter
-from scoring.rest import FEWEST_SAMPLES, RestForce
+from scoring.rest import FEWEST_SAMPLES, RestForce, largest_brake
 from scoring.result import Indicator, Uncertainty, value_text
 from scoring.rulesets import Ruleset
 from scoring.signals import DecidingEdge, EdgeKind
@@ -42,6 +53,9 @@ class Grounds:
 
     Attributes:
         end: of what is scored.
+        start_uncertainty: of a start by hand, s.
+        settles: whether a door that stayed closed ended the run.
+        presences: for each used sensor, from when to when something was under it.
         door, joint, force_time, force: over the whole recording.
         impossible_angles: times of impossible door angles, shape (m,).
         guessed: stamps and angles, shape (n, 2), of passage samples that were masked before the
@@ -49,9 +63,13 @@ class Grounds:
         rows: cut to the run, at `rows_end`.
     """
 
+    condition: Condition
     start: float
     end: float
+    start_uncertainty: float
+    settles: bool
     events: Sequence[Event]
+    presences: Mapping[PassageSensor, Sequence[tuple[float, float]]]
     edges: Sequence[DecidingEdge]
     counters: Mapping[Signal, QualityCounter]
     door: DoorAngle
@@ -85,18 +103,51 @@ class Grounds:
 
     def without_bad_samples(self) -> Grounds | None:
         """The run without bad samples and its largest force; None if next to nothing changes."""
-        bad = self.door.bad
         force = without_top(self.rows.force_time, self.rows.force, self.force_noise)
         change = np.abs(self.rows.force).max(initial=0.0) - np.abs(force).max(initial=0.0)
-        if not bad.any():
+        door = self.door.repaired(self.thresholds)
+        if door is self.door:
             if abs(change) <= _NOISE * self.force_noise:
                 return None
             return replace(self, rows=replace(self.rows, force=force))
-        good = np.zeros_like(bad)
-        angle = self.door.without_bad()
-        door = replace(self.door, angle=angle, spikes=good, frozen=good)
-        joint, rows = self.rows_of(door.time, angle, self.ruleset)
+        joint, rows = self.rows_of(door.time, door.angle, self.ruleset)
         return replace(self, door=door, joint=joint, rows=replace(rows, force=force))
+
+    def zero_shift(self) -> float:
+        """How far the door's zero moves its last closing, s; inf = it makes it, or undoes it."""
+        zero, thresholds = self.door.before, self.thresholds
+        if zero is None or abs(zero) <= thresholds.near_zero:
+            return 0.0
+        since = self.door.time >= self.start
+        time, angle = self.door.time[since], self.door.angle[since]
+        one, other = (
+            last_closing(time, each, thresholds.closed_angle) for each in (angle, angle - zero)
+        )
+        return abs(one - other) if one != other else 0.0
+
+    def drift_shift(self) -> float:
+        """How far the touch moves if the handle's zero is off by the drift, s; inf = it is none."""
+        drift = self.rest.drift
+        if drift is None:
+            return 0.0
+        since = self.force_time >= self.start
+        time, force = self.force_time[since], self.force[since] - self.handle_zero
+        touches = []
+        for zero in (-drift, 0.0, drift):
+            touched = np.flatnonzero(np.abs(force - zero) > self.thresholds.touch_force)
+            touches.append(float(time[touched[0]]) if touched.size else math.inf)
+        moved = max(touches) - min(touches)
+        return moved if min(touches) < math.inf else 0.0
+
+    @property
+    def brake_ends_range(self) -> bool:
+        """Whether the condition's brake reaches the end of the load cell's range."""
+        return largest_brake(self.condition.benchmark_type) >= self.thresholds.largest_force
+
+    @property
+    def force_ends_range(self) -> bool:
+        end = self.thresholds.doubt.range_end * self.thresholds.largest_force
+        return bool(np.abs(self.rows.force).max(initial=0.0) >= end)
 
     @property
     def door_edges(self) -> list[float]:
@@ -113,11 +164,15 @@ Doubt = tuple[tuple[Name, ...], str]
 
 _MOTION = (Name.SMOOTHNESS_OF_DOOR_ACTUATION, Name.UNSAFETY_OF_DOOR_OPERATION)
 _FORCE = (*EdgeKind.TOUCH.indicators, Name.ROUGHNESS_OF_DOOR_ACTUATION)
+_SETTLED = (Name.EXECUTION_TIME, Name.CAPABILITY_LEVEL)
+_PASSING = tuple(dict.fromkeys(EdgeKind.ARRIVAL.indicators + EdgeKind.DEPARTURE.indicators))
 _CLOSING_TIMES = (Name.EXECUTION_TIME, Name.PASSAGE_TIME)
 _FROM_START = (Name.EXECUTION_TIME, Name.TIME_TO_HANDLE)
 _UNDER_SENSORS = (EdgeKind.ARRIVAL, EdgeKind.DEPARTURE)
 _TOP_NOISE = 3.0
 """Noise alone lifts one force over its neighbours by up to this many standard deviations."""
+_SAME_SCALE = 0.05
+"""Encoders whose steps differ by less, as a part of them, have the same scale."""
 _FILTER_REACH = 1.0
 """How far the filters of the door angle reach out of the run, s."""
 
@@ -126,25 +181,33 @@ Uncertain = Callable[[Grounds, Mapping[Name, Indicator]], Mapping[Name, Uncertai
 
 
 def all_doubts(
-    grounds: Grounds, indicators: Mapping[Name, Indicator], uncertain: Uncertain
+    grounds: Grounds,
+    indicators: Mapping[Name, Indicator],
+    known: Mapping[Name, Uncertainty | None],
+    uncertain: Uncertain,
 ) -> dict[Name, tuple[str, ...]]:
-    """The doubts on a run by indicator; `uncertain` gives uncertainties for other grounds."""
+    """The doubts on a run by indicator, whose uncertainties are `known`.
+
+    `uncertain` gives those for other grounds.
+    """
     with np.errstate(over="ignore", invalid="ignore"):  # of what only `eurobench-2020` believes
         found = (
             *edge_doubts(grounds.edges, grounds.counters, grounds.thresholds),
-            *_gaps_near_edges(grounds),
-            *_gaps_near_maxima(grounds),
+            *_other_visits(grounds),
+            *_blind_strips(grounds),
+            *_gaps(grounds),
             *_missing_samples(grounds),
-            *_bad_samples(grounds, indicators, uncertain),
+            *_bad_samples(grounds, indicators, known, uncertain),
             *_bad_edges(grounds),
             *_impossible(grounds),
             *_guessed_angles(grounds),
             *_encoder(grounds),
+            *_door_zero(grounds),
             *_range_end(grounds),
-            *_clipped(grounds),
             *_stuck(grounds),
             *_drift(grounds),
             *_chatter(grounds),
+            *_newcomers(grounds),
             *_delays(grounds),
             *_rate(grounds),
         )
@@ -175,62 +238,92 @@ def edge_doubts(
         counter = counters.get(edge.signal)
         tolerance = (counter.interval or 0.0) / 2 if counter is not None else 0.0
         if edge.alone is not None and edge.alone + tolerance < limits.least_hold:
-            alone = f"one passage sensor for {1000 * edge.alone:.0f} ms"
+            alone = f"one passage strip for {1000 * edge.alone:.0f} ms"
             yield edge.indicators, f"{edge.kind.words} rests on {alone}"
 
 
-def _gaps_near_edges(g: Grounds) -> Iterator[Doubt]:
+def _other_visits(g: Grounds) -> Iterator[Doubt]:
+    """What decides without having passed from one side to the other: a person beside the robot."""
+    visits: list[tuple[float, float, frozenset[Side]]] = []
+    under = [(rise, fall, s.side) for s, seen in g.presences.items() for rise, fall in seen]
+    for rise, fall, side in sorted(under):
+        if visits and rise <= visits[-1][1] + g.thresholds.largest_gap:
+            since, until, sides = visits.pop()
+            visits.append((since, max(until, fall), sides | {side}))
+        else:
+            visits.append((rise, fall, frozenset({side})))
+    passages = [visit for visit in visits if len(visit[2]) > 1 and visit[0] <= g.end]
+    for edge in g.edges if passages else ():
+        since, until, _ = passages[-1]
+        if edge.kind in _UNDER_SENSORS and not since <= edge.time <= until:
+            words = "something was under the sensors twice: not seen to pass"
+            yield edge.indicators, f"{edge.kind.words}: {words}"
+
+
+def _blind_strips(g: Grounds) -> Iterator[Doubt]:
+    for strip in Strip:
+        counter = g.counters.get(signal := Signal.of_strip(strip))
+        if counter is None:
+            yield _PASSING, f"{signal.value}: nothing recorded: it cannot be decided"
+        elif counter.no_reading > (readings := counter.readings) / 2:
+            share = f"{100 * counter.no_reading / readings:.0f} of 100 values without a reading"
+            yield _PASSING, f"{signal.value}: {share}: it cannot be decided"
+    seen_sides = {sensor.side for sensor, seen in g.presences.items() if seen}
+    if {EdgeKind.TOUCH, EdgeKind.OPENING, EdgeKind.CLOSING} <= {edge.kind for edge in g.edges}:
+        for side in set(Side) - seen_sides:
+            arrives = side is g.condition.starting_side
+            words = f"the door was opened and closed, but the {side.upper()} sensors saw nothing"
+            yield (EdgeKind.ARRIVAL if arrives else EdgeKind.DEPARTURE).indicators, words
+
+
+def _gaps(g: Grounds) -> Iterator[Doubt]:
+    """Holes of a signal near what decides, one sentence for each signal."""
+    rows, limits = g.rows, g.thresholds.doubt
+    motion = rows.joint_state.time, rows.low_passed, limits.filter_reach
+    force = rows.force_time, rows.force, limits.gap_reach
+    near: list[tuple[Signal, float | None, str, tuple[Name, ...]]] = []
+    for name, signal, times, values, reach, words in (
+        (Name.UNSAFETY_OF_DOOR_OPERATION, Signal.DOOR, *motion, "the largest acceleration"),
+        (Name.ROUGHNESS_OF_DOOR_ACTUATION, Signal.HANDLE, *force, "the largest force"),
+    ):
+        if np.isfinite(values).any():
+            at = float(times[int(np.nanargmax(np.abs(values)))])
+            near.append((signal, _gap_near(_holes(g, signal), at, reach), words, (name,)))
     for edge in g.edges:
-        limits, counter = g.thresholds.doubt, g.counters.get(edge.signal)
-        gap = _gap_near(_holes(g, edge.signal), edge.time, limits.gap_reach)
-        usual = counter.interval if counter is not None else None
-        unreadable = counter is not None and counter.no_reading > 0
-        if gap is None and unreadable and usual is not None and edge.since is not None:
-            unread = edge.time - edge.since  # samples came and said nothing
-            gap = unread if unread > limits.gap_intervals * usual else None
-        if edge.kind in _UNDER_SENSORS:
-            # where the panel is decides which sensors it masks
-            blind = _gap_near(_holes(g, Signal.DOOR), edge.time, limits.gap_reach)
-            if blind is not None:
-                words = f"door angle: no sample for {blind:.3f} s near {edge.kind.words}"
-                yield edge.indicators, words
-        if gap is not None:
-            near = f"near {edge.kind.words}"
-            yield edge.indicators, f"{edge.signal.value}: no sample for {gap:.3f} s {near}"
+        # where the panel is decides which passage sensors it masks
+        for signal in {edge.signal, Signal.DOOR} if edge.kind in _UNDER_SENSORS else {edge.signal}:
+            gap = _gap_near(_holes(g, signal), edge.time, limits.gap_reach)
+            if gap is None and signal is edge.signal:
+                gap = _unread(g, edge)
+            near.append((signal, gap, edge.kind.words, edge.indicators))
+    for signal in Signal:
+        gaps = [(gap, w, names) for of, gap, w, names in near if of is signal and gap is not None]
+        if gaps:
+            places = " and ".join(dict.fromkeys(words for _, words, _ in gaps))
+            longest = max(gap for gap, *_ in gaps)
+            names = dict.fromkeys(name for *_, doubted in gaps for name in doubted)
+            yield tuple(names), f"{signal.value}: no sample for {longest:.3f} s near {places}"
 
 
-def _gaps_near_maxima(g: Grounds) -> Iterator[Doubt]:
-    rows, reach = g.rows, g.thresholds.doubt.gap_reach
-    motion = rows.joint_state.time, rows.low_passed
-    maxima = (
-        (Name.UNSAFETY_OF_DOOR_OPERATION, Signal.DOOR, *motion, "largest acceleration"),
-        (
-            Name.ROUGHNESS_OF_DOOR_ACTUATION,
-            Signal.HANDLE,
-            rows.force_time,
-            rows.force,
-            "largest force",
-        ),
-    )
-    for name, signal, times, values, words in maxima:
-        if not np.isfinite(values).any():
-            continue
-        at = float(times[int(np.nanargmax(np.abs(values)))])
-        gap = _gap_near(_holes(g, signal), at, reach)
-        if gap is not None:
-            yield (name,), f"{signal.value}: no sample for {gap:.3f} s near the {words}"
+def _unread(g: Grounds, edge: DecidingEdge) -> float | None:
+    """How long samples came before an edge and said nothing, s; None = not longer than usual."""
+    counter = g.counters.get(edge.signal)
+    if counter is None or not counter.no_reading or edge.since is None:
+        return None
+    unread, usual = edge.time - edge.since, counter.interval or math.inf
+    return unread if unread > g.thresholds.doubt.gap_intervals * usual else None
 
 
 def _holes(g: Grounds, signal: Signal) -> list[tuple[float, float]]:
     counter, intervals = g.counters.get(signal), g.thresholds.doubt.gap_intervals
     if counter is None:
         return []
+    holes = counter.longer_than(intervals)
     times = {Signal.DOOR: g.door.time, Signal.HANDLE: g.force_time}.get(signal)
-    if times is None:
-        return counter.longer_than(intervals)
-    steps, usual = np.diff(times), counter.interval
-    longer = np.flatnonzero(steps > intervals * usual) if usual else np.empty(0, np.intp)
-    return [(float(times[i]), float(times[i + 1])) for i in longer]
+    if times is not None and (usual := counter.interval):  # readings that are none leave one, too
+        longer = np.flatnonzero(np.diff(times) > intervals * usual)
+        holes += [(float(times[i]), float(times[i + 1])) for i in longer]
+    return holes
 
 
 def _gap_near(holes: Iterable[tuple[float, float]], time: float, reach: float) -> float | None:
@@ -264,34 +357,41 @@ def _missing_samples(g: Grounds) -> Iterator[Doubt]:
 
 
 def _bad_samples(
-    g: Grounds, indicators: Mapping[Name, Indicator], uncertain: Uncertain
+    g: Grounds,
+    indicators: Mapping[Name, Indicator],
+    known: Mapping[Name, Uncertainty | None],
+    uncertain: Uncertain,
 ) -> Iterator[Doubt]:
-    """Samples without which a value would change by more than its uncertainty."""
+    """Samples without which a value would change by more than its uncertainty, lost ones too."""
     sound = g.without_bad_samples()
     if sound is None:
         return
     values = sound.signal_values()
-    known = uncertain(sound, {**indicators, **values})
+    of_sound = uncertain(sound, {**indicators, **values})
     words = dict.fromkeys(_MOTION, _bad_angle(g))
     words[Name.ROUGHNESS_OF_DOOR_ACTUATION] = "the largest force rests on one sample"
     for name, other in values.items():
-        value, worth = indicators[name].value, known[name]
+        value, worth, own = indicators[name].value, of_sound[name], known[name]
         if value is None or other.value is None or worth is None:
             continue
-        noise = _TOP_NOISE * g.force_noise if name is Name.ROUGHNESS_OF_DOOR_ACTUATION else 0.0
-        if abs(value - other.value) > g.thresholds.doubt.one_sample * (worth.expanded + noise):
+        most = worth.expanded
+        if name is Name.ROUGHNESS_OF_DOOR_ACTUATION and own is not None:
+            most = max(most, own.expanded) + _TOP_NOISE * g.force_noise
+        if abs(value - other.value) > g.thresholds.doubt.one_sample * most:
             yield (name,), f"{words[name]}: without it {value_text(other.value, worth)}"
 
 
 def _bad_angle(g: Grounds) -> str:
     times = g.door.time[g.door.bad]
+    if not times.size:
+        return "samples of the door angle are missing"
     spike = f", by up to {g.door.spike:.2g} rad" if g.door.spikes.any() else ""
-    return f"the door angle fits no motion{spike}, {_when(g, times)}" if times.size else ""
+    return f"the door angle fits no motion{spike}, {_when(g, times)}"
 
 
 def _bad_edges(g: Grounds) -> Iterator[Doubt]:
     times = g.door.time[g.door.bad]
-    for edge in g.edges if g.thresholds.doubt.least_readings else ():
+    for edge in g.edges:
         since = edge.time if edge.since is None else edge.since
         hangs = edge.signal is Signal.DOOR and ((times >= since) & (times <= edge.time)).any()
         if edge.kind in _UNDER_SENSORS:  # it masks them
@@ -312,26 +412,66 @@ def _guessed_angles(g: Grounds) -> Iterator[Doubt]:
         differs |= ((low < true) & (true < high)) != ((low < taken) & (taken < high))
     if differs.any():
         late = f"the door angle came too late for {int(differs.sum())} samples"
-        doubted = {name: None for kind in _UNDER_SENSORS for name in kind.indicators}
-        yield tuple(doubted), f"{late} of the passage sensors: they may have seen the panel"
+        yield _PASSING, f"{late} of the passage sensors: they may have seen the panel"
 
 
 def _encoder(g: Grounds) -> Iterator[Doubt]:
     count, limits = g.thresholds.encoder_count, g.thresholds.doubt
-    most = limits.encoder * count
-    for what, seen, known in (
-        ("steps by", g.door.step, count),
-        ("at rest varies by", g.door.noise, g.thresholds.encoder_noise),
+    scaled = (*_MOTION, *EdgeKind.CLOSING.indicators)
+    for names, what, seen, usual, most in (
+        (scaled, "steps by", g.door.step, count, _SAME_SCALE * count),
+        (
+            _MOTION[:1],
+            "at rest varies by",
+            g.door.noise,
+            g.thresholds.encoder_noise,
+            limits.encoder * count,
+        ),
     ):
-        if seen is not None and abs(seen - known) > most:
-            angles = f"{1000 * seen:.2g} mrad, not {1000 * known:.2g}"
-            yield (Name.SMOOTHNESS_OF_DOOR_ACTUATION,), f"another encoder: the door {what} {angles}"
+        if seen is not None and abs(seen - usual) > most:
+            angles = f"{1000 * seen:.3g} mrad, not {1000 * usual:.3g}"
+            yield names, f"another encoder: the door {what} {angles}"
+
+
+def _door_zero(g: Grounds) -> Iterator[Doubt]:
+    """A zero that is far off or decides whether the door closed, and a door that rests ajar."""
+    before, after = g.door.before, g.door.after
+    if before is None:
+        return
+    if abs(before) > FARTHEST_ZERO or g.zero_shift() == math.inf:
+        words = f"the closed door read {1000 * before:+.1f} mrad before the start"
+        yield (*EdgeKind.CLOSING.indicators, _MOTION[0]), words
+    if not g.settles or after is None:
+        return
+    least_noise = g.thresholds.encoder_count / math.sqrt(12)  # of its steps
+    if abs(after - before) > g.thresholds.near_zero + max(g.door.noise, least_noise):
+        rests = f"the door rests at {1000 * after:+.0f} mrad, before the start at"
+        yield _SETTLED, f"{rests} {1000 * before:+.0f}: ajar?"
+
+
+def information(g: Grounds) -> Iterator[str]:
+    """What a reader of the values has to know, but nobody has to decide."""
+    if g.brake_ends_range and g.force_ends_range:
+        end = g.thresholds.largest_force
+        yield f"handle force: at least {end:.0f} N, where the load cell's range and the brake end"
+    if g.door.before is not None and 0 < (shift := g.zero_shift()) < math.inf:
+        moves = f"this moves execution and passage time by {shift:.2f} s"
+        yield f"door angle: the closed door read {1000 * g.door.before:+.1f} mrad, {moves}"
 
 
 def _range_end(g: Grounds) -> Iterator[Doubt]:
-    end = g.thresholds.largest_force
-    if np.abs(g.rows.force).max(initial=0.0) >= g.thresholds.doubt.range_end * end:
-        words = f"the load cell's range ends at {end:.0f} N: it may have been more"
+    """A force at the end of what the load cell can say, or clipped, where the brake is weaker."""
+    force = g.rows.force
+    if g.brake_ends_range or not force.size:
+        return
+    top = force[int(np.argmax(np.abs(force)))]
+    longest = max((last - first for first, last in runs(force == top)), default=0)
+    pressed = abs(top - g.handle_zero) > g.thresholds.touch_force
+    if g.force_ends_range:
+        end = f"{g.thresholds.largest_force:.0f} N: it may have been more"
+        yield (Name.ROUGHNESS_OF_DOOR_ACTUATION,), f"the load cell's range ends at {end}"
+    elif pressed and longest >= g.thresholds.doubt.clipped:
+        words = f"the largest force stands still for {longest} samples: clipped"
         yield (Name.ROUGHNESS_OF_DOOR_ACTUATION,), words
 
 
@@ -354,18 +494,6 @@ def _when(g: Grounds, times: Array) -> str:
     return f"{count} {float(times[0]) - g.start:.2f} s after the start"
 
 
-def _clipped(g: Grounds) -> Iterator[Doubt]:
-    force = g.rows.force
-    if not force.size:
-        return
-    top = force[int(np.argmax(np.abs(force)))]
-    longest = max((last - first for first, last in runs(force == top)), default=0)
-    pressed = abs(top - g.handle_zero) > g.thresholds.touch_force
-    if pressed and longest >= g.thresholds.doubt.clipped:
-        words = f"the largest force stands still for {longest} samples: clipped"
-        yield (Name.ROUGHNESS_OF_DOOR_ACTUATION,), words
-
-
 def _stuck(g: Grounds) -> Iterator[Doubt]:
     still = np.diff(g.force) == 0
     at_rest = still[g.force_time[1:] < g.start]
@@ -381,9 +509,10 @@ def _stuck(g: Grounds) -> Iterator[Doubt]:
 
 
 def _drift(g: Grounds) -> Iterator[Doubt]:
-    drift = g.rest.drift
-    if drift is not None and abs(drift) > g.thresholds.doubt.drift * g.thresholds.touch_force:
-        yield _FORCE, f"the handle at rest after the run is {drift:+.2f} N off its zero"
+    drift, most = g.rest.drift, g.thresholds.doubt.drift * g.thresholds.touch_force
+    if drift is not None and abs(drift) > most and g.drift_shift():
+        words = f"the handle at rest after the run is {drift:+.2f} N off its zero"
+        yield EdgeKind.TOUCH.indicators, words
 
 
 def _chatter(g: Grounds) -> Iterator[Doubt]:
@@ -393,28 +522,46 @@ def _chatter(g: Grounds) -> Iterator[Doubt]:
         yield _CLOSING_TIMES, f"the door opens and closes more than {allowed} times within a second"
 
 
+def _newcomers(g: Grounds) -> Iterator[Doubt]:
+    """Values of a signal that a second publisher sent, too."""
+    for signal, counter in g.counters.items():
+        since = next((t for t in counter.restarts if g.start <= t <= g.rows_end), None)
+        if since is None:
+            continue
+        settled = {edge.kind for edge in g.edges if edge.signal is signal and edge.time < since}
+        kinds = [kind for kind in EdgeKind if kind.decided_by(signal) and kind not in settled]
+        names = {Signal.DOOR: _MOTION, Signal.HANDLE: _FORCE[-1:]}.get(signal, ())
+        doubted = dict.fromkeys([*names, *(name for kind in kinds for name in kind.indicators)])
+        when = f"from {since - g.start:.2f} s after the start on"
+        yield tuple(doubted), f"{signal.value}: another publisher, or one started again, {when}"
+
+
 def _delays(g: Grounds) -> Iterator[Doubt]:
     """Stamps with different delays of signals that an indicator joins; the start's has none."""
-    joined: dict[Name, set[Signal]] = {name: set() for name in Name}
+    joined: dict[Name, set[tuple[Signal, float]]] = {name: set() for name in Name}
     for edge in g.edges:
-        for name in edge.kind.indicators:
-            joined[name].add(edge.signal)
-            if edge.kind in _UNDER_SENSORS and _may_be_masked(g, edge):
-                joined[name].add(Signal.DOOR)
-    for name, signals in joined.items():
-        counters = (g.counters.get(s) for s in sorted(signals, key=lambda s: s.value))
-        known = [
-            (c.signal.value, c.delay, c.interval)
-            for c in counters
-            if c is not None and c.delay is not None and c.interval is not None
-        ]
-        if name in _FROM_START:
-            known.append(("the clock of the start", 0.0, 0.0))
-        for (one, delay, interval), (other, of_other, often) in combinations(known, 2):
+        masked = edge.kind in _UNDER_SENSORS and _may_be_masked(g, edge)
+        for name in edge.indicators:
+            joined[name].add((edge.signal, edge.time))
+            joined[name] |= {(Signal.DOOR, edge.time)} if masked else set()
+    largest: dict[str, float] = {}
+    doubted: dict[str, list[Name]] = {}
+    for name, edges in joined.items():
+        delays = [("the clock of the start", 0.0, 0.0)] if name in _FROM_START else []
+        for signal, time in sorted(edges, key=lambda one: (one[0].value, one[1])):
+            counter = g.counters.get(signal)
+            delay = None if counter is None else counter.delay_near(time)
+            if counter is not None and delay is not None and counter.interval is not None:
+                delays.append((signal.value, delay, counter.interval))
+        for (one, delay, interval), (other, of_other, often) in combinations(delays, 2):
             difference = abs(delay - of_other)
             if difference > g.thresholds.doubt.delay_intervals * max(interval, often):
-                words = f"stamps of {one} and {other} differ in delay by {1000 * difference:.0f} ms"
-                yield (name,), words
+                between = f"{other} and {one}" if one != other else f"{one}, early and late,"
+                largest[between] = max(difference, largest.get(between, 0.0))
+                doubted.setdefault(between, []).append(name)
+    for between, difference in largest.items():
+        words = f"stamps of {between} differ in delay by {1000 * difference:.0f} ms"
+        yield tuple(doubted[between]), words
 
 
 def _may_be_masked(g: Grounds, edge: DecidingEdge) -> bool:

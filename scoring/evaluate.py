@@ -16,7 +16,7 @@ import numpy as np
 
 from scoring import indicators as pi
 from scoring.door_angle import DoorAngle
-from scoring.doubts import Grounds, all_doubts, by_indicator, edge_doubts
+from scoring.doubts import Grounds, all_doubts, by_indicator, edge_doubts, information
 from scoring.events import EventDetector
 from scoring.indicator_table import IndicatorName
 from scoring.kinematics import JointState, Rows, cut_rows, joint_state, process_rows
@@ -198,8 +198,13 @@ class Assessment:
         return Quality(tuple(signals), (*remarks, *more))
 
     def result(
-        self, ending: Ending, rulings: Sequence[Ruling] = (), remarks: Iterable[str] = ()
+        self,
+        ending: Ending,
+        rulings: Sequence[Ruling] = (),
+        remarks: Iterable[str] = (),
+        answered: float | None = None,
     ) -> tuple[Result, Rows]:
+        """The result, and its rows. A robot may have `answered` the start, s since the epoch."""
         self._finish()
         end = self._end(ending)
         events = self._scoring.events(end)
@@ -210,7 +215,7 @@ class Assessment:
             events, end = (), -math.inf
             problem = problem or "the run never started"
         procedure = self.procedure(rulings, end)
-        rest = self._rest(ending)
+        rest, by_hand = self._rest(ending), self._thresholds.start_uncertainty
         door, joint, whole = self._rows()
         rows_end = end
         if completed_by_settling(ending, procedure):
@@ -228,8 +233,12 @@ class Assessment:
                 reason = f"step {denied.step} not done: denied by the referee"
                 indicators[IndicatorName.PASSAGE_TIME] = replace(passage, reason=reason)
             grounds = Grounds(
+                condition=self.condition,
                 start=self.start,
                 end=end,
+                start_uncertainty=0.0 if answered and answered <= self.start + by_hand else by_hand,
+                settles=completed_by_settling(ending, procedure),
+                presences=self._scoring.presences(),
                 events=events,
                 edges=self._deciding(ending, rulings, end),
                 counters=self._counters,
@@ -247,6 +256,7 @@ class Assessment:
                 thresholds=self._thresholds,
             )
             indicators = self._trusted(indicators, procedure, grounds)
+            remarks = (*remarks, *information(grounds))
         result = Result(
             handle_zero=self._zero,
             ruleset=self._ruleset.name,
@@ -292,7 +302,8 @@ class Assessment:
             )
 
         uncertain = partial(uncertainties, times=times)
-        doubts, known = all_doubts(grounds, indicators, uncertain), uncertain(grounds, indicators)
+        known = uncertain(grounds, indicators)
+        doubts = all_doubts(grounds, indicators, known, uncertain)
         return {
             name: replace(
                 indicator,

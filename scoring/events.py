@@ -193,7 +193,7 @@ class EventDetector:
             if level.update(sample.time, present, self._start):
                 self.changes += 1
                 self._occupied[sensor.side] += bool(level.state) - bool(before)
-                if present is not before or len(level.edges) > known:
+                if level.state is not before or len(level.edges) > known:
                     self._follow_sensor(sensor, level.edges[known:], sample.time)
         if self.on_passage is not None:
             self.on_passage(sample, angle)
@@ -220,18 +220,19 @@ class EventDetector:
 
     def _feed_latch(self, sample: LatchSample) -> None:
         previous, before = self.latch_engaged, self._latch_seen
+        engaged = bool(sample.engaged)
         self._latch_seen = sample.time
         if sample.time < self._start:
             self._latch_before_start = True
             self.changes += 1
-            self._latch = [Edge(self._start, sample.engaged)]
+            self._latch = [Edge(self._start, engaged)]
             return
-        if previous is sample.engaged:
+        if previous is engaged:
             return
         self.changes += 1
-        self._latch.append(Edge(sample.time, sample.engaged, before))
+        self._latch.append(Edge(sample.time, engaged, before))
         if previous is not None:
-            name = EventName.DOOR_IS_LOCKED if sample.engaged else EventName.DOOR_IS_UNLOCKED
+            name = EventName.DOOR_IS_LOCKED if engaged else EventName.DOOR_IS_UNLOCKED
             self._latch_events.append(Event(sample.time, name))
 
     def evidence(self, stop: float | None = None) -> Evidence:

@@ -265,6 +265,9 @@ PASSAGE_SENSORS: tuple[PassageSensor, ...] = tuple(
 """Five sensors a side, by side and index."""
 
 
+FARTHEST_ZERO = 0.01
+"""No run starts unquestioned with a closed door that reads more, to either side, rad."""
+
 _AMPLIFIER = 3
 """No amplifier of a load cell outputs more than this many times its range."""
 
@@ -275,9 +278,10 @@ class DoubtLimits:
 
     Attributes:
         least_readings: an edge that rests on fewer consecutive readings.
-        least_hold: one that rests on one passage sensor alone for less, s.
+        least_hold: one that rests on one strip of passage sensors alone for less, s.
         gap_intervals: a gap of more sampling intervals, near an edge or a maximum.
         gap_reach: what is near, s.
+        filter_reach: what is near a largest acceleration, s: its filters reach as far.
         missing: more of the door's samples missing while it is open, as a part of them.
         jitter: of the door's stamps, a larger standard deviation of their intervals, s.
         one_sample: a value that is another by more without one bad sample, as a part of its U.
@@ -296,6 +300,7 @@ class DoubtLimits:
     least_hold: float = 0.1
     gap_intervals: float = 1.5
     gap_reach: float = 0.2
+    filter_reach: float = 0.5
     missing: float = 0.002
     jitter: float = 0.0015
     one_sample: float = 1.0
@@ -328,6 +333,7 @@ class Thresholds:
         encoder_counts: of the door's encoder, a turn.
         encoder_noise: standard deviation of the angle of the closed door, rad.
         rate: what the testbed's topics should have, Hz.
+        start_uncertainty: how late a start by hand may be, s.
         doubt: from where on a value is doubted (section 11).
     """
 
@@ -358,12 +364,18 @@ class Thresholds:
     encoder_counts: int = 3600
     encoder_noise: float = 0.0
     rate: float = 50.0
+    start_uncertainty: float = 0.2
     doubt: DoubtLimits = DoubtLimits()
 
     @property
     def encoder_count(self) -> float:
         """One count, rad."""
         return math.tau / self.encoder_counts
+
+    @property
+    def near_zero(self) -> float:
+        """A closed door that reads no more than this is at its zero, rad: two counts."""
+        return 2 * self.encoder_count
 
     @property
     def impossible_force(self) -> float:

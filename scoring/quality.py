@@ -21,6 +21,9 @@ from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
 LARGEST_JUMP = 0.5
 """A larger jump of stamp minus log time is a step of the publisher's clock, s."""
 
+_AHEAD = 0.1
+"""One stamp that jumps further ahead of its reception is wrong, if the next one does not, s."""
+
 _UNSTEADY = 2.0
 """Lost messages explain a jump of stamps of up to so many intervals each."""
 
@@ -32,7 +35,8 @@ class StampGuard:
     """Admits the samples of one signal with increasing, step-free stamps.
 
     A stamp that is missing (zero), repeats or goes back is dropped and counted. Where stamp
-    minus log time jumps by more than 0.5 s, later stamps are shifted back by the jump. Messages
+    minus log time jumps by more than 0.5 s, later stamps are shifted back by the jump. One stamp
+    that is ahead of its neighbours on both sides, by over 0.1 s, is dropped. Messages
     delivered late (log times jump, stamps go on) are not shifted, nor are those after a stamp that
     stood still, or after lost messages that explain the jump. `steps` holds the first clock steps,
     s, `step_count` counts all.
@@ -46,12 +50,15 @@ class StampGuard:
         self._shift = 0.0
         self._newest: float | None = None
         self._previous: Sample | None = None
+        self._kept: Sample | None = None
         self._reference = 0.0
         self._interval = 0.0
+        self._ahead = False
 
     def admit(self, sample: Sample) -> Sample | None:
         """The sample with its stamp corrected; None when it is to be dropped."""
-        if sample.time == 0:  # never set: it tells nothing of the publisher's clock
+        # one that was never set tells nothing of the publisher's clock
+        if sample.time == 0 or self._is_ahead(sample):
             self.dropped += 1
             return None
         self._follow_clock(sample)
@@ -60,11 +67,20 @@ class StampGuard:
         if self._newest is not None and time <= self._newest:
             self.dropped += 1
             return None
-        self._newest = time
+        self._newest, self._kept = time, sample
         if self._shift == 0.0:
             return sample
         self.shifted += 1
         return replace(sample, time=time)
+
+    def _is_ahead(self, sample: Sample) -> bool:
+        kept = self._kept
+        if kept is None:
+            return False
+        jump = sample.time - kept.time - (sample.log_time - kept.log_time)
+        lost = 0 < kept.sequence < sample.sequence - 1
+        self._ahead = _AHEAD < jump <= LARGEST_JUMP and not (lost or self._ahead)
+        return self._ahead
 
     def _follow_clock(self, sample: Sample) -> None:
         offset = sample.time - sample.log_time
@@ -101,8 +117,8 @@ _HOLE = 1.2
 _MOST_HOLES = 200_000
 """Remembered interval ends: an hour of every second sample missing, at 50 Hz."""
 
-_DELAYS_AVERAGED = 50
-"""Delays that are averaged before the median is taken: memory stays small."""
+_DELAYS_TOGETHER = 50
+"""The least of so many delays is kept: memory stays small."""
 
 AGAINST_OPENING = "against the opening side: check the testbed"
 """Ends a remark that another opening side would not make."""
@@ -119,7 +135,7 @@ class SignalQuality:
         largest_gap: the longest interval between samples, s; null below two samples.
         gaps: how many intervals were longer than allowed.
         jitter: standard deviation of the other intervals, s; null below two of them.
-        dropped: samples with a duplicate, backward or missing stamp.
+        dropped: samples with a duplicate, backward, wrong or missing stamp.
         shifted: samples whose stamp was shifted back after a step of the publisher's clock.
         no_reading: readings that were NaN, missing, out of range or impossible.
         skew: largest difference between stamp and log time, outside of the clock's steps, s; null
@@ -163,7 +179,7 @@ class SignalQuality:
 
     def _remarks(self, largest_skew: float) -> Iterator[str]:
         if self.dropped:
-            yield f"{self.dropped} duplicate, backward or missing stamps dropped"
+            yield f"{self.dropped} duplicate, backward, wrong or missing stamps dropped"
         if self.clock_steps > KEPT_STEPS:
             told = f"of which the first {KEPT_STEPS} are told"
             yield f"clock stepped {self.clock_steps} times, {told}"
@@ -205,7 +221,8 @@ class Quality:
 class QualityCounter:
     """Counts one signal as its samples pass; memory does not grow.
 
-    `holes` are the ends of intervals that may be too long, s since the epoch, two each.
+    `holes` are the ends of intervals that may be too long, `restarts` the times at which the
+    publisher's count of its messages went back; both in s since the epoch, holes two each.
     """
 
     def __init__(self, signal: Signal, thresholds: Thresholds) -> None:
@@ -213,6 +230,7 @@ class QualityCounter:
         self.no_reading = 0
         self.signal = signal
         self.impossible = 0
+        self.restarts = array("d")
         self.holes = array("d")
         self._thresholds = thresholds
         self._limit = thresholds.largest_gap
@@ -227,16 +245,26 @@ class QualityCounter:
         self._sum = 0.0
         self._squares = 0.0
         self._skew = 0.0
-        self._delays = 0.0
-        self._mean_delays = array("d")
+        self._least_delay = math.inf
+        self._delays = array("d")
+        self._delay_ends = array("d")
+        self._sequence = 0
+        self._dropping = False
 
     def admit(self, sample: Sample) -> Sample | None:
         """Count `sample`; return it with its stamp corrected, or None if dropped."""
+        if 0 < sample.sequence < self._sequence and len(self.restarts) < _MOST_HOLES:
+            self.restarts.append(sample.time)
+        self._sequence = sample.sequence
         admitted = self.guard.admit(sample)
         if admitted is None:
+            self._dropping = True
             return None
         if self._samples:
             self._interval(admitted.time - self._newest)
+            if self._dropping:
+                self._dropping = False
+                self._hole(admitted.time, admitted.log_time - self._last_log)
         else:
             self._first_log = admitted.log_time
         self._newest = admitted.time
@@ -250,10 +278,11 @@ class QualityCounter:
         return admitted
 
     def _delay(self, delay: float) -> None:
-        self._delays += delay
-        if self._samples % _DELAYS_AVERAGED == 0:
-            self._mean_delays.append(self._delays / _DELAYS_AVERAGED)
-            self._delays = 0.0
+        self._least_delay = min(self._least_delay, delay)  # what arrives late has the same stamps
+        if self._samples % _DELAYS_TOGETHER == 0:
+            self._delays.append(self._least_delay)
+            self._delay_ends.append(self._newest)
+            self._least_delay = math.inf
 
     @property
     def interval(self) -> float | None:
@@ -261,9 +290,23 @@ class QualityCounter:
         return self._sum / self._regular if self._regular else None
 
     @property
-    def delay(self) -> float | None:
-        """How far reception lies behind the stamps, s: the median of means of a few each."""
-        return median(self._mean_delays) if self._mean_delays else None
+    def jitter(self) -> float | None:
+        """Standard deviation of the intervals that are no gaps, s; None below two of them."""
+        if self._regular < 2:
+            return None
+        mean = self._sum / self._regular
+        return math.sqrt(max(0.0, self._squares / self._regular - mean * mean))
+
+    def delay_near(self, time: float) -> float | None:
+        """How far reception lies behind the stamps about then, s, where nothing arrives late."""
+        place = bisect_left(self._delay_ends, time)
+        near = self._delays[max(0, place - 1) : place + 2]
+        return median(near) if near else None
+
+    @property
+    def readings(self) -> int:
+        """How many values the samples had, of the used ranges."""
+        return self._samples * max(1, len(self._used))
 
     def longer_than(self, intervals: float) -> list[tuple[float, float]]:
         """Ends, s since the epoch, of intervals longer than this many mean ones."""
@@ -275,8 +318,7 @@ class QualityCounter:
 
     def _interval(self, interval: float) -> None:
         self._longest = max(self._longest, interval)
-        if interval * self._regular > _HOLE * self._sum and len(self.holes) < _MOST_HOLES:
-            self.holes.extend((self._newest, self._newest + interval))
+        self._hole(self._newest + interval, interval)
         if interval > self._limit:
             self._gaps += 1
             return
@@ -284,19 +326,20 @@ class QualityCounter:
         self._sum += interval
         self._squares += interval * interval
 
+    def _hole(self, end: float, length: float) -> None:
+        if length * self._regular > _HOLE * self._sum and len(self.holes) < _MOST_HOLES:
+            self.holes.extend((end - length, end))
+
     def quality(self, begin: float | None = None, end: float | None = None) -> SignalQuality:
         """Quality in a recording from log time `begin` to `end`, s; None = the signal's own."""
         mean = self._sum / self._regular if self._regular else 0.0
-        jitter = None
-        if self._regular >= 2:
-            jitter = math.sqrt(max(0.0, self._squares / self._regular - mean * mean))
         return SignalQuality(
             signal=self.signal,
             samples=self._samples,
             rate=1 / mean if mean > 0 else None,
             largest_gap=self._longest if self._samples >= 2 else None,
             gaps=self._gaps,
-            jitter=jitter,
+            jitter=self.jitter,
             dropped=self.guard.dropped,
             shifted=self.guard.shifted,
             no_reading=self.no_reading,
@@ -319,7 +362,9 @@ def missing_readings(sample: Sample, thresholds: Thresholds, used: tuple[int, ..
         case PassageSample():
             if all_in_range(sample):
                 return 0
-            return sum([not is_reading(sample, element) for element in used])
+            # what lies too close to a sensor is a reading, but none of a robot
+            unread = [e for e in used if not is_reading(sample, e) or sample.ranges[e] == -math.inf]
+            return len(unread)
         case DoorSample():
             return not abs(sample.angle) <= thresholds.largest_angle
         case HandleSample():

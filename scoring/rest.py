@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import chain, repeat
 from typing import TYPE_CHECKING
 
-from scoring.protocol import BenchmarkType, Side, Thresholds
+from scoring.protocol import GRAM_FORCE, BenchmarkType, Side, Thresholds
 
 if TYPE_CHECKING:
     import numpy as np
@@ -246,6 +246,11 @@ def braking_table(benchmark_type: BenchmarkType, side: Side) -> tuple[int, ...]:
     runs = _CW_RUNS[benchmark_type]
     table = tuple(chain.from_iterable(repeat(force, degrees) for force, degrees in runs))
     return table if side is Side.CW else table[::-1]
+
+
+def largest_brake(benchmark_type: BenchmarkType) -> float:
+    """The largest force of a braking table, N."""
+    return GRAM_FORCE * max(braking_table(benchmark_type, Side.CW))
 
 
 def door_controller_mode(benchmark_type: BenchmarkType) -> int:

@@ -26,10 +26,12 @@ class Uncertainty:
     Attributes:
         u: standard uncertainty, two significant digits.
         expanded: what holds 95 errors in 100, two significant digits.
+        rest: what of the value the sensor read at rest; another rest, another value.
     """
 
     u: float
     expanded: float
+    rest: float = 0.0
 
     @classmethod
     def of_mean(
@@ -43,8 +45,8 @@ class Uncertainty:
 
         Returns:
             The larger one: the root of the sum of the parts' squares divided by their number, or
-            the deviation divided by the root of that number. None where a part is not known, there
-            is none, or it is beyond the range of numbers.
+            the deviation divided by the root of that number, expanded by Student's t. None where a
+            part is not known, there is none, or it is beyond the range of numbers.
         """
         known = [part for part in parts if part is not None]
         if not known or len(known) < len(parts):
@@ -54,7 +56,18 @@ class Uncertainty:
         expanded = math.hypot(*(part.expanded for part in known)) / len(known)
         if not math.isfinite(expanded):
             return None
-        return cls(max(u, scatter), max(expanded, 2 * scatter))
+        rest = math.fsum(part.rest for part in known) / len(known)
+        return cls(max(u, scatter), max(expanded, _student(len(known) - 1) * scatter), rest)
+
+
+_STUDENT = (0.0, 12.71, 4.31, 3.19, 2.78, 2.58, 2.45, 2.37, 2.31, 2.27)
+
+
+def _student(freedom: int) -> float:
+    """What holds 95 in 100 on both sides, of Student's t; from 10 on by its first two terms."""
+    if freedom < len(_STUDENT):
+        return _STUDENT[freedom]
+    return 1.96 + 2.38 / freedom + 2.9 / freedom**2
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +108,10 @@ class Indicator:
         if self.value is None:
             return f"none: {self.reason}{self.sign}"
         value = value_text(self.value, self.uncertainty) + self.sign
-        return " ".join(filter(None, (value, uncertainty_text(self.uncertainty), self.unit)))
+        text = " ".join(filter(None, (value, uncertainty_text(self.uncertainty), self.unit)))
+        known = self.uncertainty
+        told = known is not None and abs(known.rest) > known.expanded
+        return f"{text}, of these {known.rest:.1f} {self.unit} at rest" if known and told else text
 
     @classmethod
     def of(cls, name: IndicatorName, value: float) -> Indicator:
@@ -220,8 +236,8 @@ def distinguishable(
 ) -> bool:
     """Whether two values differ by more than what is known of their uncertainties (section 11).
 
-    They do not where their expanded uncertainties overlap. Where none is known of one of them, or
-    neither has any, nothing says so.
+    They do not where their expanded uncertainties overlap, nor where the rests that they contain
+    differ by as much. Where none is known of one of them, or neither has any, nothing says so.
 
     Args:
         one: a value, or a mean of values.
@@ -231,7 +247,7 @@ def distinguishable(
     """
     if of_one is None or of_two is None:
         return True
-    both = of_one.expanded + of_two.expanded
+    both = of_one.expanded + of_two.expanded + abs(of_one.rest - of_two.rest)
     return not both or abs(one - two) > both
 
 

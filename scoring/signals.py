@@ -61,6 +61,7 @@ class BinarySignal:
 
     def update(self, time: float, value: bool, start: float) -> bool:
         """Take a reading; return whether it changes anything."""
+        value = bool(value)  # one of NumPy is no True
         since, self.newest = self.newest, time
         self.readings += 1
         if value is self.state and (self.begun or time < start):
@@ -190,6 +191,17 @@ class EdgeKind(Enum):
         self.words = words
         self.indicators = indicators
 
+    def decided_by(self, signal: Signal) -> bool:
+        match self:
+            case EdgeKind.TOUCH:
+                return signal is Signal.HANDLE
+            case EdgeKind.LOCKING:
+                return signal is Signal.LATCH
+            case EdgeKind.ARRIVAL | EdgeKind.DEPARTURE:
+                return signal not in (Signal.HANDLE, Signal.LATCH)
+            case _:
+                return signal is Signal.DOOR
+
 
 @dataclass(frozen=True, slots=True)
 class DecidingEdge:
@@ -198,7 +210,7 @@ class DecidingEdge:
     Attributes:
         time, since: of the edge and of the reading before, s since the epoch; None = no reading's.
         readings: consecutive ones before or after the edge, whichever are fewer.
-        alone: how long the edge rests on one passage sensor only, s; None = not so.
+        alone: how long the edge rests on one strip of passage sensors only, s; None = not so.
         also: indicators that use it under the run's rules, besides those of its kind.
     """
 
@@ -267,9 +279,9 @@ def passage_edge(
     seconds, parts = _unbroken(near, time, forth=arrives)
     readings = max(part.readings for part in parts)
     alone = None
-    if len({part.sensor for part in parts}) == 1:
+    if len({part.sensor.strip for part in parts}) == 1:
         alone = seconds
-    else:
+    if len({part.sensor for part in parts}) > 1:
         longest = max(parts, key=lambda part: part.readings)
         interval = (longest.fall - longest.rise) / longest.readings
         readings = max(readings, round(seconds / interval) if interval > 0 else 0)
@@ -298,7 +310,7 @@ def departure(
     if not there:
         return None
     held, sensor = max(there, key=lambda one: one[0].readings)
-    alone = held.seconds if len(there) == 1 else None
+    alone = held.seconds if len({each.strip for _, each in there}) == 1 else None
     signal = Signal.of_strip(sensor.strip)
     return DecidingEdge(EdgeKind.DEPARTURE, signal, time, None, held.readings, alone)
 

@@ -11,6 +11,7 @@ import hashlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from itertools import islice
 
 import numpy as np
@@ -32,7 +33,7 @@ from scoring.kinematics import (
 from scoring.protocol import Event, EventName, Signal
 from scoring.result import Indicator, Uncertainty
 from scoring.rulesets import Ruleset
-from scoring.signals import DecidingEdge
+from scoring.signals import DecidingEdge, EdgeKind
 
 DRAWS = 200
 
@@ -51,6 +52,15 @@ _MOST_TOPS = 1024
 _LONGEST_COUNT = 0.5
 """A panel that takes longer for one count stands still, s."""
 
+_NUDGE = 1e-3
+"""An edge is moved by this to see which times depend on it, s."""
+
+_LONGEST_SHIFT = 0.5
+"""What a zero moves further is doubted, s."""
+
+_LONG_KERNEL = 64
+"""Rows of a kernel from which on a Fourier transform is quicker."""
+
 _LEAST_JITTER = 1e-5
 """Less jitter of the stamps moves nothing, s: their resolution is 238 ns."""
 
@@ -64,15 +74,18 @@ Values = Mapping[Name, Indicator]
 def uncertainties(
     grounds: Grounds, indicators: Values, times: Callable[[Sequence[Event]], Values]
 ) -> dict[Name, Uncertainty | None]:
-    """The uncertainty of every indicator: 0 if no draw moves it, None if out of range."""
+    """The uncertainty of every indicator; None where none is known, 0 for the level alone."""
     random = np.random.RandomState(_seed(grounds))  # its stream is frozen, unlike a Generator's
     with np.errstate(over="ignore", invalid="ignore"):
-        errors = {
-            **_times(grounds, indicators, times, random),
-            **_motion(grounds, indicators, random),
-            Name.ROUGHNESS_OF_DOOR_ACTUATION: _roughness(grounds, random),
-        }
-        return {name: _spread(errors.get(name)) for name in Name}
+        errors = _motion(grounds, indicators, random)
+        errors[Name.ROUGHNESS_OF_DOOR_ACTUATION] = _roughness(grounds, random)
+        known = {name: _spread(drawn) for name, drawn in errors.items()}
+    exact = {Name.CAPABILITY_LEVEL: Uncertainty(0.0, 0.0)}
+    if (force := known[Name.ROUGHNESS_OF_DOOR_ACTUATION]) is not None:
+        rests = [one.mean for one in (grounds.rest.before, grounds.rest.after) if one is not None]
+        rest = _two_digits(max(rests, key=abs, default=0.0))
+        known[Name.ROUGHNESS_OF_DOOR_ACTUATION] = replace(force, rest=rest)
+    return dict.fromkeys(Name) | known | _times(grounds, indicators, times) | exact
 
 
 def _seed(grounds: Grounds) -> list[int]:
@@ -84,11 +97,11 @@ def _seed(grounds: Grounds) -> list[int]:
     return [int(word) for word in np.frombuffer(digest.digest(), dtype=np.uint32)]
 
 
-def _spread(errors: Array | None) -> Uncertainty | None:
+def _spread(errors: Array) -> Uncertainty | None:
     """Root mean square of the errors, and the size that holds them; both about the value."""
-    finite = np.empty(0) if errors is None else np.abs(errors[np.isfinite(errors)])
+    finite = np.abs(errors[np.isfinite(errors)])
     if not finite.size:
-        return Uncertainty(0.0, 0.0)
+        return None
     u, expanded = float(np.sqrt(np.square(finite).mean())), float(np.quantile(finite, _HELD))
     if not math.isfinite(u):  # of forces and angles that only `eurobench-2020` believes
         return None
@@ -110,40 +123,68 @@ def _spread_evenly(random: np.random.RandomState, columns: int) -> Array:
 
 
 def _times(
-    grounds: Grounds,
-    indicators: Values,
-    times: Callable[[Sequence[Event]], Values],
-    random: np.random.RandomState,
-) -> dict[Name, Array]:
-    """Move each edge to somewhere between its sample and the one before.
-
-    A door edge's angle is off by up to half an encoder count; all edges have a delay against the
-    clock of the start of up to one sampling interval.
-    """
-    timed = [edge for edge in grounds.edges if edge.since is not None]
-    widths = np.array([edge.time - (edge.since or edge.time) for edge in timed])
-    counted = np.array([_time_of_a_count(grounds, edge) for edge in timed])
-    behind = np.array([_known_delay(grounds, edge) for edge in timed])
+    grounds: Grounds, indicators: Values, times: Callable[[Sequence[Event]], Values]
+) -> dict[Name, Uncertainty | None]:
+    """In closed form, from the edges on which each time depends."""
     events = list(_looked_at(grounds.events))
-    errors: dict[Name, list[float]] = {}
-    shares = _spread_evenly(random, 2 * len(timed) + 1)
-    late, count, clock = np.split(shares, [len(timed), 2 * len(timed)], axis=1)
-    for shifts in late * widths + (count - 0.5) * counted - clock * behind:
-        of_time = {edge.time: float(by) for edge, by in zip(timed, shifts, strict=True)}
-        moved = [Event(e.time - of_time.get(e.time, 0.0), e.name) for e in events]
-        for name, drawn in times(moved).items():
+    errors: dict[Name, list[_EdgeError]] = {name: [] for name in times(events)}
+    for edge in grounds.edges:
+        moved = [replace(e, time=e.time - _NUDGE * (e.time == edge.time)) for e in events]
+        for name, other in times(moved).items() if edge.since is not None else ():
             value = indicators[name].value
-            if drawn.value is not None and value is not None:
-                errors.setdefault(name, []).append(value - drawn.value)
-    return {name: np.array(values) for name, values in errors.items()}
+            if value is not None and other.value is not None and value != other.value:
+                errors[name].append(_EdgeError.of(grounds, edge, later=value > other.value))
+    by_hand = grounds.start_uncertainty
+    known: dict[Name, Uncertainty | None] = {}
+    for name, parts in errors.items():
+        mean, deviation = sum(p.mean for p in parts), math.hypot(*(p.deviation for p in parts))
+        most, shift = sum(p.most for p in parts), sum(p.shift for p in parts)
+        start = by_hand if name.spec.with_the_start else 0.0
+        u = math.hypot(mean, deviation, shift / math.sqrt(3), start / 2)
+        expanded = min(abs(mean) + 2 * deviation, _HELD * most) + shift
+        known[name] = Uncertainty(_two_digits(u), _two_digits(math.hypot(expanded, start)))
+    return known
+
+
+@dataclass(frozen=True, slots=True)
+class _EdgeError:
+    """The error of a time by one of its edges, s; `shift` is a zero's, which may be off or not."""
+
+    mean: float
+    deviation: float
+    most: float
+    shift: float
+
+    @classmethod
+    def of(cls, grounds: Grounds, edge: DecidingEdge, *, later: bool) -> _EdgeError:
+        """It lies between its sample and the one before, of stamps behind the start's clock.
+
+        A door edge's angle is off by up to half a count of the encoder.
+        """
+        late, counted = edge.time - (edge.since or edge.time), _time_of_a_count(grounds, edge)
+        behind = _known_delay(grounds, edge)
+        counter = grounds.counters.get(edge.signal)
+        jitter = (counter.jitter or 0.0) if counter is not None else 0.0
+        shift = 0.0
+        if edge.kind is EdgeKind.TOUCH:
+            shift = grounds.drift_shift()
+        elif edge.kind is EdgeKind.CLOSING:
+            shift = grounds.zero_shift()
+        return cls(
+            mean=(late - behind) / 2 * (1 if later else -1),
+            deviation=math.hypot(late, counted, behind, jitter) / math.sqrt(12),
+            most=late + counted / 2 + abs(behind) + jitter,
+            shift=shift if shift < _LONGEST_SHIFT else 0.0,
+        )
 
 
 def _known_delay(grounds: Grounds, edge: DecidingEdge) -> float:
     """How far an edge's stamps lie behind the clock of the start, s, at most an interval."""
     counter = grounds.counters.get(edge.signal)
-    if counter is None or counter.delay is None or counter.interval is None:
+    delay = None if counter is None else counter.delay_near(edge.time)
+    if counter is None or delay is None or counter.interval is None:
         return 0.0
-    return max(-counter.interval, min(counter.interval, counter.delay))
+    return max(-counter.interval, min(counter.interval, delay))
 
 
 def _time_of_a_count(grounds: Grounds, edge: DecidingEdge) -> float:
@@ -182,11 +223,14 @@ def _motion(
     part = slice(max(0, first - reach), min(joint.time.size, last + reach + 1))
     after = _jerks_in(grounds, smooth, first, last)
     change_of_noise = np.convolve(kernel, (1, -1))
+    convolve = (
+        np.convolve if kernel.size < _LONG_KERNEL else import_module("scipy.signal").oaconvolve
+    )
     later = after - part.start + kernel.size // 2  # in a full convolution
     intervals = joint.time[after] - joint.time[after - 1]
 
     def quotients(noise: Array) -> Array:
-        jerks: Array = np.convolve(noise, change_of_noise)[later] / intervals
+        jerks: Array = convolve(noise, change_of_noise)[later] / intervals
         return jerks
 
     jerk = (smooth.acceleration[after] - smooth.acceleration[after - 1]) / intervals
@@ -196,7 +240,7 @@ def _motion(
     jerk += _share_of_motion(lost, [quotients(error) for error in tried]) * lost
     size = np.nan_to_num(np.abs(low_passed))
     tops = _peaks(size[first : last + 1]) + first
-    signs, curve = np.sign(low_passed[tops]), _Curve.through(size, tops)
+    signs, curve = np.sign(np.nan_to_num(low_passed[tops])), _Curve.through(size, tops)
     near = tops[:, None] - part.start + np.arange(response.size)[::-1] - response.size // 2
     near = near.clip(0, part.stop - part.start - 1)
     drawn = np.full((2, DRAWS), np.nan)

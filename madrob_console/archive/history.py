@@ -59,7 +59,7 @@ from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, ScoringError, Thresholds
 from scoring.result import DOUBTED, Uncertainty
 
-_VERSION = f"11_{RESULT_FORMAT}"
+_VERSION = f"12_{RESULT_FORMAT}"
 """Of the summaries in the index: another one where any of them would be made differently."""
 
 _LONGEST_REASON = 500  # characters
@@ -99,7 +99,11 @@ def condition_words(number: int) -> ConditionWords:
 
 _NAMES = tuple(IndicatorName)
 _columns = msgspec.msgpack.Decoder(
-    tuple[tuple[int | float | None, ...], tuple[tuple[float, float] | None, ...], tuple[int, ...]]
+    tuple[
+        tuple[int | float | None, ...],
+        tuple[tuple[float, float, float] | None, ...],
+        tuple[int, ...],
+    ]
 )
 
 
@@ -112,7 +116,7 @@ def packed_indicators(
     known = [uncertainties.get(name) for name in _NAMES]
     columns = (
         [values.get(name) for name in _NAMES],
-        [one and (one.u, one.expanded) for one in known],
+        [one and (one.u, one.expanded, one.rest) for one in known],
         [doubts.get(name, 0) for name in _NAMES],
     )
     return msgspec.msgpack.encode(columns)

@@ -94,7 +94,8 @@ class Scored:
     ) -> Scored:
         """Score a run that is over; `assessment` has all of its samples but what is `missing`."""
         remarks = (*missing, *run.remarks())
-        return cls(record, run, *assessment.result(run.ending, run.rulings, remarks))
+        results = assessment.result(run.ending, run.rulings, remarks, run.answered_at)
+        return cls(record, run, *results)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -316,6 +316,10 @@ class ThresholdSettings(SettingsTable, frozen=True):
         _T.encoder_noise
     )
 
+    start_uncertainty: Annotated[float, within(0, 60, "s; a start by hand is so much late")] = (
+        _T.start_uncertainty
+    )
+
     def __post_init__(self) -> None:
         if self.present_height >= self.lintel_height:
             raise ValueError("present_height: must be below lintel_height")
@@ -327,13 +331,14 @@ class DoubtSettings(SettingsTable, frozen=True):
     least_readings: Annotated[
         int, Meta(ge=1, le=1000, description="consecutive samples that an edge rests on")
     ] = _D.least_readings
-    least_hold: Annotated[float, within(0, 10, "s; seen by one passage sensor alone")] = (
+    least_hold: Annotated[float, within(0, 10, "s; seen by one passage strip alone")] = (
         _D.least_hold
     )
     gap_intervals: Annotated[float, within(1, 1000, "sampling intervals; longer is a gap")] = (
         _D.gap_intervals
     )
     gap_reach: Annotated[float, within(0, 60, "s from an edge or a maximum")] = _D.gap_reach
+    filter_reach: Annotated[float, within(0, 60, "s from a largest acceleration")] = _D.filter_reach
     missing: Annotated[float, within(0, 1, "part of the open door's samples missing")] = _D.missing
     jitter: Annotated[float, within(0, 10, "s, of the door's stamps")] = _D.jitter
     one_sample: Annotated[float, within(0, 1e9, "of U; without it the value is another")] = (

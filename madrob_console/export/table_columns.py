@@ -386,6 +386,13 @@ INDICATORS = TidyTable(
             lambda _, named: named[1].uncertainty and named[1].uncertainty.expanded,
         ),
         TidyColumn(
+            "at_rest",
+            CellKind.NUMBER,
+            "",
+            "what of the value the sensor read at rest",
+            lambda _, named: named[1].uncertainty and named[1].uncertainty.rest,
+        ),
+        TidyColumn(
             "doubts",
             CellKind.TEXT,
             "",

@@ -10,12 +10,13 @@ from scoring.indicator_table import WITH_THE_START
 from scoring.protocol import LockDetection, Outcome
 
 MANUAL_START_NOTE = (
-    f"* Robot and clock were started by hand: {WITH_THE_START} include the delay between the two."
+    f"* Robot and clock were started by hand: {WITH_THE_START} include the delay between the two, "
+    "which +- allows for."
 )
 
 UNCERTAINTY_NOTE = (
-    "+-: the value lies within it of what happened 95 times in 100, as far as sampling, encoder, "
-    "stamps and noise go. Two results whose intervals overlap are not distinguishable."
+    "+-: the value repeats within it, 95 of 100, as far as sampling, encoder, stamps and noise go. "
+    "Two results whose intervals overlap are not distinguishable."
 )
 
 NO_UNCERTAINTY_NOTE = (

@@ -169,7 +169,7 @@ def flags(
     The `steps` are empty before the stop. A `source` of None is not flagged.
     """
     # else there is nothing to decide
-    counts = run.outcome is not Outcome.ABORTED and run.voided is None
+    counts = run.voided is None and run.outcome not in (Outcome.ABORTED, Outcome.INTERRUPTED)
     found = (
         *(_false_starts(run.false_starts) if counts else ()),
         *(_undecided_steps(steps) if counts else ()),

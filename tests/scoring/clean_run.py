@@ -116,6 +116,10 @@ def clean(
     return sorted(samples, key=lambda sample: sample.time)
 
 
+BY_EVENT = Thresholds(start_uncertainty=0.0)
+"""Of a robot that starts when the run does."""
+
+
 def scored(
     samples: Sequence[Sample],
     ruleset: Ruleset = PROTOCOL,
@@ -127,7 +131,7 @@ def scored(
         condition,
         START,
         ruleset=ruleset,
-        thresholds=thresholds,
+        thresholds=thresholds or BY_EVENT,
         lock_detection=LockDetection.SETTLE,
     )
     for sample in samples:
@@ -177,9 +181,9 @@ def force_fault(change: Callable[[float, float], float | None]) -> Fault:
 
 
 def passage_fault(
-    side: Side, since: float, until: float, *, there: bool, element: int = 3
+    side: Side, since: float, until: float, *, there: bool, elements: Sequence[int] = (3,)
 ) -> Fault:
-    """One sensor of a side sees something, or nothing, in [since, until) s after the start."""
+    """Sensors of a strip see something, or nothing, in [since, until) s after the start."""
     strip = Strip.CW_RIGHT if side is Side.CW else Strip.CCW_LEFT
 
     def spoil(samples: list[Sample]) -> list[Sample]:
@@ -191,8 +195,53 @@ def passage_fault(
                 and since <= sample.time - START < until
             ):
                 ranges = list(sample.ranges)
-                ranges[element] = 0.8 if there else 2.0
+                for element in elements:
+                    ranges[element] = 0.8 if there else 2.0
                 spoilt.append(changed(sample, ranges=tuple(ranges)))
+            else:
+                spoilt.append(sample)
+        return spoilt
+
+    return spoil
+
+
+def ranges_fault(side: Side, change: Callable[[float, float], float]) -> Fault:
+    """Other ranges on a side, by time since the start and range."""
+
+    def spoil(samples: list[Sample]) -> list[Sample]:
+        return [
+            changed(s, ranges=tuple(change(s.time - START, each) for each in s.ranges))
+            if isinstance(s, PassageSample) and s.strip.side is side
+            else s
+            for s in samples
+        ]
+
+    return spoil
+
+
+def stamped(kind: type[Sample], change: Callable[[float], float]) -> Fault:
+    """Other stamps, s after the start, of samples that come as before."""
+
+    def spoil(samples: list[Sample]) -> list[Sample]:
+        return [
+            changed(s, time=START + change(s.time - START)) if isinstance(s, kind) else s
+            for s in samples
+        ]
+
+    return spoil
+
+
+def second_publisher(since: float, until: float, force: float) -> Fault:
+    """Of the handle's force, that often too; each publisher counts its own messages."""
+
+    def spoil(samples: list[Sample]) -> list[Sample]:
+        spoilt: list[Sample] = []
+        for number, sample in enumerate(samples, 1):
+            if isinstance(sample, HandleSample):
+                spoilt.append(changed(sample, sequence=1000 + number))
+                if since <= sample.time - START < until:
+                    time = sample.time + 0.5 / RATE
+                    spoilt.append(HandleSample(time, time, force, number))
             else:
                 spoilt.append(sample)
         return spoilt

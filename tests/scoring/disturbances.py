@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from scoring.indicator_table import IndicatorName as Name
@@ -16,6 +18,9 @@ from tests.scoring.clean_run import (
     lost,
     one_sample,
     passage_fault,
+    ranges_fault,
+    second_publisher,
+    stamped,
 )
 
 LEVEL, EXECUTION, TOUCH = Name.CAPABILITY_LEVEL, Name.EXECUTION_TIME, Name.TIME_TO_HANDLE
@@ -88,11 +93,65 @@ DISTURBANCES: dict[str, tuple[Fault, set[Name]]] = {
         {ROUGHNESS, TOUCH},
     ),
     "force lost for 80 ms at its peak": (lost(2.17, 2.25, HandleSample), {ROUGHNESS}),
-    "zero drifts by 1.5 N": (
-        force_fault(lambda t, f: f + (1.5 if t > 3 else 0.0)),
-        {ROUGHNESS, TOUCH},
+    "zero drifts by 2.5 N": (
+        force_fault(lambda t, f: f + (2.5 if t > 3 else 0.0)),
+        {TOUCH},
     ),
     "door quivers about 0.03 rad": (door_fault(quivering), {EXECUTION, PASSAGE}),
     "door lost over its closing": (lost(11.0, 11.3), {EXECUTION, PASSAGE, LEVEL}),
+    "a strip of the starting side for 60 ms after the crossing": (
+        passage_fault(Side.CCW, 7.5, 7.56, there=True, elements=range(4)),
+        {LEVEL, EXECUTION, OCCUPATION, PASSAGE},
+    ),
+    "a strip of the starting side for 140 ms after the crossing": (
+        passage_fault(Side.CCW, 7.5, 7.64, there=True, elements=range(4)),
+        {LEVEL, EXECUTION, OCCUPATION, PASSAGE},
+    ),
+    "a person on the starting side early": (
+        ranges_fault(Side.CCW, lambda t, r: 0.3 if 0.5 < t < 1.5 else r),
+        {OCCUPATION},
+    ),
+    "a person on the destination side at the end": (
+        ranges_fault(Side.CW, lambda t, r: 0.3 if 9.5 < t < 10.5 else r),
+        {OCCUPATION},
+    ),
+    "the destination side sees nothing": (
+        ranges_fault(Side.CW, lambda _, __: 2.0),
+        {LEVEL, EXECUTION, OCCUPATION, PASSAGE},
+    ),
+    "no echo is said by NaN": (
+        ranges_fault(Side.CW, lambda _, r: math.nan if r == 2.0 else r),
+        {LEVEL, OCCUPATION},
+    ),
+    "no echo is said by 0": (
+        ranges_fault(Side.CW, lambda _, r: -0.1 if r == 2.0 else r),
+        {LEVEL, OCCUPATION},
+    ),
+    "zero of the door 28 mrad off": (
+        door_fault(lambda _, angle: angle + 0.028),
+        {EXECUTION, PASSAGE, LEVEL, SMOOTHNESS},
+    ),
+    "zero of the door 40 mrad off": (
+        door_fault(lambda _, angle: angle + 0.040),
+        {EXECUTION, PASSAGE, LEVEL, SMOOTHNESS},
+    ),
+    "the door rests ajar by 20 mrad": (
+        door_fault(lambda t, angle: max(angle, 0.02) if t > 9 else angle),
+        {EXECUTION, LEVEL},
+    ),
+    "half the angle": (door_fault(lambda _, angle: angle / 2), {SMOOTHNESS, UNSAFETY}),
+    "a second publisher of the force": (second_publisher(1.9, 2.3, 60.0), {ROUGHNESS, TOUCH}),
+    "the door's clock steps by 0.3 s": (
+        stamped(DoorSample, lambda t: t + 0.3 if t > 7 else t),
+        {PASSAGE},
+    ),
+    "the door's clock steps back by 0.3 s": (
+        stamped(DoorSample, lambda t: t - 0.3 if t > 7 else t),
+        {PASSAGE},
+    ),
+    "one stamp of the door 0.3 s ahead": (
+        stamped(DoorSample, lambda t: t + 0.3 if 3.5 < t < 3.52 else t),
+        set(),
+    ),
     "handle's stamps 50 ms behind": (late(HandleSample, 0.05), {PASSAGE}),
 }

@@ -168,9 +168,13 @@ def test_the_noise_of_an_encoder_makes_smoothness_less_certain() -> None:
     assert known.expanded > 0.1
 
 
-REAL = {"door quivers about 0.03 rad": {SMOOTHNESS}, "handle's stamps 50 ms behind": {TOUCH}}
-"""What moves and is no fault by the rules: a door that does quiver is less smooth; no second topic
-tells that all stamps of the handle are late."""
+REAL = {
+    "door quivers about 0.03 rad": {SMOOTHNESS},
+    "the door rests ajar by 20 mrad": {SMOOTHNESS, UNSAFETY},
+    "handle's stamps 50 ms behind": {TOUCH},
+}
+"""What moves and is no fault by the rules: the door did move otherwise; no second topic tells that
+all stamps of the handle are late."""
 
 
 @EACH
@@ -226,19 +230,13 @@ def test_a_rate_far_from_the_testbeds_loses_no_result(rules: Ruleset, rate: floa
     assert SMOOTHNESS in doubted(scored(clean(rate=rate), rules))
 
 
-NEVER = type(Thresholds().doubt)(
-    least_readings=0, least_hold=0, gap_intervals=1e9, missing=2, jitter=1e9,
-    one_sample=1e9, range_end=1e9, encoder=1e9, clipped=10**6,
-    stuck_time=1e9, drift=1e9, chatter=10**6, delay_intervals=1e9, rate=1e9,
-)  # fmt: skip
-
-
 @pytest.mark.parametrize("case", DISTURBANCES)
-def test_doubts_change_no_value(case: str, score_of: Scored) -> None:
-    fault, _ = DISTURBANCES[case]
-    samples = fault(clean())
-    with_doubts, without = (scored(samples, thresholds=Thresholds(doubt=NEVER)), scored(samples))
-    assert not doubted(with_doubts)
+def test_doubts_change_no_value(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    samples = DISTURBANCES[case][0](clean())
+    with_doubts = scored(samples)
+    monkeypatch.setattr("scoring.evaluate.all_doubts", lambda *_: {})
+    without = scored(samples)
+    assert not doubted(without)
     values = [[found.indicators[name].value for name in Name] for found in (with_doubts, without)]
     assert values[0] == values[1]
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
@@ -20,7 +22,8 @@ from scoring.protocol import (
 from scoring.result import Ending, Result
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
 from scoring.series import PassageSeries, SeriesAssessment
-from scoring.signals import DoorSample, PassageSample, Sample
+from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
+from tests.scoring.clean_run import clean, scored
 from tests.scoring.runs import (
     CONDITION,
     START,
@@ -275,3 +278,20 @@ def test_rows_that_count_end_with_the_settle_time_and_are_all_by_the_published_r
         found.feed(sample)
     series = found.series(COMPLETED, ())
     assert (series.rows_from, series.rows_until) == rows
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_a_number_of_numpy_is_a_number(kind: Callable[[float], float]) -> None:
+    def typed(sample: Sample) -> Sample:
+        match sample:
+            case DoorSample():
+                return replace(sample, angle=kind(sample.angle))
+            case HandleSample():
+                return replace(sample, force=kind(sample.force))
+            case PassageSample():
+                return replace(sample, ranges=tuple(map(kind, sample.ranges)))
+        return sample
+
+    plain, other = (scored(each) for each in (clean(), [typed(each) for each in clean()]))
+    assert other.events == plain.events
+    assert other.indicators[IndicatorName.CAPABILITY_LEVEL].value == 6

@@ -366,8 +366,8 @@ FOURFOLD = [Uncertainty(0.01, 0.02)] * 4
         ([Uncertainty(0.3, 0.6)], 0.0, (0.3, 0.6)),
         ([Uncertainty(0.3, 0.6), None], 0.0, None),
         ([], 0.0, None),
-        (FOURFOLD, 0.0099, (0.005, 0.01)),
-        (FOURFOLD, 3.0, (1.5, 3.0)),  # no better than they repeat
+        (FOURFOLD, 0.006, (0.005, 0.01)),
+        (FOURFOLD, 3.0, (1.5, 3.19 * 1.5)),  # no better than they repeat
         ([*FOURFOLD, None], 3.0, None),
     ],
 )

@@ -50,6 +50,7 @@ UNSET = [-(BEGIN + i * PERIOD) for i in range(100)]
             [],
         ),
         ([0.0, -0.02, -0.1, 0.0], [0.0, 3 * PERIOD], 2, 0, []),  # repeated and backward
+        ([0.0, 0.3, *[0.0] * 20], [0.0, *(i * PERIOD for i in range(2, 22))], 1, 0, []),  # ahead
         *(
             ([0.0] * 5 + [jump] * 5, [i * PERIOD for i in range(10)], 0, 5, [jump])
             for jump in (3600.0, -3600.0, 0.7, -0.7)  # a stepped clock is shifted back

@@ -16,10 +16,10 @@ import pytest
 from scoring.evaluate import Assessment
 from scoring.indicator_table import IndicatorName as Name
 from scoring.procedure import Ruling
-from scoring.protocol import LockDetection, Outcome, Step
+from scoring.protocol import LockDetection, Outcome, Step, Thresholds
 from scoring.result import Ending
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
-from tests.scoring.clean_run import NOMINAL, Motion, clean, lost, scored
+from tests.scoring.clean_run import BY_EVENT, NOMINAL, Motion, clean, lost, scored
 from tests.scoring.runs import CONDITION, START
 
 
@@ -42,6 +42,15 @@ def expanded(name: Name, motion: Motion = NOMINAL, rate: float = 50.0) -> float:
     return known.expanded
 
 
+def test_a_start_by_hand_is_part_of_what_is_measured_from_it() -> None:
+    by_hand = scored(clean(), thresholds=Thresholds()).indicators
+    for name, one in scored(clean()).indicators.items():
+        own, late = one.uncertainty, by_hand[name].uncertainty
+        assert own is not None
+        assert late is not None
+        assert late.expanded >= 0.2 if name.spec.with_the_start else late == own
+
+
 def test_where_there_is_no_value_there_is_no_uncertainty() -> None:
     indicators = scored(lost(-2.0, 20.0)(clean())).indicators  # no door at all
     assert {one.uncertainty is None for one in indicators.values() if one.value is None} == {True}
@@ -50,7 +59,7 @@ def test_where_there_is_no_value_there_is_no_uncertainty() -> None:
 
 
 @pytest.mark.parametrize("name", [Name.EXECUTION_TIME, Name.CAPABILITY_LEVEL])
-def test_a_timeouts_own_time_is_exact_and_a_level_has_no_spread(name: Name) -> None:
+def test_a_timeouts_own_time_is_as_exact_as_its_start_and_a_level_has_no_spread(name: Name) -> None:
     assert expanded(name, replace(NOMINAL, closes=99.0)) == 0
 
 
@@ -60,7 +69,7 @@ def test_a_stop_that_the_torn_recording_lacks_is_as_uncertain_as_any_that_sensor
     outcome: Outcome, ruled: bool
 ) -> None:
     whole, stop = scored(clean()), START + 11.4
-    torn = Assessment(CONDITION, START, lock_detection=LockDetection.SETTLE)
+    torn = Assessment(CONDITION, START, lock_detection=LockDetection.SETTLE, thresholds=BY_EVENT)
     for sample in clean():
         if sample.time < START + 9.0:
             torn.feed(sample)

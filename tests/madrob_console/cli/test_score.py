@@ -193,7 +193,7 @@ def test_rulesets_are_a_table_for_people() -> None:
     text = "\n".join(describe_run(run, TWO).text for run in (nominal, touch_only))
     assert len(re.findall(f"{HEADS}$", text, re.MULTILINE)) == 2
     assert re.search(r"^  capability level +6 +4 +-2  steps$", text, re.MULTILINE)
-    assert re.search(r"^  time to handle +(\d\.\d\d +0\.\d\d) +\1 +=  s$", text, re.MULTILINE)
+    assert re.search(r"^  time to handle +(\d\.\d +0\.\d) +\1 +=  s$", text, re.MULTILINE)
     assert re.search(r"^  passage time +- +- +-  s$", text, re.MULTILINE)
     for name in TWO:
         assert f"\n  passage time, {name}: " in text

@@ -130,10 +130,10 @@ def test_indicators_events_and_steps_have_what_the_results_have(
 ) -> None:
     results = {result["run_id"]: result for result in results_below(archive)}
     told = {name: plain(table(capsys, name, archive)) for name in ("indicators", "events", "steps")}
-    unknown = {"u": None, "expanded": None}
+    unknown = {"u": None, "expanded": None, "rest": None}
     columns = [
-        *("run_id", "indicator", "value", "uncertainty", "expanded_uncertainty", "reason"),
-        *("unit", "doubts"),
+        *("run_id", "indicator", "value", "uncertainty", "expanded_uncertainty", "at_rest"),
+        *("reason", "unit", "doubts"),
     ]
     assert told["indicators"][columns].to_numpy().tolist() == [
         [

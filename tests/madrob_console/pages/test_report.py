@@ -368,7 +368,7 @@ OTHERWISE: dict[str, Otherwise] = {
             "Indicators": (
                 *("13.86 +- 0.02 s", "3.20? +- 0.02 s", "none: never closed?"),
                 f"time to handle, passage time: {TOUCH}.",
-                "lies within it of what happened 95 times in 100",
+                "repeats within it, 95 of 100",
             ),
             "What the words mean": ("the steps of the encoder look like jerk",),
             "Referee decisions": (
