@@ -50,6 +50,7 @@ class PreStart:
             topic_faults=sensors.topic_faults(source.status(), now),
             angle=sensors.angle(now),
             closed_angle=config.thresholds.closed_angle,
+            near_zero=config.thresholds.near_zero,
             force=None if force is None else force - run.handle_zero,
             rest_force=config.thresholds.touch_force / 2,
             zero=run.zero_samples,

@@ -13,6 +13,7 @@ from madrob_console.referee.evidence_account import unseen_words
 from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.records import CheckName, RunSetup, Waiver
 from madrob_console.referee.run import Phase, Run
+from scoring.protocol import FARTHEST_ZERO
 from scoring.rest import FEWEST_SAMPLES, HandleRest
 
 
@@ -102,6 +103,7 @@ class Readings:
 
     Attributes:
         topic_faults: one line per topic that is missing, stale or off its rate.
+        near_zero: a closed door that reads more is not at its zero.
         force: handle force minus handle zero.
         rest_force: abs(force) above this is not at rest.
         zero: the samples behind the handle zero; None = it was never set.
@@ -118,6 +120,7 @@ class Readings:
     topic_faults: tuple[str, ...]
     angle: float | None
     closed_angle: float
+    near_zero: float
     force: float | None
     rest_force: float
     zero: HandleRest | None
@@ -227,6 +230,11 @@ def _topics(r: Readings) -> Check:
 def _door(r: Readings) -> Check:
     if r.angle is None:
         return _no_data(CheckName.DOOR, "door angle")
+    if r.near_zero < abs(r.angle) < r.closed_angle:
+        text = f"the closed door reads {1000 * r.angle:+.1f} mrad"
+        if abs(r.angle) <= FARTHEST_ZERO:
+            return Check(CheckName.DOOR, CheckState.WARNING, text)
+        return _verdict(CheckName.DOOR, False, text, "set the encoder's zero")
     text = f"angle {r.angle:+.3f} rad, closed below {r.closed_angle:g}"
     closed = abs(r.angle) < r.closed_angle
     return _verdict(CheckName.DOOR, closed, text, "close the door")

@@ -383,6 +383,7 @@ class FakeEngine:
             topic_faults=(),
             angle=self.angle,
             closed_angle=0.03,
+            near_zero=Thresholds().near_zero,
             force=force,
             rest_force=0.98,
             zero=self.run.zero_samples,
