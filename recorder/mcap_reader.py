@@ -63,11 +63,13 @@ _SECTOR = 512
 class ChunkContent:
     """Records of a chunk; of a cut chunk those before the cut and a part of the next one.
 
-    `problem` says why that is not all, as the end of a sentence; else None.
+    `problem` says why that is not all, as the end of a sentence; else None. `foreign`: the chunk
+    may be whole, but this reader cannot decompress it.
     """
 
     records: bytes
     problem: str | None
+    foreign: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +93,11 @@ def unpack(body: bytes) -> ChunkContent:
     if packed.size > RECORD_LIMIT:
         return ChunkContent(b"", f"claims {packed.size} bytes")
     if packed.compression == "lz4" and find_spec("lz4") is None:
-        return ChunkContent(b"", "needs lz4: install madrob-console with its extra `lz4`")
+        words = "needs lz4: install madrob-console with its extra `lz4`"
+        return ChunkContent(b"", words, foreign=True)
     if packed.compression not in _UNPACKERS:
-        return ChunkContent(b"", f"has the unknown compression {packed.compression!r}")
+        words = f"has the unknown compression {packed.compression!r}"
+        return ChunkContent(b"", words, foreign=True)
     content = _decompress(packed, packed.data)
     cut = len(packed.data) < packed.data_size
     problem = "is cut off" if cut else _mistake(packed, content)
@@ -172,6 +176,10 @@ FRAME = struct.Struct("<BQ")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 """The head of a message: channel, sequence, log time, publish time."""
 
+_INDEX_HEAD = 6  # bytes of the channel and of the size of the entries
+_INDEX_SIZE = slice(2, 6)
+_INDEX_ENTRY = struct.Struct("<QQ")  # log time, offset in the chunk
+
 _CRC_SIZE = 4
 _PARSERS = {
     Opcode.FOOTER: Footer.read,
@@ -184,6 +192,9 @@ _PARSERS = {
 }
 _WANTED = frozenset({*_PARSERS, Opcode.MESSAGE, Opcode.CHUNK}) - {Opcode.CHUNK_INDEX}
 _CHUNKS = frozenset({Opcode.CHUNK})
+_ENDS = frozenset({Opcode.DATA_END, Opcode.FOOTER})
+LOOSE = frozenset({Opcode.MESSAGE})
+"""What is read of the messages outside the chunks."""
 _IN_CHUNKS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL})  # beside messages
 _MESSAGE = int(Opcode.MESSAGE)
 
@@ -205,9 +216,13 @@ class ForeignError(DamageError):
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A chunk that cannot be read while what follows it can; `reason` says where and why."""
+    """A chunk that cannot be read while what follows it can; `reason` says where and why.
+
+    `foreign`: it is not known to be damaged, see `ChunkContent`.
+    """
 
     reason: str
+    foreign: bool = False
 
 
 StreamItem: TypeAlias = McapRecord | Gap
@@ -221,7 +236,7 @@ class _Frame:
     whole: bool
 
 
-def read_records(file: BinaryIO) -> Iterator[StreamItem]:
+def read_records(file: BinaryIO, wanted: AbstractSet[Opcode] = _WANTED) -> Iterator[StreamItem]:
     """Records of a file from its beginning to its footer, chunks unpacked.
 
     A damaged chunk is a `Gap`; of the chunk in which the file ends, the whole records are read.
@@ -233,14 +248,14 @@ def read_records(file: BinaryIO) -> Iterator[StreamItem]:
     file.seek(0)
     if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
         raise ForeignError("it does not begin like an MCAP file" if size else "it is empty")
-    chunked = False
-    for frame in _frames(file, len(MCAP0_MAGIC), size):
+    ended = False
+    for frame in _frames(file, len(MCAP0_MAGIC), size, wanted | _ENDS):
         if frame.opcode == Opcode.CHUNK:
-            chunked = True
             yield from _chunk(frame)
-        elif chunked and frame.opcode == Opcode.MESSAGE:
-            # No writer mixes the two, but one flipped bit makes a message of an index.
-            raise DamageError("a message stands outside the chunks", frame.offset)
+        elif frame.opcode == Opcode.DATA_END:
+            ended = True
+        elif frame.opcode == Opcode.MESSAGE and (ended or _is_index(frame.body)):
+            raise DamageError(f"the index at byte {frame.offset} is damaged", frame.offset)
         else:
             yield _parse(frame)
         if frame.opcode == Opcode.FOOTER:
@@ -251,10 +266,20 @@ def read_records(file: BinaryIO) -> Iterator[StreamItem]:
     raise DamageError(f"it ends at byte {size} without a footer", size)
 
 
+def _is_index(body: bytes) -> bool:
+    """Whether one flipped bit made a message of a message index: no message is laid out so."""
+    entries = body[_INDEX_HEAD:]
+    size = int.from_bytes(body[_INDEX_SIZE], "little")
+    if size != len(entries) or size % _INDEX_ENTRY.size:
+        return False
+    return all(offset < RECORD_LIMIT for _, offset in _INDEX_ENTRY.iter_unpack(entries))
+
+
 def read_summary(file: BinaryIO, *, chunks: bool = False) -> Iterator[McapRecord]:
     """The records of the summary and all metadata records, found by the footer; fast.
 
-    There are very many chunk indexes. Raises DamageError without a usable summary.
+    There are very many chunk indexes. A file may have no summary: then there are no records.
+    Raises DamageError where it is unfinished or its summary is damaged.
     """
     size = file.seek(0, io.SEEK_END)
     start = size - FOOTER_SIZE - len(MCAP0_MAGIC)
@@ -263,10 +288,10 @@ def read_summary(file: BinaryIO, *, chunks: bool = False) -> Iterator[McapRecord
     footer = _record_at(file, start, size)
     if not isinstance(footer, Footer) or file.read() != MCAP0_MAGIC:
         raise DamageError("it does not end like an MCAP file")
-    if not 0 < footer.summary_start < start:
-        raise DamageError("it has no summary")
-    if start - footer.summary_start > RECORD_LIMIT:
-        raise DamageError("its summary is too large")
+    if not footer.summary_start:
+        return  # it may have none
+    if not max(len(MCAP0_MAGIC), start - RECORD_LIMIT) <= footer.summary_start < start:
+        raise DamageError("its summary is not where it should be")
     file.seek(footer.summary_start)
     summary = file.read(size - len(MCAP0_MAGIC) - _CRC_SIZE - footer.summary_start)
     if footer.summary_crc and zlib.crc32(summary) != footer.summary_crc:
@@ -308,7 +333,7 @@ class ChunkPlace:
 
 
 def chunk_places(file: BinaryIO) -> list[ChunkPlace]:
-    """By the summary; without all of them there, as while a file is written, by their heads."""
+    """In stored order, by the summary; if it lacks some, as while a file is written, by heads."""
     places: dict[int, ChunkPlace] = {}
     told = None
     with suppress(DamageError):
@@ -328,7 +353,7 @@ def chunk_places(file: BinaryIO) -> list[ChunkPlace]:
                 if len(frame.body) == _HEAD.size:
                     begin_ns, end_ns, *_ = _HEAD.unpack_from(frame.body)
                     places[frame.offset] = ChunkPlace(frame.offset, begin_ns, end_ns)
-    return list(places.values())
+    return sorted(places.values(), key=lambda place: place.offset)
 
 
 def read_chunk(file: BinaryIO, offset: int) -> ChunkContent:
@@ -361,7 +386,7 @@ def _frames(
             raise DamageError(f"there are only zeros from byte {offset} on", offset)
         following = offset + FRAME.size + length
         if following > size:
-            if opcode == Opcode.CHUNK:
+            if opcode == Opcode.CHUNK and opcode in wanted:
                 rest = min(size - stream.tell(), most)
                 yield _Frame(opcode, offset, stream.read(rest), whole=False)
             raise DamageError(f"it is torn at byte {offset}", offset)
@@ -380,7 +405,7 @@ def _chunk(frame: _Frame) -> Iterator[StreamItem]:
     except DamageError:
         problem = problem or "has a damaged record"
     if problem is not None and frame.whole:
-        yield Gap(f"a chunk {problem} (byte {frame.offset})")
+        yield Gap(f"a chunk {problem} (byte {frame.offset})", content.foreign)
 
 
 def records_in(records: bytes) -> Iterator[McapRecord]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import stat
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from heapq import heappop, heappush, heapreplace
+from itertools import chain
 from pathlib import Path, PurePath
 from typing import Any, BinaryIO, TypeAlias
 
@@ -23,6 +26,7 @@ from recorder.bag import (
 )
 from recorder.errors import RecorderError
 from recorder.mcap_reader import (
+    LOOSE,
     RECORD_LIMIT,
     Catalogue,
     DamageError,
@@ -113,11 +117,19 @@ class Bag:
         return tuple(self._topics.values())
 
     def messages(self) -> Iterator[RawMessage]:
-        """Messages in the order in which they were written, chunk by chunk; never raises.
+        """Messages in the order of time (protocol section 3); never raises.
 
-        Damaged chunks are skipped; it ends where the bag is torn. `problem` tells both.
+        Files come by their first log times. If the first log times of their chunks never go back,
+        messages come as they are stored; else all are merged by log time, in the memory of the
+        chunks that overlap. Damaged chunks are skipped. `problem` tells them, and a torn end.
         """
-        for path in self._files:
+        times = {path: _first_times(path) for path in self._files}
+        files = sorted(self._files, key=lambda path: min(times[path], default=0))
+        stored = [time for path in files for time in times[path]]
+        return self._as_stored(files) if stored == sorted(stored) else self._by_time(files)
+
+    def _as_stored(self, files: Iterable[Path]) -> Iterator[RawMessage]:
+        for path in files:
             try:
                 with open_recording(path) as file:
                     for item in read_items(file):
@@ -129,8 +141,51 @@ class Bag:
                 self._found(path, end_of(error))
                 return
 
+    def _by_time(self, files: Iterable[Path]) -> Iterator[RawMessage]:
+        seekers = []
+        for path in files:
+            try:
+                seekers.append(Seeker(path))
+            except (DamageError, OSError) as error:
+                self._found(path, end_of(error))
+        parts = (part for seeker in seekers for part in seeker.parts())
+        yield from _merged(sorted(parts, key=lambda part: part[0]))
+        for seeker in seekers:
+            if seeker.problem is not None:
+                self._found(seeker.path, seeker.problem)
+
     def _found(self, file: Path, problem: str) -> None:
         self.problem = self.problem or f"{file}: {problem}"
+
+
+def _first_times(path: Path) -> list[int]:
+    """First log times of the chunks of a file in stored order; of its first message without any."""
+    with suppress(DamageError, OSError), open_recording(path) as file:
+        if times := [chunk.begin_ns for chunk in chunk_places(file) if chunk.end_ns]:
+            return times
+        for item in read_items(file):
+            if isinstance(item, RawMessage):
+                return [item.receive_ns]
+    return []
+
+
+_Part: TypeAlias = tuple[int, Iterator[RawMessage]]
+"""A part of a recording, with its first log time."""
+
+
+def _merged(parts: Iterable[_Part]) -> Iterator[RawMessage]:
+    """Messages by log time; a part is opened when its first log time is reached."""
+    started: list[tuple[int, int, RawMessage, Iterator[RawMessage]]] = []
+    for number, (begin_ns, part) in enumerate((*parts, (math.inf, iter(())))):
+        while started and started[0][0] < begin_ns:
+            _, place, message, rest = started[0]
+            yield message
+            if (following := next(rest, None)) is None:
+                heappop(started)
+            else:
+                heapreplace(started, (following.receive_ns, place, following, rest))
+        if (first := next(part, None)) is not None:
+            heappush(started, (first.receive_ns, number, first, part))
 
 
 def end_of(error: DamageError | OSError) -> str:
@@ -150,14 +205,7 @@ def read_items(file: BinaryIO) -> Iterator[BagItem]:
             case Message():
                 topic = catalogue.topic(record.channel_id)
                 count += 1
-                yield RawMessage(
-                    topic.name,
-                    topic.type,
-                    record.data,
-                    record.publish_time,
-                    record.log_time,
-                    record.sequence,
-                )
+                yield _raw(record, topic)
             case Gap():
                 gaps += 1
                 yield record
@@ -175,6 +223,17 @@ def read_items(file: BinaryIO) -> Iterator[BagItem]:
     statistics = catalogue.statistics
     if not gaps and statistics is not None and statistics.message_count != count:
         raise DamageError(f"{count} of {statistics.message_count} messages are left")
+
+
+def _raw(record: Message, topic: Topic) -> RawMessage:
+    return RawMessage(
+        topic.name,
+        topic.type,
+        record.data,
+        record.publish_time,
+        record.log_time,
+        record.sequence,
+    )
 
 
 def read_catalogue(path: Path) -> tuple[Catalogue, str | None]:
@@ -326,14 +385,44 @@ class Seeker:
             topic = self._catalogue.topic(found.channel_id)
         except (DamageError, OSError) as error:
             raise RecorderError(f"{name}: cannot be read ({error}); look at the disk") from None
-        return RawMessage(name, topic.type, found.data, found.publish_time, found.log_time)
+        return _raw(found, topic)
 
-    def _messages(self, file: BinaryIO, offset: int, channels: set[int]) -> Iterator[Message]:
+    def parts(self) -> Iterator[_Part]:
+        """Each chunk, its messages by log time, and the messages outside the chunks, as stored."""
+        for chunk in self._chunks:
+            yield chunk.begin_ns, self._in_chunk(chunk.offset)
+        loose = self._loose()
+        if (first := next(loose, None)) is not None:
+            yield first.receive_ns, chain([first], loose)
+
+    def _in_chunk(self, offset: int) -> Iterator[RawMessage]:
+        try:
+            with open_recording(self.path) as file:
+                messages = list(self._messages(file, offset))
+            for message in sorted(messages, key=lambda message: message.log_time):
+                yield _raw(message, self._catalogue.topic(message.channel_id))
+        except (DamageError, OSError) as error:
+            self.problem = self.problem or str(error)
+
+    def _loose(self) -> Iterator[RawMessage]:
+        try:
+            with open_recording(self.path) as file:
+                for message in read_records(file, LOOSE):
+                    if isinstance(message, Message):
+                        yield _raw(message, self._catalogue.topic(message.channel_id))
+        except (DamageError, OSError) as error:
+            self.problem = self.problem or end_of(error)
+
+    def _messages(
+        self, file: BinaryIO, offset: int, channels: set[int] | None = None
+    ) -> Iterator[Message]:
         content = read_chunk(file, offset)
         self._unpacked += len(content.records)
         if content.problem is not None and self.problem is None:
             self.problem = f"a chunk {content.problem} (byte {offset})"
         with suppress(DamageError):
             for record in records_in(content.records):
-                if isinstance(record, Message) and record.channel_id in channels:
+                if isinstance(record, Message) and (
+                    channels is None or record.channel_id in channels
+                ):
                     yield record

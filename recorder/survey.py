@@ -22,7 +22,14 @@ from recorder.bag import (
     is_evidence,
 )
 from recorder.errors import RecorderError
-from recorder.mcap_reader import DamageError, ForeignError, Gap, read_outline
+from recorder.mcap_reader import (
+    Catalogue,
+    DamageError,
+    ForeignError,
+    Gap,
+    read_outline,
+    read_summary,
+)
 from recorder.reader import (
     METADATA_LIMIT,
     end_of,
@@ -94,6 +101,8 @@ class Survey:
                     case Topic():
                         self._register(item)
                     case Gap():
+                        if item.foreign:
+                            raise RecorderError(f"{self.path}: {item.reason}; it is left as it is")
                         self.gaps += 1
                         self.lost = self.lost or left_out(item)
                         self.cut += [left_out(item)] if self.gaps <= _GAPS_TOLD else []
@@ -119,10 +128,10 @@ class Survey:
             )
 
     def _check_summary(self, file: BinaryIO) -> None:
-        """Readers trust the summary; without checksums it may differ from the file."""
+        """Readers trust the summary, if there is one; without checksums it may differ."""
         try:
-            summary = read_outline(file)
-            if {topic.name: topic for topic in reversed(summary.topics())} != self.topics:
+            told = {topic.name: topic for topic in reversed(Catalogue(read_summary(file)).topics())}
+            if told and told != self.topics:
                 self.cut.append("its summary tells of other topics")
         except ForeignError:
             self.cut.append("its summary tells of other topics")

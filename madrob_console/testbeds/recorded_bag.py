@@ -26,7 +26,7 @@ MOST_KEPT = 150_000
 
 
 class RecordedBag(Source):
-    """A recorded testbed; each `open` replays its messages in stored order.
+    """A recorded testbed; each `open` replays its messages in their order.
 
     The console's own messages are kept aside: the JSON lines of `/madrob/referee/event` in
     `journal_lines`, the metadata in `records`.

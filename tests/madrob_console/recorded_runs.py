@@ -9,6 +9,9 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.referee.acts import (
     Act,
@@ -144,3 +147,45 @@ def publish(run: Path, folder: Path) -> None:
     for pattern in ("*.csv", "run_info*.yaml", "condition*.yaml"):
         for path in run.glob(pattern):
             shutil.copy(path, folder)
+
+
+def converted(
+    run: Path, to: Path, *, chunk: int = 0, records: bool = True, without: str = "nothing"
+) -> Path:
+    """The recording of a run, written again to a file by another tool.
+
+    Blocks of `chunk` messages come in reverse order. Metadata records are kept or lost, and
+    topics that contain the word `without` are left out.
+    """
+    with next(run.glob("*_0.mcap")).open("rb") as file:
+        reader = make_reader(file)
+        kept = [
+            one for one in reader.iter_messages(log_time_order=False) if without not in one[1].topic
+        ]
+        metadata = list(reader.iter_metadata()) if records else []
+    blocks = [
+        kept[start : start + (chunk or len(kept))]
+        for start in range(0, len(kept), chunk or len(kept))
+    ]
+    with to.open("wb") as file:
+        writer = Writer(file, chunk_size=100_000 if chunk else 2**20)
+        writer.start(profile="ros2", library="another tool")
+        channels = dict[int, int]()
+        for record in metadata:
+            writer.add_metadata(record.name, record.metadata)
+        for schema, channel, message in (one for block in blocks[::-1] for one in block):
+            assert schema is not None
+            if channel.id not in channels:
+                kind = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, kind, channel.metadata
+                )
+            writer.add_message(
+                channels[channel.id],
+                message.log_time,
+                message.data,
+                message.publish_time,
+                message.sequence,
+            )
+        writer.finish()  # type: ignore[no-untyped-call]
+    return to

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Sequence
 from functools import cache
 from io import BytesIO
@@ -11,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mcap.data_stream import RecordBuilder
-from mcap.records import McapRecord
-from mcap.writer import Writer
+from mcap.records import Channel, Chunk, DataEnd, Footer, Header, McapRecord, Message, Schema
+from mcap.writer import MCAP0_MAGIC, Writer
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -123,6 +124,32 @@ def encoded(*records: McapRecord) -> bytes:
         record.write(builder)
     content: bytes = builder.end()  # type: ignore[no-untyped-call]
     return content
+
+
+def mixed(messages: list[RawMessage]) -> bytes:
+    """A file whose first half lies in a chunk and the rest behind it, without a summary."""
+    kind = talk()
+    records = [
+        Message(1, one.receive_ns, one.data, one.publish_ns, number)
+        for number, one in enumerate(messages)
+    ]
+    half = len(records) // 2
+    content = encoded(*records[:half])
+    return b"".join(
+        (
+            MCAP0_MAGIC,
+            encoded(
+                Header("ros2", "another tool"),
+                Schema(1, kind.definition.encode(), "ros2msg", kind.type),
+                Channel(1, kind.name, "cdr", {}, 1),
+                Chunk("", content, zlib.crc32(content), 0, 0, len(content)),
+                *records[half:],
+                DataEnd(0),
+                Footer(0, 0, 0),
+            ),
+            MCAP0_MAGIC,
+        )
+    )
 
 
 def all_within(folder: Path, names: str = "*") -> dict[Path, bytes | bool]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import shutil
 import sys
 import time
@@ -16,8 +17,18 @@ import yaml
 import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, ChunkIndex, Footer, McapRecord, Message, Schema, Statistics
+from mcap.reader import NonSeekingReader, SeekingReader
+from mcap.records import (
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    McapRecord,
+    Message,
+    Schema,
+    Statistics,
+)
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType, Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
@@ -45,6 +56,7 @@ from tests.recorder.samples import (
     door_messages,
     door_topics,
     encoded,
+    mixed,
     strings,
     talk,
     typestore,
@@ -201,8 +213,74 @@ def test_every_kind_of_mcap_file_is_read(tmp_path: Path, options: dict[str, Any]
     assert bag.complete
 
 
-def split_bag(folder: Path, parts: int) -> None:
-    """A bag in files of five messages, listed as rosbag2 lists them."""
+def test_a_message_behind_the_chunks_is_a_message(tmp_path: Path) -> None:
+    bag = opened(tmp_path / "mixed.mcap", mixed(MESSAGES))
+    with bag.path.open("rb") as file:
+        library = list(NonSeekingReader(file).iter_messages(log_time_order=False))
+    assert [(m.data, m.receive_ns, m.publish_ns, m.sequence) for m in bag.messages()] == [
+        (m.data, m.log_time, m.publish_time, m.sequence) for _, _, m in library
+    ]
+    assert len(library) == len(MESSAGES)
+    assert bag.complete
+
+
+def in_disorder(order: str) -> list[RawMessage]:
+    """`MESSAGES` as other tools store them."""
+    size = 1 if order == "shuffled" else 7
+    blocks = [MESSAGES[start : start + size] for start in range(0, len(MESSAGES), size)]
+    if order == "blocks reversed":
+        blocks.reverse()
+    else:
+        random.Random(1).shuffle(blocks)
+    return [message for block in blocks for message in block]
+
+
+@pytest.mark.parametrize("order", ["blocks reversed", "blocks shuffled", "shuffled"])
+@pytest.mark.parametrize("index", [IndexType.ALL, IndexType.NONE])
+def test_a_recording_is_read_in_the_order_of_its_times(
+    tmp_path: Path, order: str, index: IndexType
+) -> None:
+    stored = in_disorder(order)
+    content = by_library(stored, chunk_size=300, index_types=index)
+    bag = opened(tmp_path / "any.mcap", content)
+    assert stored != MESSAGES
+    assert list(bag.messages()) == MESSAGES
+    assert bag.complete
+
+
+def test_what_lies_outside_of_chunks_in_disorder_is_read_at_its_time(tmp_path: Path) -> None:
+    messages = by_library(MESSAGES[40:] + MESSAGES[:20], chunk_size=300, use_statistics=False)
+    head, end = (
+        messages[: messages.index(encoded(DataEnd(0)))],
+        encoded(DataEnd(0), Footer(0, 0, 0)),
+    )
+    loose = encoded(*(Message(1, m.receive_ns, m.data, m.publish_ns, 0) for m in MESSAGES[20:40]))
+    bag = opened(tmp_path / "any.mcap", head + loose + end + MCAP0_MAGIC)
+    assert list(bag.messages()) == MESSAGES
+    assert bag.complete
+
+
+def test_a_bag_whose_chunks_are_in_order_is_read_as_it_is_stored(tmp_path: Path) -> None:
+    stored = door_messages(rounds=50)
+    bag = opened(tmp_path / "a.mcap", by_library(stored, door_topics(), chunk_size=20_000))
+    assert [message.receive_ns for message in bag.messages()] == [m.receive_ns for m in stored]
+    assert stored != sorted(stored, key=lambda message: message.receive_ns)
+
+
+def test_damage_in_a_bag_out_of_order_costs_one_chunk_and_is_told(tmp_path: Path) -> None:
+    content = bytearray(
+        by_library(in_disorder("blocks reversed"), chunk_size=300, compression=CompressionType.NONE)
+    )
+    content[content.index(b"number 30")] ^= 1
+    bag = opened(tmp_path / "any.mcap", bytes(content))
+    messages = list(bag.messages())
+    assert messages == [message for message in MESSAGES if message in messages]
+    assert len(MESSAGES) - 10 < len(messages) < len(MESSAGES)
+    assert "a chunk has a wrong checksum" in (bag.problem or "")
+
+
+def split_bag(folder: Path, parts: int, *, as_ls: bool = False) -> None:
+    """A bag in files of five messages, listed as rosbag2 lists them, or as `ls` does."""
     folder.mkdir()
     names = [f"bag_{number}.mcap" for number in range(parts)]
     for number, name in enumerate(names):
@@ -211,7 +289,7 @@ def split_bag(folder: Path, parts: int) -> None:
                 writer.put_message(message)
         (folder / "part" / "part_0.mcap").rename(folder / name)
         shutil.rmtree(folder / "part")
-    paths = "".join(f"  - bag/{name}\n" for name in names)
+    paths = "".join(f"  - bag/{name}\n" for name in (sorted(names) if as_ls else names))
     (folder / "metadata.yaml").write_text(
         "rosbag2_bagfile_information:\n  storage_identifier: mcap\n  relative_file_paths:\n" + paths
     )
@@ -241,6 +319,17 @@ def test_a_split_bag_is_read_up_to_its_first_bad_file(
     assert list(bag.messages()) == MESSAGES[:count]
     assert bag.complete is (problem is None)
     assert (problem or "") in (bag.problem or "")
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+def test_split_files_are_read_in_the_order_of_their_times(tmp_path: Path, *, chunked: bool) -> None:
+    split_bag(tmp_path / "bag", parts=12, as_ls=True)
+    for number in range(12):
+        part = by_library(MESSAGES[number * 5 : number * 5 + 5], use_chunking=chunked)
+        (tmp_path / "bag" / f"bag_{number}.mcap").write_bytes(part)
+    bag = read_bag(tmp_path / "bag")
+    assert list(bag.messages()) == MESSAGES
+    assert bag.complete
 
 
 def test_qos_and_type_hash_of_other_recordings_are_kept(tmp_path: Path) -> None:

@@ -21,15 +21,15 @@ import lz4.frame  # type: ignore[import-untyped]
 import pytest
 import yaml
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Message, Schema
-from mcap.writer import MCAP0_MAGIC, CompressionType
+from mcap.records import Channel, Chunk, Message, Schema
+from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType
 
 from recorder.bag import RawMessage, Topic
 from recorder.errors import RecorderError
 from recorder.reader import read_bag
 from recorder.recovery import recover
 from recorder.writer import BagWriter, RecorderState
-from tests.recorder.samples import all_within, by_library, encoded, strings, talk
+from tests.recorder.samples import all_within, by_library, encoded, mixed, strings, talk
 from tests.recorder.torn_bags import (
     TornBag,
     by_mcap,
@@ -159,6 +159,40 @@ def test_a_whole_bag_stays_as_it_is(tmp_path: Path) -> None:
         assert recovered.messages == len(MESSAGES)
         assert (recovered.cut, recovered.tail_bytes) == ((), 0)
     assert contents(tmp_path / "bag") == before
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        mixed(MESSAGES[:100]),
+        *(
+            by_library(MESSAGES[:100], **options)
+            for options in (
+                {"use_statistics": False},
+                {"repeat_channels": False, "repeat_schemas": False},
+                {"repeat_schemas": False},
+                {"index_types": IndexType.NONE},
+                {"use_chunking": False, "enable_crcs": False},
+            )
+        ),
+    ],
+)
+def test_what_a_valid_file_may_hold_is_no_damage(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "other.mcap").write_bytes(content)
+    recovered = recover(tmp_path / "other.mcap")
+    assert (recovered.cut, recovered.torn, recovered.messages) == ((), None, 100)
+    assert (tmp_path / "other.mcap").read_bytes() == content
+    assert names(tmp_path) == ["metadata.yaml", "other.mcap"]
+
+
+def test_a_compression_that_is_unknown_here_is_no_damage(tmp_path: Path) -> None:
+    path = tmp_path / "other.mcap"
+    content = MCAP0_MAGIC + encoded(Chunk("brotli", b"packed", 0, 1, 1, 900))
+    path.write_bytes(content)
+    with pytest.raises(RecorderError, match=r"compression 'brotli' .* it is left"):
+        recover(path)
+    assert names(tmp_path) == ["other.mcap"]
+    assert path.read_bytes() == content
 
 
 def test_to_repair_twice_is_harmless_and_what_is_torn_again_is_kept_again(

@@ -310,15 +310,15 @@ def frames(count: int, size: int = 500_000) -> list[RawMessage]:
 
 
 def test_evidence_is_a_further_file_that_the_bag_lists_when_it_ends(tmp_path: Path) -> None:
-    scored, seen = strings(["a", "b"]), frames(20)
+    scored, seen = strings(["a", "b"]), frames(40)
     with BagWriter(tmp_path / "bag", [talk()], {}) as writer:
         with evidence(tmp_path / "bag") as camera:
-            assert all(map(camera.put_message, seen))
+            assert all(map(camera.put_message, seen[:20]))
         assert all(map(writer.put_message, scored))
         with evidence(tmp_path / "bag", number=1) as camera:
-            assert all(map(camera.put_message, seen))
+            assert all(map(camera.put_message, seen[20:]))
     assert list(read_bag(tmp_path / "bag").messages()) == scored
-    assert list(read_bag(tmp_path / "bag", evidence=True).messages()) == [*seen, *seen]
+    assert list(read_bag(tmp_path / "bag", evidence=True).messages()) == seen
     with AnyReader([tmp_path / "bag"]) as reader:
         assert reader.message_count == 42
 

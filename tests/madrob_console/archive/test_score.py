@@ -40,6 +40,7 @@ from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import (
     completed,
+    converted,
     copy_run,
     ended_after,
     publish,
@@ -91,6 +92,12 @@ def test_files_with_an_event_after_the_stop_score_as_the_recording_does_or_say_w
     last, stop = files.result.events[-2:]  # who leaves after the stop has left at the stop
     assert (last.event, stop.event) == (EventName.MOVES_TO_CCW, EventName.BENCHMARK_STOP)
     assert last.time == stop.time == files.result.stop
+
+
+def test_a_recording_whose_chunks_lie_in_another_order_scores_the_same(tmp_path: Path) -> None:
+    run = completed()
+    (whole,), (again,) = score(run), score(converted(run, tmp_path / "again.mcap", chunk=500))
+    assert again.result == whole.result
 
 
 def test_what_completed_a_run_and_did_not_reach_the_disk_is_named_and_can_be_confirmed(
