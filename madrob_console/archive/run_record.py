@@ -8,17 +8,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import reduce
 from typing import TypeVar
 
 import msgspec
 
+from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import seconds_of
 from madrob_console.common.names import SourceKind, terminal_safe
-from madrob_console.messages.topic_mapping import TopicMapping
+from madrob_console.messages.topic_mapping import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.referee.flags import RECORD_LOST
+from madrob_console.referee.journal import Entry
+from madrob_console.referee.rebuild import after
 from madrob_console.referee.records import RunSetup, open_protests
 from madrob_console.referee.run import Run
 from scoring.evaluate import Assessment
@@ -92,7 +96,8 @@ class RunRecord:
         except KeyError:
             raise MadrobError(f"metadata record {RECORD_NAME} has no '{_KEY}'") from None
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-            raise MadrobError(f"metadata record {RECORD_NAME} is damaged: {error}") from None
+            words = f"metadata record {RECORD_NAME} is damaged: {error}"
+            raise MadrobError(f"{words}: use the madrob-console that recorded it") from None
 
     def assessment(self, start: float, rules: RulesetName | None = None) -> Assessment:
         """`start` is the (planned) start, s since the epoch; `rules` None = the run's own."""
@@ -109,9 +114,28 @@ class RunRecord:
         )
 
 
-def demand_record(records: Mapping[str, object], path: Path) -> None:
-    if RECORD_NAME not in records:
-        raise MadrobError(f"{path}: a bag without a MADROB run cannot be replayed")
+def record_from(entries: Sequence[Entry]) -> tuple[RunRecord, str]:
+    """The record of a run whose bag has lost it, by its journal; and the remark that says so.
+
+    Raises MadrobError where no set-up is there.
+    """
+    if not entries:
+        raise MadrobError("a bag without a MADROB run: score and replay need one")
+    run = reduce(after, entries, Run())
+    if run.setup is None:
+        raise MadrobError(f"{RECORD_LOST}: score the original bag, or put its {JOURNAL_FILE} here")
+    record = RunRecord(
+        run.setup,
+        run.handle_zero,
+        Thresholds(),
+        tuple(mapping.limited() for mapping in DEFAULT_MAPPINGS),
+        SourceKind.ROS,
+        run.setup.competition,
+        version="",
+        zero_samples=run.zero_samples,
+    )
+    zero = "" if run.zero_samples else ", no handle zero"
+    return record, f"{RECORD_LOST}: set-up from its journal, default topics and thresholds{zero}"
 
 
 # Events of a run with their instants, found by the names that files and screens use.

@@ -21,7 +21,7 @@ from madrob_console.archive.result_reader import (
     read_sound_result,
 )
 from madrob_console.archive.run_journal import disagreements, is_held, read_run_journal
-from madrob_console.archive.run_record import RECORD_NAME, RunLabel, RunRecord
+from madrob_console.archive.run_record import RECORD_NAME, RunLabel, RunRecord, record_from
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Stamp, refusal, stamp_of
 from madrob_console.common.names import SourceKind, terminal_safe
@@ -210,20 +210,23 @@ def read_recorded_run(path: Path) -> RecordedRun:
     """Read what a bag or a run folder says of its run; a run that goes on is refused.
 
     The journal file comes first, which also has what the referee said after the recording;
-    without it the journal in the bag is used. RecorderError if there is no bag.
+    without it the journal in the bag is used. Where another tool lost the record `madrob_run`, the
+    set-up is that of the journal. RecorderError if there is no bag.
     """
     _refuse_unfinished(path)
     bag = read_bag(path)
-    metadata = bag.records.get(RECORD_NAME)
-    if metadata is None:
-        raise MadrobError(f"{path}: a bag without a MADROB run; only madrob's bags can be scored")
-    try:
-        record = RunRecord.from_metadata(dict(metadata))
-    except MadrobError as error:
-        raise MadrobError(f"{path}: {error}: use the madrob-console that recorded it") from None
     entries, remarks = _journal_file(path)
     if not entries:
         entries = tuple(_journal_in(bag))
+    metadata = bag.records.get(RECORD_NAME)
+    try:
+        if metadata is None:
+            record, lost = record_from(entries if bag.topics() else ())
+            remarks = (*remarks, lost)
+        else:
+            record = RunRecord.from_metadata(metadata)
+    except MadrobError as error:
+        raise MadrobError(f"{path}: {error}") from None
     found = rebuild(entries, record.handle_zero, record.zero_samples)
     run = replace(found, journal=mark_of(entries))
     if run.setup is not None:  # journals of earlier versions do not have it
@@ -245,6 +248,8 @@ def _journal_file(path: Path) -> tuple[tuple[Entry, ...], tuple[str, ...]]:
 
 
 def _journal_in(bag: Bag) -> Iterable[Entry]:
+    if REFEREE_EVENT_TOPIC not in {topic.name for topic in bag.topics()}:
+        return
     types = standard_types()
     for message in bag.messages():
         if message.topic == REFEREE_EVENT_TOPIC:

@@ -148,19 +148,20 @@ def _look(arguments: argparse.Namespace, settings: Settings) -> ConsoleSettings:
 
 def _check_replay(arguments: argparse.Namespace) -> float | None:
     """Check that a run can be replayed; returns where, s from its start; None = from its begin."""
-    from madrob_console.archive.run_record import demand_record
+    from madrob_console.archive.run_record import RECORD_NAME
     from recorder.reader import read_bag
 
     path = Path(arguments.testbed[1])
-    demand_record(read_bag(path).records, path)
     named: str | None = getattr(arguments, "at", None)  # a spectator sees what the referee does
-    if named is None:
+    if named is None and RECORD_NAME in read_bag(path).records:
         return None
     from madrob_console.engine.replay import Replay
     from madrob_console.engine.requests import JumpTo
     from madrob_console.messages.message_types import MessageTypes
 
     replay = Replay(path, MessageTypes())
+    if named is None:
+        return None
     try:
         at = replay.instant(named)
     except MadrobError as error:

@@ -11,7 +11,7 @@ from itertools import accumulate
 from pathlib import Path
 
 from madrob_console.archive.check import Comparison, compared, stored_result
-from madrob_console.archive.run_record import demand_record, moments_called
+from madrob_console.archive.run_record import moments_called
 from madrob_console.archive.scored import keep_stored_remarks, read_recorded_run, report_bag
 from madrob_console.common.clock import LONGEST, NS, TICK, Clock, nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
@@ -71,7 +71,6 @@ class Replay:
         wait: Callable[[float], None] = time.sleep,
     ) -> None:
         self.source = RecordedBag(path, types, speed, monotonic, wait)
-        demand_record(self.source.records, path)
         try:
             self.recorded = read_recorded_run(path)
         except RecorderError as error:

@@ -94,6 +94,9 @@ _SIGNALS = tuple(f"{signal.value}: " for signal in Signal)
 LONGEST_SILENCE = 0.5
 """In a longer one something may have been missed: a topic is stale by then (section 3), s."""
 
+RECORD_LOST = "its record madrob_run was lost (converted?)"
+"""How a remark begins on a bag that another tool wrote again without its metadata."""
+
 FlagWords = Annotated[str, Meta(max_length=500)]
 """Longer than any flag of this version."""
 
@@ -204,6 +207,7 @@ def untold_remarks(run: Run, quality: Quality) -> list[str]:
         for remark in quality.remarks
         if remark not in told
         and not remark.endswith(AGAINST_OPENING)
+        and not remark.startswith(RECORD_LOST)
         and not any(cause in remark for cause in causes)
     ]
     return merged_remarks(left)
@@ -338,6 +342,8 @@ def _recording(run: Run, quality: Quality | None) -> Iterator[Flag]:
     if run.unrecorded:
         yield Flag(FlagKind.RECORDING, unrecorded_words(run.unrecorded), FlagWeight.CAUTION)
     if quality is not None:
+        lost = (one for one in quality.remarks if one.startswith(RECORD_LOST))
+        yield from (Flag(FlagKind.RECORDING, one, FlagWeight.CAUTION) for one in lost)
         needed = [one for one in quality.signals if not one.signal.optional]
         silent = ((one.signal.value, _silence(one)) for one in needed)
         stepped = ((q.signal.value, "clock stepped, stamps shifted") for q in needed if q.shifted)

@@ -29,7 +29,7 @@ class RecordedBag(Source):
     """A recorded testbed; each `open` replays its messages in their order.
 
     The console's own messages are kept aside: the JSON lines of `/madrob/referee/event` in
-    `journal_lines`, the metadata in `records`.
+    `journal_lines`.
     """
 
     kind = SourceKind.REPLAY
@@ -47,7 +47,6 @@ class RecordedBag(Source):
         except RecorderError as error:
             raise MadrobError(str(error)) from None
         self.path = path
-        self.records = self._bag.records
         self._own = frozenset(topic.name for topic in referee_topics(types))
         self._topics = tuple(t for t in self._bag.topics() if t.name not in self._own)
         self._type_problems = {t.name: _register(t, types) for t in self._topics}

@@ -100,6 +100,41 @@ def test_a_recording_whose_chunks_lie_in_another_order_scores_the_same(tmp_path:
     assert again.result == whole.result
 
 
+@pytest.mark.parametrize("journal", ["in the bag", "beside it"])
+def test_a_recording_without_its_record_is_scored_from_its_journal_and_says_so(
+    tmp_path: Path, journal: str
+) -> None:
+    run, folder = completed(), tmp_path / "converted"
+    folder.mkdir()
+    if journal == "beside it":
+        shutil.copy(run / JOURNAL_FILE, folder)
+    without = "/event" if journal == "beside it" else "nothing"
+    converted(run, folder / "converted_0.mcap", records=False, without=without)
+    (whole,), (again,) = score(run), score(folder)
+    assert again.result.indicators == whole.result.indicators
+    assert again.result.events == whole.result.events
+    assert again.label == whole.label
+    words = "its record madrob_run was lost (converted?): set-up from its journal"
+    (flag,) = [flag for flag in again.flags if flag.words.startswith(words)]
+    assert flag.weight == "caution"
+    assert any(remark.startswith(words) for remark in again.result.quality.remarks)
+
+
+def test_a_recording_whose_set_up_is_lost_is_refused_with_the_remedy(tmp_path: Path) -> None:
+    folder = tmp_path / "converted"
+    folder.mkdir()
+    converted(completed(), folder / "converted_0.mcap", records=False)
+    (folder / JOURNAL_FILE).write_text(
+        "".join(
+            line
+            for line in (completed() / JOURNAL_FILE).read_text().splitlines(keepends=True)
+            if '"set up"' not in line
+        )
+    )
+    with pytest.raises(MadrobError, match=r"madrob_run was lost \(converted\?\).*original bag"):
+        list(score(folder))
+
+
 def test_what_completed_a_run_and_did_not_reach_the_disk_is_named_and_can_be_confirmed(
     folder: Path,
 ) -> None:

@@ -78,7 +78,7 @@ def test_a_wrong_word_is_named_with_what_was_meant(line: str, words: str, madrob
 SCREENS = [
     ("console --testbed replay /nowhere/at_all", "/nowhere/at_all"),
     ("console --testbed replay empty", "the folder holds no recording"),
-    ("console --testbed replay foreign", "a bag without a MADROB run cannot be replayed"),
+    ("console --testbed replay foreign", "a bag without a MADROB run: score and replay need one"),
     ("console --testbed replay run --jitter 1s", "delay simulated messages: use them with"),
     ("console --testbed replay run --at 900", "--at 900: the recording goes from -"),
     ("console --testbed replay run --at lunch", "--at: 'lunch' is no time and no event"),

@@ -393,7 +393,7 @@ def bags_of_no_run(folder: Path) -> Iterator[tuple[Path, str]]:
     data = types.encode(door.type, types.make(door.type))
     message = RawMessage(door.name, door.type, data, 10**18, 10**18)
     for name, records, messages, words in (
-        ("foreign", {}, [message], "a bag without a MADROB run cannot be replayed"),
+        ("foreign", {}, [message], "a bag without a MADROB run: score and replay need one"),
         ("empty", {}, [], "holds no messages"),
         ("odd", {RECORD_NAME: {"run": "{}"}}, [message], "damaged"),
     ):
