@@ -6,7 +6,7 @@ A doubt is a sentence beside a value. It never changes one.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -56,6 +56,7 @@ class Grounds:
         start_uncertainty: of a start by hand, s.
         settles: whether a door that stayed closed ended the run.
         presences: for each used sensor, from when to when something was under it.
+        doubted: words that cast doubt on a signal, from whoever read it.
         door, joint, force_time, force: over the whole recording.
         impossible_angles: times of impossible door angles, shape (m,).
         guessed: stamps and angles, shape (n, 2), of passage samples that were masked before the
@@ -72,6 +73,7 @@ class Grounds:
     presences: Mapping[PassageSensor, Sequence[tuple[float, float]]]
     edges: Sequence[DecidingEdge]
     counters: Mapping[Signal, QualityCounter]
+    doubted: Mapping[str, Signal]
     door: DoorAngle
     impossible_angles: Array
     guessed: Array
@@ -210,6 +212,7 @@ def all_doubts(
             *_newcomers(grounds),
             *_delays(grounds),
             *_rate(grounds),
+            *_misread(grounds),
         )
     return by_indicator(found)
 
@@ -529,11 +532,16 @@ def _newcomers(g: Grounds) -> Iterator[Doubt]:
         if since is None:
             continue
         settled = {edge.kind for edge in g.edges if edge.signal is signal and edge.time < since}
-        kinds = [kind for kind in EdgeKind if kind.decided_by(signal) and kind not in settled]
-        names = {Signal.DOOR: _MOTION, Signal.HANDLE: _FORCE[-1:]}.get(signal, ())
-        doubted = dict.fromkeys([*names, *(name for kind in kinds for name in kind.indicators)])
         when = f"from {since - g.start:.2f} s after the start on"
-        yield tuple(doubted), f"{signal.value}: another publisher, or one started again, {when}"
+        words = f"{signal.value}: another publisher, or one started again, {when}"
+        yield _computed_of(signal, settled), words
+
+
+def _computed_of(signal: Signal, settled: Container[EdgeKind] = ()) -> tuple[Name, ...]:
+    """What is computed of a signal, but by edges of kinds that are settled."""
+    kinds = [kind for kind in EdgeKind if signal in kind.signals and kind not in settled]
+    names = {Signal.DOOR: _MOTION, Signal.HANDLE: _FORCE[-1:]}.get(signal, ())
+    return (*names, *(name for kind in kinds for name in kind.indicators))
 
 
 def _delays(g: Grounds) -> Iterator[Doubt]:
@@ -579,3 +587,8 @@ def _rate(g: Grounds) -> Iterator[Doubt]:
     if not math.isclose(rate, nominal, rel_tol=0, abs_tol=g.thresholds.doubt.rate * nominal):
         words = f"the door is sampled at {rate:.1f} Hz, the testbed's rate is {nominal:g} Hz"
         yield (Name.SMOOTHNESS_OF_DOOR_ACTUATION,), words
+
+
+def _misread(g: Grounds) -> Iterator[Doubt]:
+    for words, signal in g.doubted.items():
+        yield _computed_of(signal), words

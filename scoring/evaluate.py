@@ -68,6 +68,7 @@ class Assessment:
         self._largest_force = ruleset.largest_force(self._thresholds)
         self._counters: dict[Signal, QualityCounter] = {}
         self._problems: dict[str, int] = {}
+        self._doubted: dict[str, Signal] = {}
         self._top_force = 0.0
         self._against = 0.0
         self._newest: float | None = None
@@ -127,8 +128,13 @@ class Assessment:
         if self._scoring is not self._live:
             self._scoring.feed(sample)
 
-    def report_problem(self, text: str) -> None:
-        """Count something wrong with the recording that no sample shows."""
+    def report_problem(self, text: str, doubts: Signal | None = None) -> None:
+        """Count something wrong with the recording that no sample shows.
+
+        What is computed of the signal that it `doubts` has a doubt, too.
+        """
+        if doubts is not None:
+            self._doubted[text] = doubts
         if text not in self._problems and len(self._problems) >= _MOST_PROBLEMS:
             text = _OTHER_PROBLEMS
         self._problems[text] = self._problems.get(text, 0) + 1
@@ -242,6 +248,7 @@ class Assessment:
                 events=events,
                 edges=self._deciding(ending, rulings, end),
                 counters=self._counters,
+                doubted=self._doubted,
                 door=door,
                 impossible_angles=np.array(self._impossible_angles),
                 guessed=np.array(self._scoring.angles.guesses).reshape(-1, 2),

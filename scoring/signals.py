@@ -163,21 +163,36 @@ _LOOKED_AT = 0.2
 """Time after an edge in which the passage sensors are looked at, s."""
 
 
+_UNDER_SENSORS = (*map(Signal.of_strip, Strip), Signal.DOOR)
+"""The panel masks passage sensors."""
+
+
 class EdgeKind(Enum):
-    """What an edge decides: its words, and the indicators that use it."""
+    """What an edge decides: its words, the signals that decide it, the indicators that use it."""
 
     TOUCH = (
         "the touch of the handle",
+        (Signal.HANDLE,),
         (Name.TIME_TO_HANDLE, Name.PASSAGE_TIME, Name.CAPABILITY_LEVEL),
     )
-    OPENING = ("the opening of the door", (Name.PASSAGE_TIME, Name.CAPABILITY_LEVEL))
+    OPENING = (
+        "the opening of the door",
+        (Signal.DOOR,),
+        (Name.PASSAGE_TIME, Name.CAPABILITY_LEVEL),
+    )
     CLOSING = (
         "the last closing of the door",
+        (Signal.DOOR,),
         (Name.EXECUTION_TIME, Name.PASSAGE_TIME, Name.CAPABILITY_LEVEL),
     )
-    ARRIVAL = ("the arrival under the passage sensors", (Name.DOOR_OCCUPATION_TIME,))
+    ARRIVAL = (
+        "the arrival under the passage sensors",
+        _UNDER_SENSORS,
+        (Name.DOOR_OCCUPATION_TIME,),
+    )
     DEPARTURE = (
         "the leaving of the passage sensors",
+        _UNDER_SENSORS,
         (
             Name.EXECUTION_TIME,
             Name.DOOR_OCCUPATION_TIME,
@@ -185,22 +200,14 @@ class EdgeKind(Enum):
             Name.CAPABILITY_LEVEL,
         ),
     )
-    LOCKING = ("the locking", (Name.EXECUTION_TIME, Name.CAPABILITY_LEVEL))
+    LOCKING = ("the locking", (Signal.LATCH,), (Name.EXECUTION_TIME, Name.CAPABILITY_LEVEL))
 
-    def __init__(self, words: str, indicators: tuple[Name, ...]) -> None:
+    def __init__(
+        self, words: str, signals: tuple[Signal, ...], indicators: tuple[Name, ...]
+    ) -> None:
         self.words = words
+        self.signals = signals
         self.indicators = indicators
-
-    def decided_by(self, signal: Signal) -> bool:
-        match self:
-            case EdgeKind.TOUCH:
-                return signal is Signal.HANDLE
-            case EdgeKind.LOCKING:
-                return signal is Signal.LATCH
-            case EdgeKind.ARRIVAL | EdgeKind.DEPARTURE:
-                return signal not in (Signal.HANDLE, Signal.LATCH)
-            case _:
-                return signal is Signal.DOOR
 
 
 @dataclass(frozen=True, slots=True)

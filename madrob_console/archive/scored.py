@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import takewhile
+from itertools import product, takewhile
 from pathlib import Path
 from typing import TypeVar
 
@@ -305,6 +305,9 @@ def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None], kind: ty
         if sample is not None:
             for assessment in assessments:
                 assessment.feed(sample)
+        if decoder.remarks:
+            for remark, assessment in product(decoder.take_remarks(), assessments):
+                assessment.report_problem(remark.words, remark.doubts)
     for assessment in assessments:
         report_bag(assessment, recorded)
     return assessments

@@ -10,7 +10,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from importlib import metadata
@@ -21,8 +21,8 @@ from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
-from madrob_console.messages.codec import ROBOT_STARTED_TOPIC, TopicMapping
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.codec import ROBOT_STARTED_TOPIC, Decoder, TopicMapping
+from madrob_console.messages.message_types import MessageError, MessageTypes
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.ros.abort_service import SERVICE_PACKAGE, SERVICE_REMEDY
 from madrob_console.testbeds.ros.connection import (
@@ -211,8 +211,9 @@ def look_at_testbed(
 ) -> Iterator[Finding]:
     """Listen to every configured topic for `listen` s."""
     needed = {m.topic for m in mappings if not m.signal.optional}
+    types = MessageTypes()
     source = RosSource(
-        mappings, MessageTypes(), SystemClock(), domain, speaks=False, environment=environment
+        mappings, types, SystemClock(), domain, speaks=False, environment=environment
     )
     connection = Connection(domain)
     try:
@@ -225,7 +226,8 @@ def look_at_testbed(
         ):
             source.take_messages(0.05)
         found = any(status.publishers for status in source.status())
-        counts = _take(source, listen if found else 0.0)
+        decoder = Decoder(mappings, types)
+        counts = _take(source, listen if found else 0.0, decoder)
         statuses = source.status()
         has_door = door.service_is_ready()
         console, robot = source.other_referee, source.robot_problem
@@ -234,6 +236,9 @@ def look_at_testbed(
         connection.close()
     for status in statuses:
         yield _topic(status, counts[status.topic] / listen, optional=status.topic not in needed)
+    for remark in decoder.take_remarks():
+        topic, _, words = remark.words.partition(": ")
+        yield Finding(Severity.WARNING, topic, words)
     if robot is not None:
         yield Finding(Severity.WARNING, ROBOT_STARTED_TOPIC, robot)
     yield _door(present=has_door)
@@ -245,11 +250,14 @@ def _all_matched(source: RosSource, topics: set[str]) -> bool:
     return all(status.publishers for status in source.status() if status.topic in topics)
 
 
-def _take(source: RosSource, duration: float) -> Counter[str]:
+def _take(source: RosSource, duration: float, decoder: Decoder) -> Counter[str]:
     counts: Counter[str] = Counter()
     ends = time.monotonic() + duration
     while (left := ends - time.monotonic()) > 0:
-        counts.update(message.topic for message in source.take_messages(left))
+        for message in source.take_messages(left):
+            counts[message.topic] += 1
+            with suppress(MessageError):  # the source has told of another type
+                decoder.decode(message)
     return counts
 
 

@@ -259,6 +259,7 @@ _LISTS_HELP = """\
 
 # How a testbed publishes a signal, where it differs from the protocol: one [[topics]] for each.
 # What is left out stays as the protocol has it. A value is field * scale + offset, in rad, N or m.
+# A field is a path: wrench.force.x, position[0], position[name=door], ranges.range of each message.
 # A message of more than `largest` bytes is recorded but not read; by default 65536.
 # The signals are
 {signals}

@@ -202,6 +202,7 @@ class CurrentRun:
         observation = self._observation
         if observation.course is not None:
             observation.course.restart(run, self._engine_context.now())
+            observation.follow(observation.course)
         if observation.course is not None or run.phase is not Phase.COUNTDOWN:
             return
         assert self.record is not None
@@ -209,7 +210,7 @@ class CurrentRun:
         before = observation.sensors.newest() if replayed is None else None
         silence = self._engine_context.config.limits.lost
         start = -math.inf if replayed is None else replayed.start or -math.inf
-        observation.course = RunTracker(self.record, run, silence, before, start)
+        observation.follow(RunTracker(self.record, run, silence, before, start))
 
     def interrupt(
         self, reason: str, at: float | None = None, outcome: Outcome = Outcome.INTERRUPTED

@@ -344,6 +344,7 @@ class Observation:
         self.course: RunTracker | None = None
         self.procedure: Procedure | None = None
         self._past: PastRun | None = None
+        self._mappings, self._types = mappings, types
         self._decoder = Decoder(mappings, types)
 
     @property
@@ -370,6 +371,11 @@ class Observation:
             return self.course.assessment.largest_force
         return None if self._past is None else self._past.largest_force
 
+    def follow(self, course: RunTracker) -> None:
+        """Follow a run from its countdown; what the decoder remarks is then of this run."""
+        self.course = course
+        self._decoder = Decoder(self._mappings, self._types)
+
     def look_back(self, past: PastRun | None = None) -> None:
         self.course, self._past = None, past
         self.procedure = None if past is None else past.procedure
@@ -394,6 +400,9 @@ class Observation:
             course.feed(sample)
         elif course is not None and error is not None:
             course.assessment.report_problem(error)
+        for remark in self._decoder.take_remarks():
+            if course is not None:
+                course.assessment.report_problem(remark.words, remark.doubts)
 
     def advance(self, run: Run, now: float, seen: float) -> tuple[Run, list[Happening]]:
         if self.course is None or not run.active:

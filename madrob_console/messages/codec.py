@@ -10,12 +10,16 @@ import math
 import struct
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from itertools import chain
+from typing import NamedTuple
 
 from rosbags.interfaces import Nodetype
 
 from madrob_console.common.clock import NS, seconds
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
 from madrob_console.messages.message_types import (
+    Getter,
     Layout,
     Message,
     MessageError,
@@ -93,8 +97,16 @@ _MEASURED: dict[Signal, Callable[[float, float, float, int], Sample]] = {
 }
 """(time, log time, value, sequence) -> sample."""
 _STAMP = (Wanted(("header", "stamp", "sec")), Wanted(("header", "stamp", "nanosec")))
+_LONGEST_NAME = 40
 _MOST_MISSES = 20
 """After so many layout misses in a row, no new layout is tried."""
+
+
+class Remark(NamedTuple):
+    """What to know of what was read, and the signal that it casts doubt on."""
+
+    words: str
+    doubts: Signal | None = None
 
 
 _Build = Callable[[float, float, int, Sequence[Numbers]], Sample]
@@ -117,6 +129,7 @@ class Decoder:
                 raise MadrobError(f"{mapping.signal.value} is mapped twice: keep one topic")
             self._mappings[mapping.topic] = mapping
         self._readers: dict[str, _Reader] = {}
+        self.remarks: list[Remark] = []
 
     def decode(self, message: RawMessage) -> Sample | None:
         """The sample in a message; None if no mapping names its topic.
@@ -134,6 +147,12 @@ class Decoder:
         except MessageError as error:
             raise MessageError(f"{message.topic}: {error}") from None
 
+    def take_remarks(self) -> tuple[Remark, ...]:
+        """The remarks since the last call."""
+        remarks = tuple(self.remarks)
+        self.remarks.clear()
+        return remarks
+
     def _sample(self, message: RawMessage, mapping: TopicMapping) -> Sample:
         if message.type != mapping.type:
             raise MessageError(f"it sends {message.type}, not {mapping.type}; correct the settings")
@@ -146,23 +165,55 @@ class Decoder:
         return reader.sample(message)
 
     def _reader(self, mapping: TopicMapping) -> _Reader:
-        reader = self._readers[mapping.topic] = _Reader(mapping, self._types)
+        reader = self._readers[mapping.topic] = _Reader(mapping, self._types, self.remarks)
         return reader
 
 
+class _NameWatch:
+    """Looks at what a fixed index rests on: publishers do not promise the order of names."""
+
+    def __init__(self, mapping: TopicMapping, names: Getter, remarks: list[Remark]) -> None:
+        self._signal = mapping.signal
+        self._array, _, index = mapping.field.rstrip("]").rpartition("[")
+        self._index = int(index)
+        self._field = f"{mapping.topic}: {mapping.field}"
+        self._names = names
+        self._remarks = remarks
+        self._first: str | None = None
+        self._changed = False
+
+    def look(self, message: Message) -> None:
+        try:
+            names = self._names(message)
+            name = terminal_safe(names[self._index][:_LONGEST_NAME])
+        except IndexError:
+            return
+        remedy = f"use {self._array}[name=...]"
+        if self._first is None:
+            self._first = name
+            if len(names) > 1:
+                words = f"{self._field} is '{name}', one of {len(names)} names: {remedy}"
+                self._remarks.append(Remark(words))
+        elif name != self._first and not self._changed:
+            self._changed = True
+            words = f"{self._field} was '{self._first}', then '{name}': {remedy}"
+            self._remarks.append(Remark(words, self._signal))
+
+
 class _Reader:
-    def __init__(self, mapping: TopicMapping, types: MessageTypes) -> None:
+    def __init__(self, mapping: TopicMapping, types: MessageTypes, remarks: list[Remark]) -> None:
         field = find_signal(types, mapping)
         self._types = types
         self._type = mapping.type
         self._stamped = find_stamp(types, mapping.type) is not None
         self._wanted = (
             *(_STAMP if self._stamped else ()),
-            Wanted(field.steps, SENSORS_PER_STRIP),
+            *(Wanted(steps, SENSORS_PER_STRIP) for steps in field.elements(SENSORS_PER_STRIP)),
             *_limits(mapping, field, types),
         )
-        self._getters = tuple(one.getter() for one in self._wanted)
-        self._build = _builder(mapping)
+        self._build = _builder(mapping, field)
+        names = field.names(types)
+        self._watch = None if names is None else _NameWatch(mapping, names, remarks)
         self._layout: Layout | None = None
         self._misses = 0
 
@@ -180,11 +231,14 @@ class _Reader:
 
     def _read_whole(self, data: bytes) -> tuple[Numbers, ...]:
         message = self._types.decode(self._type, data)
+        if self._watch is not None:
+            self._watch.look(message)
+        wanted = [one.at(message) for one in self._wanted]
         if self._misses < _MOST_MISSES:  # else no message is laid out like the one before
             self._misses += 1
             with suppress(ValueError, struct.error):
-                self._layout = Layout(self._types, self._type, data, self._wanted)
-        return tuple(get(message) for get in self._getters)
+                self._layout = Layout(self._types, self._type, data, wanted)
+        return tuple(one.getter()(message) for one in wanted)
 
 
 def find_signal(types: MessageTypes, mapping: TopicMapping) -> MessageField:
@@ -201,14 +255,17 @@ def find_signal(types: MessageTypes, mapping: TopicMapping) -> MessageField:
 def _limits(mapping: TopicMapping, field: MessageField, types: MessageTypes) -> tuple[Wanted, ...]:
     if mapping.signal not in STRIPS:
         return ()
-    found = [field.sibling(name, types) for name in ("range_min", "range_max")]
-    limits = [Wanted(one.steps) for one in found if one is not None]
-    return tuple(limits) if len(limits) == len(found) else ()
+    for names in (("range_min", "range_max"), ("min_range", "max_range")):  # of a scan, of a Range
+        found = [one for name in names if (one := field.sibling(name, types)) is not None]
+        if len(found) == len(names):
+            return tuple(Wanted(one.elements(1)[0]) for one in found)
+    return ()
 
 
-def _builder(mapping: TopicMapping) -> _Build:
+def _builder(mapping: TopicMapping, field: MessageField) -> _Build:
     if mapping.signal in STRIPS:
-        return _passage_builder(mapping)
+        passage = _passage_builder(mapping)
+        return passage if field.each is None else _gathered(passage)
     scale, offset = mapping.scale, mapping.offset
 
     def number(numbers: Sequence[Numbers]) -> float:
@@ -226,6 +283,16 @@ def _builder(mapping: TopicMapping) -> _Build:
         return LatchSample(time, log_time, state >= 0.5, sequence)
 
     return latch
+
+
+def _gathered(passage: _Build) -> _Build:
+    """For ranges that are a field of each message in an array."""
+
+    def gathered(time: float, log_time: float, sequence: int, numbers: Sequence[Numbers]) -> Sample:
+        ranges = tuple(chain.from_iterable(numbers[:SENSORS_PER_STRIP]))
+        return passage(time, log_time, sequence, (ranges, *numbers[SENSORS_PER_STRIP:]))
+
+    return gathered
 
 
 def _passage_builder(mapping: TopicMapping) -> _Build:

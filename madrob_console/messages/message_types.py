@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import keyword
 import struct
+import sys
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, reduce
 from graphlib import CycleError, TopologicalSorter
@@ -20,7 +22,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.messages.topic_mapping import Steps, parse_path
+from madrob_console.messages.topic_mapping import NamedElement, Steps, parse_path
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc, Typesdict
@@ -206,20 +208,44 @@ class MessageField:
     Attributes:
         owner: the nested type that holds the last name.
         base: the primitive type of the number or numbers.
+        each: the step before which the index of a message in an array belongs; None = the numbers
+            are no field of each message.
     """
 
     steps: Steps
     numbers: bool
     owner: str
     base: str
+    each: int | None = None
 
     def sibling(self, name: str, types: MessageTypes) -> MessageField | None:
-        last = max(i for i, step in enumerate(self.steps) if isinstance(step, str))
         field = types.fields(self.owner).get(name)
         if field is None or not _is_number(field):
             return None
-        steps = (*self.steps[:last], name)
-        return MessageField(steps, numbers=False, owner=self.owner, base=str(field[1][0]))
+        return MessageField(
+            self._beside(name),
+            numbers=False,
+            owner=self.owner,
+            base=str(field[1][0]),
+            each=self.each,
+        )
+
+    def elements(self, most: int) -> tuple[Steps, ...]:
+        """The steps to it, or to it in each of the first `most` messages of the array."""
+        at, steps = self.each, self.steps
+        if at is None:
+            return (steps,)
+        return tuple((*steps[:at], index, *steps[at:]) for index in range(most))
+
+    def names(self, types: MessageTypes) -> Getter | None:
+        """A function from a message to the names of the elements of which it is one by index."""
+        if isinstance(self.steps[-1], int) and _are_texts(types.fields(self.owner).get("name")):
+            return getter(self._beside("name"))
+        return None
+
+    def _beside(self, name: str) -> Steps:
+        last = max(i for i, step in enumerate(self.steps) if isinstance(step, str))
+        return (*self.steps[:last], name)
 
 
 def find_field(types: MessageTypes, type_name: str, path: str) -> MessageField:
@@ -230,32 +256,46 @@ def find_field(types: MessageTypes, type_name: str, path: str) -> MessageField:
     """
     steps = parse_path(path)
     desc: FieldDesc = (Nodetype.NAME, type_name)
-    owner = type_name
-    for step in steps:
-        if isinstance(step, int):
-            if desc[0] not in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-                raise MessageError(f"{type_name} has no field {path}: [{step}] follows no array")
-            inner, size = desc[1]
-            if size and step >= size:
-                raise MessageError(f"{type_name} has no field {path}: its array ends at {size - 1}")
-            desc = inner
+    owner, each = type_name, None
+    for number, step in enumerate(steps):
+        if isinstance(step, str):
+            if each is None and _is_array(desc) and element(desc)[0] == Nodetype.NAME:
+                each, desc = number, element(desc)
+            reason = _no_name(types, desc, step)
+            if reason is None:
+                owner = str(desc[1])
+                desc = types.fields(owner)[step]
         else:
-            if desc[0] != Nodetype.NAME:
-                raise MessageError(
-                    f"{type_name} has no field {path}: nothing is inside of the array"
-                )
-            owner = desc[1]
-            known = types.fields(owner)
-            if step not in known:
-                raise MessageError(
-                    f"{type_name} has no field {path}: {owner} holds {_listed(known)}"
-                )
-            desc = known[step]
-    numbers = desc[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+            reason = _no_element(types.fields(owner), desc, step)
+            if reason is None:
+                desc = element(desc)
+        if reason is not None:
+            raise MessageError(f"{type_name} has no field {path}: {reason}")
     held = element(desc)
-    if held[0] == Nodetype.BASE and _is_number(held):
-        return MessageField(steps, numbers, owner, base=held[1][0])
+    if held[0] == Nodetype.BASE and _is_number(held) and (each is None or held == desc):
+        return MessageField(steps, held != desc or each is not None, owner, held[1][0], each)
     raise MessageError(f"{path} of {type_name} holds no numbers")
+
+
+def _no_name(types: MessageTypes, desc: FieldDesc, name: str) -> str | None:
+    """Why there is no field of a name; None = there is."""
+    if desc[0] != Nodetype.NAME:
+        return "nothing is inside of the array"
+    known = types.fields(str(desc[1]))
+    return None if name in known else f"{desc[1]} holds {_listed(known)}"
+
+
+def _no_element(
+    beside: dict[str, FieldDesc], desc: FieldDesc, step: int | NamedElement
+) -> str | None:
+    """Why there is no element at an index or of a name; None = there may be."""
+    if not _is_array(desc):
+        shown = step if isinstance(step, int) else "=".join(step)
+        return f"[{shown}] follows no array"
+    if isinstance(step, int):
+        size = int(desc[1][1])
+        return f"its array ends at {size - 1}" if 0 < size <= step else None
+    return None if _are_texts(beside.get(step.names)) else f"{step.names} holds no names"
 
 
 def find_stamp(types: MessageTypes, type_name: str) -> Getter | None:
@@ -271,6 +311,14 @@ def attribute(name: str) -> str:
     return name + "_" if keyword.iskeyword(name) else name
 
 
+def _is_array(field: FieldDesc) -> bool:
+    return field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+
+
+def _are_texts(field: FieldDesc | None) -> bool:
+    return field is not None and _is_array(field) and element(field)[1][0] == "string"
+
+
 def _is_number(field: FieldDesc) -> bool:
     return field[0] == Nodetype.BASE and field[1][0] not in ("string", "wstring")
 
@@ -280,7 +328,10 @@ def _listed(fields: dict[str, FieldDesc]) -> str:
 
 
 def getter(steps: Steps) -> Getter:
-    """A function from a message to the value at `steps`; IndexError where an array is too short."""
+    """A function from a message to the value at `steps`; IndexError where an array is too short.
+
+    The steps have no names of elements, see `Wanted.at`.
+    """
     parts = [
         attrgetter(attribute(step)) if isinstance(step, str) else itemgetter(step) for step in steps
     ]
@@ -327,6 +378,19 @@ class Wanted:
 
     steps: Steps
     most: int = 1
+
+    def at(self, message: Message) -> Wanted:
+        """With the indices of named elements in a message; beyond its end where a name lacks."""
+        steps: list[str | int | NamedElement] = []
+        for step in self.steps:
+            if isinstance(step, NamedElement):
+                index = sys.maxsize
+                with suppress(IndexError, ValueError):
+                    index = getter((*steps[:-1], step.names))(message).index(step.value)
+                steps.append(index)
+            else:
+                steps.append(step)
+        return Wanted(tuple(steps), self.most)
 
     def getter(self) -> Callable[[Message], Numbers]:
         get, most = getter(self.steps), self.most

@@ -8,24 +8,42 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from madrob_console.common.errors import MadrobError
 from scoring.protocol import Signal, Strip
 
-# Paths to a field of a message: `position[0]`, `wrench.force.x`, `ranges`.
+# Paths to a field of a message: `position[0]`, `position[name=door]`, `wrench.force.x`, `ranges`.
 
 
-_PATH = re.compile(r"[A-Za-z]\w*(\[\d+\])?(\.[A-Za-z]\w*(\[\d+\])?)*", re.ASCII)
-_STEP = re.compile(r"[A-Za-z]\w*|\d+", re.ASCII)
+class NamedElement(NamedTuple):
+    """The element of an array that is called `value` in the array `names` beside it."""
 
-Steps: TypeAlias = tuple[str | int, ...]
+    names: str
+    value: str
+
+
+Steps: TypeAlias = tuple[str | int | NamedElement, ...]
+
+_STEP = r"([A-Za-z]\w*)(?:\[(?:(\d+)|([A-Za-z]\w*)=([^\[\]]+))\])?"
+_PATH = re.compile(rf"{_STEP}(\.{_STEP})*", re.ASCII)
+_STEPS = re.compile(_STEP, re.ASCII)
 
 
 def parse_path(path: str) -> Steps:
     if not _PATH.fullmatch(path):
-        raise MadrobError(f"{path!r} is no field: write names with dots, for example position[0]")
-    return tuple(int(s) if s.isdigit() else s for s in _STEP.findall(path))
+        raise MadrobError(
+            f"{path!r} is no field: write names with dots, for example position[0] or "
+            "position[name=door]"
+        )
+    steps: list[str | int | NamedElement] = []
+    for name, index, names, value in _STEPS.findall(path):
+        steps.append(name)
+        if index:
+            steps.append(int(index))
+        elif names:
+            steps.append(NamedElement(names, value))
+    return tuple(steps)
 
 
 # Which topic carries a signal, and how its value is read.
@@ -49,7 +67,8 @@ class TopicMapping:
         signal: which one.
         topic: the topic that carries it.
         type: of its messages.
-        field: the value's path in a message, with dots and optional [index].
+        field: the value's path in a message, with dots and optional [index] or [name=door]. A
+            strip's field is an array, or a field of each message in an array.
         scale, offset: a sample's value is `field * scale + offset`, in rad, N or m. For strips
             this applies to each range and to the limits; a latch, like any switch, is on from 0.5
             upwards.

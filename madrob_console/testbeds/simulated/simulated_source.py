@@ -34,6 +34,7 @@ from madrob_console.messages.message_types import (
     attribute,
     find_stamp,
 )
+from madrob_console.messages.topic_mapping import NamedElement
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.sensor_model import RANGE_MAX, RANGE_MIN, Reading
 from madrob_console.testbeds.simulated.testbed import RefereeState, SimulatedTestbed, parse_state
@@ -78,6 +79,8 @@ class Encoder:
             self._set_beside(field, scan)
         if mapping.type == "sensor_msgs/msg/JointState":
             self._message.name = ["door"]
+        if isinstance(named := field.steps[-1], NamedElement):
+            setattr(self._holder, named.names, [named.value])
 
     def encode(self, stamp_ns: int, reading: Reading) -> bytes:
         if self._stamp is not None:
@@ -101,11 +104,11 @@ class Encoder:
     def _place(self, field: MessageField) -> tuple[Message, str, int | None]:
         *way, last = field.steps
         index = None
-        if isinstance(last, int):
-            index = last
+        if not isinstance(last, str):
+            index = last if isinstance(last, int) else 0
             *way, last = way
         names = [attribute(step) for step in (*way, last) if isinstance(step, str)]
-        if len(names) <= len(way):
+        if len(names) <= len(way) or field.each is not None:
             raise self._error(f"{self._mapping.field} leads through an array of messages")
         holder = reduce(getattr, names[:-1], self._message)
         if index is not None:

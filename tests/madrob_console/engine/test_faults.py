@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import cycle
 from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,10 +17,12 @@ from msgspec import structs
 
 from madrob_console.engine.observation import FLICKERS, MOST_FALSE_STARTS, MOST_NOTED
 from madrob_console.engine.run_faults import RunFaults
+from madrob_console.messages.message_types import Message
 from madrob_console.referee.acts import SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.flags import FlagKind, FlagWeight, undecided, weighty, worst
 from madrob_console.referee.records import CheckName, FaultKind
 from madrob_console.referee.run import Phase
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, EventName, Outcome, Signal
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.faulty_source import TIMEOUT, FaultyDrive
@@ -301,6 +304,35 @@ def test_whatever_bytes_come_the_engine_goes_on_and_says_so(topic: str, junk: li
     drive.faulty.send(topic, lambda m: [structs.replace(m, data=next(again))] if junk else [])
     drive.wait(0.6)
     assert SIGNALS[topic].value in drive.faults()
+
+
+def joints_before(*names: str) -> Callable[[Message], None]:
+    """The door's joint behind others, which rest at 0."""
+
+    def edit(content: Message) -> None:
+        content.name = [*names, "door"]
+        content.position = np.array([*(0.0 for _ in names), *content.position])
+
+    return edit
+
+
+def test_the_name_behind_an_index_is_looked_at_and_doubted_where_it_changes(
+    drive: FaultyDrive,
+) -> None:
+    drive.faulty.fake(DOOR, joints_before("lock"))
+    drive.set_up()
+    drive.begin()
+    drive.wait(2.0)
+    drive.faulty.fake(DOOR, joints_before())
+    result = drive.result()
+    assert result == drive.rescored()
+    one_of_two = f"{DOOR}: position[0] is 'lock', one of 2 names: use position[name=...]"
+    changed = f"{DOOR}: position[0] was 'lock', then 'door': use position[name=...]"
+    assert {one_of_two, changed} <= {*result.quality.remarks}
+    doubted = {name for name, one in result.indicators.items() if changed in one.doubts}
+    assert IndicatorName.CAPABILITY_LEVEL in doubted
+    assert IndicatorName.UNSAFETY_OF_DOOR_OPERATION in doubted
+    assert IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION not in doubted
 
 
 @pytest.mark.slow

@@ -184,6 +184,8 @@ MAPPINGS = (
     TopicMapping(Signal.HANDLE, "/c", "madrob_msgs/msg/Cells", "cells[1].force", scale=2.0),
     TopicMapping(Signal.CCW_LEFT, "/r", "madrob_msgs/msg/Cells", "cells[0].ranges"),
     TopicMapping(Signal.LATCH, "/n", "madrob_msgs/msg/Cells", "rest[2]"),
+    TopicMapping(Signal.CW_RIGHT, "/e", "madrob_msgs/msg/Cells", "cells.number"),
+    TopicMapping(Signal.DOOR, "/k", "sensor_msgs/msg/JointState", "position[name=door]"),
 )
 TEXTS = st.text(max_size=5)
 NUMBERS = st.lists(st.floats(width=32), max_size=6)
@@ -217,7 +219,7 @@ MESSAGES: dict[str, st.SearchStrategy[object]] = {
     "sensor_msgs/msg/JointState": filled(
         "sensor_msgs/msg/JointState",
         **STAMPED,
-        name=st.lists(TEXTS, max_size=3),
+        name=st.lists(TEXTS | st.just("door"), max_size=3),
         position=floats(np.float64),
         velocity=floats(np.float64),
     ),
@@ -275,11 +277,11 @@ def test_a_known_layout_changes_nothing(
     changed = bytearray(encode(first))
     for where, byte in changes:
         changed[int(where * (len(changed) - 1))] = byte
-    decoder = Decoder(MAPPINGS, TYPES)
+    decoder = Decoder([mapping], TYPES)
     told(decoder, raw(mapping, encode(first)))
     for content in (encode(first), encode(second), bytes(changed)[: len(changed) - cut]):
         message = raw(mapping, content)
-        assert told(decoder, message) == told(Decoder(MAPPINGS, TYPES), message)
+        assert told(decoder, message) == told(Decoder([mapping], TYPES), message)
 
 
 OWN_TYPES = MessageTypes()
@@ -329,6 +331,21 @@ def cells(signal: Signal, field: str) -> TopicMapping:
     return TopicMapping(signal, "/c", CELLS_TYPE, field)
 
 
+PASSAGE = "madrob_msgs/msg/Passage"
+OWN_TYPES.register(
+    PASSAGE,
+    "std_msgs/Header header\nsensor_msgs/Range[] ranges\nbool status_ok\n"
+    f"{'=' * 80}\nMSG: sensor_msgs/Range\n{OWN_TYPES.definition('sensor_msgs/msg/Range')}",
+)
+
+
+def _echo(mm: float) -> object:
+    """A range as the original testbed sends it."""
+    made = OWN_TYPES.make("sensor_msgs/msg/Range", range=mm, max_range=2500.0)
+    made.header.stamp = OWN_TYPES.make("builtin_interfaces/msg/Time", sec=3)
+    return made
+
+
 def wrench(force: float) -> RawMessage:
     made = OWN_TYPES.make("geometry_msgs/msg/WrenchStamped").wrench
     made.force.x = force
@@ -366,6 +383,31 @@ NOW = (TIMES[1], TIMES[1])
             PassageSample(*TIMES, Strip.CCW_LEFT, (1.0, 1.0, 1.0), 0.0, math.inf),
         ),
         (TWO_CELLS, cells(Signal.DOOR, "cells[0].class"), DoorSample(*TIMES, 3.0)),
+        (
+            TWO_CELLS,
+            cells(Signal.CCW_LEFT, "cells.force"),
+            PassageSample(*TIMES, Strip.CCW_LEFT, (1.0, 2.5), 0.0, math.inf),
+        ),
+        *(
+            (
+                message(
+                    DOOR.topic, JOINTS, name=names, position=np.array([9.0, 0.5][: len(names)])
+                ),
+                replace(DOOR, field="position[name=door]"),
+                DoorSample(*TIMES, angle),
+            )
+            for names, angle in (
+                (["lock", "door"], 0.5),
+                (["door"], 9.0),
+                (["lock", "gate"], math.nan),
+                ([], math.nan),
+            )
+        ),
+        (
+            message("/p", PASSAGE, ranges=[_echo(mm) for mm in (400, 1500, 2000, 2000)]),
+            TopicMapping(Signal.CW_LEFT, "/p", PASSAGE, "ranges.range", scale=0.001),
+            PassageSample(*TIMES, Strip.CW_LEFT, (0.4, 1.5, 2.0, 2.0), 0.0, 2.5),
+        ),
         (
             message("/c", CELLS_TYPE),
             cells(Signal.CW_LEFT, "cells[2].ranges"),
@@ -410,6 +452,11 @@ def test_a_message_is_decoded_as_the_protocol_or_the_settings_say(
         (Signal.DOOR, STRING, "data", "holds no numbers"),
         (Signal.DOOR, "std_msgs/msg/Header", "stamp", "holds no numbers"),
         (Signal.DOOR, SCAN, "ranges", "is not one number"),
+        (Signal.DOOR, SCAN, "ranges[name=door]", "name holds no names"),
+        (Signal.DOOR, JOINTS, "name[name=door]", "holds no numbers"),
+        (Signal.DOOR, FLOAT, "data[name=door]", "follows no array"),
+        (Signal.CW_LEFT, CELLS_TYPE, "cells.ranges", "holds no numbers"),
+        (Signal.DOOR, CELLS_TYPE, "cells.force", "is not one number"),
         (Signal.CW_LEFT, SCAN, "range_min", "is not an array"),
         (Signal.CW_LEFT, "madrob_msgs/msg/Cell", "ranges[3]", "its array ends at 2"),
         (Signal.LATCH, JOINTS, "position[0]", "says nothing about the latch"),
@@ -437,7 +484,9 @@ def test_a_type_that_becomes_known_later_is_decoded_from_then_on() -> None:
     assert decoder.decode(raw) == DoorSample(2e-9, 2e-9, 0.5)
 
 
-@pytest.mark.parametrize("path", ["", ".", "a.", ".a", "a[", "a[-1]", "a[x]", "a b", "0", "a..b"])
+@pytest.mark.parametrize(
+    "path", ["", ".", "a.", ".a", "a[", "a[-1]", "a[x]", "a b", "0", "a..b", "a[=x]", "a[n=]"]
+)
 def test_a_malformed_field_is_refused_with_an_example(path: str) -> None:
     with pytest.raises(MadrobError, match=r"position\[0\]"):
         TopicMapping(Signal.DOOR, "/d", "std_msgs/msg/Float64", path)

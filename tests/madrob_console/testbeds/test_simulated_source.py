@@ -294,10 +294,20 @@ def test_a_robot_that_cannot_be_played_shows_as_a_problem() -> None:
     assert len(source.take_messages(1.0)) > 250
 
 
-def test_a_testbed_configured_otherwise_is_simulated_as_configured() -> None:
+@pytest.mark.parametrize(
+    ("type_name", "field"),
+    [
+        ("std_msgs/msg/Float64", "data"),
+        ("sensor_msgs/msg/JointState", "position[2]"),
+        ("sensor_msgs/msg/JointState", "position[name=hinge]"),
+    ],
+)
+def test_a_testbed_configured_otherwise_is_simulated_as_configured(
+    type_name: str, field: str
+) -> None:
     TYPES.register("sim_msgs/msg/Raw", "int32 grams\nfloat32[4] heights\nbool open\n")
     mappings = (
-        TopicMapping(Signal.DOOR, "/d", "std_msgs/msg/Float64", "data", scale=0.5),
+        TopicMapping(Signal.DOOR, "/d", type_name, field, scale=0.5),
         TopicMapping(Signal.HANDLE, "/h", "sim_msgs/msg/Raw", "grams", scale=0.00980665),
         TopicMapping(Signal.CW_LEFT, "/s", "sim_msgs/msg/Raw", "heights", scale=-1.0, offset=2.0),
         TopicMapping(Signal.CCW_LEFT, "/l", "sensor_msgs/msg/LaserScan", "ranges", scale=0.001),
