@@ -169,6 +169,27 @@ def test_what_is_wrong_with_topics_is_said(peer: Peer, tmp_path: Path) -> None:
     assert usable(list(found.values()))
 
 
+@pytest.mark.slow
+@pytest.mark.machine
+def test_an_index_into_several_names_is_said(peer: Peer, tmp_path: Path) -> None:
+    mapping = DEFAULT_MAPPINGS[0]
+    door = peer.publisher(mapping.topic, mapping.type)
+    enough = threading.Event()
+
+    def publish() -> None:
+        while not enough.wait(0.05):
+            door.publish(door.msg_type(name=["lock", "door"], position=[0.0, 0.5]))
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    findings = list(doctor([mapping], tmp_path, disk_space=1, listen=2.0))
+    enough.set()
+    thread.join()
+    (said,) = [one for one in findings if "names" in one.text]
+    assert (said.severity, said.subject) == (Severity.WARNING, mapping.topic)
+    assert said.text == "position[0] is 'lock', one of 2 names: use position[name=...]"
+
+
 def test_an_answer_of_the_robot_that_cannot_be_taken_is_a_fault_now_and_of_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
