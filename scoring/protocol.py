@@ -361,8 +361,8 @@ class Thresholds:
     largest_skew: float = 0.1
     largest_force: float = 20_000 * GRAM_FORCE
     largest_angle: float = 1.75
-    encoder_counts: int = 3600
-    encoder_noise: float = 0.0
+    encoder_counts: int = 6283  # the published recordings have steps of 1 mrad
+    encoder_noise: float = 0.00025
     rate: float = 50.0
     start_uncertainty: float = 0.2
     doubt: DoubtLimits = DoubtLimits()

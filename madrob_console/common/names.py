@@ -107,4 +107,5 @@ class Scenario(StrEnum):
     TURNS_BACK = "turns-back"
     CLOSES_UNDER_SENSORS = "closes-under-sensors"
     BOUNCES = "bounces"
+    WORN = "worn"
     RANDOM = "random"

@@ -514,13 +514,9 @@ class SimulatedDoor(SettingsTable, frozen=True):
 
     doorway_width: Annotated[float, within(0.5, 5, "m between the jambs")] = 1.0
     panel_length: Annotated[float, within(0.5, 5, "m")] = 0.98
-    panel_thickness: Annotated[float, within(0.005, 0.2, "m")] = 0.04
     panel_height: Annotated[float, within(0.5, 10, "m")] = 1.95
     sensor_distance: Annotated[float, within(0.02, 2, "m from the wall")] = 0.175
     sensor_spacing: Annotated[float, within(0.01, 1, "m between neighbours")] = 0.125
-    beam_radius: Annotated[float, within(0, 0.2, "m")] = 0.02
-    hinge_left: Annotated[bool, Meta(description="seen by who looks towards CCW")] = True
-    encoder_counts: Annotated[int, Meta(ge=36, le=10**7, description="a turn")] = 3600
 
     def geometry(self, thresholds: Thresholds) -> DoorGeometry:
         from madrob_console.testbeds.simulated.geometry import DoorGeometry
@@ -534,10 +530,6 @@ class SimulatedSensors(SettingsTable, frozen=True):
     """[simulated.sensors]: how the sensors behave."""
 
     rate: Annotated[float, within(1, 1000, "Hz, each topic")] = 50.0
-    jitter: Annotated[float, within(0, 0.1, "s, standard deviation of the stamps")] = 0.0008
-    handle_offset: Annotated[float, within(-200, 200, "N at rest")] = 5.9
-    handle_noise: Annotated[float, within(0, 100, "N, standard deviation")] = 0.05
-    range_noise: Annotated[float, within(0, 1, "m, standard deviation")] = 0.003
     latch: Annotated[bool, Meta(description="whether there is a latch sensor")] = False
 
     def settings(self) -> SensorSettings:

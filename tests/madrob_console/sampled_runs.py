@@ -19,7 +19,7 @@ from madrob_console.testbeds.simulated.sensor_model import (
 )
 from scoring.evaluate import Assessment
 from scoring.kinematics import Rows
-from scoring.protocol import Condition, LockDetection, Outcome, Signal, Strip
+from scoring.protocol import Condition, LockDetection, Outcome, Signal, Strip, Thresholds
 from scoring.result import Ending, Result
 from scoring.rulesets import PROTOCOL, Ruleset
 from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
@@ -28,6 +28,7 @@ START = 1_700_000_000.0
 PRE_ROLL, POST_ROLL, ZEROED = 4.0, 6.0, 2.5  # s; the handle is zeroed until so long before
 STRIPS = tuple(Signal.of_strip(strip) for strip in Strip)
 EXACT = replace(SensorSettings(), jitter=0.0, handle_noise=0.0, range_noise=0.0)
+EXACT_ANGLE = Thresholds(encoder_counts=10**8, encoder_noise=0.0)
 
 
 @dataclass(frozen=True)
@@ -48,12 +49,12 @@ def sampled(
     seed: int,
     settings: SensorSettings | None = None,
     *,
-    counts: int = 3600,
+    encoder: Thresholds | None = None,
     network: Network | None = None,
 ) -> list[Sample]:
     """All samples of a run in the order in which they arrive."""
     settings, network = settings or SensorSettings(), network or Network()
-    model = SensorModel(replace(DoorGeometry(), encoder_counts=counts), settings, seed)
+    model = SensorModel(DoorGeometry(thresholds=encoder or Thresholds()), settings, seed)
     signals = [signal for signal in Signal if not signal.optional]
     samples = [s for signal in signals for s in _of_signal(plan, model, signal, seed, network)]
     return sorted(samples, key=lambda sample: sample.log_time)
@@ -68,8 +69,7 @@ def _of_signal(
     while nominal < plan.end + POST_ROLL:
         stray = timing.gauss(0.0, model.settings.jitter)
         time = nominal + max(-period / 5, min(period / 5, stray))
-        angle, contact = plan.angle(time), plan.contact(time)
-        scene = Scene(plan.body, plan.robot.at(time), angle, contact, plan.latched(time))
+        scene = Scene.of(plan, time)
         way = 0.0003 + network.latency.get(signal, 0.0) + min(0.003, timing.expovariate(5000))
         way += abs(late.gauss(0.0, network.jitter.get(signal, 0.0)))
         arrived = max(time + way, arrived + 1e-9)  # no message overtakes another

@@ -20,6 +20,8 @@ from functools import lru_cache
 from itertools import pairwise
 from operator import attrgetter
 
+import numpy as np
+
 from madrob_console.common.names import Scenario
 from scoring.protocol import (
     GRAM_FORCE,
@@ -74,8 +76,6 @@ class DoorGeometry:
     """The doorway, its panel and its sensors; lengths in m.
 
     `sensor_distance` is that of each row from the wall; the rows are centred on the doorway.
-    `hinge_left` is seen towards CCW, as in the protocol; False describes a mirrored testbed.
-    `encoder_counts` are those of a turn.
     """
 
     doorway_width: float = 1.0
@@ -86,8 +86,6 @@ class DoorGeometry:
     sensor_distance: float = 0.175
     sensor_spacing: float = 0.125
     beam_radius: float = 0.02
-    hinge_left: bool = True
-    encoder_counts: int = 3600
     thresholds: Thresholds = field(default_factory=Thresholds)
 
     @property
@@ -147,19 +145,17 @@ class DoorGeometry:
         """The distance of a body's middle from the threshold, m, that no sensor sees."""
         return self.sensor_distance + self.half_view(body)
 
-    @property
-    def resolution(self) -> float:
-        """Of the encoder, rad."""
-        return math.tau / self.encoder_counts
-
     def encode(self, angle: float) -> float:
-        return round(angle / self.resolution) * self.resolution
+        count = self.thresholds.encoder_count
+        return round(angle / count) * count
 
     def reading_reaches(self, threshold: float) -> float:
-        return (math.ceil(threshold / self.resolution) - 0.5) * self.resolution
+        count = self.thresholds.encoder_count
+        return (math.ceil(threshold / count) - 0.5) * count
 
     def reading_exceeds(self, threshold: float) -> float:
-        return (math.floor(threshold / self.resolution) + 0.5) * self.resolution
+        count = self.thresholds.encoder_count
+        return (math.floor(threshold / count) + 0.5) * count
 
 
 # Piecewise smooth functions of time, and where they cross a level.
@@ -314,6 +310,14 @@ _STEADY_SPEED = 0.05
 """rad/s from which on the brake resists in full."""
 _DIFFERENCE = 0.001
 """s over which the panel's speed is computed."""
+_KNOCK = 90.0
+"""N at the handle when the latch hits the frame, towards the opening side."""
+_KNOCK_TIMES = (0.0, 0.03, 0.045, 0.06, 0.11, 0.125)
+_KNOCK_SHARES = (0.0, 1.0, 1.0, 0.68, 0.5, 0.0)
+"""Its course, s. Two of the real door, 20 ms apart: 0, 55, 78, 53, 46, 39, 1 N and 0, 22, 135, 139,
+91, 73, 21 N."""
+_RELAXATION = 1.0
+"""s in which a sensor's rest reading comes two thirds of the way from one value to the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -321,8 +325,8 @@ class MotionPlan:
     """One run, in s since its start; `scenario` is never `RANDOM`.
 
     `robot` is x of the body's middle in the frame `madrob_door`, m, and `panel` abs(panel angle)
-    without tremor, rad. `grip` is in N, positive = pushes towards CCW. The latch is engaged at
-    first; None = no latch sensor.
+    without tremor, rad. `grip` is in N, positive = pushes towards CCW. At `knock` the latch of the
+    closing door hits the frame, s; None = never. `latch` is engaged at first; None = no sensor.
     """
 
     scenario: Scenario
@@ -332,6 +336,7 @@ class MotionPlan:
     panel: Motion
     tremors: tuple[Tremor, ...]
     grip: Motion
+    knock: float | None = None
     latch: tuple[tuple[float, bool], ...] | None = None
 
     @property
@@ -354,16 +359,23 @@ class MotionPlan:
         return sorted(knots)
 
     def contact(self, time: float) -> float:
-        """Force between hand and handle, N: the grip, and the force that moves the brake."""
-        grip = self.grip.at(time)
-        if grip == 0:
-            return 0.0
-        before, after = self.panel.at(time - _DIFFERENCE), self.panel.at(time + _DIFFERENCE)
-        speed = (after - before) / (2 * _DIFFERENCE)
-        brake = _brake(self.condition.benchmark_type)[round(math.degrees(after))]
-        drag = brake * max(-1.0, min(1.0, speed / _STEADY_SPEED))
-        total = grip + self.condition.opening_side.sign * drag
+        """Force on the handle, N: the grip, what moves the brake, and the knock of the latch."""
+        grip, across = self.grip.at(time), 0.0
+        if grip != 0:
+            before, after = self.panel.at(time - _DIFFERENCE), self.panel.at(time + _DIFFERENCE)
+            speed = (after - before) / (2 * _DIFFERENCE)
+            brake = _brake(self.condition.benchmark_type)[round(math.degrees(after))]
+            across = brake * max(-1.0, min(1.0, speed / _STEADY_SPEED))
+        if self.knock is not None and 0 < time - self.knock < _KNOCK_TIMES[-1]:
+            across += _KNOCK * float(np.interp(time - self.knock, _KNOCK_TIMES, _KNOCK_SHARES))
+        total = grip + self.condition.opening_side.sign * across
         return max(-LOAD_CELL_LIMIT, min(LOAD_CELL_LIMIT, total))
+
+    def strain(self, time: float) -> float:
+        """What is left of the closed door's strain on its sensors; the first move releases it."""
+        moves = (*self.grip.segments[:1], *self.panel.segments[:1])
+        first = min((segment.start for segment in moves), default=math.inf)
+        return math.exp(min(0.0, first - time) / _RELAXATION)
 
     def latched(self, time: float) -> bool:
         engaged = True

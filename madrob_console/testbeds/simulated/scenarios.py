@@ -10,6 +10,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import Scenario
 from madrob_console.testbeds.simulated.geometry import (
     DoorGeometry,
+    Levels,
     MotionPlan,
     Profile,
     RobotBody,
@@ -29,6 +30,8 @@ _ARM = 0.6
 
 _REBOUND = 0.008
 """rad by which a slammed panel springs back, within the closed zone."""
+_FRAME = 0.04
+"""rad at which the latch of a closing door hits the frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,14 +208,18 @@ class Performance:
             self.turn_panel(angle, self.manner.closing_time / len(way))
 
     def plan(self, scenario: Scenario, *, latch: bool) -> MotionPlan:
+        panel, grip = self._panel.motion(), self._grip.motion()
+        hits = Levels(panel.at, panel.knots).crossings(_FRAME)
+        knocks = grip.segments and hits and self._panel.value < _FRAME
         return MotionPlan(
             scenario=scenario,
             condition=self.condition,
             body=self.body,
             robot=self._robot.motion(),
-            panel=self._panel.motion(),
+            panel=panel,
             tremors=tuple(self._tremors),
-            grip=self._grip.motion(),
+            grip=grip,
+            knock=hits[-1] if knocks else None,
             latch=tuple(self._latch) if latch else None,
         )
 
@@ -417,6 +424,7 @@ _SCRIPTS: dict[Scenario, Callable[[Performance], None]] = {
     Scenario.TURNS_BACK: _turns_back,
     Scenario.CLOSES_UNDER_SENSORS: _closes_under_sensors,
     Scenario.BOUNCES: _bounces,
+    Scenario.WORN: _nominal,
 }
 
 _MANNERS = {
@@ -425,5 +433,5 @@ _MANNERS = {
     Scenario.BOUNCES: Manner(closing_time=1.5),
 }
 
-_MIXTURE = (*_SCRIPTS, Scenario.NOMINAL, Scenario.NOMINAL)
-"""What `RANDOM` draws from: more of what most robots try."""
+_MIXTURE = (*tuple(_SCRIPTS)[:-1], Scenario.NOMINAL, Scenario.NOMINAL)
+"""What `RANDOM` draws from, all but `WORN`: more of what most robots try."""

@@ -22,12 +22,17 @@ Reading = float | bool | tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class SensorSettings:
-    """Rate (Hz), jitter (s), offset and noise (N, m); jitter and noise are standard deviations."""
+    """Rate (Hz), and standard deviations of stamps (s), force (N) and ranges (m).
+
+    `handle_rest` (N) and `door_rest` (rad) are what the closed door's sensors read while nobody
+    touches it, before and after the first touch.
+    """
 
     rate: float = 50.0
     jitter: float = 0.0008
-    handle_offset: float = 5.9
-    handle_noise: float = 0.05
+    handle_rest: tuple[float, float] = (5.9, 5.4)
+    handle_noise: float = 0.02
+    door_rest: tuple[float, float] = (0.0, 0.0)
     range_noise: float = 0.003
     latch: bool = False
 
@@ -37,7 +42,7 @@ class Scene:
     """The objects in the doorway at one instant; a body of None = nowhere near.
 
     `x` is that of its middle in the frame `madrob_door`, m; `angle` (rad) and `contact` (N) are
-    positive towards CCW.
+    positive towards CCW. `strain` is 1 in a door that nobody has touched.
     """
 
     body: RobotBody | None = None
@@ -45,6 +50,18 @@ class Scene:
     angle: float = 0.0
     contact: float = 0.0
     latched: bool = True
+    strain: float = 1.0
+
+    @classmethod
+    def of(cls, plan: MotionPlan, time: float) -> Scene:
+        """The scene of a plan at `time`, s since its start."""
+        x, angle, contact = plan.robot.at(time), plan.angle(time), plan.contact(time)
+        return cls(plan.body, x, angle, contact, plan.latched(time), plan.strain(time))
+
+    def at_rest(self, readings: tuple[float, float]) -> float:
+        """Between the readings of a strained and of a released door."""
+        before, after = readings
+        return after + (before - after) * self.strain
 
 
 class SensorModel:
@@ -63,11 +80,13 @@ class SensorModel:
         self._noise = {signal: Random(f"{seed}/{signal.name}") for signal in Signal}
 
     def read(self, signal: Signal, scene: Scene) -> Reading:
+        settings, gauss = self.settings, self._noise[signal].gauss
         if signal is Signal.DOOR:
-            return self.geometry.encode(scene.angle)
+            noise = gauss(0.0, self.geometry.thresholds.encoder_noise)
+            return self.geometry.encode(scene.angle + scene.at_rest(settings.door_rest) + noise)
         if signal is Signal.HANDLE:
-            noise = self._noise[signal].gauss(0.0, self.settings.handle_noise)
-            return scene.contact + self.settings.handle_offset + noise
+            rest = scene.at_rest(settings.handle_rest)
+            return scene.contact + rest + gauss(0.0, settings.handle_noise)
         if signal is Signal.LATCH:
             return scene.latched
         return self._ranges(signal, scene)

@@ -216,8 +216,7 @@ def _strip_frame(geometry: DoorGeometry, strip: Strip) -> StandingFrame:
 
 
 def _along_wall(geometry: DoorGeometry, reach: float) -> float:
-    y = geometry.doorway_width / 2 - reach
-    return y if geometry.hinge_left else -y
+    return geometry.doorway_width / 2 - reach
 
 
 _KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)
@@ -370,7 +369,9 @@ class _Stream:
     def until(self, now: int) -> list[RawMessage]:
         messages = []
         while self.due_ns <= now:
-            messages.append(self._message())
+            message = self._message()
+            if self._network_rng.random() >= self._testbed.network.loss:
+                messages.append(message)
             self._nominal += self._period
             self._draw()
         return messages

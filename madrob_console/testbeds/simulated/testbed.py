@@ -36,11 +36,12 @@ class Network:
     """Delays of messages, s; their stamps stay those of the readings.
 
     The constant part is `latency`. The random part is the absolute value of a normal distribution
-    with the standard deviation `jitter`.
+    with the standard deviation `jitter`. `loss` is the share of messages that never arrive.
     """
 
     latency: float = 0.0
     jitter: float = 0.0
+    loss: float = 0.0
 
     def delay(self, rng: Random) -> float:
         return self.latency + abs(rng.gauss(0.0, self.jitter))
@@ -68,6 +69,10 @@ class SimulatedTestbed:
         self.sensors = sensors or SensorSettings()
         self.robot = robot or RobotSettings()
         self.network = network or Network()
+        if scenario is Scenario.WORN:
+            worn = replace(self.sensors, handle_rest=(5.9, 0.4), door_rest=(-0.004, -0.0005))
+            self.sensors = worn  # as on 2020-01-31
+            self.network = replace(self.network, loss=0.002)
         if self.geometry.fastest_panel < _SLOWEST_PANEL:
             raise MadrobError(
                 "the simulated panel passes under sensors outside of their masks: "
@@ -115,10 +120,7 @@ class SimulatedTestbed:
         plan = self.plan
         if plan is None:
             return _NOBODY
-        time = (time_ns - self.start_ns) / NS
-        return Scene(
-            plan.body, plan.robot.at(time), plan.angle(time), plan.contact(time), plan.latched(time)
-        )
+        return Scene.of(plan, (time_ns - self.start_ns) / NS)
 
     def read(self, signal: Signal, time_ns: int) -> Reading:
         return self._model.read(signal, self.scene(time_ns))

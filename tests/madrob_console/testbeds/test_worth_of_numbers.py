@@ -19,12 +19,13 @@ from msgspec.structs import replace
 
 from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName as Name
-from scoring.protocol import Signal
+from scoring.protocol import Signal, Thresholds
 from scoring.result import Indicator, Result
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
 from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
 from tests.madrob_console.sampled_runs import (
     EXACT,
+    EXACT_ANGLE,
     START,
     STRIPS,
     Network,
@@ -35,7 +36,7 @@ from tests.madrob_console.sampled_runs import (
 )
 
 RULES = (PROTOCOL, EUROBENCH_2020)
-COUNT = math.tau / 3600
+COUNT = Thresholds().encoder_count
 SUDDEN_RAMP = (4, 9, 14, 19)
 SCENARIOS = (
     Scenario.NOMINAL,
@@ -202,9 +203,11 @@ def truths(scenario: Scenario, rules: Ruleset) -> dict[Name, float | None]:
     """What happened, by a scorer without noise: times at 2 kHz, motion by the ruleset's filters."""
     plan = plan_of(scenario)
     dense = scored(
-        sampled(plan, 3, dataclasses.replace(EXACT, rate=2000.0), counts=10**8), plan, rules
+        sampled(plan, 3, dataclasses.replace(EXACT, rate=2000.0), encoder=EXACT_ANGLE), plan, rules
     )[0]
-    exact = [scored(sampled(plan, k, EXACT, counts=10**8), plan, rules)[0] for k in range(10)]
+    exact = [
+        scored(sampled(plan, k, EXACT, encoder=EXACT_ANGLE), plan, rules)[0] for k in range(10)
+    ]
     found: dict[Name, float | None] = dict(values(dense))
     name = Name.UNSAFETY_OF_DOOR_OPERATION
     found[name] = float(np.mean([float(one.indicators[name].value or 0) for one in exact]))

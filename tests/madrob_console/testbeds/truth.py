@@ -84,7 +84,7 @@ class Sight:
     def __init__(self, plan: MotionPlan, geometry: DoorGeometry) -> None:
         self.plan = plan
         self.time: Times = np.arange(0.0, plan.end + 2 * STEP, STEP)
-        resolution = 2 * np.pi / geometry.encoder_counts
+        resolution = 2 * np.pi / geometry.thresholds.encoder_counts
         opening = np.array([plan.opening(t) for t in self.time])
         reading = np.rint(opening / resolution) * resolution
         self.open: Flags = reading >= 0.03
