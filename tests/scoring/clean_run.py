@@ -5,7 +5,6 @@ Minimum jerk from closed to 1.05 rad in 3 s, and back; a half sine of force; a r
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -29,7 +28,7 @@ from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
 from tests.scoring.runs import CONDITION, START
 
 RATE = 50.0
-COUNT = math.tau / 3600
+COUNT = Thresholds().encoder_count
 TIMEOUT = 14.5
 
 

@@ -25,6 +25,7 @@ from madrob_console.referee.checks import blocking
 from madrob_console.referee.journal import read_journal
 from madrob_console.referee.records import CheckName, RunSetup
 from madrob_console.referee.run import Phase
+from madrob_console.testbeds.simulated import SensorSettings
 from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, Announcement, info_text
 from recorder.bag import RawMessage
 from recorder.reader import read_bag
@@ -254,7 +255,8 @@ def drifting(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[FaultyD
     drive.set_up()
     drive.begin()
     drive.wait(2.0)
-    drive.faulty.fake(HANDLE, shifted(request.param))
+    before, after = SensorSettings().handle_rest
+    drive.faulty.fake(HANDLE, shifted(request.param + before - after))
     rest = drive.result().rest
     assert rest is not None
     assert rest.drift == pytest.approx(request.param, abs=0.1)
@@ -272,8 +274,8 @@ def test_the_samples_behind_the_zero_stand_in_state_journal_bag_and_result(drive
     kept, folder = samples(drive), drive.folder
     assert kept.mean == drive.engine.run.handle_zero == pytest.approx(5.9, abs=0.05)
     assert kept.number == 50
-    assert kept.deviation == pytest.approx(0.05, rel=0.4)
-    assert kept.span == pytest.approx(0.22, rel=0.5)
+    assert kept.deviation == pytest.approx(0.02, rel=0.4)
+    assert kept.span == pytest.approx(0.09, rel=0.5)
     assert kept.end - kept.begin == pytest.approx(0.98, abs=0.03)
     (line,) = (e for e in read_journal(folder / "journal.jsonl")[0] if e.what == ZeroHandle.name)
     told = msgspec.to_builtins(kept)

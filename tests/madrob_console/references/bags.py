@@ -39,7 +39,7 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.rulesets import RulesetName
-from tests.madrob_console.references.runs import PRE_ROLL, ReferenceRun
+from tests.madrob_console.references.runs import COUNTS, PRE_ROLL, ReferenceRun
 
 BEGIN_NS = 1_700_000_000 * NS
 """When every recording begins: a whole second, so that the mean interval is 0.02 s exactly."""
@@ -74,7 +74,7 @@ def record_of(run: ReferenceRun) -> RunRecord:
     return RunRecord(
         setup=setup,
         handle_zero=run.handle_zero,
-        thresholds=Thresholds(),
+        thresholds=Thresholds(encoder_counts=COUNTS, encoder_noise=0.0),
         mappings=_MAPPINGS,
         source=SourceKind.SIMULATED,
         competition="",

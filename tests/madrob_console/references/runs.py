@@ -14,7 +14,8 @@ from scoring.protocol import PASSAGE_SENSORS, BenchmarkType, Condition, Side, Th
 INTERVAL = 0.02
 """s between two samples of each topic."""
 
-COUNT = math.tau / 3600
+COUNTS = 3600
+COUNT = math.tau / COUNTS
 """One step of the encoder, rad."""
 
 PRE_ROLL = 2.0
