@@ -177,17 +177,15 @@ def spike_sizes(time: Array, values: Array) -> Array:
     return np.where(sizes > np.abs(off) / 2, sizes, 0.0)
 
 
-def without_top(time: Array, force: Array, noise: float) -> Array:
-    """Sizes of forces, N, shape (n,), with curves in place of the largest one and of spikes.
+def without_spikes(time: Array, force: Array, noise: float) -> Array:
+    """Sizes of forces, N, shape (n,), with curves in place of spikes.
 
-    `noise` is the standard deviation of the force at rest, N.
+    `noise` is the standard deviation of the force at rest, N. A knock rises and falls over several
+    samples and is no spike.
     """
     size = np.abs(force)
-    if size.size < _FEWEST_STEPS:
-        return size
-    without = np.minimum(size, _bridged(size, np.array([np.argmax(size)])))
-    spikes = spike_sizes(time, without) > _DEVIATIONS_OFF * max(noise, _LEAST_NOISE)
-    return _bridged(without, np.flatnonzero(spikes))
+    spikes = spike_sizes(time, size) > _DEVIATIONS_OFF * max(noise, _LEAST_NOISE)
+    return _bridged(size, np.flatnonzero(spikes))
 
 
 def _bridged(size: Array, places: NDArray[np.intp]) -> Array:

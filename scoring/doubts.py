@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from scoring.door_angle import DoorAngle, last_closing, runs, without_top
+from scoring.door_angle import DoorAngle, last_closing, runs, without_spikes
 from scoring.indicator_table import IndicatorName as Name
 from scoring.indicators import (
     roughness_of_door_actuation,
@@ -105,7 +105,7 @@ class Grounds:
 
     def without_bad_samples(self) -> Grounds | None:
         """The run without bad samples and its largest force; None if next to nothing changes."""
-        force = without_top(self.rows.force_time, self.rows.force, self.force_noise)
+        force = without_spikes(self.rows.force_time, self.rows.force, self.force_noise)
         change = np.abs(self.rows.force).max(initial=0.0) - np.abs(force).max(initial=0.0)
         door = self.door.repaired(self.thresholds)
         if door is self.door:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
@@ -98,6 +98,15 @@ def noisy(samples: list[Sample]) -> list[Sample]:
     )(samples)
 
 
+KNOCKS = [(0, 55, 78, 53, 46, 39, 1), (0, 22, 135, 139, 91, 73, 21)]
+"""Forces when the real door's latch hit the frame, 20 ms apart, N."""
+
+
+def knock(course: Sequence[float]) -> Fault:
+    times = 9.0 + np.arange(len(course)) / RATE
+    return force_fault(lambda t, force: force + float(np.interp(t, times, course, 0, 0)))
+
+
 PRESSED = force_fault(lambda t, force: 5.0 if -0.02 <= t < 0 else force)
 ROUNDED = force_fault(lambda _, force: round(force / 0.1) * 0.1)
 NOISY = Thresholds(encoder_counts=round(math.tau / 0.001), encoder_noise=0.001)
@@ -129,6 +138,7 @@ COUNTS = {n: Thresholds(encoder_counts=n) for n in (720, 1800)}
             "the door angle is beyond 1.75 rad, which it cannot be, once, 6.01 s after the start",
         ),
         (lambda: spike(-3.0, 1e5)(clean()), None, SMOOTHNESS, None),
+        *((lambda course=c: knock(course)(clean()), None, ROUGHNESS, None) for c in KNOCKS),
         (lambda: clean(noise=0.0), None, TOUCH, None),  # a silent load cell is not stuck
         (lambda: ROUNDED(clean(noise=0.015)), None, TOUCH, None),
         *(
