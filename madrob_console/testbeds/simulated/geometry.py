@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from functools import lru_cache
-from itertools import pairwise
 from operator import attrgetter
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from madrob_console.common.names import Scenario
 from scoring.protocol import (
@@ -149,16 +149,22 @@ class DoorGeometry:
         count = self.thresholds.encoder_count
         return round(angle / count) * count
 
-    def reading_reaches(self, threshold: float) -> float:
-        count = self.thresholds.encoder_count
-        return (math.ceil(threshold / count) - 0.5) * count
 
-    def reading_exceeds(self, threshold: float) -> float:
-        count = self.thresholds.encoder_count
-        return (math.floor(threshold / count) + 0.5) * count
+# Piecewise smooth functions of time.
 
 
-# Piecewise smooth functions of time, and where they cross a level.
+Array = NDArray[np.float64]
+STEP = 0.002
+"""s between two looks at a whole plan."""
+
+
+def changes(flags: NDArray[np.bool_]) -> Array:
+    """When flags taken every `STEP` change, s since the first."""
+    changed = np.flatnonzero(flags[1:] != flags[:-1]) + 1
+    return STEP * changed.astype(np.float64)
+
+
+Part = TypeVar("Part", float, Array)
 
 
 class Profile(Enum):
@@ -183,11 +189,13 @@ class Segment:
         part = (time - self.start) / (self.end - self.start)
         if part >= 1:
             return self.target
+        return self.origin + (self.target - self.origin) * self.done(part)
+
+    def done(self, part: Part) -> Part:
+        """The share of the way after a share of the time."""
         if self.profile is Profile.FALL:
-            done = part * part
-        else:
-            done = part * part * part * (10 - part * (15 - 6 * part))
-        return self.origin + (self.target - self.origin) * done
+            return part * part
+        return part * part * part * (10 - part * (15 - 6 * part))
 
 
 _start = attrgetter("start")
@@ -208,10 +216,12 @@ class Motion:
     def end(self) -> float:
         return self.segments[-1].end if self.segments else 0.0
 
-    @property
-    def knots(self) -> list[float]:
-        """The instants between which it is monotone, s, in order."""
-        return sorted({t for segment in self.segments for t in (segment.start, segment.end)})
+    def over(self, times: Array) -> Array:
+        values = np.full(times.shape, self.initial)
+        for segment in self.segments:
+            part = ((times - segment.start) / (segment.end - segment.start)).clip(0.0, 1.0)
+            values += (segment.target - segment.origin) * segment.done(part)
+        return values
 
 
 class Track:
@@ -263,41 +273,13 @@ class Tremor:
         swing = math.sin(math.tau * self.frequency * (time - self.start))
         return self.amplitude * grip * hold * swing
 
-    @property
-    def knots(self) -> Iterator[float]:
-        """Instants so dense that the sum with a slower motion is monotone between them, s."""
-        step = 1 / (32 * self.frequency)
-        count = math.ceil((self.end - self.start) / step)
-        return (min(self.end, self.start + i * step) for i in range(count + 1))
-
-
-class Levels:
-    """Finds when a function of time (s) crosses a level.
-
-    It is monotone between the sorted `knots`, and at rest before and after them.
-    """
-
-    def __init__(self, function: Callable[[float], float], knots: Iterable[float]) -> None:
-        self._function = function
-        self._points = [(knot, function(knot)) for knot in knots]
-
-    def crossings(self, *levels: float) -> list[float]:
-        """Every instant, s, just after a crossing of one of `levels`, to a microsecond."""
-        return sorted(
-            self._root(level, start, end, rising=a < level)
-            for level in levels
-            for (start, a), (end, b) in pairwise(self._points)
-            if (a < level) != (b < level)
-        )
-
-    def _root(self, level: float, start: float, end: float, *, rising: bool) -> float:
-        while end - start > 1e-6:
-            middle = (start + end) / 2
-            if (self._function(middle) < level) == rising:
-                start = middle
-            else:
-                end = middle
-        return end
+    def over(self, times: Array, angle: Array) -> Array:
+        """As `at`, of arrays of one shape."""
+        grip = (np.minimum(times - self.start, self.end - times) / 0.2).clip(0.0, 1.0)
+        hold = ((angle - self.still) / (self.full - self.still)).clip(0.0, 1.0)
+        swing = np.sin(math.tau * self.frequency * (times - self.start))
+        shake: Array = self.amplitude * grip * hold * swing
+        return shake
 
 
 # The plan of a simulated robot for one run: functions of the time since the start.
@@ -348,15 +330,12 @@ class MotionPlan:
         angle = self.panel.at(time)
         return angle + sum(tremor.at(time, angle) for tremor in self.tremors)
 
+    def openings(self, times: Array) -> Array:
+        angle = self.panel.over(times)
+        return sum((tremor.over(times, angle) for tremor in self.tremors), angle)
+
     def angle(self, time: float) -> float:
         return self.condition.opening_side.sign * self.opening(time)
-
-    @property
-    def opening_knots(self) -> list[float]:
-        knots = set(self.panel.knots)
-        for tremor in self.tremors:
-            knots.update(tremor.knots)
-        return sorted(knots)
 
     def contact(self, time: float) -> float:
         """Force on the handle, N: the grip, what moves the brake, and the knock of the latch."""

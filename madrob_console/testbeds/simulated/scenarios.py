@@ -6,16 +6,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from random import Random
 
+import numpy as np
+
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import Scenario
 from madrob_console.testbeds.simulated.geometry import (
+    STEP,
     DoorGeometry,
-    Levels,
     MotionPlan,
     Profile,
     RobotBody,
     Track,
     Tremor,
+    changes,
 )
 from madrob_console.testbeds.simulated.sensor_model import is_clear_cut
 from scoring.protocol import Condition
@@ -209,8 +212,8 @@ class Performance:
 
     def plan(self, scenario: Scenario, *, latch: bool) -> MotionPlan:
         panel, grip = self._panel.motion(), self._grip.motion()
-        hits = Levels(panel.at, panel.knots).crossings(_FRAME)
-        knocks = grip.segments and hits and self._panel.value < _FRAME
+        hits = changes(panel.over(np.arange(0.0, panel.end + STEP, STEP)) < _FRAME)
+        knocks = grip.segments and hits.size and self._panel.value < _FRAME
         return MotionPlan(
             scenario=scenario,
             condition=self.condition,
@@ -219,7 +222,7 @@ class Performance:
             panel=panel,
             tremors=tuple(self._tremors),
             grip=grip,
-            knock=hits[-1] if knocks else None,
+            knock=float(hits[-1]) if knocks else None,
             latch=tuple(self._latch) if latch else None,
         )
 

@@ -1,15 +1,22 @@
-"""What the simulated sensors read: flawless perception, then noise."""
+"""What the simulated sensors read, and whether samples can tell a plan."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from math import cos, sin
 from random import Random
 
-from madrob_console.testbeds.simulated.geometry import DoorGeometry, Levels, MotionPlan, RobotBody
-from scoring.protocol import PASSAGE_SENSORS, POST_ROLL, PassageSensor, Side, Signal, Strip
+import numpy as np
+from numpy.typing import ArrayLike
+
+from madrob_console.testbeds.simulated.geometry import (
+    STEP,
+    DoorGeometry,
+    MotionPlan,
+    RobotBody,
+    changes,
+)
+from scoring.protocol import PASSAGE_SENSORS, POST_ROLL, Side, Signal, Strip
 
 RANGE_MIN = 0.02
 """m; nearer things are too close for the simulated range finders."""
@@ -108,84 +115,11 @@ class SensorModel:
         return tuple(ranges)
 
 
-# Flawless sensors: states and the instants of their changes.
-#
-# They are worked out from the plan's functions, not from samples, and independently of the
-# detector.
-
-
 _MARGIN = 0.06
 """s between two events whose order matters, at least: two samples, their jitter, and more."""
 
 _HEIGHT_MARGIN = 0.03
 """m by which a body must be taller or smaller than the limit for a robot."""
-
-
-@dataclass(frozen=True, slots=True)
-class Switch:
-    """A two-valued function of time; `changes` are (instant, value from then on), in order."""
-
-    initial: bool
-    changes: tuple[tuple[float, bool], ...] = ()
-
-    def at(self, time: float) -> bool:
-        """The value at `time` (s), an instant of change included."""
-        value = self.initial
-        for change, state in self.changes:
-            if change > time:
-                break
-            value = state
-        return value
-
-    @property
-    def instants(self) -> tuple[float, ...]:
-        return tuple(time for time, _ in self.changes)
-
-    @property
-    def spans(self) -> Iterator[tuple[float, float, bool]]:
-        """(start, end, value) of every stretch but the first and the last."""
-        return ((a, b, value) for (a, value), (b, _) in pairwise(self.changes))
-
-
-@dataclass(frozen=True, slots=True)
-class Perception:
-    """One plan, seen by flawless sensors.
-
-    The handle is `touched` when the force first exceeds its threshold, s. `masked` sensors are
-    those that the protocol ignores; `occupied` is the state that they keep meanwhile.
-    """
-
-    touched: float | None
-    door_open: Switch
-    latched: Switch | None
-    present: dict[PassageSensor, Switch]
-    masked: dict[PassageSensor, Switch]
-    occupied: dict[PassageSensor, Switch]
-
-
-def switch_of(value: Callable[[float], bool], instants: Iterable[float]) -> Switch:
-    times = sorted(set(instants))
-    state, changes = False, []
-    for time, after in pairwise([*times, *(t + 1.0 for t in times[-1:])]):
-        new = value((time + after) / 2)
-        if new is not state:
-            state = new
-            changes.append((time, state))
-    return Switch(False, tuple(changes))
-
-
-def observe(plan: MotionPlan, geometry: DoorGeometry) -> Perception:
-    present = {sensor: _present(plan, geometry, sensor) for sensor in PASSAGE_SENSORS}
-    opening = Levels(plan.opening, plan.opening_knots)
-    masked = {sensor: _masked(opening, plan, geometry, sensor) for sensor in PASSAGE_SENSORS}
-    return Perception(
-        touched=_touched(plan, geometry.thresholds.touch_force),
-        door_open=_door_open(opening, plan, geometry),
-        latched=None if plan.latch is None else Switch(True, plan.latch),
-        present=present,
-        masked=masked,
-        occupied={s: _occupied(present[s], masked[s]) for s in PASSAGE_SENSORS},
-    )
 
 
 def is_clear_cut(plan: MotionPlan, geometry: DoorGeometry, timeout: float | None = None) -> bool:
@@ -194,83 +128,45 @@ def is_clear_cut(plan: MotionPlan, geometry: DoorGeometry, timeout: float | None
     False where two events whose order matters lie too close together, or a state is too short to be
     sampled. `timeout` (s since the start) and the end of the recording after it count as events.
     """
-    if abs(plan.body.height - geometry.thresholds.present_height) < _HEIGHT_MARGIN:
+    thresholds, body, opening_side = geometry.thresholds, plan.body, plan.condition.opening_side
+    if abs(body.height - thresholds.present_height) < _HEIGHT_MARGIN:
         return False
-    seen = observe(plan, geometry)
-    settle = geometry.thresholds.settle_time
-    sides = [
-        [t for sensor, s in seen.occupied.items() if sensor.side is side for t in s.instants]
-        for side in Side
-    ]
-    door = list(seen.door_open.instants)
-    lasting = [*seen.occupied.values(), seen.door_open]
-    latched = seen.latched.instants if seen.latched else ()
+    times = np.arange(0.0, plan.end + 1.0, STEP)
+    opening, x = plan.openings(times), plan.robot.over(times)
+    reading = np.rint(opening / thresholds.encoder_count) * thresholds.encoder_count
+    door = changes(reading >= thresholds.closed_angle)
+    # the brake resists only a hand that holds the handle already, so the grip alone decides
+    touch = changes(np.abs(plan.grip.over(times)) > thresholds.touch_force)[:1]
+    latched = [time for time, _ in plan.latch or ()]
+    sides: dict[Side, list[float]] = {side: [] for side in Side}
+    clear = body.height > thresholds.present_height
+    for sensor in PASSAGE_SENSORS:
+        mount, (low, high) = geometry.mount(sensor), geometry.mask(sensor)
+        seen = clear and geometry.covers(body, mount)
+        present = (np.abs(x - mount.x) < geometry.half_view(body)) & seen
+        masked = (low < reading) & (reading < high) & (sensor.side is opening_side)
+        looked = np.maximum.accumulate(np.where(masked, 0, np.arange(times.size)))
+        occupied, mask = changes(present[looked]), changes(masked)
+        unmasked = zip(mask[1::2], mask[2::2], strict=False)
+        if (
+            not _apart(changes(present), mask)
+            or any(until - since <= _MARGIN for since, until in unmasked if since in occupied)
+            or (np.diff(occupied) <= _MARGIN).any()
+        ):
+            return False
+        sides[sensor.side] += occupied.tolist()
+    passages = [*sides[Side.CW], *sides[Side.CCW]]
     ends = [] if timeout is None else [timeout, timeout + POST_ROLL]
-    touch = [] if seen.touched is None else [seen.touched]
-    return (
-        all(_apart(seen.present[s].instants, seen.masked[s].instants) for s in PASSAGE_SENSORS)
-        and all(_unmasked_long_enough(seen, sensor) for sensor in PASSAGE_SENSORS)
-        and _apart(*sides)
-        and _apart(door, [*sides[0], *sides[1], *latched])
-        and _apart(door, touch)
-        and _apart(ends, [*sides[0], *sides[1], *door, *touch, *latched])
-        and all(end - start > _MARGIN for s in lasting for start, end, _ in s.spans)
-        and not any(
-            abs(end - start - settle) < 2 * _MARGIN
-            for start, end, is_open in seen.door_open.spans
-            if not is_open
-        )
+    closed = door[2::2] - door[1:-1:2]
+    return bool(
+        _apart(sides[Side.CW], sides[Side.CCW])
+        and _apart(door, [*passages, *latched, *touch])
+        and _apart(ends, [*passages, *door, *touch, *latched])
+        and (np.diff(door) > _MARGIN).all()
+        and (np.abs(closed - thresholds.settle_time) >= 2 * _MARGIN).all()
     )
 
 
-def _apart(one: Iterable[float], other: Iterable[float]) -> bool:
-    others = list(other)
-    return all(abs(a - b) > _MARGIN for a in one for b in others)
-
-
-def _unmasked_long_enough(seen: Perception, sensor: PassageSensor) -> bool:
-    """Whether a change that shows when a mask ends shows for longer than a sample."""
-    shown = set(seen.occupied[sensor].instants)
-    spans = seen.masked[sensor].spans
-    return all(b - a > _MARGIN for a, b, masked in spans if not masked and a in shown)
-
-
-def _touched(plan: MotionPlan, force: float) -> float | None:
-    # The brake resists only a hand that holds the handle already, so the grip alone decides.
-    found = Levels(plan.grip.at, plan.grip.knots).crossings(-force, force)
-    return found[0] if found else None
-
-
-def _door_open(opening: Levels, plan: MotionPlan, geometry: DoorGeometry) -> Switch:
-    level = geometry.reading_reaches(geometry.thresholds.closed_angle)
-    return switch_of(lambda time: plan.opening(time) >= level, opening.crossings(level))
-
-
-def _present(plan: MotionPlan, geometry: DoorGeometry, sensor: PassageSensor) -> Switch:
-    mount = geometry.mount(sensor)
-    tall = plan.body.height > geometry.thresholds.present_height
-    if not (tall and geometry.covers(plan.body, mount)):
-        return Switch(False)
-    half = geometry.half_view(plan.body)
-    way = Levels(plan.robot.at, plan.robot.knots)
-    instants = way.crossings(mount.x - half, mount.x + half)
-    return switch_of(lambda time: abs(plan.robot.at(time) - mount.x) < half, instants)
-
-
-def _masked(
-    opening: Levels, plan: MotionPlan, geometry: DoorGeometry, sensor: PassageSensor
-) -> Switch:
-    if sensor.side is not plan.condition.opening_side:
-        return Switch(False)
-    start, end = geometry.mask(sensor)
-    low, high = geometry.reading_exceeds(start), geometry.reading_reaches(end)
-    return switch_of(lambda time: low <= plan.opening(time) < high, opening.crossings(low, high))
-
-
-def _occupied(present: Switch, masked: Switch) -> Switch:
-    state, changes = False, []
-    for time in sorted({*present.instants, *masked.instants}):
-        if not masked.at(time) and present.at(time) is not state:
-            state = not state
-            changes.append((time, state))
-    return Switch(False, tuple(changes))
+def _apart(one: ArrayLike, other: ArrayLike) -> bool:
+    between = np.abs(np.subtract.outer(one, other))
+    return bool(between.min(initial=np.inf) > _MARGIN)

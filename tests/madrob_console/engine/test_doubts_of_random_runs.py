@@ -9,10 +9,11 @@ import math
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
+import numpy as np
 import pytest
 from msgspec.structs import replace as changed
 
@@ -22,7 +23,7 @@ from madrob_console.engine.scorer import RenderedResult
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
-from madrob_console.testbeds.simulated.sensor_model import SensorSettings, observe
+from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from recorder.reader import read_bag
 from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import BenchmarkType, Condition, Event, EventName, Outcome, Side, Signal
@@ -278,17 +279,14 @@ def touch_blur(testbed: SimulatedTestbed) -> float:
 
     So long no reading can tell on which side of it the force is.
     """
-    assert testbed.plan is not None
-    touched = []
-    for margin in (-NOISE, 0.0, NOISE):
-        thresholds = testbed.geometry.thresholds
-        force = thresholds.touch_force + margin
-        geometry = replace(testbed.geometry, thresholds=replace(thresholds, touch_force=force))
-        touched.append(observe(testbed.plan, geometry).touched)
-    before, at, after = touched
-    if before is None or at is None or after is None:
+    plan, force = testbed.plan, testbed.geometry.thresholds.touch_force
+    assert plan is not None
+    times = np.arange(0.0, plan.end, 1e-4)
+    pressed = np.abs(plan.grip.over(times))
+    if pressed.max(initial=0.0) <= force + NOISE:
         return 0.0
-    return max(at - before, after - at)
+    before, at, after = (times[np.argmax(pressed > force + by)] for by in (-NOISE, 0.0, NOISE))
+    return float(max(at - before, after - at))
 
 
 def error_in_samples(found: EventRecord, true: Event, stamps: Stamps, blur: float) -> float:
