@@ -276,6 +276,9 @@ class TopicSetting(SettingsTable, frozen=True):
     field: str | None = None
     scale: Annotated[float, within(-1e9, 1e9, "factor to the protocol's unit")] = 1.0
     offset: Annotated[float, within(-1e9, 1e9, "added after scaling")] = 0.0
+    no_echo: Annotated[
+        str, Meta(max_length=20, description="a range that says nothing is there: inf, nan, 0")
+    ] = "inf"
     largest: (
         Annotated[int, Meta(ge=1, le=10**9, description="bytes of a message that is read")] | None
     ) = None

@@ -297,13 +297,20 @@ def _gathered(passage: _Build) -> _Build:
 
 def _passage_builder(mapping: TopicMapping) -> _Build:
     strip = STRIPS[mapping.signal]
-    scale, offset = mapping.scale, mapping.offset
+    scale, offset, no_echo = mapping.scale, mapping.offset, float(mapping.no_echo)
     as_is = scale == 1.0 and offset == 0.0
+    unnumbered = math.isnan(no_echo)
 
     def passage(time: float, log_time: float, sequence: int, numbers: Sequence[Numbers]) -> Sample:
         ranges, low, high = numbers[0], 0.0, math.inf
         if limited := len(numbers) > 1:
             low, high = numbers[1][0], numbers[2][0]
+        if unnumbered:
+            ranges = tuple(math.inf if math.isnan(r) else r for r in ranges)
+        elif no_echo < math.inf:
+            ranges = tuple(
+                math.inf if math.isclose(r, no_echo, rel_tol=1e-6) else r for r in ranges
+            )
         if not as_is:
             ranges = tuple(r * scale + offset for r in ranges)
             if limited:

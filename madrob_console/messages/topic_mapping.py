@@ -72,6 +72,8 @@ class TopicMapping:
         scale, offset: a sample's value is `field * scale + offset`, in rad, N or m. For strips
             this applies to each range and to the limits; a latch, like any switch, is on from 0.5
             upwards.
+        no_echo: what a range says where nothing is under the sensor: `inf`, as REP-117 has it,
+            `nan` or a number, before scale and offset.
         largest: a larger message, in bytes, is recorded but not read; null = any is read.
     """
 
@@ -81,6 +83,7 @@ class TopicMapping:
     field: str
     scale: float = 1.0
     offset: float = 0.0
+    no_echo: str = "inf"
     largest: int | None = None
 
     def __post_init__(self) -> None:
@@ -89,6 +92,11 @@ class TopicMapping:
             raise MadrobError(f"{self.topic}: scale {self.scale} loses the signal; use another")
         if not math.isfinite(self.offset):
             raise MadrobError(f"{self.topic}: offset {self.offset} is no number; use another")
+        try:
+            float(self.no_echo)
+        except ValueError:
+            words = f"no_echo {self.no_echo!r} is no number: write inf, nan or a range"
+            raise MadrobError(f"{self.topic}: {words}") from None
 
     def limited(self) -> TopicMapping:
         return replace(self, largest=self.largest or LARGEST_READ)

@@ -267,7 +267,9 @@ def _zero(r: Readings) -> Iterator[Check]:
 
 def _doorway(r: Readings) -> Check:
     if r.occupied is None:
-        return _no_data(CheckName.DOORWAY, "reading of some passage sensor")
+        words = "no reading of some passage sensor comes now"
+        remedy = "look at the topic, or set its `no_echo`"
+        return Check(CheckName.DOORWAY, CheckState.NO_DATA, words, remedy=remedy)
     found = f"something under {', '.join(r.occupied)}" if r.occupied else "sensors clear"
     return _verdict(CheckName.DOORWAY, not r.occupied, found, "clear the doorway")
 

@@ -383,6 +383,14 @@ NOW = (TIMES[1], TIMES[1])
             PassageSample(*TIMES, Strip.CCW_LEFT, (1.0, 1.0, 1.0), 0.0, math.inf),
         ),
         (TWO_CELLS, cells(Signal.DOOR, "cells[0].class"), DoorSample(*TIMES, 3.0)),
+        *(
+            (
+                scan("/p", range_max=4.0, ranges=ranges(0.5, silent, 1.5, silent)),
+                TopicMapping(Signal.CW_LEFT, "/p", SCAN, "ranges", no_echo=says),
+                PassageSample(*TIMES, Strip.CW_LEFT, (0.5, math.inf, 1.5, math.inf), 0.0, 4.0),
+            )
+            for says, silent in (("0", 0.0), ("nan", math.nan), ("65.535", 65.535))
+        ),
         (
             TWO_CELLS,
             cells(Signal.CCW_LEFT, "cells.force"),
