@@ -305,7 +305,7 @@ def departure(
     At the stop, the edge also rests on what is seen of the robot later.
     """
     here = {sensor: level for sensor, level in levels.items() if sensor.side is side}
-    for sensor, level in here.items():
+    for sensor, level in (*here.items(), *levels.items()):  # the other side's may end the run
         known = edges_until(level.edges, time)
         if known and level.edges[known - 1].time == time and not level.edges[known - 1].value:
             return passage_edge(EdgeKind.DEPARTURE, levels, sensor, time)
