@@ -149,7 +149,7 @@ class Bag:
             except (DamageError, OSError) as error:
                 self._found(path, end_of(error))
         parts = (part for seeker in seekers for part in seeker.parts())
-        yield from _merged(sorted(parts, key=lambda part: part[0]))
+        yield from _merged(parts)
         for seeker in seekers:
             if seeker.problem is not None:
                 self._found(seeker.path, seeker.problem)
@@ -174,9 +174,10 @@ _Part: TypeAlias = tuple[int, Iterator[RawMessage]]
 
 
 def _merged(parts: Iterable[_Part]) -> Iterator[RawMessage]:
-    """Messages by log time; a part is opened when its first log time is reached."""
+    """Messages by log time, equal ones by part; a part is opened at its first log time."""
     started: list[tuple[int, int, RawMessage, Iterator[RawMessage]]] = []
-    for number, (begin_ns, part) in enumerate((*parts, (math.inf, iter(())))):
+    placed = sorted((begin_ns, number, part) for number, (begin_ns, part) in enumerate(parts))
+    for begin_ns, number, part in (*placed, (math.inf, 0, iter(()))):
         while started and started[0][0] < begin_ns:
             _, place, message, rest = started[0]
             yield message
