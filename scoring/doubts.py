@@ -292,6 +292,9 @@ def _gaps(g: Grounds) -> Iterator[Doubt]:
         if np.isfinite(values).any():
             at = float(times[int(np.nanargmax(np.abs(values)))])
             near.append((signal, _gap_near(_holes(g, signal), at, reach), words, (name,)))
+    long = [b - a for a, b in _holes(g, Signal.HANDLE) if g.start < b and a < g.end]
+    if max(long, default=0.0) > g.thresholds.largest_gap:
+        near.append((Signal.HANDLE, max(long), "what may have been a larger force", _FORCE[-1:]))
     for edge in g.edges:
         # where the panel is decides which passage sensors it masks
         for signal in {edge.signal, Signal.DOOR} if edge.kind in _UNDER_SENSORS else {edge.signal}:

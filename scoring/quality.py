@@ -8,7 +8,6 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from operator import attrgetter
-from statistics import median
 
 from msgspec.structs import replace
 
@@ -117,7 +116,7 @@ _HOLE = 1.2
 _MOST_HOLES = 200_000
 """Remembered interval ends: an hour of every second sample missing, at 50 Hz."""
 
-_DELAYS_TOGETHER = 50
+_DELAYS_TOGETHER = 10
 """The least of so many delays is kept: memory stays small."""
 
 AGAINST_OPENING = "against the opening side: check the testbed"
@@ -301,7 +300,7 @@ class QualityCounter:
         """How far reception lies behind the stamps about then, s, where nothing arrives late."""
         place = bisect_left(self._delay_ends, time)
         near = self._delays[max(0, place - 1) : place + 2]
-        return median(near) if near else None
+        return min(near, default=None)
 
     @property
     def readings(self) -> int:
