@@ -244,7 +244,7 @@ class Assessment:
                 end=end,
                 start_uncertainty=0.0 if answered and answered <= self.start + by_hand else by_hand,
                 settles=completed_by_settling(ending, procedure),
-                presences=self._scoring.presences(),
+                presences=self._live.presences(),
                 events=events,
                 edges=self._deciding(ending, rulings, end),
                 counters=self._counters,

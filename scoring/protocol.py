@@ -374,8 +374,8 @@ class Thresholds:
 
     @property
     def near_zero(self) -> float:
-        """A closed door that reads no more than this is at its zero, rad: two counts."""
-        return 2 * self.encoder_count
+        """A closed door that reads no more than this is at its zero, rad."""
+        return 2 * max(self.encoder_count, math.tau / 3600)
 
     @property
     def impossible_force(self) -> float:

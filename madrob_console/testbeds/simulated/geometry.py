@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from madrob_console.common.names import Scenario
+from scoring.kinematics import Array
 from scoring.protocol import (
     GRAM_FORCE,
     PASSAGE_SENSORS,
@@ -153,7 +154,6 @@ class DoorGeometry:
 # Piecewise smooth functions of time.
 
 
-Array = NDArray[np.float64]
 STEP = 0.002
 """s between two looks at a whole plan."""
 
