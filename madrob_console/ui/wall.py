@@ -19,7 +19,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import time_of_day
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.pages.competition import SIGNS, late_words
+from madrob_console.pages.competition import late_words
 from madrob_console.pages.tally import Standing, leaders_first, standings
 from madrob_console.referee.competition_plan import (
     PlannedAttempt,
@@ -47,7 +47,7 @@ from madrob_console.ui.panes.run_status import (
 from madrob_console.ui.panes.runs_pane import number_text
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import UNSETTLED
-from scoring.result import Uncertainty, uncertainty_text
+from scoring.result import DOUBTED, Uncertainty, uncertainty_text
 
 PAGE_TIME = 10.0
 """While nothing runs another page comes after so long, s."""
@@ -286,7 +286,7 @@ def standings_pages(rows: Sequence[Standing], width: int, height: int) -> Iterat
             *_text("each team's best run by level, then time; no ranking", width, Tone.DIM),
             Block((*(Span(title, Tone.DIM) for title in titles), *cells), (5,), 1, names=True),
             *_text("; ".join(sorted(tasks)), width, Tone.DIM),
-            *_text(SIGNS if signs else "", width, Tone.DIM),
+            *_text(f"{DOUBTED} doubted" if signs else "", width, Tone.DIM),
         ]
 
 

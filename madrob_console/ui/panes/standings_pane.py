@@ -177,7 +177,7 @@ class StandingsPane(RunsPane[Tables, Standing, StandingsView]):
         return Column(title, meaning, cell, value, _WIDTH, right=True, falling=falling)
 
     def _signs_of(self, one: Standing, name: IndicatorName) -> str:
-        return one.signs(name, of_mean=self.view in (StandingsView.BEST, StandingsView.MEAN))
+        return one.signs(name, of_mean=self.view is StandingsView.MEAN)
 
 
 def _condition(standing: Standing) -> int:
