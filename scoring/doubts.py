@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from scoring.door_angle import DoorAngle, last_closing, runs, without_spikes
+from scoring.door_angle import DoorAngle, Flags, last_closing, runs, without_spikes
 from scoring.indicator_table import IndicatorName as Name
 from scoring.indicators import (
     roughness_of_door_actuation,
@@ -128,18 +128,23 @@ class Grounds:
         return abs(one - other) if one != other else 0.0
 
     def drift_shift(self) -> float:
-        """How far the touch moves if the handle's zero is off by the drift, s; inf = it is none."""
-        drift = self.rest.drift
-        if drift is None:
+        """How far the touch moves by the handle at rest just before it and after the run, s.
+
+        inf = it is none: the force is that of the handle after the run.
+        """
+        force, threshold = self.force - self.handle_zero, self.thresholds.touch_force
+
+        def first(pressed: Flags) -> float:
+            times = self.force_time[pressed & (self.force_time >= self.start)]
+            return float(times[0]) if times.size else math.inf
+
+        touch = first(pressed := np.abs(force) > threshold)
+        if touch == math.inf:
             return 0.0
-        since = self.force_time >= self.start
-        time, force = self.force_time[since], self.force[since] - self.handle_zero
-        touches = []
-        for zero in (-drift, 0.0, drift):
-            touched = np.flatnonzero(np.abs(force - zero) > self.thresholds.touch_force)
-            touches.append(float(time[touched[0]]) if touched.size else math.inf)
-        moved = max(touches) - min(touches)
-        return moved if min(touches) < math.inf else 0.0
+        free = force[(self.force_time > touch - 0.7) & (self.force_time < touch - 0.2)]
+        zero = float(np.median(free)) if free.size else 0.0
+        surely = pressed & (np.abs(force - (self.rest.drift or 0.0)) > threshold)
+        return max(abs(first(np.abs(force - zero) > threshold) - touch), first(surely) - touch)
 
     @property
     def brake_ends_range(self) -> bool:
@@ -175,6 +180,8 @@ _TOP_NOISE = 3.0
 """Noise alone lifts one force over its neighbours by up to this many standard deviations."""
 _SAME_SCALE = 0.05
 """Encoders whose steps differ by less, as a part of them, have the same scale."""
+LONGEST_SHIFT = 0.5
+"""An edge that an unsure zero may move by more is doubted; up to this its U has it, s."""
 _FILTER_REACH = 1.0
 """How far the filters of the door angle reach out of the run, s."""
 
@@ -516,7 +523,7 @@ def _stuck(g: Grounds) -> Iterator[Doubt]:
 
 def _drift(g: Grounds) -> Iterator[Doubt]:
     drift, most = g.rest.drift, g.thresholds.doubt.drift * g.thresholds.touch_force
-    if drift is not None and abs(drift) > most and g.drift_shift():
+    if drift is not None and abs(drift) > most and g.drift_shift() > LONGEST_SHIFT:
         words = f"the handle at rest after the run is {drift:+.2f} N off its zero"
         yield EdgeKind.TOUCH.indicators, words
 

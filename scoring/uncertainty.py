@@ -17,7 +17,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from scoring.doubts import Grounds
+from scoring.doubts import LONGEST_SHIFT, Grounds
 from scoring.indicator_table import IndicatorName as Name
 from scoring.indicators import SMOOTHNESS_SCALE
 from scoring.kinematics import (
@@ -54,9 +54,6 @@ _LONGEST_COUNT = 0.5
 
 _NUDGE = 1e-3
 """An edge is moved by this to see which times depend on it, s."""
-
-_LONGEST_SHIFT = 0.5
-"""What a zero moves further is doubted, s."""
 
 _LONG_KERNEL = 64
 """Rows of a kernel from which on a Fourier transform is quicker."""
@@ -174,7 +171,7 @@ class _EdgeError:
             mean=(late - behind) / 2 * (1 if later else -1),
             deviation=math.hypot(late, counted, behind, jitter) / math.sqrt(12),
             most=late + counted / 2 + abs(behind) + jitter,
-            shift=shift if shift < _LONGEST_SHIFT else 0.0,
+            shift=shift if shift < LONGEST_SHIFT else 0.0,
         )
 
 

@@ -93,8 +93,8 @@ DISTURBANCES: dict[str, tuple[Fault, set[Name]]] = {
         {ROUGHNESS, TOUCH},
     ),
     "force lost for 80 ms at its peak": (lost(2.17, 2.25, HandleSample), {ROUGHNESS}),
-    "zero drifts by 2.5 N": (
-        force_fault(lambda t, f: f + (2.5 if t > 3 else 0.0)),
+    "zero drifts by 2.5 N before the touch": (
+        force_fault(lambda t, f: f + (2.5 if t > 1 else 0.0)),
         {TOUCH},
     ),
     "door quivers about 0.03 rad": (door_fault(quivering), {EXECUTION, PASSAGE}),

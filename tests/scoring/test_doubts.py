@@ -138,6 +138,7 @@ COUNTS = {n: Thresholds(encoder_counts=n) for n in (720, 1800)}
             "the door angle is beyond 1.75 rad, which it cannot be, once, 6.01 s after the start",
         ),
         (lambda: spike(-3.0, 1e5)(clean()), None, SMOOTHNESS, None),
+        (lambda: force_fault(lambda t, f: f - 5.5 * (t > 2.05))(clean()), None, TOUCH, None),
         *((lambda course=c: knock(course)(clean()), None, ROUGHNESS, None) for c in KNOCKS),
         (lambda: clean(noise=0.0), None, TOUCH, None),  # a silent load cell is not stuck
         (lambda: ROUNDED(clean(noise=0.015)), None, TOUCH, None),
@@ -182,9 +183,10 @@ REAL = {
     "door quivers about 0.03 rad": {SMOOTHNESS},
     "the door rests ajar by 20 mrad": {SMOOTHNESS, UNSAFETY},
     "handle's stamps 50 ms behind": {TOUCH},
+    "zero drifts by 2.5 N before the touch": {ROUGHNESS},
 }
 """What moves and is no fault by the rules: the door did move otherwise; no second topic tells that
-all stamps of the handle are late."""
+all stamps of the handle are late; roughness is the force as it is, its rest stands beside it."""
 
 
 @EACH
