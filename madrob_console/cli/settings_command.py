@@ -26,7 +26,7 @@ def settings(arguments: argparse.Namespace) -> int:
     from madrob_console.config import default_settings_path, load_settings
     from madrob_console.config.settings import example_toml
 
-    load_settings(arguments.settings)  # a file that is there has to be right
+    load_settings(arguments.settings).mappings()  # a file that is there has to be right
     print(example_toml(), flush=True)
     file: Path = arguments.settings or default_settings_path()
     told = f"{file}: read, it is fine" if file.exists() else f"{file}: not there, the defaults hold"

@@ -9,7 +9,7 @@ from contextlib import suppress
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
-from madrob_console.cli.output import children_spared
+from madrob_console.cli.output import children_spared, complain
 
 if TYPE_CHECKING:
     from concurrent.futures import Future, ProcessPoolExecutor
@@ -110,10 +110,13 @@ def in_order(
         count = min(count, len(os.sched_getaffinity(0)))
     if count < 2:
         return (work(item) for item in items)
+    try:
+        workers = _Processes(work, count)
+    except OSError as error:  # hardened machines have no shared memory
+        complain(f"no processes beside this one: {error.strerror}; it goes on alone")
+        return (work(item) for item in items)
     ahead = _AHEAD * count
-    return results(
-        _Processes(work, count), items, lost, ahead if at_once is None else min(ahead, at_once)
-    )
+    return results(workers, items, lost, ahead if at_once is None else min(ahead, at_once))
 
 
 class _Processes(Generic[_Item, _Done]):
@@ -122,19 +125,21 @@ class _Processes(Generic[_Item, _Done]):
     def __init__(self, work: Callable[[_Item], _Done], count: int) -> None:
         self._work = work
         self._count = count
-        self._pool: ProcessPoolExecutor | None = None
+        self._pool = self._new_pool()
+
+    def _new_pool(self) -> ProcessPoolExecutor:
+        from concurrent.futures import ProcessPoolExecutor
+
+        # of its own program: a fork would copy the threads of numpy in the middle of their work
+        return ProcessPoolExecutor(self._count, multiprocessing.get_context("spawn"))
 
     def hand_out(self, item: _Item) -> Future[_Done]:
-        from concurrent.futures import ProcessPoolExecutor
         from concurrent.futures.process import BrokenProcessPool
 
         with children_spared():
-            if self._pool is not None:
-                with suppress(BrokenProcessPool):
-                    return self._pool.submit(self._work, item)
-            # of its own program: a fork would copy the threads of numpy in the middle of their work
-            context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(self._count, context)
+            with suppress(BrokenProcessPool):
+                return self._pool.submit(self._work, item)
+            self._pool = self._new_pool()
             return self._pool.submit(self._work, item)
 
     def wait(self, handles: Sequence[Future[_Done]]) -> Iterable[Future[_Done]]:
@@ -153,7 +158,6 @@ class _Processes(Generic[_Item, _Done]):
             ) from None
 
     def cancel(self, handles: Sequence[Future[_Done]]) -> None:
-        if self._pool is not None:
-            self._pool.shutdown(wait=False, cancel_futures=True)
+        self._pool.shutdown(wait=False, cancel_futures=True)
         for process in multiprocessing.active_children():
             process.kill()  # one that just begins would complain of its end

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import random
 import shutil
@@ -9,6 +10,7 @@ import signal
 from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 from hypothesis import given
@@ -99,6 +101,18 @@ def test_a_process_that_dies_costs_its_own_run_and_who_leaves_early_hears_nothin
     assert next(done) == 4
     done.close()
     assert capfd.readouterr().err == ""
+
+
+def test_without_shared_memory_the_work_goes_on_in_this_process(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def no_memory(*_: object) -> NoReturn:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr("concurrent.futures.ProcessPoolExecutor", no_memory)
+    assert list(in_order(abs, range(-8, 0), lost, jobs=2)) == [*range(8, 0, -1)]
+    told = "madrob: no processes beside this one: Read-only file system; it goes on alone\n"
+    assert capfd.readouterr().err == told
 
 
 @pytest.fixture

@@ -63,6 +63,12 @@ def test_settings_prints_a_file_that_can_be_read_again(tmp_path: Path, madrob: M
     assert madrob.say("settings --settings", path).err == f"{path}: read, it is fine\n"
 
 
+def test_settings_that_no_engine_takes_are_not_called_fine(tmp_path: Path, madrob: Madrob) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text('[[topics]]\nsignal = "door angle"\nfield = "data[0..3]"\n')
+    assert "'data[0..3]' is no field" in madrob.refusal("settings --settings", path)
+
+
 @pytest.fixture(scope="module")
 def aborted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run that was aborted after two seconds."""
