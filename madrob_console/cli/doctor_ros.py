@@ -6,6 +6,7 @@ import ctypes
 import importlib.util
 import os
 import re
+import socket
 import sys
 import time
 from collections import Counter
@@ -290,6 +291,21 @@ def _discovery(environment: Mapping[str, str]) -> Finding:
     text = f"{given}, peers {peers}" if peers else given
     if given == "OFF" and not peers:
         return Finding(Severity.WARNING, "discovery", f"{text}: nobody is found, unset it")
+    if not _hears_itself():
+        remedy = "this machine does not hear itself: `ip link set lo up`"
+        return Finding(Severity.ERROR, "discovery", f"{text}: {remedy}")
     if given == "LOCALHOST" and not peers:
         return Finding(Severity.OK, "discovery", f"{text}: only testbeds on this machine")
     return Finding(Severity.OK, "discovery", text)
+
+
+def _hears_itself() -> bool:
+    """Over the loopback, by which processes of one machine talk DDS."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
+        own.settimeout(1.0)
+        try:
+            own.bind(("127.0.0.1", 0))
+            own.sendto(b"madrob", own.getsockname())
+            return own.recv(6) == b"madrob"
+        except OSError:
+            return False

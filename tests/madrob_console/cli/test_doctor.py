@@ -32,6 +32,7 @@ from madrob_console.cli.doctor_ros import (
     look_at_messages,
     overheard,
 )
+from madrob_console.cli.output import BAD_INPUT
 from madrob_console.engine.engine_lock import state_folder
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, ROBOT_STARTED_TOPIC
 from madrob_console.referee.competition_plan import PlanSource
@@ -266,6 +267,16 @@ def test_how_ros_is_set_up_is_shown(
     found = by_subject(findings)[subject]
     assert found == Finding(level, subject, text or found.text)
     assert usable(findings) == (level is not Severity.ERROR)
+
+
+@pytest.mark.machine
+def test_a_machine_that_does_not_hear_itself_is_not_usable() -> None:
+    command = ["unshare", "-n", sys.executable, "-m", "madrob_console.cli.main", "doctor"]
+    said = subprocess.run(command, capture_output=True, check=False, text=True)
+    if "unshare failed" in said.stderr:
+        pytest.skip("no network can be made here")
+    assert said.returncode == BAD_INPUT
+    assert "this machine does not hear itself: `ip link set lo up`" in said.stdout
 
 
 @pytest.mark.usefixtures("ros_domain")
