@@ -48,8 +48,11 @@ _LEAST_NOISE = 0.01
 _FROZEN = 2
 """Intervals without any change, in motion, that are a freeze."""
 
-_ABRUPT = 6.0
+_ABRUPT = 6
 """Largest step, in counts, of a trembling panel beside a standstill."""
+
+_TREMBLING = 0.0105
+"""And in rad, however fine the counts are."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -212,7 +215,7 @@ def _frozen(angle: Array, count: float, limit: float) -> Flags:
             continue
         before = abs(steps[last])
         onward = abs(steps[following + 1]) if following + 1 < steps.size else 0.0
-        abrupt = min(before, jump) > _ABRUPT * count
+        abrupt = min(before, jump) > max(_ABRUPT * count, _TREMBLING)
         if abrupt or (jump > limit and jump > 2 * max(before, onward)):
             frozen[last + 2 : following + 1] = True
     return frozen

@@ -138,6 +138,7 @@ COUNTS = {n: Thresholds(encoder_counts=n) for n in (720, 1800)}
             "the door angle is beyond 1.75 rad, which it cannot be, once, 6.01 s after the start",
         ),
         (lambda: spike(-3.0, 1e5)(clean()), None, SMOOTHNESS, None),
+        (lambda: clean(Motion(tremble=0.0095), seed=1), None, UNSAFETY, None),  # it stands and goes
         (lambda: force_fault(lambda t, f: f - 5.5 * (t > 2.05))(clean()), None, TOUCH, None),
         *((lambda course=c: knock(course)(clean()), None, ROUGHNESS, None) for c in KNOCKS),
         (lambda: clean(noise=0.0), None, TOUCH, None),  # a silent load cell is not stuck
