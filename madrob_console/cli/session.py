@@ -339,6 +339,8 @@ class UnattendedRun:
         if waive is not None:
             for check in blocking(engine.situation().checks):
                 self._do(Waive(check.name, waive))
+        for check in blocking(engine.situation().checks):  # a program has no screen to look at
+            print(terminal_safe(f"note: {check.name}: {check.reason}"), flush=True)
         self._do(Start())
 
     def _set_up(self, setup: SetupMaker) -> bool:

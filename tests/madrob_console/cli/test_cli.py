@@ -69,6 +69,14 @@ def test_settings_that_no_engine_takes_are_not_called_fine(tmp_path: Path, madro
     assert "'data[0..3]' is no field" in madrob.refusal("settings --settings", path)
 
 
+def test_a_refused_run_names_each_reason_on_a_line(tmp_path: Path, madrob: Madrob) -> None:
+    path = tmp_path / "strict.toml"
+    path.write_text(f"[checks]\ndisk_space = {10**15}\nlargest_skew = 0.001\n")
+    said = madrob.say(RUN, tmp_path, "--settings", path, "--latency", "50ms", "--wait", "1")
+    notes = [line for line in said.out.splitlines() if line.startswith("note: ")]
+    assert [note.split(": ")[1] for note in notes] == ["topics", "clock skew", "disk space"]
+
+
 @pytest.fixture(scope="module")
 def aborted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run that was aborted after two seconds."""
