@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -254,20 +255,40 @@ def edge_doubts(
 
 def _other_visits(g: Grounds) -> Iterator[Doubt]:
     """What decides without having passed from one side to the other: a person beside the robot."""
-    visits: list[tuple[float, float, frozenset[Side]]] = []
-    under = [(rise, fall, s.side) for s, seen in g.presences.items() for rise, fall in seen]
-    for rise, fall, side in sorted(under):
-        if visits and rise <= visits[-1][1] + g.thresholds.largest_gap:
-            since, until, sides = visits.pop()
-            visits.append((since, max(until, fall), sides | {side}))
-        else:
-            visits.append((rise, fall, frozenset({side})))
-    passages = [visit for visit in visits if len(visit[2]) > 1 and visit[0] <= g.end]
+    passages = [
+        visit
+        for visit in _visits(g, frozenset(Side))
+        if len(visit.sides) > 1 and visit.rise <= g.end
+    ]
+    here = [visit.fall for visit in _visits(g, {g.condition.starting_side}) if visit.rise <= g.end]
     for edge in g.edges if passages else ():
-        since, until, _ = passages[-1]
-        if edge.kind in _UNDER_SENSORS and not since <= edge.time <= until:
+        passage = passages[-1]
+        # the robot was on the other side when something ended the run on this one
+        again = any(passage.rise <= fall < edge.time for fall in here) and edge.time in here
+        passed = passage.rise <= edge.time <= passage.fall and not again
+        if edge.kind in _UNDER_SENSORS and not passed:
             words = "something was under the sensors twice: not seen to pass"
             yield edge.indicators, f"{edge.kind.words}: {words}"
+
+
+class _Visit(NamedTuple):
+    """A presence under any sensors of some sides, pauses included; s since the epoch."""
+
+    rise: float
+    fall: float
+    sides: frozenset[Side]
+
+
+def _visits(g: Grounds, of: Container[Side]) -> list[_Visit]:
+    visits: list[_Visit] = []
+    under = ((rise, fall, s.side) for s, seen in g.presences.items() for rise, fall in seen)
+    for rise, fall, side in sorted(each for each in under if each[2] in of):
+        if visits and rise <= visits[-1].fall + g.thresholds.largest_gap:
+            before = visits.pop()
+            visits.append(_Visit(before.rise, max(before.fall, fall), before.sides | {side}))
+        else:
+            visits.append(_Visit(rise, fall, frozenset({side})))
+    return visits
 
 
 def _blind_strips(g: Grounds) -> Iterator[Doubt]:
@@ -453,7 +474,7 @@ def _door_zero(g: Grounds) -> Iterator[Doubt]:
         return
     if abs(before) > FARTHEST_ZERO or g.zero_shift() == math.inf:
         words = f"the closed door read {1000 * before:+.1f} mrad before the start"
-        yield (*EdgeKind.CLOSING.indicators, _MOTION[0]), words
+        yield _computed_of(Signal.DOOR), words
     if not g.settles or after is None:
         return
     least_noise = g.thresholds.encoder_count / math.sqrt(12)  # of its steps
