@@ -193,13 +193,10 @@ Uncertain = Callable[[Grounds, Mapping[Name, Indicator]], Mapping[Name, Uncertai
 def all_doubts(
     grounds: Grounds,
     indicators: Mapping[Name, Indicator],
-    known: Mapping[Name, Uncertainty | None],
+    uncertainty: Mapping[Name, Uncertainty | None],
     uncertain: Uncertain,
 ) -> dict[Name, tuple[str, ...]]:
-    """The doubts on a run by indicator, whose uncertainties are `known`.
-
-    `uncertain` gives those for other grounds.
-    """
+    """The doubts on a run by indicator; `uncertain` gives uncertainties for other grounds."""
     with np.errstate(over="ignore", invalid="ignore"):  # of what only `eurobench-2020` believes
         found = (
             *edge_doubts(grounds.edges, grounds.counters, grounds.thresholds),
@@ -207,7 +204,7 @@ def all_doubts(
             *_blind_strips(grounds),
             *_gaps(grounds),
             *_missing_samples(grounds),
-            *_bad_samples(grounds, indicators, known, uncertain),
+            *_bad_samples(grounds, indicators, uncertainty, uncertain),
             *_bad_edges(grounds),
             *_impossible(grounds),
             *_guessed_angles(grounds),
@@ -393,7 +390,7 @@ def _missing_samples(g: Grounds) -> Iterator[Doubt]:
 def _bad_samples(
     g: Grounds,
     indicators: Mapping[Name, Indicator],
-    known: Mapping[Name, Uncertainty | None],
+    uncertainty: Mapping[Name, Uncertainty | None],
     uncertain: Uncertain,
 ) -> Iterator[Doubt]:
     """Samples without which a value would change by more than its uncertainty, lost ones too."""
@@ -405,7 +402,7 @@ def _bad_samples(
     words = dict.fromkeys(_MOTION, _bad_angle(g))
     words[Name.ROUGHNESS_OF_DOOR_ACTUATION] = "the largest force rests on one sample"
     for name, other in values.items():
-        value, worth, own = indicators[name].value, of_sound[name], known[name]
+        value, worth, own = indicators[name].value, of_sound[name], uncertainty[name]
         if value is None or other.value is None or worth is None:
             continue
         most = worth.expanded

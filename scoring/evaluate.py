@@ -309,12 +309,12 @@ class Assessment:
             )
 
         uncertain = partial(uncertainties, times=times)
-        known = uncertain(grounds, indicators)
-        doubts = all_doubts(grounds, indicators, known, uncertain)
+        uncertainty = uncertain(grounds, indicators)
+        doubts = all_doubts(grounds, indicators, uncertainty, uncertain)
         return {
             name: replace(
                 indicator,
-                uncertainty=None if indicator.value is None else known[name],
+                uncertainty=None if indicator.value is None else uncertainty[name],
                 doubts=doubts.get(name, ()),
             )
             for name, indicator in indicators.items()

@@ -109,9 +109,10 @@ class Indicator:
             return f"none: {self.reason}{self.sign}"
         value = value_text(self.value, self.uncertainty) + self.sign
         text = " ".join(filter(None, (value, uncertainty_text(self.uncertainty), self.unit)))
-        known = self.uncertainty
-        told = known is not None and abs(known.rest) > known.expanded
-        return f"{text}, of these {known.rest:.1f} {self.unit} at rest" if known and told else text
+        worth = self.uncertainty
+        if worth is None or abs(worth.rest) <= worth.expanded:
+            return text
+        return f"{text}, of these {worth.rest:.1f} {self.unit} at rest"
 
     @classmethod
     def of(cls, name: IndicatorName, value: float) -> Indicator:

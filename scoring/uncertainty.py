@@ -71,18 +71,18 @@ Values = Mapping[Name, Indicator]
 def uncertainties(
     grounds: Grounds, indicators: Values, times: Callable[[Sequence[Event]], Values]
 ) -> dict[Name, Uncertainty | None]:
-    """The uncertainty of every indicator; None where none is known, 0 for the level alone."""
+    """The uncertainty of every indicator; None = not known, 0 for the level alone."""
     random = np.random.RandomState(_seed(grounds))  # its stream is frozen, unlike a Generator's
     with np.errstate(over="ignore", invalid="ignore"):
         errors = _motion(grounds, indicators, random)
         errors[Name.ROUGHNESS_OF_DOOR_ACTUATION] = _roughness(grounds, random)
-        known = {name: _spread(drawn) for name, drawn in errors.items()}
+        spreads = {name: _spread(drawn) for name, drawn in errors.items()}
     exact = {Name.CAPABILITY_LEVEL: Uncertainty(0.0, 0.0)}
-    if (force := known[Name.ROUGHNESS_OF_DOOR_ACTUATION]) is not None:
+    if (force := spreads[Name.ROUGHNESS_OF_DOOR_ACTUATION]) is not None:
         rests = [one.mean for one in (grounds.rest.before, grounds.rest.after) if one is not None]
         rest = _two_digits(max(rests, key=abs, default=0.0))
-        known[Name.ROUGHNESS_OF_DOOR_ACTUATION] = replace(force, rest=rest)
-    return dict.fromkeys(Name) | known | _times(grounds, indicators, times) | exact
+        spreads[Name.ROUGHNESS_OF_DOOR_ACTUATION] = replace(force, rest=rest)
+    return dict.fromkeys(Name) | spreads | _times(grounds, indicators, times) | exact
 
 
 def _seed(grounds: Grounds) -> list[int]:
@@ -132,15 +132,15 @@ def _times(
             if value is not None and other.value is not None and value != other.value:
                 errors[name].append(_EdgeError.of(grounds, edge, later=value > other.value))
     by_hand = grounds.start_uncertainty
-    known: dict[Name, Uncertainty | None] = {}
+    uncertainty: dict[Name, Uncertainty | None] = {}
     for name, parts in errors.items():
         mean, deviation = sum(p.mean for p in parts), math.hypot(*(p.deviation for p in parts))
         most, shift = sum(p.most for p in parts), sum(p.shift for p in parts)
         start = by_hand if name.spec.with_the_start else 0.0
         u = math.hypot(mean, deviation, shift / math.sqrt(3), start / 2)
         expanded = min(abs(mean) + 2 * deviation, _HELD * most) + shift
-        known[name] = Uncertainty(_two_digits(u), _two_digits(math.hypot(expanded, start)))
-    return known
+        uncertainty[name] = Uncertainty(_two_digits(u), _two_digits(math.hypot(expanded, start)))
+    return uncertainty
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,10 +68,10 @@ class Aggregate:
     def of_means(cls, parts: Sequence[Aggregate]) -> Aggregate:
         """Over different conditions, whose scatter says nothing of how well a mean is known."""
         means = [part.mean for part in parts]
-        known = Uncertainty.of_mean([part.uncertainty for part in parts])
+        spread = Uncertainty.of_mean([part.uncertainty for part in parts])
         median, mean = float(statistics.median(means)), statistics.fmean(means)
         count = sum(part.count for part in parts)
-        return cls(mean, median, None, min(means), max(means), count, known)
+        return cls(mean, median, None, min(means), max(means), count, spread)
 
 
 def _deviation(values: Sequence[float], mean: float) -> float:
@@ -230,13 +230,13 @@ def leaders_first(found: Iterable[Standing]) -> list[Standing]:
     return sorted(found, key=_best_first)
 
 
-def leaders(found: Sequence[Standing]) -> list[Standing]:
+def leaders(standings: Sequence[Standing]) -> list[Standing]:
     """The best of each condition, each one of several that are equal."""
     least: dict[tuple[int, str], tuple[float, float]] = {}
-    for one in leaders_first(found):
+    for one in leaders_first(standings):
         condition, ruleset, *order = _best_first(one)
         least.setdefault((condition, ruleset), (order[0], order[1]))
-    return [one for one in found if _best_first(one)[2:] == least[one.condition, one.ruleset]]
+    return [one for one in standings if _best_first(one)[2:] == least[one.condition, one.ruleset]]
 
 
 def _best_first(one: Standing) -> tuple[int, str, float, float]:
@@ -267,7 +267,7 @@ def overall(
     single = {key: _tally(key, names, [groups[key]], best)["aggregates"] for key in groups}
     for (_, ruleset), keys in of_team.items():
         of_rules[ruleset].append({key.condition: single[key] for key in keys})
-    made = []
+    teams = []
     for (_, ruleset), keys in of_team.items():
         tally = _tally(keys[0], names, [groups[key] for key in keys], best)
         tally["aggregates"] = {}
@@ -279,8 +279,8 @@ def overall(
             ]
             if means:
                 tally["aggregates"][name] = Aggregate.of_means(means)
-        made.append(Overall(conditions=tuple(key.condition for key in keys), **tally))
-    return _told_apart(made, lambda one: one.ruleset)
+        teams.append(Overall(conditions=tuple(key.condition for key in keys), **tally))
+    return _told_apart(teams, lambda one: one.ruleset)
 
 
 def _grouped(runs: Iterable[RunSummary], *, official: bool) -> _Groups:
@@ -412,6 +412,6 @@ def alike_values(known: Iterable[tuple[_K, float, Uncertainty]]) -> Mapping[_K, 
     return found
 
 
-def _width(known: Uncertainty) -> float:
+def _width(uncertainty: Uncertainty) -> float:
     """No value that differs by more than two of these is alike."""
-    return known.expanded + abs(known.rest)
+    return uncertainty.expanded + abs(uncertainty.rest)

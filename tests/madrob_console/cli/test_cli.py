@@ -74,7 +74,12 @@ def test_a_refused_run_names_each_reason_on_a_line(tmp_path: Path, madrob: Madro
     path.write_text(f"[checks]\ndisk_space = {10**15}\nlargest_skew = 0.001\n")
     said = madrob.say(RUN, tmp_path, "--settings", path, "--latency", "50ms", "--wait", "1")
     notes = [line for line in said.out.splitlines() if line.startswith("note: ")]
-    assert [note.split(": ")[1] for note in notes] == ["settings", "topics", "clock skew", "disk space"]
+    assert [note.split(": ")[1] for note in notes] == [
+        "settings",
+        "topics",
+        "clock skew",
+        "disk space",
+    ]
 
 
 @pytest.fixture(scope="module")
