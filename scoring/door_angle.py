@@ -187,7 +187,7 @@ def without_spikes(time: Array, force: Array, noise: float) -> Array:
     samples and is no spike.
     """
     size = np.abs(force)
-    spikes = spike_sizes(time, size) > _DEVIATIONS_OFF * max(noise, _LEAST_NOISE)
+    spikes = spike_sizes(time, force) > _DEVIATIONS_OFF * max(noise, _LEAST_NOISE)
     return _bridged(size, np.flatnonzero(spikes))
 
 
