@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import os
 import re
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, lru_cache, partial
+from functools import cache, lru_cache, partial
 from hashlib import sha256
 from io import BytesIO
-from itertools import zip_longest
 from pathlib import Path
-from tempfile import TemporaryFile
-from typing import BinaryIO
 
-import msgspec
 from markupsafe import Markup
 
 from madrob_console.archive.folders import (
@@ -24,6 +19,7 @@ from madrob_console.archive.folders import (
     JOURNAL_FILE,
     PICTURES_FOLDER,
     PICTURES_INDEX,
+    REPORT_FILE,
     RESULT_FILE,
     FoundRun,
 )
@@ -34,15 +30,14 @@ from madrob_console.common.files import (
     Hold,
     atomic_write,
     atomic_write_in,
-    open_plain,
     opened_folder,
     read_all,
     refusal,
     stamp_of,
 )
-from madrob_console.export.table_columns import RUN_TABLES, TidyTable
+from madrob_console.export.table_columns import RUN_TABLES
 from madrob_console.pages.competition import plan_json
-from madrob_console.pages.outputs import standings_csv, standings_document, standings_json
+from madrob_console.pages.outputs import standings_csv, standings_json
 from madrob_console.pages.site_content import (
     PLAN,
     SiteContent,
@@ -60,23 +55,32 @@ from madrob_console.pages.site_pages import (
 from madrob_console.pages.surroundings import Surroundings, team_digest, team_runs
 from madrob_console.pages.templates import date_text
 
-# The folder of a site: files that change are written whole, others stay as they are.
+# The folder of a site. Every file is made again and written if its bytes have changed.
 #
-# A list beside the pages says what was written and what each file was made of. By this list pages
-# of deleted runs are removed, and never a file of somebody else.
+# The folder has a mark, and each page ends with one. What a site no longer needs is removed only by
+# the names that a site has, in a folder with the mark, and a page only if it has the mark, too.
 
 
-MANIFEST_FILE = ".madrob_site.json"
+SITE_MARK = ".madrob_site"
 
 LOCK_FILE = ".madrob_site.lock"
 
-_LARGEST = 100_000_000  # bytes of the list: some 1,000,000 files
-_PART = 1 << 16  # bytes of a file that are in memory at once
-_NAME = re.compile(r"(?:[A-Za-z0-9_-][A-Za-z0-9._-]*/)*[A-Za-z0-9_-][A-Za-z0-9._-]*")
+_MARK = "<!-- madrob publish {} -->\n"
+_PAGE_MARK = re.compile(rb"<!-- madrob publish [0-9a-f]* -->\n\Z")
+
+_PLAN_DATA = "data/plan.json"
+_FOLDERS = ("conditions", "data", "runs", "runs/*", "teams")
+_REMOVED = (
+    *(PLAN, _PLAN_DATA, "conditions/[0-9][0-9].html", "teams/[0-9]*.html"),
+    *(f"runs/*_{'[0-9a-f]' * 8}/{name}" for name in (REPORT_FILE, RESULT_FILE)),
+)
+"""Patterns of the files that not every site has."""
+
+_LARGEST = 1_000_000_000  # bytes of a file
 
 
 class SiteRefusedError(MadrobError):
-    """The folder is not for a site: nothing was written, and trying again does not help."""
+    """The folder is not for a site: trying again does not help."""
 
 
 class SourceUnreadError(MadrobError):
@@ -93,30 +97,14 @@ class SiteFile:
 
     Attributes:
         name: its path in the site's folder.
-        key: of its sources: the same key, the same content.
-        make: its content, or an open file with it, which is closed then; called only if the key
-            changed; may raise `SourceUnreadError`.
-        whole: whether no source was missing; else it is made again the next time.
+        make: renders its content; may raise `SourceUnreadError`.
+        key: digest of the sources of a page that takes long to render; a page with the same key in
+            its mark is not rendered again. Empty = always rendered.
     """
 
     name: str
-    key: str
-    make: Callable[[], bytes | BinaryIO]
-    whole: Callable[[], bool] = lambda: True
-
-    @classmethod
-    def of(cls, name: str, text: str, key: str | None = None) -> SiteFile:
-        """A finished page.
-
-        `key` is the text less what alone is no reason to write it again; None = all of it.
-        """
-        return cls(name, _digest(text if key is None else key), text.encode)
-
-
-class _Manifest(msgspec.Struct, frozen=True):
-    """Digest of key and stamp of each file; empty while it is written."""
-
-    files: dict[str, str] = {}
+    make: Callable[[], bytes | str]
+    key: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +150,7 @@ def write_site(
     the files that others link to first; raises as `site_held`.
     """
     try:
-        return _write(folder, files, tell)
+        return _write(folder, list(files), tell)
     except OSError as error:
         raise _refused(folder, error) from None
     except SiteRefusedError:
@@ -177,119 +165,58 @@ def _refused(folder: Path, error: OSError) -> SiteNotWrittenError:
     )
 
 
-def _write(folder: Path, files: Iterable[SiteFile], tell: Callable[[int, int], None]) -> Written:
-    before = _known(folder)  # in the end what is to be removed
-    _refuse_links(folder, before)
-    known: dict[str, str] = {}
-    changed: deque[SiteFile] = deque()
-    for file in files:  # of an unchanged one no more than this is kept in memory
-        was = before.pop(file.name, None)
-        if was is None and (folder / file.name).exists():
-            raise SiteRefusedError(
-                f"{folder / file.name}: is not of `madrob publish`; move it away"
-            )
-        known[file.name] = was or ""
-        if was != _as_written(folder, file):
-            changed.append(file)
-    _refuse_links(folder, (file.name for file in changed))
+def _write(folder: Path, files: Sequence[SiteFile], tell: Callable[[int, int], None]) -> Written:
+    for link in (path for name in _FOLDERS for path in folder.glob(name) if path.is_symlink()):
+        raise SiteRefusedError(f"{link}: is a link, which leads out of the site; remove it")
+    if not (folder / SITE_MARK).exists():
+        atomic_write(folder / SITE_MARK, b"`madrob publish` writes and removes pages here.\n")
+    there = (path for name in _REMOVED for path in folder.glob(name))
+    plain = (path for path in there if stamp_of(str(path)) is not None)
+    gone = {path.relative_to(folder).as_posix() for path in plain}
     written, unread = 0, []
-    if changed or before:  # first whose the files are: one that is cut off leaves none to nobody
-        known.update((file.name, "") for file in changed)
-        _note(folder, {**before, **known})
-        total = len(changed)
-        while changed:  # nor of a written one
-            tell(total - len(changed), total)
-            file = changed.popleft()
-            try:
-                written += _put(folder, file.name, file.make())
-            except SourceUnreadError as error:
-                unread.append(str(error))
-                _remove(folder, file.name)  # it is older than what it is made of
-                continue
-            known[file.name] = _as_written(folder, file) if file.whole() else ""
-        tell(total, total)
-        for name in before:
-            _remove(folder, name)
-        _note(folder, known)
-    return Written(len(known), written, len(before), unread)
+    for number, file in enumerate(files):
+        tell(number, len(files))
+        try:
+            written += _put(folder, file)
+        except SourceUnreadError as error:  # what is there is older than its source
+            unread.append(str(error))
+        else:
+            gone.discard(file.name)
+    tell(len(files), len(files))
+    removed = sum(_remove(folder, name) for name in sorted(gone))
+    return Written(len(files), written, removed, unread)
 
 
-def _as_written(folder: Path, file: SiteFile) -> str:
-    """What the list says of a file that was made of this key and lies there as it was written."""
-    return _digest(f"{file.key} {stamp_of(f'{folder}/{file.name}')}")
-
-
-def _digest(text: str) -> str:
-    return sha256(text.encode(errors="surrogateescape")).hexdigest()[:16]
-
-
-def _refuse_links(folder: Path, names: Iterable[str]) -> None:
-    """Refuse links, which could lead a page, or its removal, out of the site."""
-    within: set[str] = set()
-    for name in names:
-        while (name := name.rpartition("/")[0]) and name not in within:
-            within.add(name)
-    for parent in sorted(within):
-        if os.path.islink(f"{folder}/{parent}"):  # noqa: PTH114  of a hundred thousand
-            raise SiteRefusedError(
-                f"{folder / parent}: is a link, which leads out of the site; remove it"
-            )
-
-
-def _put(folder: Path, name: str, content: bytes | BinaryIO) -> bool:
+def _put(folder: Path, file: SiteFile) -> bool:
     """Write a file, unless it is the same already; returns whether it was written."""
-    with BytesIO(content) if isinstance(content, bytes) else content as data:
-        with suppress(OSError), os.fdopen(open_plain(folder / name), "rb") as there:
-            if all(one == other for one, other in zip_longest(_parts(there), _parts(data))):
-                return False
-        *within, called = name.split("/")
-        with opened_folder(folder, *within, make=True) as number:
-            atomic_write_in(number, called, _parts(data))
+    there = _content(folder, file.name)
+    is_page = file.name.endswith(".html")
+    mark = _MARK.format(file.key) if is_page else ""
+    if there is not None and is_page and not _PAGE_MARK.search(there):
+        raise SiteRefusedError(f"{folder / file.name}: is not of `madrob publish`; move it away")
+    if file.key and there is not None and there.endswith(mark.encode()):
+        return False
+    made = file.make()
+    content = (made.encode() if isinstance(made, str) else made) + mark.encode()
+    if content == there:
+        return False
+    *within, called = file.name.split("/")
+    with opened_folder(folder, *within, make=True) as number:
+        atomic_write_in(number, called, [content])
     return True
 
 
-def _parts(file: BinaryIO) -> Iterator[bytes]:
-    file.seek(0)
-    return iter(partial(file.read, _PART), b"")
-
-
-def _demand_site(folder: Path) -> None:
+def _content(folder: Path, name: str) -> bytes | None:
     try:
-        there = next(folder.iterdir(), None) is not None
+        return read_all(folder / name, _LARGEST)
     except FileNotFoundError:
-        return
-    except OSError as error:
-        raise SiteRefusedError(
-            f"{folder}: no folder for a site ({error.strerror}); name another one"
-        ) from None
-    if there and stamp_of(f"{folder}/{MANIFEST_FILE}") is None:
-        left = [path.name for path in folder.iterdir() if path.name != LOCK_FILE]
-        if left:
-            raise SiteRefusedError(
-                f"{folder}: holds other things; name an empty folder, or a new one, for the site"
-            )
+        return None
 
 
-def _known(folder: Path) -> dict[str, str]:
-    path = folder / MANIFEST_FILE
-    try:
-        found = msgspec.json.decode(read_all(path, _LARGEST), type=_Manifest)
-    except FileNotFoundError:
-        return {}
-    except (OSError, msgspec.MsgspecError, ValueError):
-        raise SiteRefusedError(
-            f"{path}: cannot be read, so that nobody knows whose files lie beside it: remove the "
-            "folder, all of it is made again"
-        ) from None
-    return {name: one for name, one in found.files.items() if _NAME.fullmatch(name)}
-
-
-def _note(folder: Path, files: dict[str, str]) -> None:
-    atomic_write(folder / MANIFEST_FILE, msgspec.json.encode(_Manifest(files)) + b"\n")
-
-
-def _remove(folder: Path, name: str) -> None:
-    """Remove a file, and the folders that it leaves empty."""
+def _remove(folder: Path, name: str) -> bool:
+    """Remove a file of the site, and the folders that it leaves empty; not somebody else's page."""
+    if name.endswith(".html") and not _PAGE_MARK.search(_content(folder, name) or b""):
+        return False
     *within, called = name.split("/")
     with suppress(FileNotFoundError), opened_folder(folder, *within) as number:
         os.unlink(called, dir_fd=number)
@@ -297,61 +224,49 @@ def _remove(folder: Path, name: str) -> None:
         *within, called = within
         with suppress(OSError), opened_folder(folder, *within) as number:
             os.rmdir(called, dir_fd=number)  # unless something else is in it
+    return True
 
 
-# The tables for programs of a site: of its own runs only.
+def _demand_site(folder: Path) -> None:
+    try:
+        names = {*os.listdir(folder)} - {LOCK_FILE}  # noqa: PTH208  of the names only
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise SiteRefusedError(
+            f"{folder}: no folder for a site ({error.strerror}); name another one"
+        ) from None
+    if names and SITE_MARK not in names:
+        raise SiteRefusedError(
+            f"{folder}: holds other things; name an empty folder, or a new one, for the site"
+        )
 
 
-class RunTables:
-    """Makes the tables from the stored results, which are read once for all tables."""
+def _run_tables(content: SiteContent) -> Mapping[str, bytes]:
+    """The tables of the site's own runs, by name; each stored result is read once for all."""
+    # they load numpy, which a refused folder does without
+    from madrob_console.archive.result_files import stored_run
+    from madrob_console.export.read_runs import read_rows, unpacked_rows
+    from madrob_console.export.rows import TableWriter
 
-    def __init__(self, content: SiteContent) -> None:
-        self.whole = True
-        self._content = content
-        self._files: dict[str, BinaryIO] = {}
-
-    @cached_property
-    def key(self) -> str:
-        content, told = self._content, sha256(self._content.software.encode())
-        for run in content.with_result:
-            stamp = stamp_of(f"{content.source(run)}/{RESULT_FILE}")
-            told.update(os.fsencode(f"{run.folder} {stamp} {run.voided}\n"))
-        return told.hexdigest()
-
-    def csv(self, table: TidyTable) -> BinaryIO:
-        if table.name not in self._files:
-            self._write()
-        return self._files.pop(table.name)
-
-    def _write(self) -> None:
-        # they load numpy, which a site without new runs does without
-        from madrob_console.archive.result_files import stored_run
-        from madrob_console.export.read_runs import read_rows, unpacked_rows
-        from madrob_console.export.rows import TableWriter
-
-        self._files = {table.name: TemporaryFile() for table in RUN_TABLES}  # noqa: SIM115
-        with ExitStack() as stack:
-            writers = [
-                stack.enter_context(closing(TableWriter(file, table)))
-                for table, file in zip(RUN_TABLES, self._files.values(), strict=True)
-            ]
-            read = lru_cache(maxsize=1)(stored_run)  # of all tables, which go on together
-            rows = [read_rows(table, self._found, read) for table in RUN_TABLES]
-            for run, *found in zip(self._content.with_result, *rows, strict=True):
-                whole = [packed for packed in found if isinstance(packed, bytes)]
-                if len(whole) < len(found):
-                    self.whole = False  # it changes just now: the next time it is there
-                    continue
-                place = self._content.folder_of(run)  # no path of this machine
-                for writer, table, packed in zip(writers, RUN_TABLES, whole, strict=True):
-                    writer.write_rows(unpacked_rows(table, packed, place))
-
-    @property
-    def _found(self) -> Iterator[FoundRun]:
-        within = cache(Path)
-        for run in self._content.with_result:
-            folder, name = os.path.split(self._content.source(run))
-            yield FoundRun(within(folder), name)
+    files = {table.name: BytesIO() for table in RUN_TABLES}
+    with ExitStack() as stack:
+        writers = [
+            stack.enter_context(closing(TableWriter(file, table)))
+            for table, file in zip(RUN_TABLES, files.values(), strict=True)
+        ]
+        places = (os.path.split(content.source(run)) for run in content.with_result)
+        found = [FoundRun(Path(within), name) for within, name in places]
+        read = lru_cache(maxsize=1)(stored_run)
+        rows = [read_rows(table, found, read) for table in RUN_TABLES]
+        for run, *of_run in zip(content.with_result, *rows, strict=True):
+            whole = [packed for packed in of_run if isinstance(packed, bytes)]
+            if len(whole) < len(of_run):
+                continue  # it changes just now: the next time it is there
+            place = content.folder_of(run)  # no path of this machine
+            for writer, table, packed in zip(writers, RUN_TABLES, whole, strict=True):
+                writer.write_rows(unpacked_rows(table, packed, place))
+    return {name: file.getvalue() for name, file in files.items()}
 
 
 def runs_without_report(content: SiteContent) -> list[RunSummary]:
@@ -365,15 +280,13 @@ def site_files(content: SiteContent) -> Iterator[SiteFile]:
         yield from _of_run(content, run, around)
     yield from _tables(content)
     for subject in content.of_team:
-        yield SiteFile.of(team_place(subject), team_page(content, subject))
+        yield SiteFile(team_place(subject), partial(team_page, content, subject))
     for number in content.conditions:
-        yield SiteFile.of(condition_place(number), condition_page(content, number))
+        yield SiteFile(condition_place(number), partial(condition_page, content, number))
     if content.plan is not None:
-        yield SiteFile.of(PLAN, plan_page(content, content.plan))
+        yield SiteFile(PLAN, partial(plan_page, content, content.plan))
     written = date_text(content.standings.made)
-    # that it is later now is alone no reason to write it again
-    pages = overview_page(content, written), overview_page(content, "")
-    yield SiteFile.of(INDEX_PAGE, *pages)
+    yield SiteFile(INDEX_PAGE, partial(overview_page, content, written))
 
 
 def _of_run(content: SiteContent, run: RunSummary, around: Surroundings) -> Iterator[SiteFile]:
@@ -385,11 +298,9 @@ def _of_run(content: SiteContent, run: RunSummary, around: Surroundings) -> Iter
         pages = (_page_of(content, run, one) for one in team_runs(run, team))
         others = (team_digest(run, team), *pages)
         key = _key(content.software, _ways(content, run), *others, *stamps)
-        yield SiteFile(page, key, partial(_report, content, run, around))
-    stamp = stamp_of(f"{folder}/{RESULT_FILE}")
-    if stamp is not None:
-        place = f"{content.folder_of(run)}/{RESULT_FILE}"
-        yield SiteFile(place, _key(stamp), partial(_result, content, run))
+        yield SiteFile(page, partial(_report, content, run, around), key)
+    if stamp_of(f"{folder}/{RESULT_FILE}") is not None:
+        yield SiteFile(f"{content.folder_of(run)}/{RESULT_FILE}", partial(_result, content, run))
 
 
 def _page_of(content: SiteContent, run: RunSummary, other: RunSummary) -> str:
@@ -429,20 +340,20 @@ def _result(content: SiteContent, run: RunSummary) -> bytes:
 
 
 def _tables(content: SiteContent) -> Iterator[SiteFile]:
-    tables = RunTables(content)
+    standings, tables = content.standings, cache(partial(_run_tables, content))
+
+    def csv(name: str) -> bytes:
+        return tables()[name]
+
     for table in RUN_TABLES:
-        make = partial(tables.csv, table)
-        yield SiteFile(f"data/{table.name}.csv", tables.key, make, lambda: tables.whole)
-    yield SiteFile.of("data/standings.csv", standings_csv(content.standings))
-    undated = replace(content.standings, made=0.0)
-    told = msgspec.json.encode(standings_document(undated, content.software))
-    write = partial(standings_json, content.standings, content.software)
-    yield SiteFile("data/standings.json", sha256(told).hexdigest(), write)
-    if content.plan is not None:
-        competition = content.standings.title
-        made = plan_json(content.plan, competition, content.names, content.software)
-        yield SiteFile.of("data/plan.json", made.decode())
+        yield SiteFile(f"data/{table.name}.csv", partial(csv, table.name))
+    yield SiteFile("data/standings.csv", partial(standings_csv, standings))
+    yield SiteFile("data/standings.json", partial(standings_json, standings, content.software))
+    if (plan := content.plan) is not None:
+        told = (plan, standings.title, content.names, content.software)
+        yield SiteFile(_PLAN_DATA, partial(plan_json, *told))
 
 
 def _key(*of: object) -> str:
-    return _digest("\n".join(map(str, of)))
+    told = "\n".join(map(str, of))
+    return sha256(told.encode(errors="surrogateescape")).hexdigest()[:16]
