@@ -114,7 +114,7 @@ def _told(export: Export, notes: Sequence[str] = ()) -> int:
     for problem in export.problems:
         complain(problem)
     others = (f"another name of the team, {words}" for words in export.other_names)
-    for words in (*export.renamed, *others, *notes):
+    for words in (*others, *notes):
         print(f"note: {terminal_safe(words)}")
     print(f"{counted(export.runs, 'run')}, {export.files} files, {export.size / 1e6:.1f} MB")
     print(terminal_safe(str(export.path)))

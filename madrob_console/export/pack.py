@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import html
 import os
 import posixpath
-import re
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
-from urllib.parse import quote, unquote
 
 from madrob_console.archive.folders import (
     FRAMES_FOLDER,
@@ -93,8 +89,8 @@ class Contents:
 class Export:
     """A finished zip; `size` in bytes.
 
-    `problems` say what is missing and why, and which results cannot be used. `renamed` says
-    what has another name in it. `other_names` are the team's, with their runs.
+    `problems` say what is missing and why, and which results cannot be used. `other_names` are the
+    team's, with their runs.
     """
 
     path: Path
@@ -102,7 +98,6 @@ class Export:
     files: int
     size: int
     problems: tuple[str, ...]
-    renamed: tuple[str, ...] = ()
     other_names: tuple[str, ...] = ()
 
 
@@ -118,7 +113,7 @@ def pack(
     """Packs runs; what cannot be read is named, and the rest is there.
 
     Args:
-        runs: their folders, in the order in which they are packed.
+        runs: their folders, each with a name of its own, in the order in which they are packed.
         what: of these runs, and beside them.
         target: the zip.
         report: renders the report of a run as it is now; that in its folder is never packed.
@@ -128,63 +123,44 @@ def pack(
     Raises:
         MadrobError: the zip cannot be written.
     """
-    names = _names_in_archive(runs)
-    bags = {run: (names[run], PackedBag.of(run, what.parts)) for run in runs}
-    sizes = [size_of(run, bag) for run, (_, bag) in bags.items()]
+    bags = {run: PackedBag.of(run, what.parts) for run in runs}
+    sizes = [size_of(run, bag) for run, bag in bags.items()]
     tell_size(sum(size for size, _ in sizes), sum(evidence for _, evidence in sizes))
     with folder_for(target), whole_file(target) as file, Archive(file) as archive:
         archive.problems += what.problems
         for name, data in what.first.items():
             archive.add_file(name, data, what.time)
-        for number, run in enumerate(runs):
+        for number, (run, bag) in enumerate(bags.items()):
             tell(number, len(runs))
-            _add_run(archive, run, bags, what, report)
+            _add_run(archive, run, bag, what, report)
         for name, data in {SCHEMA_FILE: schema_text(), **what.last}.items():
             archive.add_file(name, data, what.time)
-        told = [f"{names[run]}: {known.words}" for run, known in runs.items()]
-        evidence = any(bag.has_evidence for _, bag in bags.values())
+        told = [f"{run.name}: {known.words}" for run, known in runs.items()]
+        evidence = any(bag.has_evidence for bag in bags.values())
         text = _readme(archive, what, told, _left_out(runs, what.parts, evidence=evidence))
         archive.add_file(README_FILE, text.encode(), what.time)
         archive.finish(what.time)
         size = file.tell()
     damaged = (f"{run.name}: {known.words}" for run, known in runs.items() if known.damaged)
-    said = (*damaged, *archive.problems), tuple(archive.renamed), tuple(what.other_names)
-    return Export(target, len(runs), len(archive.sums), size, *said)
-
-
-def _names_in_archive(runs: Iterable[Path]) -> dict[Path, str]:
-    """Folder names in the archive; of two testbeds' runs with one name, one is renamed."""
-    names: dict[Path, str] = {}
-    taken: Counter[str] = Counter()
-    for run in runs:
-        taken[run.name] += 1
-        number = taken[run.name]
-        names[run] = run.name if number == 1 else f"{run.name}_{number}"
-    return names
+    problems = (*damaged, *archive.problems)
+    return Export(target, len(runs), len(archive.sums), size, problems, tuple(what.other_names))
 
 
 def _add_run(
-    archive: Archive,
-    run: Path,
-    packed: Mapping[Path, tuple[str, PackedBag]],
-    what: Contents,
-    report: Rendering,
+    archive: Archive, run: Path, bag: PackedBag, what: Contents, report: Rendering
 ) -> None:
-    called, bag = packed[run]
     before = stamp_of(str(run / RESULT_FILE))
     wanted = what.dossier or stamp_of(str(run / REPORT_FILE)) is not None
     rendered, problems = report(run) if wanted else ({}, ())
-    made = {**rendered, **bag.made, **packed_report(run, packed, rendered)}
-    archive.problems += [f"{called}/{problem}" for problem in (*problems, *bag.problems)]
+    made = {**rendered, **bag.made}
+    archive.problems += [f"{run.name}/{problem}" for problem in (*problems, *bag.problems)]
 
     def without(path: str) -> bool:  # anybody may have written the report in the folder
         return path in made or path == REPORT_FILE or bag.without(posixpath.basename(path))
 
-    archive.add_folder(run, called, without)
+    archive.add_folder(run, run.name, without)
     for name, data in made.items():
-        archive.add_file(f"{called}/{name}", data, what.time)
-    if called != run.name:
-        archive.renamed.append(f"{called}: was {run}")
+        archive.add_file(f"{run.name}/{name}", data, what.time)
     if what.dossier:
         _add_samples(archive, run, what.time)
     if stamp_of(str(run / RESULT_FILE)) != before:
@@ -292,48 +268,6 @@ def size_of(run: Path, bag: PackedBag) -> tuple[int, int]:
     return total, evidence
 
 
-# A report in a zip: its links lead to files of the zip, or nowhere.
-
-
-_NOT_HERE = " (not in this zip)"
-_LINK = re.compile(r'<a href="([^"#][^"]*)">([^<]*</a>)?')
-
-
-def packed_report(
-    run: Path,
-    packed: Mapping[Path, tuple[str, PackedBag]],
-    made: Mapping[str, bytes],
-) -> dict[str, bytes]:
-    """The report of a run by its name, as it is packed; empty if none was made.
-
-    `packed` has each run's name in the zip and its bag. `made` has by name the files that
-    are not in the run's folder, or differ from those there.
-    """
-    if REPORT_FILE not in made:
-        return {}
-    here, _ = packed[run]
-    folders = {Path(os.path.normpath(folder)): folder for folder in packed}
-
-    def led(link: re.Match[str]) -> str:
-        target, words = place(unquote(html.unescape(link[1]))), link[2] or ""
-        if target is None:
-            return f"<a>{words}{words and _NOT_HERE}"
-        return f'<a href="{quote(target)}">{words}'
-
-    def place(target: str) -> str | None:
-        path = Path(os.path.normpath(run / target))
-        within = next((one for one in path.parents if one in folders), None)
-        if within is None:
-            return None
-        (called, bag), name = packed[folders[within]], path.relative_to(within).as_posix()
-        is_made = (folders[within] == run and name in made) or name in bag.made
-        if not (is_made or (path.is_file() and not bag.without(path.name))):
-            return None
-        return posixpath.relpath(f"{called}/{name}", here)
-
-    return {REPORT_FILE: _LINK.sub(led, made[REPORT_FILE].decode()).encode()}
-
-
 # The README of a zip: what is in it, what is not, and what opens each kind of file.
 
 
@@ -380,7 +314,6 @@ def _readme(archive: Archive, what: Contents, runs: Sequence[str], left_out: Seq
         "RUNS": runs,
         "OTHER NAMES OF THE TEAM, IN SOME OF ITS RUNS": what.other_names,
         "NOT IN THIS ARCHIVE": [*left_out, *archive.problems],
-        "UNDER ANOTHER NAME": archive.renamed,
         "IS EVERYTHING WHOLE?": [
             f"sha256sum -c {SUMS_FILE}",
             f"(Mac: shasum -a 256 -c {SUMS_FILE})",

@@ -118,7 +118,9 @@ def _runs_of(
     left_out = [f"{run.folder}: does not say of which competition it is" for run in unsure]
     packed: list[Path] = []
     for place in (found.root / run.folder for run in chosen):
-        if is_held(place / JOURNAL_FILE) and stamp_of(str(place / RESULT_FILE)) is None:
+        if place.name in {run.name for run in packed}:
+            left_out.append(f"{place}: another run has this name: export its results folder alone")
+        elif is_held(place / JOURNAL_FILE) and stamp_of(str(place / RESULT_FILE)) is None:
             left_out.append(f"{place.name}: this run goes on: export again after it")
         else:
             packed.append(place)

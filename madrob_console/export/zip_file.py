@@ -7,46 +7,25 @@ import os
 import re
 import time
 import zipfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import IO, BinaryIO, NamedTuple, Self
 
 from madrob_console.common.files import open_plain, refusal
 from madrob_console.common.names import terminal_safe
 from recorder.bag import is_evidence
 
-# File names that are safe to unpack; a run's folder may hold any name.
-
-
 LONGEST_PATH = 400
 """Longest path in an archive, characters: folders in folders have no end."""
 
-_NO_TEXT = re.compile("[\ud800-\udfff]")  # bytes that are no UTF-8, as Python has them
-_UNSAFE = re.compile(r"[/\\:]")  # `C:` and `..\` lead out of the folder on some systems
+_UNSAFE = re.compile("[/\\\\:\ud800-\udfff]")
+"""Leads out of the folder on some systems (`C:`, `..\\`), or is no UTF-8."""
 
 
-def safe_names(names: Iterable[str]) -> dict[str, str]:
-    """Names in an archive for the files and folders of one folder.
-
-    Nearly all stay as they are. What leads out of the folder or steers a terminal goes or becomes
-    `_`. Of two that are then alike one gets a number: the one that changes anyway.
-    """
-    found: dict[str, str] = {}
-    taken: set[str] = set()
-    for name in sorted(names, key=lambda name: (_safe(name) != name, name)):
-        path = PurePosixPath(_safe(name))
-        called, number = str(path), 1
-        while called in taken:
-            number += 1
-            called = f"{path.stem}_{number}{path.suffix}"
-        taken.add(called)
-        found[name] = called
-    return found
-
-
-def _safe(name: str) -> str:
-    return _UNSAFE.sub("_", terminal_safe(name)).strip(" .") or "_"
+def is_safe_name(name: str) -> bool:
+    """Whether a file of this name can be unpacked everywhere and steers no terminal."""
+    return not _UNSAFE.search(name) and name == terminal_safe(name).strip(" .")
 
 
 SUMS_FILE = "SHA256SUMS"
@@ -60,13 +39,11 @@ _MODE = 0o100644 << 16
 class Archive:
     """A zip that takes files as they come; memory does not grow with them.
 
-    `problems` say what could not be read and why, `renamed` what has another name in it. `sums`
-    has the SHA-256 of each whole file by its name.
+    `problems` say what is left out and why. `sums` has the SHA-256 of each whole file by its name.
     """
 
     def __init__(self, file: BinaryIO) -> None:
         self.problems: list[str] = []
-        self.renamed: list[str] = []
         self.sums: dict[str, str] = {}
         self._zip = zipfile.ZipFile(file, "w")
 
@@ -75,9 +52,8 @@ class Archive:
     ) -> None:
         """Adds the files of a folder, which is `called` so in the archive.
 
-        What cannot be read is a problem. Links are not followed; hidden files are temporary.
-        Names are made safe, see `safe_names`. `without` tells of a path within the folder, as in
-        the archive, whether it is left out.
+        What cannot be read, or unpacked everywhere, is a problem. Links are not followed; hidden
+        files are temporary. `without` says of a path within the folder whether it is left out.
 
         Raises:
             OSError: the archive cannot be written.
@@ -138,30 +114,25 @@ class Archive:
         def tell(error: OSError) -> None:
             self.problems.append(f"{called}: cannot be read ({error.strerror})")
 
-        named = {str(folder): called}
         for path, folders, files, number in _walk(folder, tell):
-            under = named[path]
-            names = self._safe(under, (*folders, *files))
-            folders[:] = sorted(name for name in folders if name in names)
+            under = f"{called}{path.removeprefix(str(folder))}"
+            packed = {name for name in (*folders, *files) if self._is_packed(under, name)}
+            folders[:] = sorted(packed.intersection(folders))
             links = (name for name in folders if Path(path, name).is_symlink())
             self.problems.extend(f"{under}/{name}: is a link" for name in links)
-            named |= {f"{path}/{name}": names[name] for name in folders}
-            for name in sorted(name for name in files if name in names):
-                yield _Found(names[name], name, number)
+            for name in sorted(packed.intersection(files)):
+                yield _Found(f"{under}/{name}", name, number)
 
-    def _safe(self, under: str, names: Iterable[str]) -> dict[str, str]:
-        """Paths in the archive by name; those of hidden and of unusable names are missing."""
-        shown = [name for name in names if not name.startswith(".")]
-        odd = [name for name in shown if _NO_TEXT.search(name)]
-        self.problems += [f"{under}/{name}: its name is no text" for name in odd]
-        texts = safe_names(name for name in shown if name not in odd)
-        found = {name: f"{under}/{safe}" for name, safe in texts.items()}
-        for name, path in found.items():
-            if len(path) > LONGEST_PATH:
-                self.problems.append(f"{under}/{name}: too many folders, one in another")
-            elif path != f"{under}/{name}":
-                self.renamed.append(f"{path}: was {name}")
-        return {name: path for name, path in found.items() if len(path) <= LONGEST_PATH}
+    def _is_packed(self, under: str, name: str) -> bool:
+        if name.startswith("."):
+            return False
+        path, why = f"{under}/{name}", ""
+        if not is_safe_name(name):
+            why = "its name cannot be unpacked everywhere: rename it"
+        elif len(path) > LONGEST_PATH:
+            why = "too many folders, one in another"
+        self.problems += [f"{path}: {why}"] * bool(why)
+        return not why
 
 
 class ZippedFile:

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from madrob_console.archive.run_journal import journal_held
-from madrob_console.export.zip_file import safe_names
+from madrob_console.export.zip_file import is_safe_name
 from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
@@ -84,7 +84,7 @@ def test_in_the_folder_of_the_run_names_are_such_that_a_zip_keeps_them_whole(
     names = [item.name for item in (bare / "frames").iterdir()]
     assert {Path(path).name for path, _ in made} == {*names}
     assert len(names) == 4
-    assert safe_names(names) == {name: name for name in names}
+    assert all(map(is_safe_name, names))
     name = r"0(1_at_5_250_s|2_benchmark_start)_.*_\d+_ms(_later|_earlier)?[.]jpg"
     assert all(re.fullmatch(name, one) for one in names)
 

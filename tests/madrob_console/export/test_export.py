@@ -34,12 +34,11 @@ from madrob_console.export.dossier import protest_lines
 from madrob_console.export.foxglove_layout import HandleZero, foxglove_layout
 from madrob_console.export.pack import BagParts
 from madrob_console.export.team import export_team, file_name
-from madrob_console.export.zip_file import LONGEST_PATH, safe_names
+from madrob_console.export.zip_file import LONGEST_PATH
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
     TopicMapping,
 )
-from madrob_console.pages.templates import path_link
 from madrob_console.referee.evidence_account import (
     EvidenceAccount,
     EvidenceGap,
@@ -253,39 +252,40 @@ def test_evidence_is_packed_or_left_out_and_metadata_lists_what_is_there(
     assert both in plain["README.txt"]
 
 
-def test_reports_link_to_what_is_in_the_zip_only(root: Path, tmp_path: Path) -> None:
-    first, second, third = folders(root)
-    other, evidence = folders(root, 4)[0], evidence_file_name(first.name, 0)
-    bag_of(first, 0)
-    for run in (first, second, other):
+def test_only_reports_of_the_runs_as_they_are_now_are_packed(root: Path, tmp_path: Path) -> None:
+    first, second, _ = folders(root)
+    for run in (first, second):
         (run / "report.html").write_text("somebody's")
-    targets = [evidence, "metadata.yaml", "../x/../result.json", "#time"]
-    targets += [f"../{run.name}/report.html" for run in (second, third, other)]
 
     def report(run: Path) -> tuple[dict[str, bytes], list[str]]:
         if run == second:
             return {}, ["report.html: cannot be made"]
-        page = "".join(path_link(one, "<it>") for one in targets).replace("%23", "#")
-        return {"report.html": page.encode()}, []
+        return {"report.html": b"page"}, []
 
     target = tmp_path / "a.zip"
-    made = export_team(
-        collected_in(root),
-        3,
-        DEFAULT_MAPPINGS,
-        NOW,
-        target=target,
-        parts=BagParts(evidence=False),
-        report=report,
-    )
+    made = export_team(collected_in(root), 3, DEFAULT_MAPPINGS, NOW, target=target, report=report)
     assert made.problems == (f"{second.name}/report.html: cannot be made",)
-    gone = "<a>&lt;it&gt;</a> (not in this zip)"
-    kept = [f'<a href="{target}">&lt;it&gt;</a>' for target in targets]
     packed = read(target)
-    assert packed[f"{first.name}/report.html"].decode() == "".join(
-        [gone, kept[1], gone, kept[3], kept[4], gone, gone]
+    assert {name: data for name, data in packed.items() if "report.html" in name} == {
+        f"{first.name}/report.html": b"page"
+    }
+
+
+def test_of_two_runs_with_one_name_one_is_packed_and_the_other_is_named(
+    root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = root.with_name("hall_b")
+    twin = summary(3, run_number=1, team="Team 3", run_id="of hall b")
+    assert twin.folder == folders(root)[0].name
+    write(other, twin)
+    target = root.with_name("a.zip")
+    code = main(["export", "--subject=3", str(root), str(other), f"--output={target}"])
+    said = capsys.readouterr().err
+    assert (code, said.count("another run has this name: export its results folder alone")) == (
+        2,
+        1,
     )
-    assert sum("report.html" in name for name in packed) == 1
+    assert sum(name.endswith("/result.json") for name in read(target)) == 3
 
 
 def test_the_run_that_goes_on_is_left_out_and_named(
@@ -356,7 +356,7 @@ SPOILT: dict[str, tuple[Spoil, list[str]]] = {
     ),
     "a name that is no text": (
         lambda run: (run / os.fsdecode(b"\xff.csv")).write_text("no text"),
-        [".csv: its name is no text"],
+        [".csv: its name cannot be unpacked everywhere: rename it"],
     ),
     "a result that is damaged": (
         lambda run: (run / "result.json").write_bytes(b"\xff{"),
@@ -368,7 +368,10 @@ SPOILT: dict[str, tuple[Spoil, list[str]]] = {
     ),
     "no files": (emptied, []),
     "an old recording": (lambda run: os.utime(next(run.glob("*_0.mcap")), (0, 0)), []),
-    "a strange name": (lambda run: (run / "back\\slash\nline.csv").write_text("odd"), []),
+    "a strange name": (
+        lambda run: (run / "back\\slash\nline.csv").write_text("odd"),
+        [": its name cannot be unpacked everywhere: rename it"],
+    ),
     "evidence that is garbage": (
         lambda run: (run / evidence_file_name(run.name, 1)).write_bytes(b"garbage"),
         [": is evidence that is not whole: `madrob recover` repairs it, then export again"],
@@ -410,51 +413,26 @@ def test_what_is_spoilt_or_not_of_the_run_is_named_and_the_rest_is_packed(
     assert sorted(sums) == sorted(f"{digest}  {name}" for name, digest in told.items())
 
 
-def test_names_that_lead_out_of_the_folder_or_steer_a_terminal_are_replaced_and_named(
+UNSAFE = (
+    *("C:\\x.bat", "x\\..\\..\\evil.bat", "esc\x1b]0;owned\x07\x1b[2J.txt", "line\nbreak.csv"),
+    *("\u202etxt.exe", "trailing. ", "\x07", "\x07..", "result\x07.json", "C:"),
+)
+
+
+def test_names_that_lead_out_of_the_folder_or_steer_a_terminal_are_left_out_and_named(
     root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     first = folders(root)[0]
-    hostile = {
-        "C:\\x.bat": "C__x.bat",
-        "x\\..\\..\\evil.bat": "x_.._.._evil.bat",
-        "esc\x1b]0;owned\x07\x1b[2J.txt": "esc.txt",
-        "line\nbreak.csv": "line break.csv",
-        "\u202etxt.exe": "txt.exe",
-        "trailing. ": "trailing",
-        "\x07": "_",
-        "\x07\x07": "__2",
-        "\x07..": "__3",
-        "result\x07.json": "result_2.json",
-        "C:/plain.csv": "C_/plain.csv",
-    }
-    (first / "C:").mkdir()
-    for name in (*hostile, "plain.csv", "..\\..\\hidden.bat"):
-        (first / name).write_text(name)
+    for name in (*UNSAFE, "plain name.csv", "..\\..\\hidden.bat"):
+        (first / name).write_text("x")
     target = tmp_path / "home.zip"
-    assert command(root, f"--output={target}") == 0
-    notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ")]
+    assert command(root, f"--output={target}") == 2
+    said = capsys.readouterr().err
     packed = read(target)
-    for name, called in {**hostile, "plain.csv": "plain.csv"}.items():
-        assert packed[f"{first.name}/{called}"].decode() == name
-    assert packed[f"{first.name}/result.json"] == (first / "result.json").read_bytes()
-    assert not any("hidden" in name for name in packed)
-    text = packed["README.txt"].decode()
-    assert len(notes) == len(hostile)
-    assert all(note.removeprefix("note: ") in text for note in notes)
-    assert text.count("UNDER ANOTHER NAME") == 1
-
-
-@given(st.lists(st.text(st.characters(exclude_characters="/\0"), min_size=1), unique=True))
-def test_every_name_becomes_a_safe_one_of_its_own(names: list[str]) -> None:
-    called = safe_names(names)
-    assert set(called) == set(names)
-    assert len(set(called.values())) == len(names)
-    for name in called.values():
-        assert name == name.strip(" .")
-        assert name
-        assert not set(name) & set("/\\:")
-        assert name.isprintable() or not name.isascii()
-    assert safe_names(called.values()) == {name: name for name in called.values()}
+    own = {name.removeprefix(f"{first.name}/") for name, data in packed.items() if data == b"x"}
+    assert own == {"plain name.csv"}
+    why = ": its name cannot be unpacked everywhere: rename it"
+    assert packed["README.txt"].decode().count(why) == said.count(why) == len(UNSAFE)
 
 
 def test_a_file_that_shrinks_is_named_and_has_no_sum(
