@@ -10,7 +10,7 @@ import os
 import re
 import sqlite3
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import closing, suppress
 from pathlib import Path
 
@@ -56,20 +56,16 @@ class HistoryIndex:
         self._kind = f"{kind}_"
         self._name = self._kind + re.sub(r"\W", "_", version)
 
-    def read(self, folders: Sequence[str] | None = None) -> Iterator[tuple[str, bytes, bytes]]:
-        """Of each run its folder, the stamps of its files and its summary, in no order.
-
-        `folders` = only those, a thousand at most.
-        """
+    def read(self) -> Iterator[tuple[str, bytes, bytes]]:
+        """Of each run its folder, the stamps of its files and its summary, in no order."""
         if stamp_of(str(self._path)) is None:
             return
-        which = "" if folders is None else f"WHERE folder IN ({','.join('?' * len(folders))})"
         try:
             with closing(self._opened("rw")) as index:
                 if self._name not in self._tables(index):
                     return
-                columns = f"SELECT folder, stamps, summary, checksum FROM {self._name} {which}"
-                for folder, stamps, summary, checksum in index.execute(columns, folders or ()):
+                columns = f"SELECT folder, stamps, summary, checksum FROM {self._name}"
+                for folder, stamps, summary, checksum in index.execute(columns):
                     if _checksum(stamps, summary) == checksum:
                         yield folder, stamps, summary
         except (sqlite3.Error, TypeError) as error:  # damaged pages may hold other types

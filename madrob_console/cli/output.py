@@ -74,6 +74,14 @@ class Complaints:
         if self._alike[words] <= MOST_ALIKE:
             complain(problem)
 
+    @contextmanager
+    def complaining(self, of: object) -> Iterator[None]:
+        """Print the MadrobError of the block, and go on."""
+        try:
+            yield
+        except MadrobError as error:
+            self.add_complaint(error, of)
+
     def add_each(self, problems: Iterable[tuple[str, str]]) -> None:
         for of, problem in problems:
             self.add_complaint(f"{of}: {problem}", of)

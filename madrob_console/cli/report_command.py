@@ -52,10 +52,8 @@ def report(arguments: argparse.Namespace) -> int:
     with progress("pages" if arguments.figures is None else "runs") as tell, Complaints() as bad:
         tell(0, len(runs))
         for number, run in enumerate(runs, start=1):
-            try:
+            with bad.complaining(run):
                 _make(run, arguments.figures, arguments.output, written, around)
-            except MadrobError as error:
-                bad.add_complaint(error, run)
             tell(number, len(runs))
     return BAD_INPUT if bad.count else 0
 

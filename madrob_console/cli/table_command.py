@@ -6,7 +6,6 @@ import argparse
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
@@ -20,6 +19,7 @@ from madrob_console.export.table_columns import (
     SAMPLE_TABLES,
     TidyTable,
     column_lines,
+    rows_of,
 )
 from scoring.rulesets import RulesetName
 
@@ -76,6 +76,7 @@ def _of_runs(table: TidyTable) -> MadrobCommand:
 
 def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
     from madrob_console.archive.folders import listed_at
+    from madrob_console.archive.result_files import stored_run
     from madrob_console.common.files import whole_file
     from madrob_console.config import load_settings
     from madrob_console.export.read_runs import ReadRuns
@@ -89,18 +90,19 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
             raise MadrobError(f"{path}: no such folder; name a folder with runs")
     with ExitStack() as stack:
         bad = stack.enter_context(Complaints())
-        read = ReadRuns(table, stack.enter_context(TemporaryFile()))
+        read = ReadRuns()
         with progress("runs") as tell:
             runs = list(listed_at(paths))
-            for number, (run, problem) in enumerate(zip(runs, read.add_runs(runs), strict=True)):
+            for number, run in enumerate(runs):
                 tell(number, len(runs))
-                if problem is not None:
-                    bad.add_complaint(problem, run.run.name)
+                with bad.complaining(run.run.name):
+                    read.add_run(run)
         chosen = read.chosen(arguments.testbed_name, arguments.competition)
         file: Sink = _StandardOutput() if to_terminal else stack.enter_context(whole_file(output))
         writer = stack.enter_context(closing(TableWriter(file, table)))
-        for rows in chosen:
-            writer.write_rows(rows)
+        for run in chosen:
+            with bad.complaining(run.run.name):
+                writer.write_rows(rows_of(table, stored_run(run.run)))
     name_twins(read.twins)
     if not to_terminal:
         print(terminal_safe(str(output)))

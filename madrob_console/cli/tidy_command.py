@@ -155,11 +155,8 @@ def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int
         with progress("runs") as tell:
             for number, one in enumerate(going):
                 tell(number, len(going))
-                try:
+                with bad.complaining(one.folder):
                     remove_evidence(one, time.time())
-                except MadrobError as error:
-                    bad.add_complaint(error, one.folder)
-                else:
                     removed.append(one)
         _renew_reports(removed, bad)
     free = free_space(root)
@@ -181,7 +178,5 @@ def _renew_reports(removed: Sequence[RunEvidence], bad: Complaints) -> None:
     with progress("pages") as tell:
         for number, folder in enumerate(reported):
             tell(number, len(reported))
-            try:
+            with bad.complaining(folder):
                 renew_report(folder, around)
-            except MadrobError as error:
-                bad.add_complaint(error, folder)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
@@ -21,7 +21,7 @@ from madrob_console.archive.folders import (
     PICTURES_INDEX,
     REPORT_FILE,
     RESULT_FILE,
-    FoundRun,
+    RunPath,
 )
 from madrob_console.archive.history import RunSummary
 from madrob_console.archive.result_reader import LARGEST_RESULT
@@ -35,7 +35,7 @@ from madrob_console.common.files import (
     refusal,
     stamp_of,
 )
-from madrob_console.export.table_columns import RUN_TABLES
+from madrob_console.export.table_columns import RUN_TABLES, rows_of
 from madrob_console.pages.competition import plan_json
 from madrob_console.pages.outputs import standings_csv, standings_json
 from madrob_console.pages.site_content import (
@@ -246,26 +246,21 @@ def _run_tables(content: SiteContent) -> Mapping[str, bytes]:
     """The tables of the site's own runs, by name; each stored result is read once for all."""
     # they load numpy, which a refused folder does without
     from madrob_console.archive.result_files import stored_run
-    from madrob_console.export.read_runs import read_rows, unpacked_rows
     from madrob_console.export.rows import TableWriter
 
     files = {table.name: BytesIO() for table in RUN_TABLES}
     with ExitStack() as stack:
         writers = [
-            stack.enter_context(closing(TableWriter(file, table)))
-            for table, file in zip(RUN_TABLES, files.values(), strict=True)
+            (table, stack.enter_context(closing(TableWriter(files[table.name], table))))
+            for table in RUN_TABLES
         ]
-        places = (os.path.split(content.source(run)) for run in content.with_result)
-        found = [FoundRun(Path(within), name) for within, name in places]
-        read = lru_cache(maxsize=1)(stored_run)
-        rows = [read_rows(table, found, read) for table in RUN_TABLES]
-        for run, *of_run in zip(content.with_result, *rows, strict=True):
-            whole = [packed for packed in of_run if isinstance(packed, bytes)]
-            if len(whole) < len(of_run):
-                continue  # it changes just now: the next time it is there
-            place = content.folder_of(run)  # no path of this machine
-            for writer, table, packed in zip(writers, RUN_TABLES, whole, strict=True):
-                writer.write_rows(unpacked_rows(table, packed, place))
+        for run in content.with_result:
+            with suppress(MadrobError):  # it changes just now: the next time it is there
+                stored = stored_run(RunPath(Path(content.source(run))))
+                told = {"place": content.folder_of(run)}  # no path of this machine
+                for table, writer in writers:
+                    rows = rows_of(table, stored)
+                    writer.write_rows({**row, **told} if "place" in row else row for row in rows)
     return {name: file.getvalue() for name, file in files.items()}
 
 
