@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from fnmatch import fnmatchcase
 from itertools import islice
 from pathlib import Path
 from statistics import median
@@ -42,15 +41,9 @@ class Cameras:
     """The cameras of a run's evidence.
 
     The topics of `mappings` carry the testbed's signals, whose clock is that of all events.
-    `wanted` is a pattern for the topics of cameras.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        mappings: Sequence[TopicMapping],
-        wanted: str = "*",
-    ) -> None:
+    def __init__(self, folder: Path, mappings: Sequence[TopicMapping]) -> None:
         self._problems: list[str] = []
         self._files: list[Seeker] = []
         try:
@@ -59,7 +52,7 @@ class Cameras:
             self._delay = _delay_of_testbed(folder, mappings)
         except (OSError, RecorderError) as error:
             raise MadrobError(str(error)) from None
-        self.topics = self._found_cameras(wanted)
+        self.topics = self._found_cameras()
 
     def _open(self, path: Path) -> None:
         try:
@@ -89,11 +82,11 @@ class Cameras:
         frames = (message for message in found if message is not None)
         return min(frames, key=lambda frame: abs(frame.receive_ns - at_ns), default=None)
 
-    def _found_cameras(self, wanted: str) -> tuple[Topic, ...]:
+    def _found_cameras(self) -> tuple[Topic, ...]:
         known: dict[str, Topic] = {}
         for file in self._files:
             for topic in file.topics:
-                if topic.type in PICTURE_TYPES and fnmatchcase(topic.name, wanted):
+                if topic.type in PICTURE_TYPES:
                     known.setdefault(topic.name, topic)
         if len(known) > MOST_CAMERAS:
             self._problems.append(f"{len(known)} cameras: {MOST_CAMERAS} are shown")

@@ -19,11 +19,12 @@ from madrob_console.archive.nearest_frames import (
     Cameras,
     has_evidence,
 )
-from madrob_console.archive.run_record import Moment, moments_of
-from madrob_console.archive.scored import Scored
+from madrob_console.archive.run_journal import evidence_removed
+from madrob_console.archive.run_record import Moment, moments_called, moments_of
+from madrob_console.archive.scored import Scored, score_opened
 from madrob_console.common.clock import seconds
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import read_all, replaced_folder
+from madrob_console.common.files import atomic_writes, read_all, replaced_folder
 from madrob_console.common.names import terminal_safe
 from madrob_console.messages.codec import TopicMapping
 from recorder.errors import RecorderError
@@ -117,25 +118,23 @@ def pictures_of(
     folder: Path,
     moments: Sequence[Moment],
     mappings: Sequence[TopicMapping],
-    cameras: str = "*",
-    side: int = SIDE,
     monotonic: Callable[[], float] = time.monotonic,
     *,
     name_distance: bool = False,
 ) -> RunPictures:
     """The nearest frame of each camera at each moment, decoded; none without evidence.
 
-    A wrong picture of a camera is reported in one line and harms nothing else. `cameras` is a
-    pattern for topic names, `side` the most pixels in a row and column, `monotonic` real time, s.
-    With `name_distance` a file's name has the distance of its frame: for files without the index.
+    A wrong picture of a camera is reported in one line and harms nothing else. `monotonic` is real
+    time, s. With `name_distance` a file's name has the distance of its frame, as is needed without
+    the index.
     """
     if not has_evidence(folder):
         return NO_PICTURES
     if not has_pillow():
         return _NONE_MADE[1]
     try:
-        found = Cameras(folder, mappings, cameras)
-        return _Maker(found, side, monotonic, name_distance=name_distance).pictures(moments)
+        found = Cameras(folder, mappings)
+        return _Maker(found, monotonic, name_distance=name_distance).pictures(moments)
     except MadrobError as error:
         return RunPictures(PictureIndex(problems=(terminal_safe(str(error)),)))
 
@@ -178,6 +177,29 @@ def renewed_pictures(folder: Path, scored: Scored) -> RunPictures:
     return made
 
 
+def write_frames(folder: Path, at: str, output: Path) -> Sequence[str]:
+    """Write the nearest frame of each camera to an instant into a folder; else why there is none.
+
+    `at` as for `moments_called`.
+    """
+    if not has_evidence(folder):
+        removed = evidence_removed(folder)
+        return [f"its evidence was {removed}" if removed else "it was recorded without evidence"]
+    try:
+        scored = score_opened(folder)
+        moments = moments_called(at, events_of(scored), scored.run, scored.result.start)
+        made = pictures_of(folder, moments, scored.record.mappings, name_distance=True)
+        if made.files:
+            output.mkdir(exist_ok=True)
+            atomic_writes(output, made.files)
+            return []
+    except OSError as error:
+        return [f"{output}: cannot be made ({error.strerror})"]
+    except MadrobError as error:
+        return [str(error)]
+    return [*made.index.problems, *map(nothing_near, made.index.pictures)] or ["it has no camera"]
+
+
 def _write(place: Path, pictures: RunPictures) -> None:
     if place.is_symlink() or (place.exists() and not (place / PICTURES_INDEX).is_file()):
         raise MadrobError(f"{place}: is no folder of pictures; move it away")
@@ -189,10 +211,9 @@ class _Maker:
     """Finds and decodes until `WORKING_TIME` is up."""
 
     def __init__(
-        self, cameras: Cameras, side: int, monotonic: Callable[[], float], *, name_distance: bool
+        self, cameras: Cameras, monotonic: Callable[[], float], *, name_distance: bool
     ) -> None:
         self._cameras = cameras
-        self._side = side
         self._name_distance = name_distance
         self._names = _file_names([camera.name for camera in cameras.topics])
         self._monotonic = monotonic
@@ -207,7 +228,7 @@ class _Maker:
         if self._left_out:
             problems.append(
                 f"{self._left_out} pictures were not made: at most {MOST_PICTURES}, and "
-                f"{WORKING_TIME:g} s of work; `madrob pictures` makes single ones"
+                f"{WORKING_TIME:g} s of work; a replay writes single ones"
             )
         index = PictureIndex(pictures=tuple(entries), problems=tuple(problems))
         return RunPictures(index, self._files)
@@ -259,9 +280,8 @@ class _Maker:
         from madrob_console.archive.picture import MOST_BYTES, PictureError, decoded, jpeg
 
         try:
-            most = round(MOST_BYTES * max(1.0, (self._side / SIDE) ** 2))
-            picture, scale = decoded(message, self._side)
-            return jpeg(picture, most), scale
+            picture, scale = decoded(message, SIDE)
+            return jpeg(picture, MOST_BYTES), scale
         except PictureError as error:
             return terminal_safe(str(error))
 

@@ -115,6 +115,7 @@ def carry_out(chore: Chore) -> Finished:
 
 
 def _code_of(chore: Chore) -> int:
+    from madrob_console.archive.run_pictures import write_frames
     from madrob_console.cli.main import main as madrob
     from madrob_console.cli.output import BAD_INPUT, complain
     from madrob_console.cli.repairing import renew_all, renew_report, repair_all
@@ -122,7 +123,7 @@ def _code_of(chore: Chore) -> int:
     from madrob_console.pages.surroundings import Surroundings
 
     folder = Path(chore.arguments[0])
-    problems: list[str] = []
+    problems: Sequence[str] = ()
     try:
         match chore.kind:
             case ChoreKind.REPORT:
@@ -131,6 +132,9 @@ def _code_of(chore: Chore) -> int:
                 problems = list(renew_all(folder))
             case ChoreKind.REPAIR:
                 problems = list(repair_all(folder))
+            case ChoreKind.PICTURES:
+                _, at, output = chore.arguments
+                problems = write_frames(folder, at, Path(output))
             case ChoreKind.COMMAND:
                 return run_command((*chore.arguments[1:], chore.arguments[0]))
             case _:

@@ -24,7 +24,7 @@ from scoring.protocol import ScoringError
 
 COMMANDS = (
     *("console", "watch", "engine", "run", "testbed"),
-    *("score", "eurobench", "report", "pictures", "plan", "standings", "publish", "export"),
+    *("score", "eurobench", "report", "plan", "standings", "publish", "export"),
     *("table", "schema", "recover", "tidy", "calibrate", "doctor", "settings", "completion"),
     "guide",
 )

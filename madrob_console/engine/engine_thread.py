@@ -375,9 +375,9 @@ class LocalEngine:
     def _frames(self) -> Future[str]:
         replay, shown = self._engine.replay, self.snapshot().playback
         if replay is None or shown is None:
-            raise MadrobError(f"{NO_REPLAY}: `madrob pictures` has the frames of a run")
+            raise MadrobError(f"{NO_REPLAY}: replay the run")
         if self._reporting is None:
-            raise MadrobError("nobody looks for frames here: use `madrob pictures`")
+            raise MadrobError("nobody looks for frames here: open the replay with `madrob console`")
         answer: Future[str] = Future()
 
         def done(folder: str, why: str) -> None:

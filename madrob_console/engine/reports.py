@@ -47,7 +47,7 @@ class ChoreKind(StrEnum):
     EXPORT = "export"
     """`madrob export`: the options follow."""
     PICTURES = "pictures"
-    """`madrob pictures`: a run, an instant and a folder follow."""
+    """Write the frames of an instant: a run, the instant and a folder follow."""
     COMMAND = "command"
     """The command of [results]: the folder of a run and the command's words follow."""
 
@@ -312,8 +312,7 @@ class Reporting(Worker):
         """
         folder, name = run.absolute() / FRAMES_FOLDER, f"frames at {at:.3f}"
         self._frames[name] = lambda why: done("" if why else str(folder), why)
-        arguments = (str(run.absolute()), f"--at={at:.3f}", f"--output={folder}")
-        self._submit(name, ChoreKind.PICTURES, *arguments)
+        self._submit(name, ChoreKind.PICTURES, str(run.absolute()), f"{at:.3f}", str(folder))
 
     @property
     def problem(self) -> str | None:

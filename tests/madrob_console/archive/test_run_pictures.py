@@ -7,6 +7,7 @@ import math
 import re
 import shutil
 import struct
+import sys
 import tracemalloc
 import zlib
 from dataclasses import replace
@@ -41,10 +42,12 @@ from madrob_console.archive.run_pictures import (
     renewed_pictures,
     run_pictures,
     stored_pictures,
+    write_frames,
 )
 from madrob_console.archive.scored import Scored, score_opened
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
+from madrob_console.export.zip_file import is_safe_name
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.pages.camera_pictures import MOST_EMBEDDED
 from madrob_console.pages.report import report_html
@@ -117,6 +120,29 @@ def test_each_event_and_each_incident_has_the_nearest_frame_of_each_camera(filme
     incident, _ = (entry for entry in index.pictures if entry.event.startswith("inc"))
     assert incident.since_start == pytest.approx(INCIDENT_AT, abs=0.1)
     assert incident.words == "incident: collision"
+
+
+def test_without_pillow_the_report_says_so_and_pictures_made_before_stay(
+    filmed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fresh = shutil.copytree(filmed, filmed.parent / "fresh" / filmed.name)
+    page_of(filmed)  # what draws is imported whole
+    made = renewed_pictures(filmed, scored())
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    assert renewed_pictures(filmed, scored()) == made == stored_pictures(filmed)
+    assert made.files
+    assert "need Pillow: install madrob-console with its extra `report`" in page_of(fresh)
+
+
+def test_frames_in_the_folder_of_the_run_have_names_that_a_zip_takes(run: Path) -> None:
+    long = "/hall_north/testbed/camera_beside_the_door/color/image_raw/compressed"
+    film(run, f"{long}/left", f"{long}/right")
+    assert write_frames(run, "-0.25", run / "frames") == []
+    names = [item.name for item in (run / "frames").iterdir()]
+    assert len(names) == 2
+    assert all(map(is_safe_name, names))
+    name = r"01_at_minus_0_250_s_.*_\d+_ms(_later|_earlier)?[.]jpg"
+    assert all(re.fullmatch(name, one) for one in names)
 
 
 def test_the_instant_that_a_protest_is_about_has_pictures(run: Path) -> None:

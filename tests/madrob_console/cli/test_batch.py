@@ -136,7 +136,6 @@ def put(results: Path, *places: str) -> str:
 
 COMMANDS = (
     "report {}",
-    "pictures {}",
     "score {}",
     "recover {}",
     "export --dossier --run {}",

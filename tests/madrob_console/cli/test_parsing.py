@@ -115,7 +115,6 @@ def test_no_option_takes_a_number_that_makes_no_sense() -> None:
         "--best",
         "--keep-runs",
         "--older-than",
-        "--width",
         "--latency",
         "--jitter",
     } <= {name for _, action, _ in found for name in action.option_strings}

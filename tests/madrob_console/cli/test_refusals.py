@@ -11,7 +11,6 @@ from madrob_console.cli.main import main
 from madrob_console.testbeds.simulated import Scenario
 from recorder.writer import BagWriter
 from scoring.rulesets import RulesetName
-from tests.madrob_console.archive.frames import film
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.recorded_runs import completed, publish, recorded
 from tests.madrob_console.run_folders import summary, write
@@ -58,9 +57,6 @@ WORDS = [
     ("score one --bets 3 two", "madrob score: --bets: no such option"),
     ("publish --best 3", "the following arguments are required: FOLDER"),
     ("recover", "the following arguments are required: PATH"),
-    ("pictures x --width=0", "use 16 to 6000"),
-    ("pictures x --width=7000", "use 16 to 6000"),
-    ("pictures x --width=x", "'x' is no whole number"),
     ("run --latency door", "--latency: 'door' is no delay, as 50ms or 0.2s are"),
     ("console --latency 50", "--latency: '50' is no delay, as 50ms or 0.2s are"),
     ("testbed --jitter 1m", "--jitter: '1m' is no delay, as 50ms or 0.2s are"),
@@ -132,15 +128,6 @@ LINES = [
     ("recover empty", "choose a rosbag2 bag folder or an .mcap file"),
     ("calibrate masks none", "No such file"),
     ("calibrate masks '\x1b[31mred'", "is no bag"),
-    ("pictures filmed --at nothing", "'nothing' is no time and no event of this run: give sec"),
-    ("pictures filmed --at nan", "'nan' is no time and no event of this run: give seconds, or"),
-    ("pictures filmed --at 900 --camera *front", "/camera/front at 900.00 s: no frame within 1 s"),
-    ("pictures filmed --at 1 --camera /none", "no camera /none in its evidence"),
-    ("pictures filmed --camera *front", "some pictures are not all: say where to by --output"),
-    ("pictures run", "was recorded without evidence: choose"),
-    ("pictures empty", "no run is there: name the folder of a run"),
-    ("pictures none", "none: no such run folder: name the folder"),
-    ("pictures run/result.json", "result.json: no such run folder: name the folder"),
 ]
 
 
@@ -163,7 +150,6 @@ def things(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (here / "run").symlink_to(completed())
     shutil.copy(completed() / "journal.jsonl", here / "alone")
     publish(recorded(Scenario.TOUCH_ONLY), here / "published")
-    film(Path(shutil.copytree(completed(), here / "filmed")), "/camera/front", "/camera/side")
     write(here / "results", summary())
     with BagWriter(here / "foreign", door_topics(), {}) as writer:
         writer.put_message(door_messages(rounds=1)[0])

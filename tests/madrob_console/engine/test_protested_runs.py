@@ -18,6 +18,7 @@ from madrob_console.archive.folders import RunPath
 from madrob_console.archive.history import PROTEST_OPEN, History
 from madrob_console.archive.result_files import stored_run
 from madrob_console.archive.run_journal import ever_protested
+from madrob_console.archive.run_pictures import write_frames
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.replay import Replay
@@ -138,7 +139,7 @@ def test_who_signed_under_protest_once_is_remembered_through_later_issues(desk: 
 
 
 def test_the_instant_in_question_is_found_by_what_screens_and_files_call_it(
-    desk: Desk, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    desk: Desk, tmp_path: Path
 ) -> None:
     desk.act(SIGNED, CROSSED)
     replay = Replay(desk.run_folder, MessageTypes())
@@ -151,12 +152,10 @@ def test_the_instant_in_question_is_found_by_what_screens_and_files_call_it(
     with pytest.raises(MadrobError, match=none):
         replay.instant("protest 2")
     film(desk.run_folder, "/camera/left")
-    pictures = ["pictures", str(desk.run_folder), "--output", str(tmp_path / "frames"), "--at"]
-    assert main([*pictures, "Protest 1"]) == 0
-    printed = capsys.readouterr().out
-    assert len(list((tmp_path / "frames").iterdir())) == len(printed.splitlines()) == 1
-    assert main([*pictures, "protest 2"]) == 2
-    assert re.search(none, capsys.readouterr().err)
+    assert write_frames(desk.run_folder, "Protest 1", tmp_path / "frames") == []
+    assert len(list((tmp_path / "frames").iterdir())) == 1
+    (why,) = write_frames(desk.run_folder, "protest 2", tmp_path / "frames")
+    assert re.search(none, why)
 
 
 def test_an_event_without_a_time_is_none_of_a_replay(tmp_path: Path) -> None:
