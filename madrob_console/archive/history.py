@@ -6,18 +6,17 @@ Summaries of unchanged files come from the index (`history_index`), where there 
 from __future__ import annotations
 
 import math
-import sys
 import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property, lru_cache
 from operator import attrgetter
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import msgspec
-from msgspec.structs import force_setattr, replace
+from msgspec.structs import replace
 
 from madrob_console.archive.folders import (
     JOURNAL_FILE,
@@ -59,7 +58,7 @@ from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, ScoringError, Thresholds
 from scoring.result import DOUBTED, Uncertainty
 
-_VERSION = f"12_{RESULT_FORMAT}"
+_VERSION = f"13_{RESULT_FORMAT}"
 """Of the summaries in the index: another one where any of them would be made differently."""
 
 _LONGEST_REASON = 500  # characters
@@ -97,54 +96,6 @@ def condition_words(number: int) -> ConditionWords:
     return ConditionWords(found.way, found.benchmark_type.value)
 
 
-_NAMES = tuple(IndicatorName)
-_columns = msgspec.msgpack.Decoder(
-    tuple[
-        tuple[int | float | None, ...],
-        tuple[tuple[float, float, float] | None, ...],
-        tuple[int, ...],
-    ]
-)
-
-
-def packed_indicators(
-    values: Mapping[str, int | float] = MappingProxyType({}),
-    uncertainties: Mapping[str, Uncertainty] = MappingProxyType({}),
-    doubts: Mapping[str, int] = MappingProxyType({}),
-) -> bytes:
-    """What a summary tells of them, in few bytes: a hundred thousand have to fit in memory."""
-    known = [uncertainties.get(name) for name in _NAMES]
-    columns = (
-        [values.get(name) for name in _NAMES],
-        [one and (one.u, one.expanded, one.rest) for one in known],
-        [doubts.get(name, 0) for name in _NAMES],
-    )
-    return msgspec.msgpack.encode(columns)
-
-
-NO_INDICATORS = packed_indicators()
-
-_cached = lru_cache(maxsize=1024)
-
-
-@_cached
-def _values_in(packed: bytes) -> Mapping[str, int | float]:
-    values, _, _ = _columns.decode(packed)
-    return {name: one for name, one in zip(_NAMES, values, strict=True) if one is not None}
-
-
-@_cached
-def _uncertainties_in(packed: bytes) -> Mapping[str, Uncertainty]:
-    _, known, _ = _columns.decode(packed)
-    return {name: Uncertainty(*one) for name, one in zip(_NAMES, known, strict=True) if one}
-
-
-@_cached
-def _doubts_in(packed: bytes) -> Mapping[str, int]:
-    _, _, doubts = _columns.decode(packed)
-    return {name: number for name, number in zip(_NAMES, doubts, strict=True) if number}
-
-
 class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True, array_like=True):
     """One run in a list.
 
@@ -153,7 +104,9 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True, array_lik
         started: s since the epoch; without a result, from the folder's name.
         outcome: None = no result yet: the run goes on, or it was cut off.
         reason: why it does not count, in the referee's words (shortened); empty if valid.
-        indicators: the packed values, uncertainties and doubts.
+        values: by indicator file name, where there is one.
+        uncertainties: likewise, where one is known.
+        doubts: the number of doubts, where there are any.
         flags: open questions, the most serious first.
         thresholds: those of the testbed that are not the protocol's; None = not known.
         issue: of the result; 0 = none yet.
@@ -181,7 +134,9 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True, array_lik
     team: Name = ""
     outcome: Outcome | None = None
     reason: str = ""
-    indicators: bytes = NO_INDICATORS
+    values: Mapping[IndicatorName, int | float] = {}
+    uncertainties: Mapping[IndicatorName, Uncertainty] = {}
+    doubts: Mapping[IndicatorName, int] = {}
     flags: tuple[Flag, ...] = ()
     thresholds: Mapping[str, Any] | None = None
     issue: int = 0
@@ -202,21 +157,6 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True, array_lik
     testbed: Name = ""
     rate: float | None = None
     twin: str = ""
-
-    @property
-    def values(self) -> Mapping[str, int | float]:
-        """By indicator file name, where there is one."""
-        return _values_in(self.indicators)
-
-    @property
-    def uncertainties(self) -> Mapping[str, Uncertainty]:
-        """Likewise, where one is known."""
-        return _uncertainties_in(self.indicators)
-
-    @property
-    def doubts(self) -> Mapping[str, int]:
-        """The number of doubts, where there are any."""
-        return _doubts_in(self.indicators)
 
     @property
     def valid(self) -> bool:
@@ -313,9 +253,9 @@ class History:
 
     def _listed(self) -> Iterator[RunSummary]:
         """In the order of their folders' names."""
-        names = {name: name for name in sorted(run_folder_names(self._root))}
+        names = sorted(run_folder_names(self._root))
         if self._known is None:
-            self._known = dict(self._indexed(names))
+            self._known = dict(self._indexed())
         known = self._known
         for name, stamps in zip(names, run_stamps(self._root, names), strict=False):
             kept = known.get(name) or self._open.get(name)
@@ -323,31 +263,17 @@ class History:
                 yield kept[1]
             elif (run := self._read(name, stamps)) is not None:
                 yield run
-        gone = [name for name in known if name not in names]
+        gone = known.keys() - names
         for name in gone:
             del known[name]
         if gone or self._changed:
             self._index.store(map(self._row_of, self._changed), gone)
             self._changed.clear()
 
-    def _indexed(self, names: Mapping[str, str]) -> Iterator[tuple[str, tuple[bytes, RunSummary]]]:
-        """The summaries in the index, with one copy of each text in memory."""
-        decode, intern, put = _summaries.decode, sys.intern, force_setattr
-        for found, stamps, packed in self._index.read():
-            try:
-                run = decode(packed)
-            except msgspec.MsgspecError:
-                continue
-            folder = names.get(found, found)
-            put(run, "folder", folder)
-            if not run.thresholds:
-                put(run, "thresholds", None if run.thresholds is None else _AS_PROTOCOL)
-            put(run, "team", intern(run.team))
-            put(run, "testbed", intern(run.testbed))
-            put(run, "ruleset", intern(run.ruleset))
-            put(run, "source", run.source and intern(run.source))
-            put(run, "competition", run.competition and intern(run.competition))
-            yield folder, (stamps, run)
+    def _indexed(self) -> Iterator[tuple[str, tuple[bytes, RunSummary]]]:
+        for folder, stamps, packed in self._index.read():
+            with suppress(msgspec.MsgspecError):
+                yield folder, (stamps, _summaries.decode(packed))
 
     def _row_of(self, name: str) -> tuple[str, bytes, bytes]:
         assert self._known is not None
@@ -398,7 +324,6 @@ class History:
         return replace(run, protested=ever_protested(self._root / unread.folder))
 
 
-_AS_PROTOCOL: Mapping[str, Any] = {}
 _summaries = msgspec.msgpack.Decoder(RunSummary)
 
 
@@ -491,11 +416,6 @@ def _of_journal(unread: RunSummary, folder: Path) -> RunSummary:
 
 def _of_result(unread: RunSummary, result: ResultDocument) -> RunSummary:
     found = result.indicators
-    indicators = packed_indicators(
-        {name: one.value for name, one in found.items() if one.value is not None},
-        {name: one.uncertainty for name, one in found.items() if one.uncertainty is not None},
-        {name: len(one.doubts) for name, one in found.items()},
-    )
     closure, waiting = result.closure, result.open_protest
     signed_so = closure is not None and closure.team_word == TeamWord.PROTESTED
     return replace(
@@ -508,7 +428,11 @@ def _of_result(unread: RunSummary, result: ResultDocument) -> RunSummary:
         outcome=result.outcome,
         reason=result.why_invalid[:_LONGEST_REASON],
         voided=result.voided is not None,
-        indicators=indicators,
+        values={name: one.value for name, one in found.items() if one.value is not None},
+        uncertainties={
+            name: one.uncertainty for name, one in found.items() if one.uncertainty is not None
+        },
+        doubts={name: len(one.doubts) for name, one in found.items() if one.doubts},
         flags=result.flags,
         thresholds=_unlike_protocol(result.thresholds or None),
         issue=result.issue,

@@ -209,7 +209,7 @@ class RunFacts(Protocol):
     def voided(self) -> bool: ...
 
     @property
-    def values(self) -> Mapping[str, float]:
+    def values(self) -> Mapping[IndicatorName, float]:
         """Its indicators that have a value."""
 
     @property

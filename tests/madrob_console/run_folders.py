@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from madrob_console.archive.folders import RESULT_FILE, RunName
-from madrob_console.archive.history import RunSummary, packed_indicators
+from madrob_console.archive.history import RunSummary
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, Signal, Thresholds
@@ -132,8 +132,6 @@ def summary(
         "ruleset": "protocol",
     }
     told.update(fields)
-    kinds = "values", "uncertainties", "doubts"
-    indicators = {name: told.pop(name) for name in kinds if name in told}
     told.setdefault("practice", told["source"] == "simulated")
     return RunSummary(
         folder=RunName(subject, condition, run_number).folder_name(started),
@@ -141,7 +139,6 @@ def summary(
         condition=condition,
         run_number=run_number,
         started=started,
-        indicators=packed_indicators(**indicators),
         **told,
     )
 
