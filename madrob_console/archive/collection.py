@@ -61,11 +61,11 @@ def collected(paths: Sequence[Path], testbed: str | None = None) -> Collection:
         if path.is_file():
             unlisted.append(Unlisted(str(path), "is no run folder: name folders with runs"))
     for one in listed_at(path for path in paths if not path.is_file()):
-        if is_run_name(one.folder):
+        if is_run_name(one.path.name):
             root, name = one.place
             of_root.setdefault(root, set()).add(name)
         else:
-            unlisted.append(Unlisted(one.run.name, _why_unlisted(one.run)))
+            unlisted.append(Unlisted(one.name, _why_unlisted(one)))
     alone = len(of_root) == 1 and [*map(with_name, paths)] == list(of_root)
     runs: list[RunSummary] = []
     for root in list(of_root):

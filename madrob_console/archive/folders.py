@@ -14,11 +14,10 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import cache
 from operator import attrgetter
 from pathlib import Path
 from struct import Struct
-from typing import Final, NamedTuple
+from typing import Final
 
 import msgspec
 
@@ -371,6 +370,16 @@ class RunPath:
         whole = Path(os.path.abspath(self.path))  # noqa: PTH100  `..` has a name, too
         return self.prefix or (whole.name if whole.is_dir() else whole.stem)
 
+    @property
+    def place(self) -> tuple[Path, str]:
+        """The results folder of a run folder, and the run's folder as seen from there."""
+        within, name = with_name(self.path.parent), self.path.name
+        return (
+            (within.parent, f"{_IN_PRACTICE}{name}")
+            if within.name == PRACTICE_FOLDER
+            else (within, name)
+        )
+
 
 def runs_at(path: Path) -> list[RunPath]:
     """The runs at a path, at any depth, in the order of their names.
@@ -384,10 +393,10 @@ def runs_at(path: Path) -> list[RunPath]:
 
 def all_runs_at(paths: Iterable[Path]) -> list[RunPath]:
     """Without the duplicates of overlapping paths, in their order."""
-    return [found.run for found in _found_at(paths, by_name=False)]
+    return _found_at(paths, by_name=False)
 
 
-def listed_at(paths: Iterable[Path]) -> Iterator[FoundRun]:
+def listed_at(paths: Iterable[Path]) -> list[RunPath]:
     """As `all_runs_at`, for lists: a folder called like a run is one, whatever it holds."""
     return _found_at(map(with_name, paths), by_name=True)
 
@@ -397,68 +406,39 @@ def with_name(path: Path) -> Path:
     return path if path.name not in ("", "..") else Path(os.path.abspath(path))  # noqa: PTH100
 
 
-class FoundRun(NamedTuple):
-    """A run behind a path, in less memory than a `RunPath` takes; `within` is shared by many."""
-
-    within: Path
-    folder: str
-    prefix: str = ""
-
-    @property
-    def run(self) -> RunPath:
-        return RunPath(self.within / self.folder, self.prefix)
-
-    @property
-    def place(self) -> tuple[Path, str]:
-        """The results folder of a run, and the run's folder as seen from there."""
-        within = self.within if self.within.name else Path(os.path.abspath(self.within))  # noqa: PTH100
-        if within.name == PRACTICE_FOLDER:
-            return within.parent, f"{_IN_PRACTICE}{self.folder}"
-        return self.within, self.folder
-
-
-def _found_at(paths: Iterable[Path], *, by_name: bool) -> Iterator[FoundRun]:
-    real = cache(os.path.realpath)
-    known: set[tuple[str, str, str]] = set()
+def _found_at(paths: Iterable[Path], *, by_name: bool) -> list[RunPath]:
+    found: dict[tuple[str, str], RunPath] = {}
     for path in paths:
-        top = FoundRun(path.parent, path.name)
-        for found in list(_runs_below(top, by_name=by_name)) or [top]:
-            place, folder = real(found.within), found.folder
-            if found.within is top.within:  # what was named may be a link
-                place, folder = os.path.split(real(path))
-            if (key := (place, folder, found.prefix)) not in known:
-                known.add(key)
-                yield found
+        for run in list(_runs_below(path, by_name=by_name)) or [RunPath(path)]:
+            found.setdefault((os.path.realpath(run.path), run.prefix), run)
+    return list(found.values())
 
 
-def _runs_below(top: FoundRun, *, by_name: bool) -> Iterator[FoundRun]:
+def _runs_below(top: Path, *, by_name: bool) -> Iterator[RunPath]:
     places = [top]
     while places:
-        place = places.pop()
-        named = place is not top and is_run_name(place.folder)
+        path = places.pop()
+        named = path is not top and is_run_name(path.name)
         if named and by_name:
-            yield place
+            yield RunPath(path)
             continue
-        path = place.within / place.folder
         try:
             with os.scandir(path) as entries:
                 found = sorted(entries, key=attrgetter("name"), reverse=True)
         except NotADirectoryError:
             continue
         except OSError:  # reading it says why; the path that was named is looked at by the caller
-            if place is not top:
-                yield place
+            if path is not top:
+                yield RunPath(path)
             continue
         names = [entry.name for entry in found]
-        if _is_bag(names):
-            yield place
-        elif prefixes := run_prefixes(names):
-            yield from (place._replace(prefix=prefix) for prefix in prefixes)
-        elif named:
-            yield place  # its recording is missing
+        if not _is_bag(names) and (prefixes := run_prefixes(names)):
+            yield from (RunPath(path, prefix) for prefix in prefixes)
+        elif named or _is_bag(names):  # its recording may be missing
+            yield RunPath(path)
         else:
             places += [
-                FoundRun(path, entry.name)
+                path / entry.name
                 for entry in found
                 if entry.name[0] != "." and entry.is_dir(follow_symlinks=False)
             ]

@@ -92,17 +92,17 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
         bad = stack.enter_context(Complaints())
         read = ReadRuns()
         with progress("runs") as tell:
-            runs = list(listed_at(paths))
+            runs = listed_at(paths)
             for number, run in enumerate(runs):
                 tell(number, len(runs))
-                with bad.complaining(run.run.name):
+                with bad.complaining(run.name):
                     read.add_run(run)
         chosen = read.chosen(arguments.testbed_name, arguments.competition)
         file: Sink = _StandardOutput() if to_terminal else stack.enter_context(whole_file(output))
         writer = stack.enter_context(closing(TableWriter(file, table)))
         for run in chosen:
-            with bad.complaining(run.run.name):
-                writer.write_rows(rows_of(table, stored_run(run.run)))
+            with bad.complaining(run.name):
+                writer.write_rows(rows_of(table, stored_run(run)))
     name_twins(read.twins)
     if not to_terminal:
         print(terminal_safe(str(output)))
