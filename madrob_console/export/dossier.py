@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+from madrob_console.archive.collection import collected
 from madrob_console.archive.folders import (
     JOURNAL_FILE,
     RESULT_FILE,
     parse_folder_name,
     results_folder_of,
 )
+from madrob_console.archive.history import RunSummary
 from madrob_console.archive.run_journal import UnusableJournalError, is_held, read_run_journal
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import stamp_of
@@ -23,7 +25,6 @@ from madrob_console.export.pack import (
     BagParts,
     Contents,
     Export,
-    KnownRun,
     Rendering,
     pack,
 )
@@ -34,7 +35,7 @@ from madrob_console.referee.run import Run
 def dossier_target(run: Path) -> Path:
     """Default zip: `exports/dossier_RUN.zip`; of practice `exports/dossier_practice_RUN.zip`."""
     run = run.absolute()
-    kind = "practice_" if KnownRun.of(run).practice else ""
+    kind = "practice_" if _summary(run).practice else ""
     return results_folder_of(run) / EXPORTS_FOLDER / f"dossier_{kind}{run.name}.zip"
 
 
@@ -66,7 +67,7 @@ def export_dossier(
         raise MadrobError(f"{run}: is no run folder with a journal; name one with --run")
     if is_held(run / JOURNAL_FILE) and stamp_of(str(run / RESULT_FILE)) is None:
         raise MadrobError(f"{run}: this run goes on: make the dossier after it")
-    known = KnownRun.of(run)
+    known = _summary(run)
     kind = "the PRACTICE run " if known.practice else ""
     problems: list[str] = []
     protests = _protests(run, problems)
@@ -79,6 +80,12 @@ def export_dossier(
         dossier=True,
     )
     return pack({run: known}, what, target or dossier_target(run), report, tell_size=tell_size)
+
+
+def _summary(run: Path) -> RunSummary:
+    for found in collected([run]).runs:
+        return found
+    raise MadrobError(f"{run}: is behind a link: name the folder itself with --run")
 
 
 def _stamp(run: Path) -> float:

@@ -14,20 +14,17 @@ from madrob_console.archive.folders import (
     FRAMES_FOLDER,
     JOURNAL_FILE,
     PICTURES_FOLDER,
-    PRACTICE_FOLDER,
     REPORT_FILE,
     RESULT_FILE,
     RunPath,
 )
-from madrob_console.archive.history import VOID
-from madrob_console.archive.result_document import SCHEMA_FILE, ResultDocument, schema_text
-from madrob_console.archive.result_files import valid_result
-from madrob_console.archive.result_reader import UnusableResultError, read_setup
-from madrob_console.archive.run_journal import UnusableJournalError, evidence_removed
+from madrob_console.archive.history import VOID, RunSummary
+from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
+from madrob_console.archive.run_journal import evidence_removed
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import stamp_of, whole_file
 from madrob_console.common.names import SourceKind, terminal_safe
-from madrob_console.export.foxglove_layout import LAYOUT_FILE, HandleZero
+from madrob_console.export.foxglove_layout import LAYOUT_FILE
 from madrob_console.export.rows import SampledRun, TableWriter
 from madrob_console.export.table_columns import SAMPLE_TABLES
 from madrob_console.export.zip_file import SUMS_FILE, Archive
@@ -102,7 +99,7 @@ class Export:
 
 
 def pack(
-    runs: Mapping[Path, KnownRun],
+    runs: Mapping[Path, RunSummary],
     what: Contents,
     target: Path,
     report: Rendering,
@@ -135,13 +132,13 @@ def pack(
             _add_run(archive, run, bag, what, report)
         for name, data in {SCHEMA_FILE: schema_text(), **what.last}.items():
             archive.add_file(name, data, what.time)
-        told = [f"{run.name}: {known.words}" for run, known in runs.items()]
+        told = [f"{run.name}: {_run_words(found)}" for run, found in runs.items()]
         evidence = any(bag.has_evidence for bag in bags.values())
         text = _readme(archive, what, told, _left_out(runs, what.parts, evidence=evidence))
         archive.add_file(README_FILE, text.encode(), what.time)
         archive.finish(what.time)
         size = file.tell()
-    damaged = (f"{run.name}: {known.words}" for run, known in runs.items() if known.damaged)
+    damaged = (f"{run.name}: {found.problem}" for run, found in runs.items() if found.problem)
     problems = (*damaged, *archive.problems)
     return Export(target, len(runs), len(archive.sums), size, problems, tuple(what.other_names))
 
@@ -338,59 +335,24 @@ def _left_out(runs: Iterable[Path], parts: BagParts, *, evidence: bool) -> list[
     return words + [f"{run.name}: its evidence was {removed}" for run, removed in gone if removed]
 
 
-# What is known of a run without its recording.
+# A run in the README.
 
 
 _UNOFFICIAL = {SourceKind.SIMULATED: "PRACTICE, simulated", SourceKind.REPLAY: "a REPLAY"}
 
 
-@dataclass(frozen=True, slots=True)
-class KnownRun:
-    """What is known of a run without its recording.
-
-    `words` say how it ended and what it is worth, or why its result cannot be used.
-    """
-
-    team: str
-    words: str
-    practice: bool = False
-    zero: HandleZero | None = None
-    damaged: bool = False
-
-    @classmethod
-    def of(cls, run: Path) -> KnownRun:
-        """Reads result and journal in its folder; what is wrong with them stands in `words`."""
-        folder, practice = str(run), run.parent.name == PRACTICE_FOLDER
-        try:
-            result = valid_result(run)
-        except FileNotFoundError:
-            setup = read_setup(f"{folder}/{JOURNAL_FILE}")
-            words = "no result, it was cut off"
-            if setup is None:
-                return cls("", words, practice)
-            return cls(setup.team, words, practice or setup.practice)
-        except (UnusableResultError, UnusableJournalError) as problem:
-            return cls("", str(problem), practice, damaged=True)
-        return cls(result.team, _outcome(result), practice or result.practice, _zero(result))
-
-
-def _zero(result: ResultDocument) -> HandleZero | None:
-    if result.zero_samples is None:
-        return None
-    whose = f"run {result.run_number} of condition {result.condition_number}"
-    return HandleZero(result.zero_samples.mean, whose)
-
-
-def _outcome(result: ResultDocument) -> str:
-    final = "not final" if result.closure is None else f"final, {result.closure.team_word}"
-    if result.open_protest is not None:
+def _run_words(run: RunSummary) -> str:
+    """How a run ended and what it is worth, or why its result cannot be used."""
+    if run.problem is not None or run.outcome is None:
+        return run.problem or "no result, it was cut off"
+    final = f"final, {run.team_word}" if run.final else "not final"
+    if run.protest_filed is not None:
         final = "NOT FINAL, a PROTEST is open"
-    unofficial = [words for kind, words in _UNOFFICIAL.items() if result.source == kind]
-    if not unofficial and result.practice:
-        unofficial = ["PRACTICE"]
-    condition = f"condition {result.condition_number}, run {result.run_number}"
-    void = [f"{VOID} ({result.why_invalid})"] if result.voided else []
+    practice = "PRACTICE" if run.practice else ""
+    void = f"{VOID} ({run.reason})" if run.voided else ""
     told = (FlagKind.VOID, FlagKind.PROTEST)  # by the words before them
-    flagged = [flag.words for flag in weighty(result.flags) if flag.kind not in told]
-    words = ", ".join([f"{condition}: {result.outcome}", *void, final, *unofficial, *flagged])
-    return "; ".join(filter(None, (words, result.testbed, result.run_id)))
+    flagged = [flag.words for flag in weighty(run.flags) if flag.kind not in told]
+    ended = f"condition {run.condition}, run {run.run_number}: {run.outcome}"
+    unofficial = next((told for kind, told in _UNOFFICIAL.items() if run.source == kind), practice)
+    words = ", ".join(filter(None, (ended, void, final, unofficial, *flagged)))
+    return "; ".join(filter(None, (words, run.testbed, run.run_id)))

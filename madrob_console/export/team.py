@@ -11,19 +11,19 @@ import msgspec
 from madrob_console.archive.collection import Collection, demand_competition, the_competition
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.archive.history import RunSummary, of_competition
+from madrob_console.archive.result_reader import read_sound_result
 from madrob_console.archive.run_journal import is_held
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import stamp_of
 from madrob_console.common.formatting import listed
 from madrob_console.common.names import terminal_safe
-from madrob_console.export.foxglove_layout import LAYOUT_FILE, foxglove_layout
+from madrob_console.export.foxglove_layout import LAYOUT_FILE, HandleZero, foxglove_layout
 from madrob_console.export.pack import (
     EXPORTS_FOLDER,
     WHOLE_BAGS,
     BagParts,
     Contents,
     Export,
-    KnownRun,
     Rendering,
     pack,
 )
@@ -71,14 +71,16 @@ def export_team(  # noqa: PLR0913  what is packed, and how
         MadrobError: no such runs, several competitions, or the zip cannot be written.
     """
     runs, left_out = _runs_of(found, subject, competition, practice=practice)
-    known = {run: KnownRun.of(run) for run in runs}
-    called = TeamName.of(team, (one.team for one in known.values()))
-    zeros = [one.zero for one in known.values() if one.zero is not None]
-    layout = foxglove_layout(mappings, thresholds, zeros[-1] if zeros else None)
+    called = TeamName.of(team, (one.team for one in runs.values()))
+    zero = next(filter(None, map(_zero, reversed(runs))), None)
+    layout = foxglove_layout(mappings, thresholds, zero)
     kind = "PRACTICE runs" if practice else "runs"
     title = terminal_safe(f"MADROB: {kind} of subject {subject} {called.name}".rstrip())
     as_of = time.strftime("As of %Y-%m-%d %H:%M:%S UTC: all decisions until then", time.gmtime(now))
-    named = ((one, [run.name for run in runs if known[run].team == one]) for one in called.others)
+    named = (
+        (one, [run.name for run, found in runs.items() if found.team == one])
+        for one in called.others
+    )
     what = Contents(
         f"{title}\n{as_of}",
         now,
@@ -89,7 +91,15 @@ def export_team(  # noqa: PLR0913  what is packed, and how
     )
     name = file_name(subject, called.name, now, practice=practice)
     path = target or found.root / EXPORTS_FOLDER / name
-    return pack(known, what, path, report, tell=tell, tell_size=tell_size)
+    return pack(runs, what, path, report, tell=tell, tell_size=tell_size)
+
+
+def _zero(run: Path) -> HandleZero | None:
+    result = read_sound_result(str(run))
+    if result is None or result.zero_samples is None:
+        return None
+    whose = f"run {result.run_number} of condition {result.condition_number}"
+    return HandleZero(result.zero_samples.mean, whose)
 
 
 def file_name(subject: int, team: str, now: float, *, practice: bool = False) -> str:
@@ -106,7 +116,7 @@ def file_name(subject: int, team: str, now: float, *, practice: bool = False) ->
 
 def _runs_of(
     found: Collection, subject: int, competition: str | None, *, practice: bool
-) -> tuple[list[Path], list[str]]:
+) -> tuple[dict[Path, RunSummary], list[str]]:
     """Runs to pack, oldest first, and in words what is left out and why."""
     teams: dict[int, list[RunSummary]] = {}
     for run in found.runs:  # a folder keeps its name when its subject is corrected
@@ -116,14 +126,15 @@ def _runs_of(
     of_kind = [run for run in own if run.practice == practice]
     chosen, unsure = _of_one_competition(of_kind, competition)
     left_out = [f"{run.folder}: does not say of which competition it is" for run in unsure]
-    packed: list[Path] = []
-    for place in (found.root / run.folder for run in chosen):
-        if place.name in {run.name for run in packed}:
+    packed: dict[Path, RunSummary] = {}
+    for run in chosen:
+        place = found.root / run.folder
+        if place.name in {other.name for other in packed}:
             left_out.append(f"{place}: another run has this name: export its results folder alone")
         elif is_held(place / JOURNAL_FILE) and stamp_of(str(place / RESULT_FILE)) is None:
             left_out.append(f"{place.name}: this run goes on: export again after it")
         else:
-            packed.append(place)
+            packed[place] = run
     if packed:
         return packed, left_out
     if left_out:

@@ -22,7 +22,6 @@ from madrob_console.cli.main import main
 from madrob_console.cli.repairing import repair_all
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold
-from madrob_console.export.pack import KnownRun
 from madrob_console.pages.competition import competition_standings
 from madrob_console.pages.surroundings import made_of
 from madrob_console.referee.acts import Act, AddNote, Finalise, MarkIncident, Reissue, Rule
@@ -214,11 +213,10 @@ def acted(folder: Path, *acts: Act) -> Files:
 
 
 def refused(folder: Path) -> str:
-    """Why lists, zips and standings do not take a result that is to be made again."""
+    """Why lists and standings do not take a result that is to be made again."""
     run = summary(folder)
     assert run.repairable
     assert not run.valid
-    assert KnownRun.of(folder).damaged
     assert not competition_standings([run], made=0.0, official=False).groups
     return str(run.problem)
 
