@@ -1,7 +1,4 @@
-"""The runs of a results folder: what each `result.json` says, with an index for speed.
-
-Summaries of unchanged files come from the index (`history_index`), where there is one.
-"""
+"""The runs of a results folder: what each `result.json` says."""
 
 from __future__ import annotations
 
@@ -9,7 +6,6 @@ import math
 import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from functools import cached_property, lru_cache
 from operator import attrgetter
 from pathlib import Path
@@ -21,7 +17,6 @@ from msgspec.structs import replace
 from madrob_console.archive.folders import (
     JOURNAL_FILE,
     RESULT_FILE,
-    RESULT_FORMAT,
     RunName,
     RunPlace,
     lies_in_practice,
@@ -31,7 +26,6 @@ from madrob_console.archive.folders import (
     run_stamps,
     why_twin,
 )
-from madrob_console.archive.history_index import HistoryIndex
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.result_reader import (
     DamagedResultError,
@@ -57,9 +51,6 @@ from madrob_console.referee.run import VALID_OUTCOMES
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, ScoringError, Thresholds
 from scoring.result import DOUBTED, Uncertainty
-
-_VERSION = f"13_{RESULT_FORMAT}"
-"""Of the summaries in the index: another one where any of them would be made differently."""
 
 _LONGEST_REASON = 500  # characters
 
@@ -96,7 +87,7 @@ def condition_words(number: int) -> ConditionWords:
     return ConditionWords(found.way, found.benchmark_type.value)
 
 
-class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True, array_like=True):
+class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     """One run in a list.
 
     Attributes:
@@ -236,10 +227,7 @@ class History:
         self._root = root
         self._place = str(root)
         self._lock = threading.Lock()
-        self._index = HistoryIndex(root, "history", _VERSION)
-        self._known: dict[str, tuple[bytes, RunSummary]] | None = None
-        self._changed: set[str] = set()
-        self._open: dict[str, tuple[bytes, RunSummary]] = {}
+        self._known: dict[str, tuple[bytes, RunSummary]] = {}
 
     def refresh(self) -> tuple[RunSummary, ...]:
         """Every run, oldest first; only a `result.json` that changed is read.
@@ -253,32 +241,14 @@ class History:
 
     def _listed(self) -> Iterator[RunSummary]:
         """In the order of their folders' names."""
-        names = sorted(run_folder_names(self._root))
-        if self._known is None:
-            self._known = dict(self._indexed())
-        known = self._known
+        names, before, self._known = sorted(run_folder_names(self._root)), self._known, {}
         for name, stamps in zip(names, run_stamps(self._root, names), strict=False):
-            kept = known.get(name) or self._open.get(name)
+            kept = before.get(name)
             if kept is not None and kept[0] == stamps:
+                self._known[name] = kept
                 yield kept[1]
             elif (run := self._read(name, stamps)) is not None:
                 yield run
-        gone = known.keys() - names
-        for name in gone:
-            del known[name]
-        if gone or self._changed:
-            self._index.store(map(self._row_of, self._changed), gone)
-            self._changed.clear()
-
-    def _indexed(self) -> Iterator[tuple[str, tuple[bytes, RunSummary]]]:
-        for folder, stamps, packed in self._index.read():
-            with suppress(msgspec.MsgspecError):
-                yield folder, (stamps, _summaries.decode(packed))
-
-    def _row_of(self, name: str) -> tuple[str, bytes, bytes]:
-        assert self._known is not None
-        stamps, run = self._known[name]
-        return name, stamps, msgspec.msgpack.encode(run)
 
     def _read(self, name: str, stamps: bytes) -> RunSummary | None:
         folder = f"{self._place}/{name}"
@@ -305,15 +275,13 @@ class History:
                 return _unusable(unread, folder, out_of_date(why), repairable=True)
         except FileNotFoundError:
             run = _of_journal(unread, Path(folder))
-            self._open[name] = (stamps, run)
+            self._known[name] = (stamps, run)
             return run
         except (UnusableResultError, UnusableJournalError) as problem:
             damaged = isinstance(problem, DamagedResultError)
             return _unusable(unread, folder, str(problem), repairable=damaged)
         run = self._told(unread, result)
-        assert self._known is not None
         self._known[name] = (stamps, run)
-        self._changed.add(name)
         return run
 
     def _told(self, unread: RunSummary, result: ResultDocument) -> RunSummary:
@@ -322,9 +290,6 @@ class History:
         if run.protested or run.issue <= 1:
             return run
         return replace(run, protested=ever_protested(self._root / unread.folder))
-
-
-_summaries = msgspec.msgpack.Decoder(RunSummary)
 
 
 def twins_told(runs: Sequence[RunSummary]) -> tuple[RunSummary, ...]:

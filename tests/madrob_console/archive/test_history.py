@@ -4,14 +4,10 @@ import fcntl
 import hashlib
 import json
 import os
-import sqlite3
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
 from functools import partial
 from pathlib import Path
 
@@ -29,11 +25,9 @@ from madrob_console.archive.folders import (
     next_run_number,
 )
 from madrob_console.archive.history import History, RunSummary, earlier_runs
-from madrob_console.archive.history_index import INDEX_FILE, HistoryIndex
 from madrob_console.archive.run_journal import MOST_READ, find_unfinished, is_held
 from madrob_console.archive.scored import open_run
 from madrob_console.cli.batch import tried
-from madrob_console.cli.main import main
 from madrob_console.cli.score_command import describe_run
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import open_plain
@@ -45,7 +39,6 @@ from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from tests.madrob_console.recorded_runs import copy_run
 from tests.madrob_console.run_folders import EPOCH, document, put_hole, summary, write
-from tests.madrob_console.small_disk import memory_disk
 
 NUMBERS = st.integers(1, 999)
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=60)
@@ -153,7 +146,6 @@ def test_a_result_that_cannot_be_used_says_why_and_what_to_do(
     assert words in problem
     assert ("damaged" in problem) <= ("`madrob recover`" in problem)
     assert len(problem) < 250
-    assert not (tmp_path / INDEX_FILE).exists()  # it is not kept for the next program
     assert (run.subject, run.condition, run.run_number, run.started) == (3, 7, 1, EPOCH)
     assert (run.outcome_word, run.valid) == ("DAMAGED", False)
 
@@ -181,23 +173,27 @@ def test_a_wrong_value_in_a_result_is_an_unknown_or_a_problem_in_words(
         assert run.words
 
 
-# ---------------------------------------------------------------- the index
+# ---------------------------------------------------------------- what is read again
 
 
-def refreshed(
-    history: History, monkeypatch: pytest.MonkeyPatch
-) -> tuple[tuple[RunSummary, ...], int]:
-    """The runs, and how many files of runs were opened for them."""
+def test_a_run_that_has_not_changed_is_not_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     opened: list[str] = []
 
     def counted(path: str | Path) -> int:
         opened.append(str(path))
         return open_plain(path)
 
-    with monkeypatch.context() as patched:
-        patched.setattr("madrob_console.common.files.open_plain", counted)
-        runs = history.refresh()
-    return runs, sum(not path.endswith(INDEX_FILE) for path in opened)
+    put_many(tmp_path)
+    history = History(tmp_path)
+    assert history.refresh() == MANY
+    monkeypatch.setattr("madrob_console.common.files.open_plain", counted)
+    assert history.refresh() == MANY
+    assert opened == []
+    path = write(tmp_path, summary(run_number=40, hour=40))
+    assert len(history.refresh()) == len(MANY) + 1
+    assert {Path(one).parent for one in opened} == {path.parent}
 
 
 def test_a_result_that_changed_is_read_again_also_with_its_old_size_and_time(
@@ -227,171 +223,6 @@ MANY = tuple(summary(run_number=number, hour=number) for number in range(1, 40))
 def put_many(root: Path) -> None:
     for run in MANY:
         write(root, run)
-
-
-def table_of(index: Path) -> str:
-    with closing(sqlite3.connect(index)) as opened:
-        ((name,),) = opened.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")
-    return str(name)
-
-
-def with_index(index: Path, *acts: str) -> None:
-    table = table_of(index)
-    with closing(sqlite3.connect(index)) as opened:
-        for act in acts:
-            opened.execute(act.format(table))
-        opened.commit()
-
-
-def bytes_changed(index: Path) -> None:
-    """A name in a summary, as a disk may change it."""
-    index.write_bytes(index.read_bytes().replace(b"Autumn Cup", b"Spring Cup"))
-
-
-def in_its_place(make: Callable[[Path], object]) -> Callable[[Path], None]:
-    def replaced(path: Path) -> None:
-        path.unlink()
-        make(path)
-
-    return replaced
-
-
-def zeros(index: Path, place: float) -> None:
-    with index.open("r+b") as file:
-        file.seek(int(place * index.stat().st_size))
-        file.write(bytes(1000))
-
-
-FALSE_INDEXES: dict[str, Callable[[Path], object]] = {
-    "empty": lambda index: index.write_bytes(b""),
-    "no database": lambda index: index.write_bytes(b"\xff" * 9_999),
-    "an older index": lambda index: index.write_text("[[9, 1], {}]"),
-    "half": lambda index: os.truncate(index, index.stat().st_size // 2),
-    "a page missing": lambda index: os.truncate(index, index.stat().st_size - 4096),
-    "zeros after the head": lambda index: index.write_bytes(index.read_bytes()[:100] + bytes(9999)),
-    "a changed byte": bytes_changed,
-    "renamed": lambda index: with_index(index, "ALTER TABLE {} RENAME TO history_0_1"),
-    "with another table": lambda index: with_index(index, "CREATE TABLE more (x)"),
-    "a view without end": lambda index: with_index(
-        index,
-        "DROP TABLE {}",
-        "CREATE VIEW {} AS WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x FROM n) "
-        "SELECT x AS folder, x AS stamps, x AS summary, x AS checksum FROM n",
-    ),
-    "without rows": lambda index: with_index(index, "DELETE FROM {}"),
-    "other stamps": lambda index: with_index(index, "UPDATE {} SET stamps = x'00'"),
-    "no summaries": lambda index: with_index(index, "UPDATE {} SET summary = x'c0'"),
-    "a folder": in_its_place(lambda index: (index / "in the way").mkdir(parents=True)),
-    "a link": in_its_place(lambda index: index.symlink_to(index.parents[1] / "outside")),
-    **{
-        f"cut off at {part}/9": lambda index, part=part: os.truncate(  # type: ignore[misc]
-            index, index.stat().st_size * part // 9
-        )
-        for part in range(1, 9, 2)
-    },
-    **{
-        f"zeros at {part}/9": lambda index, part=part: zeros(index, part / 9)  # type: ignore[misc]
-        for part in range(0, 9, 2)
-    },
-}
-
-
-@pytest.mark.parametrize("case", FALSE_INDEXES)
-def test_a_damaged_or_foreign_index_is_made_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: str
-) -> None:
-    (tmp_path / "outside").write_text("precious")
-    root = tmp_path / "results"
-    put_many(root)
-    History(root).refresh()
-    FALSE_INDEXES[case](root / INDEX_FILE)
-    assert History(root).refresh() == MANY
-    if case != "a folder" and "/9" not in case:  # it is used again
-        assert refreshed(History(root), monkeypatch) == (MANY, 0)
-    assert {path.name for path in root.iterdir()} == {INDEX_FILE, *(run.folder for run in MANY)}
-    assert (tmp_path / "outside").read_text() == "precious"
-
-
-def test_tables_of_another_version_go_and_those_of_other_lists_stay(tmp_path: Path) -> None:
-    def kept(kind: str, version: str) -> list[tuple[str, bytes, bytes]]:
-        return list(HistoryIndex(tmp_path, kind, version).read())
-
-    for kind, version in (("history", "1"), ("table_runs", "0.1.0+c1"), ("history", "2")):
-        HistoryIndex(tmp_path, kind, version).store([("a", b"stamps", version.encode())])
-    assert kept("history", "1") == []
-    assert kept("history", "2") == [("a", b"stamps", b"2")]
-    assert kept("table_runs", "0.1.0+c1") == [("a", b"stamps", b"0.1.0+c1")]
-    HistoryIndex(tmp_path, "history", "2").store([("b", b"", b"b"), ("c", b"", bytes(10**6))], "a")
-    assert [folder for folder, _, _ in kept("history", "2")] == ["b"]  # no value is too large
-    assert kept("table_runs", "0.1.0+c1")
-
-
-def remount(folder: Path, how: str) -> None:
-    subprocess.run(["mount", "-o", f"remount,{how}", str(folder)], check=True)
-
-
-@pytest.mark.machine
-def test_a_folder_that_cannot_be_written_needs_no_index_and_uses_one_that_is_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with memory_disk(tmp_path / "disk") as disk:
-        first, second = summary(), summary(run_number=2, hour=1)
-        write(disk.folder, first)
-        remount(disk.folder, "ro")
-        assert History(disk.folder).refresh() == (first,)
-        assert not (disk.folder / INDEX_FILE).exists()
-        remount(disk.folder, "rw")
-        assert History(disk.folder).refresh() == (first,)
-        remount(disk.folder, "ro")
-        assert refreshed(History(disk.folder), monkeypatch) == ((first,), 0)
-        remount(disk.folder, "rw")
-        write(disk.folder, second)
-        remount(disk.folder, "ro")
-        assert History(disk.folder).refresh() == (first, second)
-
-
-@pytest.mark.machine
-def test_a_full_disk_keeps_no_index_and_no_list_waits_for_one(tmp_path: Path) -> None:
-    with memory_disk(tmp_path / "disk") as disk:
-        put_many(disk.folder)
-        disk.fill()
-        for _ in range(2):
-            assert History(disk.folder).refresh() == MANY
-            assert main(["table", "runs", str(disk.folder), "--output", str(tmp_path / "t")]) == 0
-        disk.make_room()
-        assert History(disk.folder).refresh() == History(disk.folder).refresh() == MANY
-
-
-def test_an_index_that_another_process_holds_is_not_waited_for(tmp_path: Path) -> None:
-    first, second = summary(), summary(run_number=2, hour=1)
-    write(tmp_path, first)
-    History(tmp_path).refresh()
-    write(tmp_path, second)
-    with closing(sqlite3.connect(tmp_path / INDEX_FILE)) as other:
-        other.execute("PRAGMA locking_mode = EXCLUSIVE")
-        other.execute("BEGIN EXCLUSIVE")
-        began = time.monotonic()
-        assert History(tmp_path).refresh() == (first, second)
-        assert time.monotonic() - began < 5
-    assert History(tmp_path).refresh() == (first, second)
-
-
-@pytest.mark.machine
-def test_two_programs_that_read_at_once_keep_one_index(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    put_many(tmp_path)
-    program = (
-        "import sys; from pathlib import Path; "
-        "from madrob_console.archive.history import History; "
-        "print(len(History(Path(sys.argv[1])).refresh()))"
-    )
-    others = [
-        subprocess.Popen([sys.executable, "-c", program, str(tmp_path)], stdout=subprocess.PIPE)
-        for _ in range(3)
-    ]
-    assert [other.communicate()[0] for other in others] == [b"39\n"] * 3
-    assert refreshed(History(tmp_path), monkeypatch) == (MANY, 0)
 
 
 def test_several_threads_may_read_at_once(tmp_path: Path) -> None:
@@ -453,6 +284,14 @@ def _put(name: str, content: bytes) -> Spoil:
 def _grown(name: str) -> Spoil:
     """Its content, and 20 GB of nothing behind it."""
     return lambda folder: os.truncate(_file_of(folder, name), 20 * 10**9)
+
+
+def in_its_place(make: Callable[[Path], object]) -> Callable[[Path], None]:
+    def replaced(path: Path) -> None:
+        path.unlink()
+        make(path)
+
+    return replaced
 
 
 def _placed(name: str, make: Callable[[Path], object]) -> Spoil:

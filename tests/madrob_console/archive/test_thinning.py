@@ -24,7 +24,6 @@ from madrob_console.archive.evidence import (
 )
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
 from madrob_console.archive.history import History
-from madrob_console.archive.history_index import INDEX_FILE
 from madrob_console.archive.repair import repair
 from madrob_console.archive.run_journal import read_run_journal
 from madrob_console.cli.main import main
@@ -398,7 +397,6 @@ def test_nothing_that_lists_or_scores_opens_evidence_or_differs_by_it(
     stem = next(run.glob("*_0.mcap")).name.removesuffix("_0.mcap")
     (run / evidence_file_name(stem, 0)).write_bytes(b"garbage" * 1000)
     os.mkfifo(run / evidence_file_name(stem, 1))  # on which reads hang
-    (tmp_path / INDEX_FILE).unlink()
     _opened.clear()
     _watching.append(True)
     try:
