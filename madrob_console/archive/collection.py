@@ -14,9 +14,9 @@ from msgspec.structs import replace
 from madrob_console.archive.folders import (
     RESULT_FILE,
     RunPath,
-    is_run_name,
     listed_at,
     named_by_recording,
+    parse_folder_name,
     with_name,
 )
 from madrob_console.archive.history import History, RunSummary, twins_told
@@ -61,7 +61,7 @@ def collected(paths: Sequence[Path], testbed: str | None = None) -> Collection:
         if path.is_file():
             unlisted.append(Unlisted(str(path), "is no run folder: name folders with runs"))
     for one in listed_at(path for path in paths if not path.is_file()):
-        if is_run_name(one.path.name):
+        if parse_folder_name(one.path.name) is not None:
             root, name = one.place
             of_root.setdefault(root, set()).add(name)
         else:

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from operator import attrgetter
 from pathlib import Path
-from struct import Struct
 from typing import Final
 
 import msgspec
@@ -57,7 +56,6 @@ _LARGEST = 16_000_000  # bytes of the numbers file: some 300,000 runs
 _TIME_FORMAT = "%Y%m%d_%H%M%S"
 _IN_PRACTICE = f"{PRACTICE_FOLDER}/"
 _FOLDER = re.compile(r"subject_([0-9]{3})_cond_([0-9]{3})_run_([0-9]{3})_([0-9]{8}_[0-9]{6})")
-_STAMPS = Struct("<6q")
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,15 +104,6 @@ def parse_folder_name(name: str) -> tuple[RunName, datetime] | None:
     return RunName(subject, condition, run), started
 
 
-def is_run_name(name: str) -> bool:
-    """As `parse_folder_name`, for the many names of a list."""
-    match = _FOLDER.fullmatch(name)
-    try:
-        return match is not None and datetime.fromisoformat(match[4]) is not None
-    except ValueError:
-        return False
-
-
 def named_by_recording(names: Iterable[str]) -> str | None:
     """The run folder's name at recording time, from its files' `names`; None = unknown."""
     stems = (name.removesuffix("_0.mcap") for name in names if name.endswith("_0.mcap"))
@@ -154,31 +143,6 @@ def _folder_names(root: Path) -> list[str]:
         return []
     except OSError as error:
         raise _unusable(root, error) from None
-
-
-NO_FILES = _STAMPS.pack(0, 0, -1, 0, 0, -1)
-"""The stamps of a run folder that holds neither a result nor a journal, as far as is seen."""
-
-
-def run_stamps(root: Path, names: Iterable[str]) -> Iterator[bytes]:
-    """Of each run folder in a results folder, what changes with its result or its journal."""
-    try:
-        place = os.open(root, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError:  # reading the results says why
-        yield from (NO_FILES for _ in names)
-        return
-    try:
-        for name in names:
-            told: list[int] = []
-            for file in (RESULT_FILE, JOURNAL_FILE):
-                try:
-                    found = os.stat(f"{name}/{file}", dir_fd=place, follow_symlinks=False)
-                    told += (found.st_mtime_ns, found.st_ctime_ns, found.st_size)
-                except OSError:
-                    told += (0, 0, -1)
-            yield _STAMPS.pack(*told)
-    finally:
-        os.close(place)
 
 
 def next_run_number(root: Path, subject: int, condition: int, *, practice: bool = False) -> int:
@@ -418,7 +382,7 @@ def _runs_below(top: Path, *, by_name: bool) -> Iterator[RunPath]:
     places = [top]
     while places:
         path = places.pop()
-        named = path is not top and is_run_name(path.name)
+        named = path is not top and parse_folder_name(path.name) is not None
         if named and by_name:
             yield RunPath(path)
             continue

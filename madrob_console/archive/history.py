@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
 from msgspec.structs import replace
@@ -23,7 +23,6 @@ from madrob_console.archive.folders import (
     parse_folder_name,
     places_that_count,
     run_folder_names,
-    run_stamps,
     why_twin,
 )
 from madrob_console.archive.result_document import ResultDocument
@@ -43,6 +42,7 @@ from madrob_console.archive.run_journal import (
     out_of_date,
     read_run_journal,
 )
+from madrob_console.common.files import Stamp, stamp_of
 from madrob_console.common.formatting import time_words
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.flags import Flag
@@ -220,6 +220,9 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         return " ".join(parts).casefold()
 
 
+_Stamps: TypeAlias = tuple[Stamp | None, ...]
+
+
 class History:
     """All runs of a results folder, which need not exist. Thread-safe."""
 
@@ -227,7 +230,7 @@ class History:
         self._root = root
         self._place = str(root)
         self._lock = threading.Lock()
-        self._known: dict[str, tuple[bytes, RunSummary]] = {}
+        self._known: dict[str, tuple[_Stamps, RunSummary]] = {}
 
     def refresh(self) -> tuple[RunSummary, ...]:
         """Every run, oldest first; only a `result.json` that changed is read.
@@ -242,15 +245,16 @@ class History:
     def _listed(self) -> Iterator[RunSummary]:
         """In the order of their folders' names."""
         names, before, self._known = sorted(run_folder_names(self._root)), self._known, {}
-        for name, stamps in zip(names, run_stamps(self._root, names), strict=False):
-            kept = before.get(name)
+        for name in names:
+            files = (f"{self._place}/{name}/{file}" for file in (RESULT_FILE, JOURNAL_FILE))
+            stamps, kept = tuple(map(stamp_of, files)), before.get(name)
             if kept is not None and kept[0] == stamps:
                 self._known[name] = kept
                 yield kept[1]
             elif (run := self._read(name, stamps)) is not None:
                 yield run
 
-    def _read(self, name: str, stamps: bytes) -> RunSummary | None:
+    def _read(self, name: str, stamps: _Stamps) -> RunSummary | None:
         folder = f"{self._place}/{name}"
         parsed = parse_folder_name(name)
         if parsed is None:  # a date that does not exist
@@ -294,9 +298,6 @@ class History:
 
 def twins_told(runs: Sequence[RunSummary]) -> tuple[RunSummary, ...]:
     """Sets `twin` of each duplicate that does not count."""
-    known = [run.run_id for run in runs if run.run_id]
-    if len(set(known)) == len(known):  # as nearly always, and ten thousand places take their time
-        return tuple(runs)
     counting = places_that_count(
         RunPlace(run.folder, run.run_id, run.practice, run.issue) for run in runs
     )
