@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.batch import demand_results
 from madrob_console.cli.command_line import Argument, MadrobCommand, TellAction, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, name_twins, progress, put_bytes
 from madrob_console.cli.parsing import as_path
@@ -75,35 +77,33 @@ def _of_runs(table: TidyTable) -> MadrobCommand:
 
 
 def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
-    from madrob_console.archive.folders import listed_at
+    from madrob_console.archive.folders import RunPath
     from madrob_console.archive.result_files import stored_run
     from madrob_console.common.files import whole_file
     from madrob_console.config import load_settings
-    from madrob_console.export.read_runs import ReadRuns
     from madrob_console.export.rows import TableWriter
 
     output: Path = arguments.output
     to_terminal = output == _STDOUT
-    paths = options.run_paths(arguments, load_settings(arguments.settings))
-    for path in paths:
-        if not path.exists():  # before it takes the place of a table that is there
-            raise MadrobError(f"{path}: no such folder; name a folder with runs")
+    settings = load_settings(arguments.settings)
+    demand_results(arguments, settings)
+    found = options.collection(arguments, settings)
+    wanted = arguments.competition
     with ExitStack() as stack:
         bad = stack.enter_context(Complaints())
-        read = ReadRuns()
-        with progress("runs") as tell:
-            runs = listed_at(paths)
-            for number, run in enumerate(runs):
-                tell(number, len(runs))
-                with bad.complaining(run.name):
-                    read.add_run(run)
-        chosen = read.chosen(arguments.testbed_name, arguments.competition)
+        bad.add_each(found.unlisted)
         file: Sink = _StandardOutput() if to_terminal else stack.enter_context(whole_file(output))
         writer = stack.enter_context(closing(TableWriter(file, table)))
-        for run in chosen:
-            with bad.complaining(run.name):
-                writer.write_rows(rows_of(table, stored_run(run)))
-    name_twins(read.twins)
+        rows_are_seen = to_terminal and sys.stdout.isatty()  # a bar among them would spoil them
+        tell = None if rows_are_seen else stack.enter_context(progress("runs"))
+        for number, one in enumerate(found.runs):
+            if tell is not None:
+                tell(number, len(found.runs))
+            run = RunPath(found.root / one.folder)
+            if not one.twin and wanted in (None, one.competition):
+                with bad.complaining(run.name):
+                    writer.write_rows(rows_of(table, stored_run(run)))
+    name_twins([(one.folder, one.twin) for one in found.runs if one.twin])
     if not to_terminal:
         print(terminal_safe(str(output)))
     return BAD_INPUT if bad.count else 0
