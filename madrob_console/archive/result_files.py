@@ -27,7 +27,7 @@ from madrob_console.archive.result_document import MANUAL_START, ResultDocument
 from madrob_console.archive.result_reader import LARGEST_RESULT, UnusableResultError, read_result
 from madrob_console.archive.run_journal import UnusableJournalError, disagreement, out_of_date
 from madrob_console.archive.run_record import RunLabel
-from madrob_console.archive.scored import Scored
+from madrob_console.archive.scored import Scored, ScoredPath, score_recording, score_run
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import atomic_write, atomic_writes, read_all, refusal
 from madrob_console.common.names import SourceKind
@@ -42,8 +42,6 @@ from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
-
-    from madrob_console.archive.scored import ScoredPath
 
 _SHORT = 16
 """Digits of a digest that people compare."""
@@ -305,9 +303,6 @@ def stored_run(run: RunPath) -> StoredRun:
 
 def fresh_runs(run: RunPath, rules: Sequence[RulesetName | None]) -> list[StoredRun]:
     """A run scored now by each ruleset, as for `score_run`; it is read only once."""
-    # they load numpy and SciPy, which the tables of stored results do without
-    from madrob_console.archive.scored import score_recording, score_run
-
     if run.prefix:
         found = (_published_document(one) for one in score_run(run, rules))
         return [StoredRun(run.path, document, published=True) for document in found]

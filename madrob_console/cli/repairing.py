@@ -11,12 +11,11 @@ from madrob_console.archive.evidence import repair_evidence, settle_account
 from madrob_console.archive.folders import REPORT_FILE, run_folder_names
 from madrob_console.archive.history import History
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import stamp_of
-from madrob_console.pages.surroundings import report_is_old
+from madrob_console.common.files import atomic_write, stamp_of
+from madrob_console.pages.surroundings import Surroundings, report_is_old
 
 if TYPE_CHECKING:
     from madrob_console.archive.scored import Scored
-    from madrob_console.pages.surroundings import Surroundings
 
 
 def repair_run(folder: Path) -> bool:
@@ -27,7 +26,6 @@ def repair_run(folder: Path) -> bool:
     # they load numpy and SciPy, which most looks at a results folder do without
     from madrob_console.archive.repair import repair
     from madrob_console.archive.scored import score_opened
-    from madrob_console.pages.surroundings import Surroundings
 
     settle_account(folder, time.time())
     scored = repair(folder)
@@ -48,7 +46,6 @@ def renew_report(folder: Path, around: Surroundings) -> None:
 
 def write_report(folder: Path, scored: Scored, around: Surroundings) -> None:
     from madrob_console.archive.run_pictures import renewed_pictures
-    from madrob_console.common.files import atomic_write
     from madrob_console.common.version import software_version
     from madrob_console.pages.report import report_html
 
@@ -80,8 +77,6 @@ def renew_all(root: Path) -> Iterator[str]:
 
     Yields what could not be remade, in words.
     """
-    from madrob_console.pages.surroundings import Surroundings
-
     around = Surroundings()
     for folder in around.old_reports(root):
         try:

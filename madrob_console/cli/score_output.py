@@ -9,13 +9,18 @@ from contextlib import ExitStack, closing
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 
-from madrob_console.archive.folders import JOURNAL_FILE, RunPath, places_that_count
+from madrob_console.archive.folders import (
+    JOURNAL_FILE,
+    RunPath,
+    places_that_count,
+    results_folder_of,
+)
 from madrob_console.archive.result_document import MANUAL_START
 from madrob_console.cli.batch import each_run
 from madrob_console.cli.output import BAD_INPUT, Complaints, name_twins
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from madrob_console.export.table_columns import RUN_TABLES, UNREADABLE
+from madrob_console.export.table_columns import RUN_TABLES, UNREADABLE, rows_of
 from madrob_console.referee.flags import Flag, common_reason, merged_remarks
 from scoring.result import (
     Indicator,
@@ -44,7 +49,6 @@ class FreshRows(NamedTuple):
 def fresh_rows(run: RunPath, *, rules: tuple[RulesetName | None, ...]) -> FreshRows:
     """Score a run for the tables; `rules` None = the ruleset of the run."""
     from madrob_console.archive.result_files import fresh_runs
-    from madrob_console.export.table_columns import rows_of
 
     scored = fresh_runs(run, rules)
     rows = {
@@ -295,7 +299,6 @@ def _settled(
 def _renew_reports(
     arguments: argparse.Namespace, runs: Sequence[RunPath], change: RuleChange, bad: Complaints
 ) -> None:
-    from madrob_console.archive.folders import results_folder_of
     from madrob_console.cli.repairing import renew_all
     from madrob_console.pages.surroundings import report_is_old
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.batch import demand_results
+from madrob_console.cli.batch import demand_results, each_run
 from madrob_console.cli.command_line import Argument, MadrobCommand, TellAction, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, name_twins, progress, put_bytes
 from madrob_console.cli.parsing import as_path
@@ -138,7 +138,6 @@ class _StandardOutput:
 )
 def _samples(arguments: argparse.Namespace) -> int:
     from madrob_console.archive.folders import all_runs_at
-    from madrob_console.cli.batch import each_run
 
     output: Path = arguments.output
     runs = all_runs_at(arguments.paths)

@@ -15,7 +15,8 @@ from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, progress, says_yes, somebody_there
 from madrob_console.cli.parsing import period, size, whole_within
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.formatting import counted
+from madrob_console.common.files import free_space
+from madrob_console.common.formatting import counted, format_size
 from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
 
@@ -67,8 +68,6 @@ NOT_REMOVED = 1
 def tidy(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.archive.evidence import evidence_at, run_going_on
-        from madrob_console.common.files import free_space
-        from madrob_console.common.formatting import format_size
         from madrob_console.config import load_settings
 
     settings = load_settings(arguments.settings)
@@ -114,8 +113,6 @@ def _limits(arguments: argparse.Namespace) -> TidyLimits:
 
 
 def _lacking(limits: TidyLimits, free: float) -> str:
-    from madrob_console.common.formatting import format_size
-
     wanted = limits.until_free
     if wanted is None or free >= wanted:
         return ""
@@ -124,8 +121,6 @@ def _lacking(limits: TidyLimits, free: float) -> str:
 
 
 def _lines(found: Sequence[RunEvidence], now: float) -> list[str]:
-    from madrob_console.common.formatting import format_size
-
     rows = [
         (one.run.folder, _age(now - one.run.started), format_size(one.size), one.kept)
         for one in found
@@ -147,8 +142,6 @@ def _age(seconds: float) -> str:
 
 def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int:
     from madrob_console.archive.evidence import remove_evidence
-    from madrob_console.common.files import free_space
-    from madrob_console.common.formatting import format_size
 
     removed: list[RunEvidence] = []
     with Complaints() as bad:
