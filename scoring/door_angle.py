@@ -24,9 +24,6 @@ _STRAY_STEPS = 2
 _SAME_STEP = 1e-9
 """Smaller steps of the door angle are none, rad."""
 
-_ROUNDED = 1e-6
-"""Angles that lie this near to whole milliradians were rounded, rad."""
-
 _AT_REST = 1.0
 """How long before the start the closed door is looked at, s."""
 
@@ -86,9 +83,8 @@ class DoorAngle:
         with np.errstate(over="ignore", invalid="ignore"):  # `eurobench-2020` believes any angle
             steps = np.abs(np.diff(angle))
             steps = steps[steps > _SAME_STEP]
-            whole = bool((np.abs(angle - np.round(angle, 3)) < _ROUNDED).all())
-            untold = whole or steps.size < _FEWEST_STEPS  # rounded to mrad, as it was published
-            step = None if untold else float(np.partition(steps, _STRAY_STEPS)[_STRAY_STEPS])
+            few = steps.size < _FEWEST_STEPS
+            step = None if few else float(np.partition(steps, _STRAY_STEPS)[_STRAY_STEPS])
             count = min(step or math.inf, thresholds.encoder_count)
             rest = angle[(time >= start - _AT_REST) & (time < start)]
             until = time[-1] if time.size else start
@@ -98,7 +94,7 @@ class DoorAngle:
             noise = float(rest.std()) if rest.size >= _FEWEST_STEPS else 0.0
             limit = max(_COUNTS_OFF * count, _DEVIATIONS_OFF * noise)
             sizes = spike_sizes(time, angle)
-            frozen = _frozen(angle, count, limit) & (np.abs(angle) >= thresholds.closed_angle)
+            frozen = _frozen(angle, count, limit, thresholds.closed_angle)
         spike = float(sizes.max(initial=0.0))
         return cls(time, angle, step, count, noise, before, after, sizes > limit, frozen, spike)
 
@@ -201,19 +197,19 @@ def _bridged(size: Array, places: NDArray[np.intp]) -> Array:
     return bridged
 
 
-def _frozen(angle: Array, count: float, limit: float) -> Flags:
-    """An angle that stands still between steps too large for a panel.
+def _frozen(angle: Array, count: float, limit: float, closed: float) -> Flags:
+    """An angle that stands still between steps too large for a panel that is, or will be, open.
 
     It stops and goes on by over a count, or catches up by far more than the steps beside it.
     """
     frozen = np.zeros(angle.size, np.bool_)
     steps = np.diff(angle)
-    moves = np.flatnonzero(steps != 0)
+    moves = [-1, *np.flatnonzero(steps != 0)]
     for last, following in pairwise(moves):
         still, jump = following - last - 1, abs(steps[following])
-        if still < _FROZEN:
+        if still < _FROZEN or max(abs(angle[following]), abs(angle[following + 1])) < closed:
             continue
-        before = abs(steps[last])
+        before = abs(steps[last]) if last >= 0 else 0.0
         onward = abs(steps[following + 1]) if following + 1 < steps.size else 0.0
         abrupt = min(before, jump) > max(_ABRUPT * count, _TREMBLING)
         if abrupt or (jump > limit and jump > 2 * max(before, onward)):

@@ -22,12 +22,14 @@ from scoring.indicators import (
     unsafety_of_door_operation,
 )
 from scoring.kinematics import Array, JointState, Rows, cut_rows, joint_state, process_rows
+from scoring.procedure import Procedure
 from scoring.protocol import (
     FARTHEST_ZERO,
     PASSAGE_SENSORS,
     Condition,
     Event,
     EventName,
+    LockDetection,
     PassageSensor,
     Side,
     Signal,
@@ -55,7 +57,8 @@ class Grounds:
     Attributes:
         end: of what is scored.
         start_uncertainty: of a start by hand, s.
-        settles: whether a door that stayed closed ended the run.
+        completed: whether the run ended as completed.
+        settles: whether a door that stayed closed ended it.
         presences: for each used sensor, from when to when something was under it.
         doubted: words that cast doubt on a signal, from whoever read it.
         door, joint, force_time, force: over the whole recording.
@@ -69,7 +72,9 @@ class Grounds:
     start: float
     end: float
     start_uncertainty: float
+    completed: bool
     settles: bool
+    procedure: Procedure
     events: Sequence[Event]
     presences: Mapping[PassageSensor, Sequence[tuple[float, float]]]
     edges: Sequence[DecidingEdge]
@@ -148,6 +153,11 @@ class Grounds:
         return max(abs(first(np.abs(force - zero) > threshold) - touch), first(surely) - touch)
 
     @property
+    def recorded_until(self) -> float:
+        """When the last reading of any signal came, s since the epoch."""
+        return max((c.read_until for c in self.counters.values()), default=-math.inf)
+
+    @property
     def brake_ends_range(self) -> bool:
         """Whether the condition's brake reaches the end of the load cell's range."""
         return largest_brake(self.condition.benchmark_type) >= self.thresholds.largest_force
@@ -179,7 +189,12 @@ _FROM_START = (Name.EXECUTION_TIME, Name.TIME_TO_HANDLE)
 _UNDER_SENSORS = (EdgeKind.ARRIVAL, EdgeKind.DEPARTURE)
 _TOP_NOISE = 3.0
 """Noise alone lifts one force over its neighbours by up to this many standard deviations."""
-_SAME_SCALE = 0.05
+_BY_CHANCE = 1e-6
+_UNEVEN = 0.01
+"""The stamps' jitter makes accelerations differ by less than this part of them."""
+_LATCH_SILENT = 0.5
+"""A latch sensor that spoke all the time is silent after this, s."""
+_SAME_SCALE = 0.02
 """Encoders whose steps differ by less, as a part of them, have the same scale."""
 LONGEST_SHIFT = 0.5
 """An edge that an unsure zero may move by more is doubted; up to this its U has it, s."""
@@ -212,6 +227,9 @@ def all_doubts(
             *_door_zero(grounds),
             *_range_end(grounds),
             *_stuck(grounds),
+            *_uneven(grounds, indicators, uncertainty),
+            *_latch(grounds),
+            *_unfinished(grounds),
             *_drift(grounds),
             *_chatter(grounds),
             *_newcomers(grounds),
@@ -317,41 +335,36 @@ def _gaps(g: Grounds) -> Iterator[Doubt]:
         if np.isfinite(values).any():
             at = float(times[int(np.nanargmax(np.abs(values)))])
             near.append((signal, _gap_near(_holes(g, signal), at, reach), words, (name,)))
-    long = [b - a for a, b in _holes(g, Signal.HANDLE) if g.start < b and a < g.end]
-    if max(long, default=0.0) > g.thresholds.largest_gap:
-        near.append((Signal.HANDLE, max(long), "what may have been a larger force", _FORCE[-1:]))
+    for signal in set(Signal) - {Signal.DOOR, Signal.LATCH}:
+        within = max((min(b, g.end) - max(a, g.start) for a, b in _holes(g, signal)), default=0.0)
+        if within > g.thresholds.largest_gap:
+            hidden = _FORCE[-1:] if signal is Signal.HANDLE else _PASSING
+            near.append((signal, within, "", hidden))
     for edge in g.edges:
         # where the panel is decides which passage sensors it masks
         for signal in {edge.signal, Signal.DOOR} if edge.kind in _UNDER_SENSORS else {edge.signal}:
             gap = _gap_near(_holes(g, signal), edge.time, limits.gap_reach)
-            if gap is None and signal is edge.signal:
-                gap = _unread(g, edge)
             near.append((signal, gap, edge.kind.words, edge.indicators))
     for signal in Signal:
         gaps = [(gap, w, names) for of, gap, w, names in near if of is signal and gap is not None]
         if gaps:
-            places = " and ".join(dict.fromkeys(words for _, words, _ in gaps))
+            places = " and ".join(dict.fromkeys(words for _, words, _ in gaps if words))
+            where = f"near {places}" if places else "of the run"
             longest = max(gap for gap, *_ in gaps)
             names = dict.fromkeys(name for *_, doubted in gaps for name in doubted)
-            yield tuple(names), f"{signal.value}: no sample for {longest:.3f} s near {places}"
-
-
-def _unread(g: Grounds, edge: DecidingEdge) -> float | None:
-    """How long samples came before an edge and said nothing, s; None = not longer than usual."""
-    counter = g.counters.get(edge.signal)
-    if counter is None or not counter.no_reading or edge.since is None:
-        return None
-    unread, usual = edge.time - edge.since, counter.interval or math.inf
-    return unread if unread > g.thresholds.doubt.gap_intervals * usual else None
+            yield tuple(names), f"{signal.value}: no reading for {longest:.3f} s {where}"
 
 
 def _holes(g: Grounds, signal: Signal) -> list[tuple[float, float]]:
     counter, intervals = g.counters.get(signal), g.thresholds.doubt.gap_intervals
     if counter is None:
         return []
-    holes = counter.longer_than(intervals)
+    holes = counter.longer_than(intervals) + counter.stills()
+    recorded = min(g.end, g.recorded_until)
+    if (usual := counter.interval) and recorded - counter.read_until > intervals * usual:
+        holes.append((counter.read_until, recorded))
     times = {Signal.DOOR: g.door.time, Signal.HANDLE: g.force_time}.get(signal)
-    if times is not None and (usual := counter.interval):  # readings that are none leave one, too
+    if times is not None and usual:  # readings that are none leave one, too
         longer = np.flatnonzero(np.diff(times) > intervals * usual)
         holes += [(float(times[i]), float(times[i + 1])) for i in longer]
     return holes
@@ -530,13 +543,55 @@ def _stuck(g: Grounds) -> Iterator[Doubt]:
     at_rest = still[g.force_time[1:] < g.start]
     if at_rest.size < FEWEST_SAMPLES or at_rest.mean() >= 0.5:
         return  # its steps are coarser than its noise
-    longest = 0.0
-    for first, last in runs(still):
-        since, until = g.force_time[first], g.force_time[last]
-        if since < g.end and until > g.start:
-            longest = max(longest, float(until - since))
-    if longest >= g.thresholds.doubt.stuck_time:
-        yield _FORCE, f"the handle force does not change for {longest:.1f} s"
+    # so many equal samples in a row come by chance in fewer than one run of a thousand
+    fewest = max(2.0, math.log(_BY_CHANCE) / math.log(max(float(at_rest.mean()), _BY_CHANCE)))
+    stretches = [
+        (last - first, float(g.force_time[last] - g.force_time[first]))
+        for first, last in runs(still)
+        if g.force_time[first] < g.end and g.force_time[last] > g.start
+    ]
+    count, longest = max(stretches, default=(0, 0.0))
+    if count >= fewest:
+        yield _FORCE, f"the handle force does not change for {longest:.2f} s"
+
+
+def _uneven(
+    g: Grounds,
+    indicators: Mapping[Name, Indicator],
+    uncertainty: Mapping[Name, Uncertainty | None],
+) -> Iterator[Doubt]:
+    """Another rate about the largest acceleration: its filters take the mean of all intervals."""
+    name, counter = Name.UNSAFETY_OF_DOOR_OPERATION, g.counters.get(Signal.DOOR)
+    value, worth, every = indicators[name].value, uncertainty[name], g.joint.time
+    if value is None or worth is None or counter is None or not counter.interval:
+        return
+    at = g.rows.joint_state.time[int(np.nanargmax(np.abs(g.rows.low_passed)))]
+    intervals = np.diff(every[np.abs(every - at) <= g.thresholds.doubt.filter_reach])
+    local = float(intervals[intervals <= g.thresholds.largest_gap].mean())
+    if abs((counter.interval / local) ** 2 - 1) * value > max(worth.expanded, _UNEVEN * value):
+        rates = f"{1 / local:.1f} Hz near the largest acceleration, else {1 / counter.interval:.1f}"
+        yield (name,), f"the door is sampled at {rates}"
+
+
+def _latch(g: Grounds) -> Iterator[Doubt]:
+    """A latch sensor that the door contradicts, or that fell silent."""
+    counter, unlocking = g.counters.get(Signal.LATCH), g.procedure.steps[1]
+    if g.procedure.lock_detection is not LockDetection.SENSOR or counter is None:
+        return
+    opened = {EdgeKind.TOUCH, EdgeKind.OPENING} <= {edge.kind for edge in g.edges}
+    if opened and unlocking.sensors is None:
+        words = "the door opened, but the latch sensor never said that it was unlocked"
+        yield EdgeKind.CLOSING.indicators, words
+    silent = min(g.end, g.recorded_until) - counter.read_until
+    if counter.interval and silent > _LATCH_SILENT:
+        yield EdgeKind.CLOSING.indicators, f"latch: silent in the last {silent:.1f} s of the run"
+
+
+def _unfinished(g: Grounds) -> Iterator[Doubt]:
+    undone = [one for one in g.procedure.steps if not one.done]
+    if g.completed and g.recorded_until >= g.end and undone and not undone[0].denied:
+        words = f"it ended as completed, but step {undone[0].step:d} is not in the recording"
+        yield EdgeKind.CLOSING.indicators, words
 
 
 def _drift(g: Grounds) -> Iterator[Doubt]:

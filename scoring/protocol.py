@@ -287,7 +287,7 @@ class DoubtLimits:
         one_sample: a value that is another by more without one bad sample, as a part of its U.
         range_end: forces from this part of `largest_force` on may have been larger.
         clipped: so many consecutive samples exactly at the largest force.
-        stuck_time: a force that does not change for so long, s.
+        stuck_time: ranges of a strip that do not change for longer, s.
         drift: a rest force after the run that is off the zero by more, as a part of `touch_force`.
         chatter: more openings and closings within a second.
         delay_intervals: delays of two topics' stamps that differ by more sampling intervals.

@@ -221,7 +221,8 @@ class QualityCounter:
     """Counts one signal as its samples pass; memory does not grow.
 
     `holes` are the ends of intervals that may be too long, `restarts` the times at which the
-    publisher's count of its messages went back; both in s since the epoch, holes two each.
+    publisher's count of its messages went back, `read_until` that of the last reading; in s since
+    the epoch, holes two each.
     """
 
     def __init__(self, signal: Signal, thresholds: Thresholds) -> None:
@@ -246,6 +247,11 @@ class QualityCounter:
         self._skew = 0.0
         self._least_delay = math.inf
         self._delays = array("d")
+        self.read_until = -math.inf
+        self._ranges: tuple[float, ...] = ()
+        self._changed = 0.0
+        self._repeated = 0
+        self._stills = array("d")
         self._delay_ends = array("d")
         self._sequence = 0
         self._dropping = False
@@ -274,7 +280,30 @@ class QualityCounter:
         if missing := missing_readings(admitted, self._thresholds, self._used):
             self.no_reading += missing
             self.impossible += is_impossible(admitted, self._thresholds)
+        if isinstance(admitted, PassageSample):
+            self._follow_ranges(admitted)
+        if not missing:
+            if self._limit / 2 < admitted.time - self.read_until < math.inf:  # it said nothing
+                self._hole(admitted.time, admitted.time - self.read_until)
+            self.read_until = admitted.time
         return admitted
+
+    def _follow_ranges(self, sample: PassageSample) -> None:
+        if sample.ranges == self._ranges:
+            self._repeated += 1
+            return
+        if sample.time - self._changed > self._thresholds.doubt.stuck_time:
+            self._stills.extend((self._changed, sample.time))
+        self._ranges, self._changed = sample.ranges, sample.time
+
+    def stills(self) -> list[tuple[float, float]]:
+        """When a strip that usually has noise gave the same ranges for long, s since the epoch."""
+        if not self._ranges or self._repeated > self._samples / 2:
+            return []
+        times = [*self._stills, self._changed, self._newest]
+        stretches = zip(times[::2], times[1::2], strict=True)
+        longest = self._thresholds.doubt.stuck_time
+        return [(since, until) for since, until in stretches if until - since > longest]
 
     def _delay(self, delay: float) -> None:
         self._least_delay = min(self._least_delay, delay)  # what arrives late has the same stamps

@@ -233,6 +233,7 @@ def _mapping(default: TopicMapping, setting: TopicSetting | None) -> TopicMappin
     if setting is None:
         return default
     given = {key: value for key, value in asdict(setting).items() if value is not None}
+    given["no_echo"] = str(setting.no_echo)
     try:
         return replace(default, **given)
     except MadrobError as error:

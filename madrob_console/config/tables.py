@@ -276,9 +276,10 @@ class TopicSetting(SettingsTable, frozen=True):
     field: str | None = None
     scale: Annotated[float, within(-1e9, 1e9, "factor to the protocol's unit")] = 1.0
     offset: Annotated[float, within(-1e9, 1e9, "added after scaling")] = 0.0
-    no_echo: Annotated[
-        str, Meta(max_length=20, description="a range that says nothing is there: inf, nan, 0")
-    ] = "inf"
+    no_echo: (
+        Annotated[str, Meta(max_length=20, description="a range that says nothing is there")]
+        | float
+    ) = "inf"
     largest: (
         Annotated[int, Meta(ge=1, le=10**9, description="bytes of a message that is read")] | None
     ) = None
@@ -353,7 +354,7 @@ class DoubtSettings(SettingsTable, frozen=True):
     clipped: Annotated[
         int, Meta(ge=2, le=10000, description="samples exactly at the largest force")
     ] = _D.clipped
-    stuck_time: Annotated[float, within(0.01, 600, "s without any change of the force")] = (
+    stuck_time: Annotated[float, within(0.01, 600, "s without any change of a strip's ranges")] = (
         _D.stuck_time
     )
     drift: Annotated[float, within(0, 100, "of touch_force; rest after the run off the zero")] = (

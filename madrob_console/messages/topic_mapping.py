@@ -28,6 +28,7 @@ Steps: TypeAlias = tuple[str | int | NamedElement, ...]
 _STEP = r"([A-Za-z]\w*)(?:\[(?:(\d+)|([A-Za-z]\w*)=([^\[\]]+))\])?"
 _PATH = re.compile(rf"{_STEP}(\.{_STEP})*", re.ASCII)
 _STEPS = re.compile(_STEP, re.ASCII)
+_LONGEST_INDEX = 4
 
 
 def parse_path(path: str) -> Steps:
@@ -40,6 +41,8 @@ def parse_path(path: str) -> Steps:
     for name, index, names, value in _STEPS.findall(path):
         steps.append(name)
         if index:
+            if len(index) > _LONGEST_INDEX:
+                raise MadrobError(f"{path!r}: no message has so many elements: use a smaller index")
             steps.append(int(index))
         elif names:
             steps.append(NamedElement(names, value))

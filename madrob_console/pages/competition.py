@@ -276,18 +276,24 @@ def statistics_of(aggregate: Aggregate | None, name: IndicatorName) -> dict[str,
     return found
 
 
+_SINGLE = ("min", "max")
+
+
 def statistics_text(
     aggregate: Aggregate | None, name: IndicatorName, width: int = 12
 ) -> dict[str, str]:
     """`statistics_of` as text of up to `width` characters; unknown ones are missing.
 
-    All have the digits of their indicator, so that those of all teams are aligned, but none that
-    the mean's uncertainty does not leave; the standard deviation, often less than 1, one more.
+    All have the digits of their indicator, so that those of all teams are aligned. But for single
+    values they have none that the mean's uncertainty does not leave; the standard deviation, often
+    less than 1, has one more.
     """
     decimals, known = name.spec.decimals, aggregate.uncertainty if aggregate else None
     left = decimals_left(known) if known is not None and known.expanded else decimals
     return {
-        word: _statistic_text(value, min(decimals, left + (word == "std")), width)
+        word: _statistic_text(
+            value, decimals if word in _SINGLE else min(decimals, left + (word == "std")), width
+        )
         for word, value in statistics_of(aggregate, name).items()
         if value is not None
     }

@@ -71,7 +71,8 @@ class Aggregate:
         spread = Uncertainty.of_mean([part.uncertainty for part in parts])
         median, mean = float(statistics.median(means)), statistics.fmean(means)
         count = sum(part.count for part in parts)
-        return cls(mean, median, None, min(means), max(means), count, spread)
+        smallest, largest = (min(p.smallest for p in parts), max(p.largest for p in parts))
+        return cls(mean, median, None, smallest, largest, count, spread)
 
 
 def _deviation(values: Sequence[float], mean: float) -> float:

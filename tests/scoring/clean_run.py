@@ -218,6 +218,23 @@ def ranges_fault(side: Side, change: Callable[[float, float], float]) -> Fault:
     return spoil
 
 
+def frozen(kind: type[Sample], since: float, until: float) -> Fault:
+    """Samples that repeat the first value of [since, until) s, with stamps of their own."""
+
+    def spoil(samples: list[Sample]) -> list[Sample]:
+        held: dict[object, Sample] = {}
+        spoilt: list[Sample] = []
+        for sample in samples:
+            if isinstance(sample, kind) and since <= sample.time - START < until:
+                first = held.setdefault(sample.signal, sample)
+                spoilt.append(changed(first, time=sample.time, log_time=sample.log_time))
+            else:
+                spoilt.append(sample)
+        return spoilt
+
+    return spoil
+
+
 def stamped(kind: type[Sample], change: Callable[[float], float]) -> Fault:
     """Other stamps, s after the start, of samples that come as before."""
 

@@ -14,6 +14,7 @@ from tests.scoring.clean_run import (
     Fault,
     door_fault,
     force_fault,
+    frozen,
     late,
     lost,
     one_sample,
@@ -126,6 +127,19 @@ DISTURBANCES: dict[str, tuple[Fault, set[Name]]] = {
     "no echo is said by 0": (
         ranges_fault(Side.CW, lambda _, r: -0.1 if r == 2.0 else r),
         {LEVEL, OCCUPATION},
+    ),
+    "a side reads NaN from then on": (
+        ranges_fault(Side.CW, lambda t, r: math.nan if t > 6.1 else r),
+        {OCCUPATION, LEVEL},
+    ),
+    "the force stands still for 0.2 s at its peak": (
+        frozen(HandleSample, 2.1, 2.3),
+        {ROUGHNESS, TOUCH},
+    ),
+    "the door stands still for 0.4 s as it opens": (frozen(DoorSample, 2.5, 3.0), {UNSAFETY}),
+    "the door is read at 45 Hz for 2 s": (
+        stamped(DoorSample, lambda t: t + 0.1 * min(max((t - 2.5) / 1.0, 0.0), 1.0)),
+        set(),
     ),
     "zero of the door 28 mrad off": (
         door_fault(lambda _, angle: angle + 0.028),

@@ -251,7 +251,10 @@ class Dialog(Vertical):
                 self.complain(f"Only {options[self.cursor].key} itself does that.")
             case Pick(_, options) if enter:
                 self._choose(options[self.cursor])
-            case _ if not self.take_answer("enter" if enter else event.character or ""):
+            case _ if not any(  # with caps lock, too
+                self.take_answer("enter" if enter else key)
+                for key in (event.character or "", (event.character or "").lower())
+            ):
                 self._mistyped(event)
 
     def take_answer(self, key: str) -> bool:

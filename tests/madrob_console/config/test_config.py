@@ -172,10 +172,28 @@ def test_a_testbed_with_other_messages_needs_no_code(tmp_path: Path) -> None:
     assert {m for m in DEFAULT_MAPPINGS if m.signal in unchanged} < set(mappings.values())
 
 
-def test_a_malformed_field_names_its_topic_entry(tmp_path: Path) -> None:
-    settings = load(tmp_path, '[[topics]]\nsignal = "latch"\nfield = "a..b"\n')
-    with pytest.raises(MadrobError, match=r"^settings, \[\[topics\]\] latch: 'a..b' is no field"):
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ('field = "a..b"', "'a..b' is no field"),
+        ('field = "a[100000000]"', "no message has so many elements"),
+        ('no_echo = "none"', "no_echo 'none' is no number"),
+    ],
+)
+def test_a_malformed_field_names_its_topic_entry(tmp_path: Path, line: str, words: str) -> None:
+    settings = load(tmp_path, f'[[topics]]\nsignal = "latch"\n{line}\n')
+    with pytest.raises(MadrobError, match=rf"^settings, \[\[topics\]\] latch: .*{words}"):
         settings.mappings()
+
+
+@pytest.mark.parametrize("written", ["0", '"0"', "nan", '"nan"'])
+def test_what_says_that_nothing_is_there_is_a_number_or_its_text(
+    tmp_path: Path, written: str
+) -> None:
+    settings = load(tmp_path, f'[[topics]]\nsignal = "passage cw left"\nno_echo = {written}\n')
+    mappings = {mapping.signal: mapping.no_echo for mapping in settings.mappings()}
+    assert float(mappings[Signal.CW_LEFT]) == pytest.approx(float(written.strip('"')), nan_ok=True)
+    assert mappings[Signal.CW_RIGHT] == "inf"
 
 
 def test_without_settings_no_evidence_is_recorded_and_the_file_chooses_it(tmp_path: Path) -> None:

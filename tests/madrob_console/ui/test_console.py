@@ -259,6 +259,10 @@ STORIES: Stories = {
         ),
         ("", lambda d: d.engine.acts == []),
     ],
+    "caps lock keeps no answer from an abort": [
+        (Driver.run,),
+        ("f8 Y", Abort(NO_REASON)),
+    ],
     "abort is never behind the palette": [
         (Driver.run,),
         ("ctrl+p",),
