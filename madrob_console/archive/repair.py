@@ -5,33 +5,27 @@ from __future__ import annotations
 import hashlib
 import re
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from madrob_console.archive.check import Difference, Grade, compare
-from madrob_console.archive.file_digests import (
-    lists_evidence,
-)
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
-from madrob_console.archive.result_files import has_content, result_files, write_result
+from madrob_console.archive.issuing import DamagedIssueError, has_content, issue, restore_files
+from madrob_console.archive.result_document import ResultDocument
+from madrob_console.archive.result_files import eurobench_files, result_files
 from madrob_console.archive.result_reader import (
     UnusableResultError,
     read_sound_result,
     read_whole_result,
 )
-from madrob_console.archive.run_journal import Details, is_held, journal_held, written_details
-from madrob_console.archive.scored import Scored, open_run
+from madrob_console.archive.run_journal import is_held, journal_held
+from madrob_console.archive.scored import OpenedRun, RecordedRun, Scored, open_run
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold, stamp_of
-from madrob_console.referee.journal import (
-    HOLD_FILE,
-    Entry,
-    Origin,
-    read_journal,
-    refusal_words,
-)
+from madrob_console.common.formatting import counted
+from madrob_console.referee.journal import HOLD_FILE, Entry, Journal, Origin, read_journal
 from madrob_console.referee.rebuild import Change, after, mark_of
 from madrob_console.referee.records import JournalMark, TeamWord
 from madrob_console.referee.run import Phase
@@ -41,56 +35,93 @@ from scoring.protocol import Outcome
 from scoring.rulesets import RulesetName
 
 
-def repair(folder: Path) -> Scored | None:
-    """Make a result again from journal and recording; only files that differ are written.
+def repair(folder: Path, *, restore: bool = False) -> Scored | None:
+    """Make good what a power cut or damage did to a run's result and its files.
 
-    A run without a result waits for the referee. One that nobody worked on since its result was
-    written is left as it is. Returns None when nothing was written.
+    A result that its journal contradicts is made again, a lost file beside it likewise. With
+    `restore` a damaged result that cannot be made again as it was gets the next issue. A run
+    without a result waits for the referee. Returns None when nothing was written.
+
+    Raises:
+        MadrobError: what is stored stays, and why; or somebody works on the run.
     """
     if stamp_of(str(folder / RESULT_FILE)) is None:
         return None
-    journal, busy = folder / JOURNAL_FILE, MadrobError(f"{folder}: a console works on this run")
-    if is_held(journal):
+    busy = MadrobError(f"{folder}: a console works on this run")
+    if is_held(folder / JOURNAL_FILE):
         raise busy
     try:
-        with Hold(folder / HOLD_FILE) as hold:
-            opened = open_run(folder)
-            if not opened.out_of_date and _has_all_files(folder):
-                return None
-            run = replace(opened.recorded.run, issue=max(1, opened.recorded.run.issue))
-            scored = Scored.of(opened.recorded.record, run, opened.assessment)
-            files = result_files(folder, scored)
-            write_result(folder, files, run.issue)
-            details = written_details(files[RESULT_FILE], run.issue)
-            if all(entry.details != details for entry in opened.recorded.entries):
-                _note_written(folder, hold, details)
-            return scored
+        with _journal_of(folder) as journal:
+            return _repaired(folder, open_run(folder), journal, restore=restore)
     except BlockingIOError:
         raise busy from None
     except OSError as error:
         raise MadrobError(f"{folder}: cannot be written ({error.strerror})") from None
 
 
-def _note_written(folder: Path, hold: Hold, details: Details) -> None:
-    """Journal it, if there is a journal; raises MadrobError or OSError if the disk refuses."""
-    with suppress(FileNotFoundError), journal_held(folder, hold) as journal:
-        written = Entry(time.time(), Origin.SYSTEM, Change.RESULT_WRITTEN, details=details)
-        if not journal.append([written]) and journal.refused is not None:
-            raise journal.refused
+@contextmanager
+def _journal_of(folder: Path) -> Iterator[Journal | None]:
+    """The journal, held; None where there is none."""
+    if (folder / JOURNAL_FILE).exists():
+        with journal_held(folder) as journal:
+            yield journal
+    else:
+        with Hold(folder / HOLD_FILE):
+            yield None
 
 
-def _has_all_files(folder: Path) -> bool:
-    result = read_sound_result(str(folder))
-    sizes = {} if result is None else {name: one.bytes for name, one in result.files.items()}
-    for name, size in sizes.items():
-        if name.endswith(".mcap") or "/" in name:
+def _repaired(
+    folder: Path, opened: OpenedRun, journal: Journal | None, *, restore: bool
+) -> Scored | None:
+    recorded, now = opened.recorded, time.time()
+    run = replace(recorded.run, issue=max(1, recorded.run.issue))
+    stored = read_sound_result(str(folder))
+    if stored is not None and (journal is None or not opened.out_of_date):
+        if not _lacks_files(folder, stored):
+            return None
+        scored = Scored.of(recorded.record, run, opened.assessment)
+        again = restore_files(folder, eurobench_files(folder.name, scored), stored.files)
+        return scored if again else None
+    scored = Scored.of(recorded.record, run, opened.assessment)
+    try:
+        issue(folder, result_files(folder, scored), recorded.entries, journal, now=now)
+    except DamagedIssueError:
+        if not restore:
+            raise
+        _refuse_incomplete(folder, recorded)
+        why = Entry(now, Origin.SYSTEM, Change.RESTORED, reason=f"{RESULT_FILE} was damaged")
+        run = replace(after(run, why), journal=mark_of((*recorded.entries, why)))
+        scored = Scored.of(recorded.record, run, opened.assessment)
+        issue(folder, result_files(folder, scored), recorded.entries, journal, now=now, why=why)
+    return scored
+
+
+def _lacks_files(folder: Path, stored: ResultDocument) -> bool:
+    """Whether a file that was made with the result is missing or has another size."""
+    for name, listed in stored.files.items():
+        if name.endswith(".mcap") or "/" in name or name == METADATA_FILE:
             continue  # the recording itself: `recover` sees to it
-        if name == METADATA_FILE and lists_evidence(folder):
-            continue
         stamp = stamp_of(str(folder / name))
-        if stamp is None or stamp.size != size:
-            return False
-    return True
+        if stamp is None or stamp.size != listed.bytes:
+            return True
+    return False
+
+
+def _refuse_incomplete(folder: Path, recorded: RecordedRun) -> None:
+    """Refuse to make a result from less than the lost one was made of."""
+    run, record = recorded.run, recorded.recorded_as
+    problems = [recorded.bag.problem, *recorded.remarks]
+    if not (folder / JOURNAL_FILE).exists():
+        problems.append(f"{JOURNAL_FILE} is missing")
+    if run.unrecorded:
+        problems.insert(0, f"the recording lacks {counted(run.unrecorded, 'message')}")
+    if run.setup is None or run.setup.run_id != record.setup.run_id:
+        problems.append("journal and recording are not of the same run")
+    if why := next(filter(None, problems), None):
+        raise MadrobError(
+            f"{folder}: {RESULT_FILE} is damaged and cannot be made again ({why}): put a copy of "
+            "it back"
+        )
 
 
 # Re-issuing results after a rule change.
@@ -217,21 +248,10 @@ def write_next_issue(made: NextIssue, now: float) -> None:
         raise _busy(folder)
     try:
         with journal_held(folder) as journal:
-            if _whole(read_journal(path)[0]) != made.made_of:
+            entries, _ = read_journal(path)
+            if _whole(entries) != made.made_of:
                 raise MadrobError(f"{folder}: the referee went on meanwhile: re-issue it once more")
-            if not journal.append([made.entry]):
-                assert journal.refused is not None
-                why = refusal_words(journal.refused)
-                raise MadrobError(f"{folder}: {why}: nothing was re-issued")
-            try:
-                write_result(folder, made.files, made.number)
-            except MadrobError as error:
-                raise MadrobError(
-                    f"{folder}: issue {made.number} is journalled, its result is not written yet: "
-                    f"the same command writes it ({error})"
-                ) from None
-            details = written_details(made.files[RESULT_FILE], made.number)
-            journal.append([Entry(now, Origin.SYSTEM, Change.RESULT_WRITTEN, details=details)])
+            issue(folder, made.files, entries, journal, now=now, why=made.entry)
     except BlockingIOError:
         raise _busy(folder) from None
     except OSError as error:

@@ -14,7 +14,6 @@ from msgspec import UNSET
 
 from madrob_console.archive.file_digests import digests_of
 from madrob_console.archive.folders import (
-    ISSUE_FILE,
     PRACTICE_FOLDER,
     RESULT_FILE,
     RESULT_FORMAT,
@@ -24,12 +23,11 @@ from madrob_console.archive.folders import (
 )
 from madrob_console.archive.history import misplaced
 from madrob_console.archive.result_document import MANUAL_START, ResultDocument
-from madrob_console.archive.result_reader import LARGEST_RESULT, UnusableResultError, read_result
+from madrob_console.archive.result_reader import UnusableResultError, read_result
 from madrob_console.archive.run_journal import UnusableJournalError, disagreement, out_of_date
 from madrob_console.archive.run_record import RunLabel
 from madrob_console.archive.scored import Scored, ScoredPath, score_recording, score_run
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import atomic_write, atomic_writes, read_all, refusal
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.flags import FlagKind, undecided
 from madrob_console.referee.records import RunSetup
@@ -45,8 +43,6 @@ if TYPE_CHECKING:
 
 _SHORT = 16
 """Digits of a digest that people compare."""
-
-ResultFiles = Mapping[str, bytes | memoryview]
 
 
 def result_files(folder: Path, scored: Scored) -> dict[str, bytes]:
@@ -141,45 +137,6 @@ def eurobench_files(name: str, scored: Scored) -> dict[str, bytes]:
         )
     except ScoringError as error:
         raise MadrobError(str(error)) from None
-
-
-def write_result(folder: Path, files: ResultFiles, issue: int) -> None:
-    """Write the files of a result that are missing; an earlier issue is kept by its number.
-
-    A deleted folder is made again: the result is all that is left of the run.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MadrobError(
-            f"{folder}: cannot be written ({error.strerror}): check disk space and permissions"
-        ) from None
-    data = {name: content for name, content in files.items() if name != RESULT_FILE}
-    changed = {name: data[name] for name in data if not has_content(folder / name, data[name])}
-    atomic_writes(folder, changed)
-    _keep_earlier_issue(folder, issue)
-    atomic_write(folder / RESULT_FILE, files[RESULT_FILE])
-
-
-def _keep_earlier_issue(folder: Path, issue: int) -> None:
-    current, kept = folder / RESULT_FILE, folder / ISSUE_FILE.format(issue - 1)
-    try:
-        if issue < 2 or kept.exists():
-            return
-        earlier = read_all(current, LARGEST_RESULT)
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        raise MadrobError(f"{current}: cannot be read ({refusal(error)})") from None
-    atomic_write(kept, earlier)
-
-
-def has_content(path: Path, content: bytes | memoryview) -> bool:
-    """Whether a file has this content, and so has it on disk: files are written whole."""
-    try:
-        return read_all(path, len(content)) == content
-    except OSError:
-        return False
 
 
 # Results of many runs, stored or fresh, one after the other, for tables.

@@ -20,7 +20,7 @@ from madrob_console.archive.folders import (
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.common import files
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import Hold, open_plain, read_all, refusal, stamp_of
+from madrob_console.common.files import open_plain, read_all, refusal, stamp_of
 from madrob_console.common.formatting import utc_text
 from madrob_console.common.names import terminal_safe
 from madrob_console.referee.acts import FileProtest, Finalise
@@ -73,13 +73,13 @@ def read_run_journal(folder: Path) -> RunJournal:
 
 
 @contextmanager
-def journal_held(folder: Path, hold: Hold | None = None) -> Iterator[Journal]:
-    """Opens a run's journal to append, under its lock. `hold` is the caller's.
+def journal_held(folder: Path) -> Iterator[Journal]:
+    """Opens a run's journal to append, under its lock.
 
     Raises:
         BlockingIOError: somebody else works on the run.
     """
-    journal = Journal(hold)
+    journal = Journal()
     journal.reopen(folder / JOURNAL_FILE)
     try:
         yield journal
@@ -131,14 +131,15 @@ _DIGEST = "sha256"
 
 
 class _Marked(msgspec.Struct):
+    issue: int = 0
     journal: JournalMark | None = None
 
 
-def written_details(result: bytes | memoryview, issue: int) -> Details:
+def written_details(result: bytes | memoryview) -> Details:
     """What the journal's line `result written` says of a `result.json`."""
-    mark = msgspec.json.decode(result, type=_Marked).journal
-    lines = 0 if mark is None else mark.lines
-    return {"issue": issue, "lines": lines, _DIGEST: hashlib.sha256(result).hexdigest()}
+    said = msgspec.json.decode(result, type=_Marked)
+    lines = 0 if said.journal is None else said.journal.lines
+    return {"issue": said.issue, "lines": lines, _DIGEST: hashlib.sha256(result).hexdigest()}
 
 
 def is_noted(data: bytes, folder: Path) -> bool:

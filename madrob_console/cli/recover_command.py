@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     "repair recordings that were cut off, and their results",
     "Writes a whole bag beside the torn one, which is kept; that of evidence only where more than "
     "its end is damaged. The result of a run folder is made again if a power cut left it out of "
-    "date, or if it is damaged.",
+    "date. A damaged one becomes what it was, else the next issue. No result is made again from a "
+    "recording that lacks messages of it.",
     options=(options.PATHS,),
     examples=("madrob recover my_run", "madrob recover ~/madrob_runs"),
 )
@@ -40,14 +41,15 @@ def recover(arguments: argparse.Namespace) -> int:
         tell(0, len(runs))
         for number, run in enumerate(runs, start=1):
             try:
-                print(terminal_safe(_recovered(run)))
+                _recover(run)
             except (MadrobError, RecorderError) as error:
                 bad.add_complaint(error, run.name)
             tell(number, len(runs))
     return BAD_INPUT if bad.count else 0
 
 
-def _recovered(run: RunPath) -> str:
+def _recover(run: RunPath) -> None:
+    from madrob_console.archive.folders import RESULT_FILE
     from madrob_console.cli.repairing import repair_run
     from recorder.recovery import recover as recover_recording
 
@@ -56,9 +58,13 @@ def _recovered(run: RunPath) -> str:
     with _journal_held(run.path):
         recovered = recover_recording(run.path)
     line = _line(run.path, recovered)  # a run that is held would be taken for one going on
-    if repair_run(run.path):
-        line += "; its result was made again from journal and recording"
-    return line
+    try:
+        if repair_run(run.path, restore=True):
+            line += "; its result was made again from journal and recording"
+        elif recovered.cut and (run.path / RESULT_FILE).exists():
+            line += "; its result stays as it was issued"
+    finally:
+        print(terminal_safe(line))
 
 
 @contextmanager

@@ -18,17 +18,18 @@ if TYPE_CHECKING:
     from madrob_console.archive.scored import Scored
 
 
-def repair_run(folder: Path) -> bool:
+def repair_run(folder: Path, *, restore: bool = False) -> bool:
     """Remake result and report of a run if they contradict its journal; returns whether it wrote.
 
     If its evidence was still being written, the content of the evidence is determined first.
+    `restore`: see `repair`.
     """
     # they load numpy and SciPy, which most looks at a results folder do without
     from madrob_console.archive.repair import repair
     from madrob_console.archive.scored import score_opened
 
     settle_account(folder, time.time())
-    scored = repair(folder)
+    scored = repair(folder, restore=restore)
     if scored is None and report_is_old(folder):
         scored = score_opened(folder)
     if scored is None:

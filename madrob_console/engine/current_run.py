@@ -11,6 +11,7 @@ from pathlib import Path
 
 from madrob_console.archive.evidence import account_entry, settled_account
 from madrob_console.archive.folders import give_out_run_number
+from madrob_console.archive.run_journal import Details
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.engine.durable_acts import Answers, DurableActs, EarlierRuns, Told
 from madrob_console.engine.evidence_client import EvidenceNotes, EvidenceStatus
@@ -320,8 +321,7 @@ class CurrentRun:
             ToScore(self.record, self.run, self.folder, samples, self._missing, stored, write)
         )
 
-    def _written(self, _folder: Path, scored: RenderedResult) -> None:
-        details = scored.written_details
+    def _written(self, details: Details) -> None:
         self.note(Happening(Origin.SYSTEM, Change.RESULT_WRITTEN, details=details))
 
     def _shown(self, scored: RenderedResult) -> None:

@@ -10,14 +10,14 @@ from functools import partial
 from pathlib import Path
 
 from madrob_console.archive.folders import JOURNAL_FILE
-from madrob_console.archive.result_files import write_result
+from madrob_console.archive.issuing import issue
+from madrob_console.archive.run_journal import Details
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.disk import DiskThreads, why_not
 from madrob_console.engine.run_recorder import EventPublisher
 from madrob_console.engine.scorer import RenderedResult, Scorer, ToScore
 from madrob_console.referee.flags import NO_INDICATORS
-from madrob_console.referee.journal import Entry, Origin, up_to_date
-from madrob_console.referee.rebuild import Change
+from madrob_console.referee.journal import Entry, up_to_date
 from scoring.indicator_table import IndicatorName
 from scoring.result import Indicator
 
@@ -48,8 +48,6 @@ class Unwritten:
         Raises:
             MadrobError: the disk refuses; what is written already may be written again.
         """
-        details = self.scored.written_details
-        written = Entry(now, Origin.SYSTEM, Change.RESULT_WRITTEN, details=details)
         path = self.folder / JOURNAL_FILE
         try:
             self.folder.mkdir(parents=True, exist_ok=True)  # it may have been deleted
@@ -57,8 +55,7 @@ class Unwritten:
         except OSError as error:
             raise MadrobError(f"{path}: cannot be written ({error.strerror})") from None
         try:
-            write_result(self.folder, self.scored.files, self.scored.run.issue)
-            journal.append([written])
+            issue(self.folder, self.scored.files, self.entries, journal, now=now)
         finally:
             journal.close()
 
@@ -89,7 +86,7 @@ class CurrentResult:
         event_publisher: EventPublisher,
         *,
         again: Callable[[], None],
-        written: Callable[[Path, RenderedResult], None],
+        written: Callable[[Details], None],
         shown: Callable[[RenderedResult], None],
         tell: Callable[[Path], None],
     ) -> None:
@@ -183,19 +180,19 @@ class CurrentResult:
     def _write(self, wanted: ToScore, scored: RenderedResult) -> None:
         folder = wanted.folder
 
-        def heard(answer: Future[None]) -> None:
+        def heard(answer: Future[Details]) -> None:
             self._trying -= 1
             if folder != self._folder:  # it was left meanwhile, and waits as such
                 return
             self.problem = _not_on_disk(why) if (why := why_not(answer)) else None
             if self.problem is None:
-                self._written(folder, scored)
+                self._written(answer.result())
                 self._tell(folder)
             self._have(wanted, scored)
 
         self._folder = folder
         self._trying += 1
-        write = partial(write_result, folder, scored.files, scored.run.issue)
+        write = partial(issue, folder, scored.files, self._journal.entries)
         self._keepers.own.submit_job(write, heard)
 
     def _have(self, wanted: ToScore, scored: RenderedResult) -> None:

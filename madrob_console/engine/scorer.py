@@ -12,9 +12,7 @@ from pathlib import Path
 import msgspec
 
 from madrob_console.archive.evidence import evidence_told
-from madrob_console.archive.folders import RESULT_FILE
 from madrob_console.archive.result_files import result_files
-from madrob_console.archive.run_journal import Details, written_details
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.archive.scored import Scored, assess_recording, open_run
 from madrob_console.engine.disk import DiskJobs
@@ -69,10 +67,6 @@ class RenderedResult:
     past: PastRun
     files: Mapping[str, memoryview]
     curves: memoryview
-
-    @property
-    def written_details(self) -> Details:
-        return written_details(self.files[RESULT_FILE], self.run.issue)
 
     @property
     def flags(self) -> tuple[Flag, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from enum import StrEnum
 
@@ -73,6 +73,7 @@ class Change(StrEnum):
     EVIDENCE_RECORDED = "evidence recorded"
     RESULT_WRITTEN = "result written"
     REISSUED = "re-issued after a rule change"
+    RESTORED = "re-issued after damage"
     EVIDENCE_REMOVED = "evidence removed"
 
 
@@ -139,7 +140,7 @@ def _changed(run: Run, entry: Entry) -> Run:
             return _with_seen(run, entry, _time(details["time"]))
         case Change.UNRECORDED | Change.EVIDENCE_RECORDED | Change.EVIDENCE_REMOVED:
             return _with_recorded(run, entry)
-        case Change.REISSUED if run.phase in (Phase.STOPPED, Phase.FINAL):
+        case Change.REISSUED | Change.RESTORED if run.phase in (Phase.STOPPED, Phase.FINAL):
             rules = msgspec.convert(details.get("ruleset"), StoredRuleset | None)
             at = _time(entry.time)
             return changed(reissued(run, at, entry.what, entry.reason, entry.referee, rules), at)
@@ -180,7 +181,7 @@ _BESIDE = {
 """Lines that change no result; their place among the others may differ."""
 
 _OPENING = (Reissue, Void, Correct, TakeBack, FileProtest, DecideProtest, WithdrawProtest)
-_OPENS = {*(act.name for act in _OPENING), Change.REISSUED}
+_OPENS = {*(act.name for act in _OPENING), Change.REISSUED, Change.RESTORED}
 
 
 def mark_of(entries: Iterable[Entry]) -> JournalMark:
@@ -188,6 +189,14 @@ def mark_of(entries: Iterable[Entry]) -> JournalMark:
     for entry in entries:
         growing.add_line(entry)
     return growing.mark
+
+
+def marks_of(entries: Iterable[Entry]) -> Iterator[JournalMark]:
+    """The mark after each line."""
+    growing = GrowingMark()
+    for entry in entries:
+        growing.add_line(entry)
+        yield growing.mark
 
 
 class GrowingMark:

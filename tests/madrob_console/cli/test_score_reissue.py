@@ -15,7 +15,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from madrob_console.archive import repair
+from madrob_console.archive import issuing
 from madrob_console.archive.folders import RunPath
 from madrob_console.archive.repair import RuleChange, next_issue, write_next_issue
 from madrob_console.archive.scored import open_run
@@ -299,7 +299,7 @@ def test_an_issue_that_a_full_disk_refused_is_told_then_and_the_next_try_writes_
         raise MadrobError("not written (No space left on device)")
 
     with monkeypatch.context() as patch:
-        patch.setattr(repair, "write_result", full)
+        patch.setattr(issuing, "_write", full)
         first, second = (madrob.say(OTHER, folder) for _ in range(2))
         assert (first.code, second.code) == (2, 2)
         words = "issue 3 is journalled, its result is not written yet: the same command"
