@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from itertools import product, takewhile
 from pathlib import Path
@@ -175,8 +175,14 @@ def score_with_series(path: Path, rules: RulesetName | None) -> tuple[Scored, Wh
 
 
 def score_opened(path: Path) -> Scored:
+    """The stored result with the data of its recording; scored anew where there is none."""
     opened = open_run(path)
-    return Scored.of(opened.recorded.record, opened.recorded.run, opened.assessment)
+    scored = Scored.of(opened.recorded.record, opened.recorded.run, opened.assessment)
+    stored = None if opened.out_of_date else read_sound_result(str(path))
+    if stored is None:
+        return scored
+    issued = Result(**{each.name: getattr(stored, each.name) for each in fields(Result)})
+    return replace(scored, result=issued)
 
 
 def score_once(path: Path) -> Scored:

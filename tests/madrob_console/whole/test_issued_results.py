@@ -12,7 +12,8 @@ from typing import Any
 
 import pytest
 
-from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
+from madrob_console.archive import score
+from madrob_console.archive.folders import JOURNAL_FILE, REPORT_FILE, RESULT_FILE
 from madrob_console.archive.result_reader import read_result
 from madrob_console.cli.repairing import repair_all
 from madrob_console.engine.result_writer import RETRY_PERIOD
@@ -121,6 +122,18 @@ def test_damage_to_a_result_of_a_recording_that_lacks_messages_is_named_and_stay
     assert re.search(f"{words}put a copy of it back$", said)
     assert (short / RESULT_FILE).read_bytes() == before[RESULT_FILE]
     assert (short / JOURNAL_FILE).read_bytes() == before[JOURNAL_FILE]
+
+
+def test_a_report_shows_what_was_issued(short: Path, madrob: Madrob) -> None:
+    issued = read_result(str(short))
+    madrob("report", short)
+    page = (short / REPORT_FILE).read_text()
+    (again,) = score(short)
+    for name in (IndicatorName.PASSAGE_TIME, IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION):
+        value = issued.indicators[name].value
+        assert value is not None
+        assert again.result.indicators[name].value != value
+        assert f"{value:.2f}" in page
 
 
 @pytest.fixture
