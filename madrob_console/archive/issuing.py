@@ -32,13 +32,15 @@ def issue(
     *,
     now: float = 0.0,
     why: Entry | None = None,
+    in_console: bool = False,
 ) -> Details:
     """Write a result and its files; an earlier issue is kept by its number.
 
     A deleted folder is made again: the result is all that is left of the run. `entries` are the
     lines of the run's journal, also those that are not on disk yet. `journal` gets the line `why`,
     if any, before the result, and the line `result written` after it, `now` (s since the epoch).
-    Without `journal` the caller writes a line with the details that are returned.
+    Without `journal` the caller writes a line with the details that are returned. `in_console`: the
+    referee decides on what is shown, so that a next issue may be of another recording.
 
     Raises:
         DamagedIssueError: see there.
@@ -56,7 +58,7 @@ def issue(
     stored = _stored(folder)
     noted = [entry.details for entry in entries if entry.what == Change.RESULT_WRITTEN]
     if stored is not None and stored != result:
-        _check(folder, stored, result, entries, noted)
+        _check(folder, stored, result, entries, noted, in_console=in_console)
     if why is not None:
         _append(folder, journal, why, "nothing was re-issued")
     try:
@@ -167,6 +169,8 @@ def _check(
     result: bytes | memoryview,
     entries: Sequence[Entry],
     noted: Sequence[Details],
+    *,
+    in_console: bool,
 ) -> None:
     """Refuse a result that may not take the place of the stored one; `noted` by the journal."""
     new, old = msgspec.json.decode(result, type=_Made), _made(stored)
@@ -182,9 +186,10 @@ def _check(
     if written_details(result) in noted:
         return  # it was issued; the stored one is damaged or older
     number = max(0 if old is None else old.issue, int(last.get("issue", 0)))
-    if 0 < number < new.issue:
+    is_next = 0 < number < new.issue
+    if is_next and (in_console or old is None):
         return
-    damaged = was_changed(stored, folder) and last.get("lines") == new.journal.lines
+    damaged = not is_next and was_changed(stored, folder) and last.get("lines") == new.journal.lines
     if damaged or (old is None and (not last or "sha256" in last)):
         raise DamagedIssueError(
             f"{folder}: {RESULT_FILE} is damaged, and what the recording gives is not the same: "
@@ -192,7 +197,7 @@ def _check(
         )
     if old is None:
         return
-    if old.journal.lines and old.journal not in marks_of(entries):
+    if not is_next and old.journal.lines and old.journal not in marks_of(entries):
         raise lost
     incomplete = any(entry.what == Change.UNRECORDED for entry in entries)
     if not new.is_of_recording_of(old, incomplete=incomplete):

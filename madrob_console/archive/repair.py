@@ -133,6 +133,7 @@ def _refuse_incomplete(folder: Path, recorded: RecordedRun) -> None:
 
 _WHOSE = ("run_id", "subject", "condition_number", "run_number")
 _RECORDING = re.compile(r"files\..*\.mcap\b")
+_SAMPLES = re.compile(r"quality\.signals(\[\d+\]\.samples)?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,7 +279,10 @@ def _differences(folder: Path, scored: Scored) -> Sequence[Difference]:
     except UnusableResultError as error:
         raise MadrobError(f"{folder}: {error}") from None
     found = compare(stored, scored, folder).differences_of(Grade.DIFFERS)
-    if any(_RECORDING.match(each.what) for each in found):
+    lacks = scored.run.unrecorded > 0
+    if any(
+        _RECORDING.match(each.what) or (lacks and _SAMPLES.fullmatch(each.what)) for each in found
+    ):
         raise MadrobError(
             f"{folder}: the recording is not the one that its result was made of: put that back, "
             "or decide in the console"

@@ -55,7 +55,7 @@ class Unwritten:
         except OSError as error:
             raise MadrobError(f"{path}: cannot be written ({error.strerror})") from None
         try:
-            issue(self.folder, self.scored.files, self.entries, journal, now=now)
+            issue(self.folder, self.scored.files, self.entries, journal, now=now, in_console=True)
         finally:
             journal.close()
 
@@ -192,7 +192,7 @@ class CurrentResult:
 
         self._folder = folder
         self._trying += 1
-        write = partial(issue, folder, scored.files, self._journal.entries)
+        write = partial(issue, folder, scored.files, self._journal.entries, in_console=True)
         self._keepers.own.submit_job(write, heard)
 
     def _have(self, wanted: ToScore, scored: RenderedResult) -> None:

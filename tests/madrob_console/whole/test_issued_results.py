@@ -17,7 +17,7 @@ from madrob_console.archive.folders import JOURNAL_FILE, REPORT_FILE, RESULT_FIL
 from madrob_console.archive.result_reader import read_result
 from madrob_console.cli.repairing import repair_all
 from madrob_console.engine.result_writer import RETRY_PERIOD
-from madrob_console.referee.acts import Finalise
+from madrob_console.referee.acts import Finalise, Reissue
 from madrob_console.referee.records import TeamWord
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import libraries_here
@@ -99,6 +99,26 @@ def test_a_result_signed_after_a_full_disk_stays_when_its_recording_is_recovered
     (bag,) = madrob.document("score", short)["runs"]
     assert bag["indicators"][LEVEL]["value"] < 6
     assert "nothing was written" in madrob("recover", short.parent)
+
+
+@pytest.mark.parametrize("flags", ["", "--dry-run"])
+def test_a_recording_that_lacks_messages_makes_no_next_issue_by_itself(
+    flags: str, short: Path, madrob: Madrob
+) -> None:
+    before = files_of(short)
+    line = f"score --reissue 'rules of May' --ruleset eurobench-2020 {flags}"
+    words = "the recording is not the one that"
+    assert words in madrob.complaint(line, short)
+    assert files_of(short) == before
+    drive = Drive(short.parent)
+    assert drive.open(short) is None
+    drive.act(Reissue("video"))
+    drive.engine.close()
+    assert (result(short)["issue"], result(short)["closure"]) == (2, None)
+    assert (short / "result_issue_1.json").read_bytes() == before[RESULT_FILE]
+    put(short, {RESULT_FILE: before[RESULT_FILE]})  # as a kill leaves it before the result
+    assert words in madrob.complaint("recover", short)
+    assert (short / RESULT_FILE).read_bytes() == before[RESULT_FILE]
 
 
 def test_damage_to_a_result_of_a_recording_that_lacks_messages_is_named_and_stays(
