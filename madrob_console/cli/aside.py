@@ -1,8 +1,7 @@
-"""`python -m madrob_console.cli.aside QUEUE PAUSE HANDLE`: work that gives way to everything.
+"""`python -m madrob_console.cli.aside HANDLE`: work that gives way to everything.
 
-It works off the chores in a folder (`ChoreQueue`), one after the other, and tells the engine at the
-other end of the socket with this handle. When the engine has ended, it goes on until nothing is
-due.
+It does the chores that the engine at the other end of the socket with this handle asks for, one
+after the other. When the engine has ended, it does what it was asked for before.
 """
 
 from __future__ import annotations
@@ -21,15 +20,10 @@ from subprocess import DEVNULL, PIPE, STDOUT, Popen, TimeoutExpired
 
 import msgspec
 
+from madrob_console.cli.output import BAD_INPUT, complain
+from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from madrob_console.engine.reports import (
-    Chore,
-    ChoreKind,
-    ChoreQueue,
-    Finished,
-    Look,
-    Resting,
-)
+from madrob_console.engine.reports import Chore, ChoreKind, Finished
 from madrob_console.engine.wire import LENGTH, frame
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.cli.aside")
@@ -38,11 +32,10 @@ COMMAND = (sys.executable, "-P", "-m", "madrob_console.cli.aside")
 NICENESS = 10
 """Added to the niceness of the caller: the engine, a run, a screen come first."""
 
-
+_AGAIN = 0.5  # s
 COMMAND_TIME = 60.0
 """The command of [results] and all that it starts may take this long, s."""
 
-_AGAIN = 0.5  # s
 _MOST_OUTPUT = 20_000  # last bytes of a command, in the log
 _MOST_TOLD = 100  # characters of its last line on the screens
 
@@ -59,45 +52,33 @@ class ChoreLink:
     """The socket to the engine, which may have ended."""
 
     def __init__(self, link: socket.socket) -> None:
-        self.number = 0
         self._link = link
         self._coming = link.makefile("rb")
 
-    def tell(self, message: msgspec.Struct) -> None:
+    def tell(self, finished: Finished) -> None:
         with suppress(OSError):
-            self._link.sendall(frame(message))
+            self._link.sendall(frame(finished))
 
-    def wait_for_look(self) -> bool:
-        """Wait until the engine asks for something; False once it has ended."""
+    def wait_for_chore(self) -> Chore | None:
+        """Wait until the engine asks for something; None once it has ended."""
         head = b""
         with suppress(ConnectionError):
             head = self._coming.read(LENGTH.size)
         if len(head) < LENGTH.size:
-            return False
-        data = self._coming.read(LENGTH.unpack(head)[0])
-        self.number = msgspec.msgpack.decode(data, type=Look).number
-        return True
+            return None
+        return msgspec.msgpack.decode(self._coming.read(*LENGTH.unpack(head)), type=Chore)
 
 
 def main() -> int:
-    folder, pause, handle = sys.argv[1:]
-    queue = ChoreQueue(Path(folder), float(pause))
-    link = ChoreLink(socket.socket(fileno=int(handle)))
+    link = ChoreLink(socket.socket(fileno=int(sys.argv[1])))
     try:
+        os.nice(NICENESS)
         for number in (signal.SIGTERM, signal.SIGALRM):
             signal.signal(number, _end)
-        os.nice(NICENESS)
-        queue.hold()
-        while link.wait_for_look() or queue.rest == 0:
-            while (chore := queue.take_next()) is not None:
-                finished = carry_out(chore)
-                if not finished.again:
-                    queue.finish()
-                link.tell(finished)
-            link.tell(Resting(link.number, queue.rest))
+        while (chore := link.wait_for_chore()) is not None:
+            link.tell(carry_out(chore))
     except _Terminated:
         signal.setitimer(signal.ITIMER_REAL, 0)
-        queue.give_back()
         return 128 + signal.SIGTERM
     except (OSError, MemoryError) as error:  # it is started again
         print(f"madrob: reports, pages and zips wait: {error!r}", file=sys.stderr)
@@ -109,54 +90,61 @@ def carry_out(chore: Chore) -> Finished:
     """Do a chore as the command of its name would, with what it prints caught."""
     out, err = io.StringIO(), io.StringIO()
     with redirect_stdout(out), redirect_stderr(err):
-        code = _code_of(chore)
+        code, missing = _code_of(chore)
     said, complained = (text.getvalue().strip().rpartition("\n")[2] for text in (out, err))
-    return Finished(chore, code, said, complained)
+    return Finished(chore, code, said, complained, tuple(map(str, missing)))
 
 
-def _code_of(chore: Chore) -> int:
-    from madrob_console.archive.run_pictures import write_frames
-    from madrob_console.cli.main import main as madrob
-    from madrob_console.cli.output import BAD_INPUT, complain
-    from madrob_console.cli.repairing import renew_all, renew_report, repair_all
-    from madrob_console.common.errors import MadrobError
-    from madrob_console.pages.surroundings import Surroundings
-
-    folder = Path(chore.arguments[0])
-    problems: Sequence[str] = ()
+def _code_of(chore: Chore) -> tuple[int, Sequence[Path]]:
+    """Do it; returns its exit code, and the folders of runs that lack a report."""
     try:
-        match chore.kind:
-            case ChoreKind.REPORT:
-                renew_report(folder, Surroundings())
-            case ChoreKind.RENEW:
-                problems = list(renew_all(folder))
-            case ChoreKind.REPAIR:
-                problems = list(repair_all(folder))
-            case ChoreKind.PICTURES:
-                _, at, output = chore.arguments
-                problems = write_frames(folder, at, Path(output))
-            case ChoreKind.COMMAND:
-                return run_command((*chore.arguments[1:], chore.arguments[0]))
-            case _:
-                return madrob([chore.kind.value, *chore.arguments])
+        return _done(chore)
     except (MadrobError, OSError, MemoryError) as error:
         complain(str(error) or "no memory: end other programs")
         # the disk, file handles or memory may come back; the run's folder does not
-        return os.EX_TEMPFAIL if folder.is_dir() else BAD_INPUT
+        retried = chore.place.is_dir() and chore.kind is not ChoreKind.MISSING
+        return os.EX_TEMPFAIL if retried else BAD_INPUT, ()
     except SystemExit as error:  # of wrong options
-        return error.code if isinstance(error.code, int) else BAD_INPUT
+        return error.code if isinstance(error.code, int) else BAD_INPUT, ()
     except Exception as error:  # noqa: BLE001  one bug costs one chore
         complain(f"{chore.name}: {error!r}")
-        return BAD_INPUT
+        return BAD_INPUT, ()
+
+
+def _done(chore: Chore) -> tuple[int, Sequence[Path]]:
+    from madrob_console.archive.run_pictures import write_frames
+    from madrob_console.cli.main import main as madrob
+    from madrob_console.cli.repairing import renew_all, renew_report, repair_all, without_report
+    from madrob_console.pages.surroundings import Surroundings, has_report
+
+    folder = chore.place
+    problems: Sequence[str] = ()
+    missing: list[Path] = []
+    match chore.kind:
+        case ChoreKind.REPORT:
+            renew_report(folder, Surroundings())
+        case ChoreKind.MISSING if has_report(folder):
+            pass  # made meanwhile
+        case ChoreKind.MISSING:
+            renew_report(folder, Surroundings())
+        case ChoreKind.RENEW:
+            problems = list(renew_all(folder))
+        case ChoreKind.REPAIR:
+            problems, missing = list(repair_all(folder)), list(without_report(folder))
+        case ChoreKind.PICTURES:
+            _, at, output = chore.arguments
+            problems = write_frames(folder, at, Path(output))
+        case ChoreKind.COMMAND:
+            return run_command(chore.arguments), ()
+        case _:
+            return madrob([chore.kind.value, *chore.arguments]), ()
     for problem in problems:
         complain(problem)
-    return BAD_INPUT if problems else 0
+    return BAD_INPUT if problems else 0, missing
 
 
 def run_command(command: Sequence[str], limit: float = COMMAND_TIME) -> int:
     """Run a command for `limit` s at most; its exit code. Its output goes to this process's log."""
-    from madrob_console.cli.output import BAD_INPUT, complain
-
     global _starts  # noqa: PLW0603  so is the signal handler that reads it
     end, output, why = time.monotonic() + limit, b"", ""
     _starts = True

@@ -105,7 +105,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     from madrob_console.cli.running_engines import owning, run_words
     from madrob_console.config import load_settings
     from madrob_console.engine import wire
-    from madrob_console.engine.engine_lock import HeldError, state_folder
+    from madrob_console.engine.engine_lock import HeldError
     from madrob_console.engine.service import ServiceManager, keep_told
 
     manager = ServiceManager(os.environ)
@@ -128,10 +128,7 @@ def _serve(arguments: argparse.Namespace) -> int:
         fallen = FallenThreads()
         threading.excepthook = fallen.note
         engine = open_engine(arguments, settings, ScoringProcess())
-        queue = None if engine.replay is None else state_folder() / f"{owned.stem}.queue"
-        reporting = reporting_of(
-            arguments, settings, engine, reports=settings.results.reports, queue=queue
-        )
+        reporting = reporting_of(arguments, settings, engine, reports=settings.results.reports)
         supervisor = Supervisor(*engine.workers, *reporting.workers)
         _follow_lists(
             options.team_source(arguments, settings),

@@ -12,7 +12,8 @@ from madrob_console.archive.folders import REPORT_FILE, run_folder_names
 from madrob_console.archive.history import History
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import atomic_write, stamp_of
-from madrob_console.pages.surroundings import Surroundings, report_is_old
+from madrob_console.pages.surroundings import Surroundings, has_report, report_is_old
+from recorder.bag import METADATA_FILE
 
 if TYPE_CHECKING:
     from madrob_console.archive.scored import Scored
@@ -34,7 +35,7 @@ def repair_run(folder: Path, *, restore: bool = False) -> bool:
         scored = score_opened(folder)
     if scored is None:
         return False
-    if stamp_of(str(folder / REPORT_FILE)) is not None:
+    if has_report(folder):
         write_report(folder, scored, Surroundings())
     return True
 
@@ -71,6 +72,16 @@ def repair_all(root: Path) -> Iterator[str]:
             except MadrobError as error:
                 yield str(error)
     yield from renew_all(root)
+
+
+def without_report(root: Path) -> Iterator[Path]:
+    """Run folders with a result and a recording, but without a report; the newest run first."""
+    for run in reversed(History(root).refresh()):
+        folder = root / run.folder
+        if run.outcome is None or has_report(folder):
+            continue
+        if stamp_of(str(folder / METADATA_FILE)) is not None:
+            yield folder
 
 
 def renew_all(root: Path) -> Iterator[str]:

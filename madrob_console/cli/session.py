@@ -28,7 +28,7 @@ from madrob_console.engine.disk import DiskThreads
 from madrob_console.engine.engine_config import EngineConfig
 from madrob_console.engine.evidence_client import EvidenceClient, EvidencePlan
 from madrob_console.engine.replay import Replay
-from madrob_console.engine.reports import QUEUE_FOLDER, Reporting, WantedPages
+from madrob_console.engine.reports import Reporting, WantedPages
 from madrob_console.engine.run_recorder import EventLog
 from madrob_console.engine.scorer import Scorer
 from madrob_console.messages.codec import ROBOT_STARTED_TOPIC, referee_topics
@@ -124,18 +124,15 @@ def reporting_of(
     engine: Engine,
     *,
     reports: bool,
-    queue: Path | None = None,
 ) -> Reporting:
-    """What makes reports, pages and zips of an engine's runs; `queue` None = beside the runs."""
-    results = engine.config.results
+    """What makes reports, pages and zips of an engine's runs."""
     wanted = WantedPages(
         reports,
         site_arguments(arguments, settings),
         named_places(arguments, settings),
         settings.results.command_words,
     )
-    queue = results / QUEUE_FOLDER if queue is None else queue
-    return Reporting(aside.COMMAND, queue, results, lambda: engine.busy, engine.write, wanted)
+    return Reporting(aside.COMMAND, engine.config.results, lambda: engine.busy, wanted)
 
 
 def _evidence_plan(settings: Settings) -> EvidencePlan | None:

@@ -255,10 +255,6 @@ class Engine:
         """Have something read that the run does not need. From any thread; see `DiskJobs`."""
         return self._engine_context.keepers.reading.submit_job(job, first=first)
 
-    def write(self, job: Callable[[], None]) -> Future[None]:
-        """Have a small file written, after what is written of the run. From any thread."""
-        return self._engine_context.keepers.own.submit_job(job)
-
     def next_run_number(
         self,
         subject: int,

@@ -1,13 +1,16 @@
-"""Reports, pages and zips: a queue of chores on disk, worked off by a process of low priority."""
+"""Reports, pages and zips: made in the background by a process of low priority.
+
+What has to be made is kept in memory alone. An engine that starts finds it again from the results:
+no file in a results folder says what is done.
+"""
 
 from __future__ import annotations
 
-import fcntl
-import math
 import os
+import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -21,9 +24,6 @@ from madrob_console.engine.snapshot import ExportView
 from madrob_console.engine.supervisor import Worker
 from madrob_console.engine.wire import decoded
 
-QUEUE_FOLDER = ".madrob_queue"
-"""In a results folder: a file for each chore that waits."""
-
 PAUSE = 10.0
 """Pause before a chore is retried, s."""
 
@@ -32,127 +32,58 @@ CLOSING_TIME = 3.0
 
 
 class ChoreKind(StrEnum):
-    """What a chore is; its arguments follow in the command."""
+    """What a chore is, the most urgent first; its arguments follow in the command."""
 
-    REPORT = "report"
-    """Make the report of a run anew: its folder follows."""
-    RENEW = "renew"
-    """Make outdated reports again: a results folder follows."""
-    REPAIR = "repair"
-    """Make results again that differ from their journals, then outdated reports: a results folder
-    follows.
-    """
-    PUBLISH = "publish"
-    """`madrob publish`: a folder for the pages and where the runs are follow."""
-    EXPORT = "export"
-    """`madrob export`: the options follow."""
     PICTURES = "pictures"
     """Write the frames of an instant: a run, the instant and a folder follow."""
+    EXPORT = "export"
+    """`madrob export`: the options follow."""
+    REPORT = "report"
+    """Make the report of a run anew: its folder follows."""
+    REPAIR = "repair"
+    """Make results again that differ from their journals, then outdated reports, and name the runs
+    without a report: a results folder follows.
+    """
+    RENEW = "renew"
+    """Make outdated reports again: a results folder follows."""
+    PUBLISH = "publish"
+    """`madrob publish`: a folder for the pages and where the runs are follow."""
+    MISSING = "missing"
+    """Make the report of an earlier run that has none: its folder follows."""
     COMMAND = "command"
-    """The command of [results]: the folder of a run and the command's words follow."""
+    """The command of [results]: its words and the folder of a run follow."""
+
+
+_URGENCY = {kind: number for number, kind in enumerate(ChoreKind)}
 
 
 class Chore(msgspec.Struct, frozen=True):
-    """A chore replaces a waiting one of the same name."""
+    """What the engine asks of the process; it replaces a waiting one of the same name."""
 
     name: str
     kind: ChoreKind
     arguments: tuple[str, ...]
 
-
-class ChoreQueue:
-    """The chores that wait, as files in a folder: they survive the engine.
-
-    A file's name says when it was put there, its time when it is due.
-    """
-
-    def __init__(self, folder: Path, pause: float = PAUSE) -> None:
-        self._folder = folder
-        self._pause = pause
-        self._taken: Path | None = None
-
-    def put(self, chore: Chore) -> None:
-        self._folder.mkdir(parents=True, exist_ok=True)
-        part = self._folder / f"{time.time_ns()}.part"
-        with part.open("wb") as file:
-            file.write(msgspec.json.encode(chore))
-            file.flush()
-            os.fsync(file.fileno())  # else a power cut tears it
-        part.replace(part.with_suffix(".json"))
-
-    def hold(self) -> None:
-        """Wait until no other process works the queue off; for the rest of this process."""
-        self._folder.mkdir(parents=True, exist_ok=True)
-        fcntl.flock(os.open(self._folder, os.O_RDONLY | os.O_CLOEXEC), fcntl.LOCK_EX)
-
-    def take_next(self) -> Chore | None:
-        """The chore that waits for longest, as it was put last; None where none is due.
-
-        It is due again after the pause, should this process end before it is finished.
-        """
-        waiting: dict[str, list[tuple[Path, Chore]]] = {}
-        for path in sorted(self._folder.glob("*.json")):
-            try:
-                chore = msgspec.json.decode(path.read_bytes(), type=Chore)
-            except msgspec.MsgspecError:  # of a power cut: what it asked for is found by the repair
-                path.unlink()
-                continue
-            waiting.setdefault(chore.name, []).append((path, chore))
-        for *superseded, (path, chore) in waiting.values():
-            for earlier, _ in superseded:
-                earlier.unlink()
-            if self._rest(path) == 0:
-                self._set_due(path, self._pause)
-                self._taken = path
-                return chore
-        return None
-
-    def finish(self) -> None:
-        """The chore that was taken is done; what was put meanwhile stays."""
-        if self._taken is not None:
-            self._taken.unlink()
-        self._taken = None
-
-    def give_back(self) -> None:
-        """The chore that was taken, if one was, is due at once."""
-        if self._taken is not None:
-            self._set_due(self._taken, 0.0)
-
     @property
-    def rest(self) -> float:
-        """Time until a chore is due, s; infinite where none waits."""
-        return min(map(self._rest, self._folder.glob("*.json")), default=math.inf)
-
-    def _set_due(self, path: Path, pause: float) -> None:
-        due = time.time() + pause
-        os.utime(path, (due, due))
-
-    def _rest(self, path: Path) -> float:
-        rest = path.stat().st_mtime - time.time()
-        return rest if 0 < rest <= self._pause else 0.0  # the clock may have been set back
+    def place(self) -> Path:
+        """The folder that it is for: of a run, of results or of the pages."""
+        return Path(self.arguments[-1 if self.kind is ChoreKind.COMMAND else 0])
 
 
-# What crosses the socket between the engine and the process.
-
-
-class Look(msgspec.Struct, frozen=True, tag=True):
-    """Look at the queue: `number` chores have been put into it by now."""
-
-    number: int
-
-
-class Finished(msgspec.Struct, frozen=True, tag=True):
-    """Outcome of a chore.
+class Finished(msgspec.Struct, frozen=True):
+    """The process's answer: outcome of a chore.
 
     Attributes:
         code: its exit code.
         said, complained: the last line that it printed, as output and as an error.
+        missing: the folders of runs without a report, the newest first.
     """
 
     chore: Chore
     code: int
-    said: str
-    complained: str
+    said: str = ""
+    complained: str = ""
+    missing: tuple[str, ...] = ()
 
     @property
     def again(self) -> bool:
@@ -169,14 +100,101 @@ class Finished(msgspec.Struct, frozen=True, tag=True):
         return f"{why}; it is tried again" if self.again else why
 
 
-class Resting(msgspec.Struct, frozen=True, tag=True):
-    """Nothing is due for `rest` s; `number` is that of the last `Look`."""
-
-    number: int
-    rest: float
+_answers = msgspec.msgpack.Decoder(Finished)
 
 
-_answers: msgspec.msgpack.Decoder[Finished | Resting] = msgspec.msgpack.Decoder(Finished | Resting)
+@dataclass(slots=True, eq=False)
+class _Waiting:
+    """A chore that is not done yet; `due` in monotonic s."""
+
+    chore: Chore
+    due: float = 0.0
+
+
+class ChoreWorker(Worker):
+    """Has chores done by a process, one after the other, never during a run.
+
+    A chore that a run, a crash or a full disk cut short is done again.
+
+    Args:
+        command: starts the process.
+        busy: whether a run goes on; may be asked from any thread.
+        on_finished: gets each outcome.
+        on_lost: gets why the process ended before it was through.
+        pause: before a chore is retried, s.
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        busy: Callable[[], bool],
+        on_finished: Callable[[Finished], None],
+        on_lost: Callable[[str], None],
+        pause: float,
+    ) -> None:
+        super().__init__(command)
+        self._busy = busy
+        self._on_finished = on_finished
+        self._on_lost = on_lost
+        self._retry_pause = pause
+        self._lock = threading.Lock()  # of `_waiting`
+        self._waiting: dict[str, _Waiting] = {}
+        self._sent: deque[_Waiting] = deque()
+        self._closing = False
+
+    def submit(self, chore: Chore) -> None:
+        """Have a chore done; the latest one of a name counts."""
+        with self._lock:
+            self._waiting[chore.name] = _Waiting(chore)
+        self.ring()
+
+    @property
+    def due_now(self) -> list[_Waiting]:
+        """The most urgent first."""
+        now = time.monotonic()
+        with self._lock:
+            due = [one for one in self._waiting.values() if one.due <= now]
+        return sorted(due, key=lambda one: _URGENCY[one.chore.kind])
+
+    def ignore_runs(self) -> None:
+        """The engine is about to end: what waits goes on without it."""
+        self._closing = True
+        self.ring()
+
+    # ------------------------------------------------------------------ the supervisor's thread
+
+    @property
+    def wanted(self) -> bool:
+        return bool(self.due_now) and (self._closing or not self._busy())
+
+    @property
+    def goes_on(self) -> bool:
+        return not self._busy()  # a run ends it
+
+    def begin(self) -> None:
+        self._sent.clear()
+
+    def work(self, now: float) -> float:
+        if self.pid is not None and (self._closing or not self._sent):
+            waiting = [one for one in self.due_now if one not in self._sent]
+            for one in waiting if self._closing else waiting[:1]:
+                self._sent.append(one)
+                self.send(one.chore)
+        return 0.1  # s: a run may begin, or end
+
+    def take(self, data: memoryview) -> None:
+        finished = decoded(_answers, data, "a message of the process that makes reports")
+        sent = self._sent.popleft()
+        with self._lock:
+            if finished.again:
+                sent.due = time.monotonic() + self._retry_pause
+            elif self._waiting.get(sent.chore.name) is sent:  # else it is wanted anew
+                del self._waiting[sent.chore.name]
+        self._on_finished(finished)
+
+    def lose(self, why: str) -> None:
+        if self.due_now:
+            self._on_lost(f"{why}; it is tried again")
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,6 +218,7 @@ EVERY_REPORT = WantedPages()
 
 _UNMADE = {
     ChoreKind.REPORT: "no report of {place.name}: {why}; `madrob report` makes it",
+    ChoreKind.MISSING: "no report of {place.name}: {why}",
     ChoreKind.RENEW: "reports of {place} are older than its results: {why}",
     ChoreKind.PUBLISH: "the pages in {place} are not up to date: {why}",
     ChoreKind.REPAIR: "{why}",
@@ -209,55 +228,53 @@ _UNMADE = {
 
 
 class _Unmade(NamedTuple):
-    kind: ChoreKind
+    kind: ChoreKind | None
     words: str
     again: bool
 
 
-class Reporting(Worker):
-    """Has reports, pages and zips made in the background, never during a run.
+class Reporting:
+    """Has reports, pages and zips made in the background, and the command of [results] run.
 
     Args:
-        command: the program that works off the queue (`madrob_console.cli.aside`).
-        queue: the folder of the `ChoreQueue`.
+        command: the program that does it (`madrob_console.cli.aside`).
         results: the results folder.
         busy: whether a run goes on; may be asked from any thread.
-        write: has a job done that writes a file, and never waits for it.
         pause: before a chore is retried, s.
     """
 
     def __init__(
         self,
         command: Sequence[str],
-        queue: Path,
         results: Path,
         busy: Callable[[], bool],
-        write: Callable[[Callable[[], None]], Future[None]],
         wanted: WantedPages = EVERY_REPORT,
         pause: float = PAUSE,
     ) -> None:
-        super().__init__((*command, str(queue), str(pause)))
         self.exported: ExportView | None = None
         self._results = results
-        self._queue = ChoreQueue(queue, pause)
-        self._busy = busy
-        self._write = write
         self._wanted = wanted
-        self._what = "reports, pages and zips"
-        self._hook: Reporting | None = None  # a process of its own: a command may hang
-        if wanted.command:
-            self._hook = Reporting(command, queue / "hook", results, busy, write, pause=pause)
-            self._hook._what = "command of [results]"
         self._unmade: dict[str, _Unmade] = {}
         self._frames: dict[str, Callable[[str], None]] = {}
-        self._closing = False
-        self._asked = self._put = self._looked = 0
-        self._due = math.inf
+
+        def worker(what: str) -> ChoreWorker:
+            def lose(why: str) -> None:
+                self._lose(what, why)
+
+            def hear(finished: Finished) -> None:
+                self._unmade = {key: one for key, one in self._unmade.items() if key != what}
+                self._hear(finished)
+
+            return ChoreWorker(command, busy, hear, lose, pause)
+
+        self._pages = worker("reports, pages and zips")
+        # a process of its own: a command may hang
+        self._hook = worker("command of [results]") if wanted.command else None
 
     @property
-    def workers(self) -> tuple[Worker, ...]:
+    def workers(self) -> tuple[ChoreWorker, ...]:
         """For the supervisor."""
-        return (self,) if self._hook is None else (self, self._hook)
+        return (self._pages,) if self._hook is None else (self._pages, self._hook)
 
     def report(self, folder: Path) -> None:
         """Make the report of a run anew, if it is wanted; the latest result counts.
@@ -266,8 +283,8 @@ class Reporting(Worker):
         them the command of the settings is run.
         """
         if self._hook is not None:
-            arguments = (str(folder.absolute()), *self._wanted.command)
-            self._hook._submit(f"command {folder.name}", ChoreKind.COMMAND, *arguments)
+            words = (*self._wanted.command, str(folder.absolute()))
+            self._hook.submit(Chore(f"command {folder.name}", ChoreKind.COMMAND, words))
         if self._wanted.reports:
             self._submit(f"report {folder.name}", ChoreKind.REPORT, str(folder))
         self._submit("renew", ChoreKind.RENEW, str(self._results))
@@ -278,13 +295,7 @@ class Reporting(Worker):
             self._submit("publish", ChoreKind.PUBLISH, *self._wanted.publish)
 
     def repair(self) -> None:
-        """Make results and reports again that a power cut left out of date, then the pages.
-
-        What an earlier engine left in the queues goes on, too.
-        """
-        if self._hook is not None:
-            self._hook._due = 0.0
-            self._hook.ring()
+        """Make results and reports that a crash left missing or out of date, then the pages."""
         self._submit("repair", ChoreKind.REPAIR, str(self._results))
         self.publish()
 
@@ -317,8 +328,7 @@ class Reporting(Worker):
     @property
     def problem(self) -> str | None:
         """Why reports could not be made, in words; None when the last one could, and all before."""
-        hook = {} if self._hook is None else self._hook._unmade
-        unmade = (*hook.values(), *self._unmade.values())
+        unmade = sorted(self._unmade.values(), key=lambda one: one.kind is not ChoreKind.COMMAND)
         if not unmade:
             return None
         others = f" ({len(unmade) - 1} more wait)" if len(unmade) > 1 else ""
@@ -327,72 +337,23 @@ class Reporting(Worker):
     def wait(self, patience: float) -> bool:
         """Wait at most `patience` s; whether everything is made, or pauses after a failure."""
         end = time.monotonic() + patience
-        while (waits := self._waits) and time.monotonic() < end:
+        while (waits := any(one.due_now for one in self.workers)) and time.monotonic() < end:
             time.sleep(0.02)
         return not waits
 
-    @property
-    def _waits(self) -> bool:
-        if self._hook is not None and self._hook._waits:
-            return True
-        return self._put < self._asked or self._due <= time.monotonic()
-
     def finish(self, patience: float = CLOSING_TIME) -> None:
         """Ignore runs from now on, and wait at most `patience` s; the rest goes on by itself."""
-        for one in (self, self._hook):
-            if one is not None:
-                one._closing = True
-        self.ring()
+        for worker in self.workers:
+            worker.ignore_runs()
         self.wait(patience)
 
     def _submit(self, name: str, kind: ChoreKind, *arguments: str) -> None:
-        self._asked += 1
-        chore = Chore(name, kind, arguments)
-
-        def written(answer: Future[None]) -> None:
-            if (error := answer.exception()) is not None:
-                self._hear(Finished(chore, os.EX_IOERR, "", str(error)))
-            self._put += 1
-            self._due = 0.0
-            self.ring()
-
-        self._write(lambda: self._queue.put(chore)).add_done_callback(written)
+        self._pages.submit(Chore(name, kind, arguments))
 
     # ------------------------------------------------------------------ the supervisor's thread
 
-    @property
-    def wanted(self) -> bool:
-        return time.monotonic() >= self._due and (self._closing or not self._busy())
-
-    @property
-    def goes_on(self) -> bool:
-        return not self._busy()  # a run ends it
-
-    def begin(self) -> None:
-        self._looked = 0
-
-    def work(self, now: float) -> float:
-        if self.pid is not None and self._looked < self._put:
-            self._looked = self._put
-            self.send(Look(self._looked))
-        return 0.1  # s: a run may begin, or end
-
-    def take(self, data: memoryview) -> None:
-        told = decoded(_answers, data, "a message of the process that makes reports")
-        self._unmade = {name: one for name, one in self._unmade.items() if name}
-        if isinstance(told, Finished):
-            self._hear(told)
-            return
-        self._due = time.monotonic() + told.rest
-        if told.number < self._put:
-            self._due = 0.0  # it looks again
-
-    def lose(self, why: str) -> None:
-        if not self._waits:
-            return
-        why = f"{why}; it is tried again"
-        words = f"no {self._what}: {why}"
-        self._unmade = {**self._unmade, "": _Unmade(ChoreKind.REPAIR, words, again=True)}
+    def _lose(self, what: str, why: str) -> None:
+        self._unmade = {**self._unmade, what: _Unmade(None, f"no {what}: {why}", again=True)}
         if self.exported is not None and not self.exported.path:
             self.exported = replace(self.exported, problem=why)
 
@@ -407,8 +368,10 @@ class Reporting(Worker):
             if (done := self._frames.pop(chore.name, None)) is not None:
                 done(why)
             return
-        place = Path(chore.arguments[0])
-        if said == str(place / INDEX_PAGE):
+        if self._wanted.reports:
+            for folder in finished.missing:
+                self._submit(f"missing {folder}", ChoreKind.MISSING, folder)
+        if said == str(chore.place / INDEX_PAGE):
             why = ""  # the pages are there, and name what cannot be read
         unmade = {
             name: one
@@ -416,6 +379,6 @@ class Reporting(Worker):
             if name != chore.name and (one.again or one.kind is not chore.kind)
         }
         if why:
-            words = _UNMADE[chore.kind].format(place=place, why=why)
+            words = _UNMADE[chore.kind].format(place=chore.place, why=why)
             unmade[chore.name] = _Unmade(chore.kind, words, finished.again)
         self._unmade = unmade  # a new one, not changed: others read it meanwhile

@@ -52,6 +52,10 @@ def team_of(head: str) -> str | None:
     return None if found is None else found[1]
 
 
+def has_report(folder: Path) -> bool:
+    return stamp_of(str(folder / REPORT_FILE)) is not None
+
+
 def report_is_old(folder: Path) -> bool:
     """Whether there is a report that names another journal than the result."""
     try:
@@ -138,7 +142,7 @@ class Surroundings:
         name = folder.relative_to(root).as_posix()
 
         def page(run: RunSummary) -> str:
-            if stamp_of(f"{root}/{run.folder}/{REPORT_FILE}") is None:
+            if not has_report(root / run.folder):
                 return ""
             return posixpath.relpath(f"{run.folder}/{REPORT_FILE}", name)
 

@@ -7,9 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from madrob_console.cli import aside
-from madrob_console.engine.disk import DiskJobs
-from madrob_console.engine.reports import EVERY_REPORT, QUEUE_FOLDER, Reporting, WantedPages
+from madrob_console.engine.reports import EVERY_REPORT, Reporting, WantedPages
 from madrob_console.engine.supervisor import Supervisor
+from tests.watching import until
 
 SHORT_PAUSE = 0.2  # s
 
@@ -21,12 +21,16 @@ def reporting_on(
     busy: Callable[[], bool] = lambda: False,
 ) -> Iterator[Reporting]:
     """Chores that are asked for are done, until the end of the block."""
-    write = DiskJobs().submit_job
-    queue = results / QUEUE_FOLDER
-    reporting = Reporting(aside.COMMAND, queue, results, busy, write, wanted, SHORT_PAUSE)
+    reporting = Reporting(aside.COMMAND, results, busy, wanted, SHORT_PAUSE)
     supervisor = Supervisor(*reporting.workers)
     try:
         yield reporting
         reporting.finish()
     finally:
         supervisor.close()
+
+
+def told_of(reporting: Reporting, words: str) -> str:
+    """What is told of what cannot be made, once it holds these words."""
+    until(lambda: words in (reporting.problem or ""))
+    return str(reporting.problem)

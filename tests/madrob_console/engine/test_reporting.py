@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import math
 import os
 import re
 import shutil
@@ -24,14 +23,7 @@ from madrob_console.cli.main import main
 from madrob_console.common.version import software_version
 from madrob_console.engine import server
 from madrob_console.engine.engine_thread import LocalEngine
-from madrob_console.engine.reports import (
-    QUEUE_FOLDER,
-    Chore,
-    ChoreKind,
-    ChoreQueue,
-    Reporting,
-    WantedPages,
-)
+from madrob_console.engine.reports import WantedPages
 from madrob_console.engine.requests import ExportTeam, OpenRun, Role
 from madrob_console.engine.server import AGAIN, LogOnce
 from madrob_console.engine.service import FallenThreads
@@ -56,7 +48,7 @@ from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Step
 from tests.madrob_console.archive.frames import film
 from tests.madrob_console.engine.drive import Drive, OfficialDrive, make_setup
-from tests.madrob_console.engine.reporting import reporting_on
+from tests.madrob_console.engine.reporting import reporting_on, told_of
 from tests.madrob_console.engine.scored_elsewhere import alive, children_of
 from tests.madrob_console.engine.served import Served, simulated
 from tests.madrob_console.engine_process import EngineProcess
@@ -101,12 +93,6 @@ def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
 def folder(tmp_path: Path) -> Path:
     """Of a run among the results."""
     return Path(shutil.copytree(completed(), tmp_path / "runs" / completed().name))
-
-
-def told_of(reporting: Reporting, words: str) -> str:
-    """What is told of what cannot be made, once it holds these words."""
-    until(lambda: words in (reporting.problem or ""))
-    return str(reporting.problem)
 
 
 @pytest.mark.machine
@@ -298,19 +284,49 @@ def test_what_cannot_ever_be_made_is_told_and_not_tried_again(tmp_path: Path) ->
         assert reporting.wait(60.0)
         assert reporting.exported.path == ""
         assert "subject 4 has no runs" in reporting.exported.problem
-    assert list((tmp_path / QUEUE_FOLDER).iterdir()) == []
 
 
 @pytest.mark.machine
-def test_what_waits_survives_the_engine_and_is_made_by_the_next_one(folder: Path) -> None:
-    queue = ChoreQueue(folder.parent / QUEUE_FOLDER)
-    queue.put(Chore("report", ChoreKind.REPORT, (str(folder),)))
-    with reporting_on(folder.parent) as reporting:
+def test_what_an_engine_left_unmade_the_next_one_makes(folder: Path, tmp_path: Path) -> None:
+    """A crash leaves a run without a report, another one with that of an earlier result."""
+    site, report = tmp_path / "site", folder.parent / completed(2).name / "report.html"
+    shutil.copytree(completed(2), report.parent)
+    assert main(["report", str(report.parent)]) == 0
+    old = re.sub('(name="journal" content=")', r"\g<1>9", report.read_text())
+    report.write_text(old)
+    wanted = WantedPages(publish=(str(site), f"--results={folder.parent}", "--practice"))
+    with reporting_on(folder.parent, wanted) as reporting:
         reporting.repair()
         until((folder / "report.html").is_file)
+        until(lambda: report.read_text() != old)
+        until((site / "index.html").is_file)
         assert reporting.wait(60.0)
         assert reporting.problem is None
-    assert queue.rest == math.inf
+
+
+@pytest.mark.machine
+def test_a_folder_on_a_stick_runs_no_program(folder: Path, tmp_path: Path) -> None:
+    """What an engine of an earlier version read as orders, and worse."""
+    ran, precious = tmp_path / "ran", tmp_path / "precious"
+    precious.write_text("precious")
+    queue = folder.parent / ".madrob_queue"
+    (queue / "hook").mkdir(parents=True)
+    for place, kind, arguments in (
+        ("1.json", "command", [str(folder), "touch", str(ran)]),
+        ("hook/1.json", "command", [str(folder), "touch", str(ran)]),
+        ("2.json", "export", [f"--output={precious}", "--subject=3", "--practice"]),
+    ):
+        chore = {"name": place, "kind": kind, "arguments": arguments}
+        (queue / place).write_text(json.dumps(chore))
+    os.mkfifo(queue / "3.json")
+    (queue / "4.json").mkdir()
+    before = sorted(queue.rglob("*"))
+    settings = '[results]\ncommand = "true"\n'
+    with EngineProcess(folder.parent, "no-touch", settings=settings):
+        until((folder / "report.html").is_file, MINUTES)  # it works off what is to be made
+    assert not ran.exists()
+    assert precious.read_text() == "precious"
+    assert sorted(queue.rglob("*")) == before
 
 
 @pytest.mark.machine
@@ -320,7 +336,7 @@ def test_a_run_cuts_a_chore_short_which_is_done_again_after_it(folder: Path) -> 
     with reporting_on(folder.parent, busy=lambda: busy[0]) as reporting:
         for end in (0.0, 0.4, 0.8):
             reporting.report(folder)
-            pid = until(lambda: reporting.pid)
+            pid = until(lambda: reporting.workers[0].pid)
             threading.Event().wait(end)  # some moment
             busy[0] = True
             until(lambda pid=pid: not alive(pid))  # type: ignore[misc]
@@ -328,38 +344,13 @@ def test_a_run_cuts_a_chore_short_which_is_done_again_after_it(folder: Path) -> 
             assert {path.name for path in folder.iterdir()} - before <= {"report.html", "pictures"}
             busy[0] = False
         reporting.report(folder)
-        pid = until(lambda: reporting.pid)
+        pid = until(lambda: reporting.workers[0].pid)
         assert pid is not None
         os.kill(pid, signal.SIGKILL)
         told = "no reports, pages and zips: it was ended by SIGKILL; it is tried again"
         until(lambda: reporting.problem == told)
         until(lambda: reporting.problem is None and (folder / "report.html").is_file())
         assert "</html>" in (folder / "report.html").read_text()
-
-
-def test_a_queue_holds_each_chore_once_the_latest_and_what_comes_meanwhile(tmp_path: Path) -> None:
-    def chore(name: str, argument: str) -> Chore:
-        return Chore(name, ChoreKind.EXPORT, (argument,))
-
-    queue = ChoreQueue(tmp_path / "queue", pause=3600.0)
-    (tmp_path / "queue").mkdir()
-    (tmp_path / "queue" / "1.json").write_text('{"name"')  # a power cut
-    for name, argument in (("report", "1"), ("zip", "2"), ("report", "3")):
-        queue.put(chore(name, argument))
-    assert queue.take_next() == chore("report", "3")
-    queue.put(chore("report", "4"))
-    queue.finish()
-    assert queue.take_next() == chore("zip", "2")  # not finished: it rests
-    assert queue.take_next() == chore("report", "4")
-    queue.finish()
-    assert queue.take_next() is None
-    assert 3590 < queue.rest <= 3600
-    assert ChoreQueue(tmp_path / "queue", pause=1.0).take_next() == chore("zip", "2")  # clock set
-    other = ChoreQueue(tmp_path / "other", pause=3600.0)
-    for argument in ("1", "2"):
-        other.put(chore("report", argument))
-    assert other.take_next() == chore("report", "2")
-    assert other.rest > 3590  # the earlier one is superseded
 
 
 @pytest.mark.machine
