@@ -1,7 +1,8 @@
-"""`python -m madrob_console.cli.aside HANDLE`: work that gives way to everything.
+"""`python -m madrob_console.cli.aside [--guarded] HANDLE`: work that gives way to everything.
 
 It does the chores that the engine at the other end of the socket with this handle asks for, one
-after the other. When the engine has ended, it does what it was asked for before.
+after the other. When the engine has ended, it does what it was asked for before. `--guarded`: what
+it starts ends with it.
 """
 
 from __future__ import annotations
@@ -11,18 +12,15 @@ import os
 import signal
 import socket
 import sys
-import time
 from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
-from select import select
-from subprocess import DEVNULL, PIPE, STDOUT, Popen, TimeoutExpired
 
 import msgspec
 
+from madrob_console.cli.guarded import ENDING, TerminatedError, guarded, run_command
 from madrob_console.cli.output import BAD_INPUT, complain
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.names import terminal_safe
 from madrob_console.engine.reports import Chore, ChoreKind, Finished
 from madrob_console.engine.wire import LENGTH, frame
 
@@ -33,19 +31,6 @@ NICENESS = 10
 """Added to the niceness of the caller: the engine, a run, a screen come first."""
 
 _AGAIN = 0.5  # s
-COMMAND_TIME = 60.0
-"""The command of [results] and all that it starts may take this long, s."""
-
-_MOST_OUTPUT = 20_000  # last bytes of a command, in the log
-_MOST_TOLD = 100  # characters of its last line on the screens
-
-
-_starts = False
-"""A command is being started: only then can it be ended."""
-
-
-class _Terminated(BaseException):
-    """A run begins: what is under way leaves no half-written file behind."""
 
 
 class ChoreLink:
@@ -70,14 +55,20 @@ class ChoreLink:
 
 
 def main() -> int:
-    link = ChoreLink(socket.socket(fileno=int(sys.argv[1])))
+    *options, handle = sys.argv[1:]
+    os.nice(NICENESS)
+    return guarded(lambda: work(int(handle))) if options else work(int(handle))
+
+
+def work(handle: int) -> int:
+    """Do what the engine asks for until it ends; the exit code of this process."""
+    link = ChoreLink(socket.socket(fileno=handle))
     try:
-        os.nice(NICENESS)
-        for number in (signal.SIGTERM, signal.SIGALRM):
+        for number in ENDING:
             signal.signal(number, _end)
         while (chore := link.wait_for_chore()) is not None:
             link.tell(carry_out(chore))
-    except _Terminated:
+    except TerminatedError:
         signal.setitimer(signal.ITIMER_REAL, 0)
         return 128 + signal.SIGTERM
     except (OSError, MemoryError) as error:  # it is started again
@@ -143,48 +134,9 @@ def _done(chore: Chore) -> tuple[int, Sequence[Path]]:
     return BAD_INPUT if problems else 0, missing
 
 
-def run_command(command: Sequence[str], limit: float = COMMAND_TIME) -> int:
-    """Run a command for `limit` s at most; its exit code. Its output goes to this process's log."""
-    global _starts  # noqa: PLW0603  so is the signal handler that reads it
-    end, output, why = time.monotonic() + limit, b"", ""
-    _starts = True
-    try:
-        process = Popen(command, stdin=DEVNULL, stdout=PIPE, stderr=STDOUT, start_new_session=True)
-    except OSError as error:
-        _starts = False
-        complain(f"{command[0]}: {error.strerror}")
-        return BAD_INPUT
-    with process:
-        assert process.stdout is not None
-        pipe = process.stdout.fileno()
-        try:
-            _starts = False
-            while (left := end - time.monotonic()) > 0 and select([pipe], (), (), left)[0]:
-                if not (data := os.read(pipe, 65536)):
-                    break
-                output = (output + data)[-_MOST_OUTPUT:]
-            code = process.wait(max(0.0, end - time.monotonic()))
-        except TimeoutExpired:
-            code, why = BAD_INPUT, f"was killed after {limit:g} s"
-        finally:
-            with suppress(OSError):
-                os.killpg(process.pid, signal.SIGKILL)
-    lines = [terminal_safe(line) for line in output.decode(errors="replace").splitlines()]
-    log = "".join(f"command of [results]: {line}\n" for line in lines)
-    print(log, end="", file=sys.__stderr__, flush=True)
-    if code:
-        why = (
-            why
-            or f"ended with code {code}: {lines[-1][:_MOST_TOLD] if lines else 'it said nothing'}"
-        )
-        complain(f"{Path(command[0]).name} {why}")
-    return code
-
-
 def _end(_number: int, _frame: object) -> None:
     signal.setitimer(signal.ITIMER_REAL, _AGAIN)  # an import may have swallowed it
-    if not _starts:
-        raise _Terminated
+    raise TerminatedError
 
 
 if __name__ == "__main__":

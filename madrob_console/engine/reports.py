@@ -257,7 +257,7 @@ class Reporting:
         self._unmade: dict[str, _Unmade] = {}
         self._frames: dict[str, Callable[[str], None]] = {}
 
-        def worker(what: str) -> ChoreWorker:
+        def worker(what: str, *more: str) -> ChoreWorker:
             def lose(why: str) -> None:
                 self._lose(what, why)
 
@@ -265,11 +265,11 @@ class Reporting:
                 self._unmade = {key: one for key, one in self._unmade.items() if key != what}
                 self._hear(finished)
 
-            return ChoreWorker(command, busy, hear, lose, pause)
+            return ChoreWorker((*command, *more), busy, hear, lose, pause)
 
         self._pages = worker("reports, pages and zips")
         # a process of its own: a command may hang
-        self._hook = worker("command of [results]") if wanted.command else None
+        self._hook = worker("command of [results]", "--guarded") if wanted.command else None
 
     @property
     def workers(self) -> tuple[ChoreWorker, ...]:

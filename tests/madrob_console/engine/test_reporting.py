@@ -18,7 +18,6 @@ import pytest
 
 from madrob_console.archive.run_pictures import renewed_pictures, run_pictures
 from madrob_console.archive.scored import score_opened
-from madrob_console.cli import aside
 from madrob_console.cli.main import main
 from madrob_console.common.version import software_version
 from madrob_console.engine import server
@@ -151,95 +150,6 @@ def test_report_and_pages_follow_every_result_as_madrob_report_makes_them(tmp_pa
     assert page == report_html(scored, software_version(), place, seen)
     assert "PROTESTED" in page
     assert page.count("<img ") == len(seen.files) > 0
-
-
-def script(tmp_path: Path, *lines: str) -> tuple[str, ...]:
-    path = tmp_path / "after_result"
-    path.write_text("\n".join(("#!/bin/sh", *lines, "")))
-    path.chmod(0o755)
-    return str(path), "--hall", "3"
-
-
-@pytest.mark.machine
-def test_the_command_of_the_settings_follows_every_result(
-    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    told = tmp_path / "told"
-    command = script(tmp_path, f'echo "$@" >> {told}', "echo sent; echo not quite >&2")
-    with reporting_on(folder.parent, WantedPages(reports=False, command=command)) as reporting:
-        for _ in range(2):
-            reporting.report(folder)
-            assert reporting.wait(60.0)
-        assert reporting.problem is None
-    assert told.read_text().splitlines() == [f"--hall 3 {folder}"] * 2
-    log = "command of [results]: sent\ncommand of [results]: not quite\n"
-    assert capfd.readouterr().err == 2 * log
-
-
-@pytest.mark.machine
-@pytest.mark.parametrize(
-    ("lines", "problem"),
-    [
-        (("echo no network", "exit 3"), "after_result ended with code 3: no network"),
-        (("exit 75",), "after_result ended with code 75: it said nothing; it is tried again"),
-        (("kill -TERM $$",), "after_result ended with code -15: it said nothing"),
-        ((), "after_result: No such file or directory"),
-    ],
-    ids=["fails", "later", "ended", "missing"],
-)
-def test_a_command_that_fails_is_named_in_one_line(
-    lines: tuple[str, ...], problem: str, tmp_path: Path
-) -> None:
-    command = script(tmp_path, *lines)
-    if not lines:
-        Path(command[0]).unlink()
-    with reporting_on(tmp_path, WantedPages(reports=False, command=command)) as reporting:
-        reporting.report(completed())
-        told = told_of(reporting, "the command of [results] failed: ")
-        assert told.endswith(problem)
-        script(tmp_path, "exit 0")
-        reporting.report(completed())
-        until(lambda: reporting.problem is None)
-
-
-@pytest.mark.machine
-@pytest.mark.parametrize(
-    "does",
-    ["sleep 1000", "yes", "exec >/dev/null 2>&1; sleep 1000"],
-    ids=["hangs", "floods", "mute"],
-)
-def test_a_command_that_does_not_end_is_killed_with_all_it_started(
-    does: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    begun = tmp_path / "begun"
-    command = script(tmp_path, "sleep 1000 &", f"echo $$ $! > {begun}", does)
-    assert aside.run_command(command, limit=1.0) != 0
-    *log, told = capfd.readouterr().err.splitlines()
-    assert told == "madrob: after_result was killed after 1 s"
-    assert log == ["command of [results]: y"] * (10_000 if does == "yes" else 0)
-    until(lambda: not any(map(alive, map(int, begun.read_text().split()))))
-
-
-@pytest.mark.machine
-def test_nothing_waits_for_a_command_that_hangs_and_a_run_ends_it(
-    folder: Path, tmp_path: Path
-) -> None:
-    begun, busy = tmp_path / "begun", [False]
-    command = script(tmp_path, f"echo $$ >> {begun}", "sleep 1000")
-    wanted = WantedPages(options=[f"--results={folder.parent}"], command=command)
-    with reporting_on(folder.parent, wanted, lambda: busy[0]) as reporting:
-        reporting.report(folder)
-        until((folder / "report.html").exists)
-        hangs = int(until(lambda: begun.exists() and begun.read_text()) or 0)
-        reporting.export(3, practice=True)
-        until(lambda: reporting.exported is not None and reporting.exported.path)
-        assert alive(hangs)
-        assert reporting.problem is None
-        busy[0] = True
-        until(lambda: not alive(hangs))
-        busy[0] = False
-        until(lambda: len(begun.read_text().split()) == 2)  # it is called again
-        busy[0] = True
 
 
 @pytest.mark.machine
