@@ -105,23 +105,17 @@ def _code_of(chore: Chore) -> tuple[int, Sequence[Path]]:
 def _done(chore: Chore) -> tuple[int, Sequence[Path]]:
     from madrob_console.archive.run_pictures import write_frames
     from madrob_console.cli.main import main as madrob
-    from madrob_console.cli.repairing import renew_all, renew_report, repair_all, without_report
-    from madrob_console.pages.surroundings import Surroundings, has_report
+    from madrob_console.cli.repairing import renew_report, repair_all, without_report
+    from madrob_console.pages.surroundings import Surroundings
 
-    folder = chore.place
-    problems: Sequence[str] = ()
-    missing: list[Path] = []
+    folder, missing = chore.place, list[Path]()
     match chore.kind:
-        case ChoreKind.REPORT:
+        case ChoreKind.REPORT | ChoreKind.MISSING:
             renew_report(folder, Surroundings())
-        case ChoreKind.MISSING if has_report(folder):
-            pass  # made meanwhile
-        case ChoreKind.MISSING:
-            renew_report(folder, Surroundings())
-        case ChoreKind.RENEW:
-            problems = list(renew_all(folder))
+            return 0, ()
         case ChoreKind.REPAIR:
-            problems, missing = list(repair_all(folder)), list(without_report(folder))
+            problems: Sequence[str] = list(repair_all(folder))
+            missing += without_report(folder) if chore.arguments[1:] else ()
         case ChoreKind.PICTURES:
             _, at, output = chore.arguments
             problems = write_frames(folder, at, Path(output))

@@ -38,6 +38,8 @@ _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
 ENDING = (signal.SIGTERM, signal.SIGALRM)
 """Signals at which a process leaves its work."""
 
+_block_ending = partial(signal.pthread_sigmask, signal.SIG_BLOCK, ENDING)
+
 
 class TerminatedError(BaseException):
     """A run begins: what is under way leaves no half-written file behind."""
@@ -45,27 +47,19 @@ class TerminatedError(BaseException):
 
 def guarded(work: Callable[[], int]) -> int:
     """Do the work in a child process; its exit code. Whatever that has started ends with it."""
-    me = os.getpid()
+    outer = os.getpid()
     _prctl(_PR_SET_CHILD_SUBREAPER, 1)
-    if not (child := os.fork()):
-        _prctl(_PR_SET_CHILD_SUBREAPER, 1)
-        _prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-        try:
-            return work() if os.getppid() == me else 128 + signal.SIGTERM
-        finally:
-            signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
-            _end_descendants()
-
-    def hand_on(number: int, _frame: object) -> None:
-        with suppress(ProcessLookupError):  # it has just ended
-            os.kill(child, number)
-
-    signal.signal(signal.SIGTERM, hand_on)
+    child = os.fork()
     try:
-        _, status = os.waitpid(child, os.WUNTRACED)
+        if child:
+            _, status = os.waitpid(child, os.WUNTRACED)
+            return os.WEXITSTATUS(status) if os.WIFEXITED(status) else os.EX_SOFTWARE
+        _prctl(_PR_SET_CHILD_SUBREAPER, 1)
+        _prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)  # a SIGTERM to the outer one ends both
+        return work() if os.getppid() == outer else os.EX_SOFTWARE
     finally:
+        _block_ending()
         _end_descendants()
-    return os.WEXITSTATUS(status) if os.WIFEXITED(status) else os.EX_SOFTWARE
 
 
 def _prctl(option: int, value: int) -> None:
@@ -104,15 +98,14 @@ def run_command(words: Sequence[str], limit: float = COMMAND_TIME) -> int:
 
     What it prints, and how it ended, goes to this process's log.
     """
-    keeper, begun, name, cause = os.getppid(), time.monotonic(), Path(words[0]).name, ""
+    begun, name, cause = time.monotonic(), Path(words[0]).name, ""
     try:
         process = Popen(words, stdin=DEVNULL, stdout=PIPE, stderr=STDOUT, start_new_session=True)
     except OSError as error:
         complain(f"{words[0]}: {error.strerror}")
         return BAD_INPUT
-    # no signal comes by way of the thread while this one blocks it
-    blocked = partial(signal.pthread_sigmask, signal.SIG_BLOCK, ENDING)
-    with process, ThreadPoolExecutor(initializer=blocked) as reader:
+    # what this thread blocks does not come by way of the other one
+    with process, ThreadPoolExecutor(initializer=_block_ending) as reader:
         assert process.stdout is not None
         output = reader.submit(_last_bytes, process.stdout)
         try:
@@ -123,11 +116,10 @@ def run_command(words: Sequence[str], limit: float = COMMAND_TIME) -> int:
             with suppress(TimeoutExpired):
                 process.wait(GRACE)
         except TerminatedError:
-            watched = os.getppid() == keeper
-            cause = "a run begins" if watched else "the process that watches it was killed"
+            cause = "a run begins, or the process above it was killed"
             raise
         finally:
-            blocked()  # it ends all in any case
+            _block_ending()  # it ends all in any case
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
             code = process.wait()

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.archive.evidence import repair_evidence, settle_account
-from madrob_console.archive.folders import REPORT_FILE, run_folder_names
+from madrob_console.archive.folders import JOURNAL_FILE, REPORT_FILE, run_folder_names
 from madrob_console.archive.history import History
+from madrob_console.archive.run_journal import is_held
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import atomic_write, stamp_of
 from madrob_console.pages.surroundings import Surroundings, has_report, report_is_old
@@ -57,31 +58,25 @@ def write_report(folder: Path, scored: Scored, around: Surroundings) -> None:
 
 
 def repair_all(root: Path) -> Iterator[str]:
+    """Remake results and reports that are out of date; yields in words what cannot be."""
     repairable = {root / run.folder for run in History(root).refresh() if run.repairable}
     for name in run_folder_names(root):
         folder = root / name
-        told_anew = False
+        if is_held(folder / JOURNAL_FILE):
+            continue  # an engine works on it
         try:
             repair_evidence(folder)
-            told_anew = settle_account(folder, time.time())
         except MadrobError as error:
             yield str(error)
-        if told_anew or folder in repairable or report_is_old(folder):
-            try:
-                repair_run(folder)
-            except MadrobError as error:
-                yield str(error)
+        try:
+            told_anew = settle_account(folder, time.time())
+            if told_anew or folder in repairable or report_is_old(folder):
+                remade = repair_run(folder)
+                if told_anew and not remade and has_report(folder):  # it tells of the evidence
+                    renew_report(folder, Surroundings())
+        except MadrobError as error:
+            yield str(error)
     yield from renew_all(root)
-
-
-def without_report(root: Path) -> Iterator[Path]:
-    """Run folders with a result and a recording, but without a report; the newest run first."""
-    for run in reversed(History(root).refresh()):
-        folder = root / run.folder
-        if run.outcome is None or has_report(folder):
-            continue
-        if stamp_of(str(folder / METADATA_FILE)) is not None:
-            yield folder
 
 
 def renew_all(root: Path) -> Iterator[str]:
@@ -95,3 +90,10 @@ def renew_all(root: Path) -> Iterator[str]:
             renew_report(folder, around)
         except MadrobError as error:
             yield str(error)
+
+
+def without_report(root: Path) -> list[Path]:
+    """Folders of runs with a result and a recording, but no report; the newest run first."""
+    runs = [root / run.folder for run in History(root).refresh() if run.outcome is not None]
+    bags = [run for run in reversed(runs) if stamp_of(str(run / METADATA_FILE)) is not None]
+    return [run for run in bags if not has_report(run)]

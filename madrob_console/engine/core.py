@@ -66,8 +66,6 @@ class Engine:
 
     Attributes:
         on_result: called with the run's folder when its result is on disk; must not wait.
-        on_left_unsettled: called with the next result after a run was left whose evidence was still
-            being written: its journal must say how much of it is there; must not wait.
     """
 
     def __init__(  # noqa: PLR0913, PLR0917  what it works with
@@ -85,7 +83,6 @@ class Engine:
         # a recording says itself what was read of it
         self.config = config.limited() if replay is None else config
         self.on_result: Callable[[Path], None] | None = None
-        self.on_left_unsettled: Callable[[], None] | None = None
         self.replay = replay
         keepers = keepers or DiskThreads.inline()
         self._teams = NO_TEAMS
@@ -274,9 +271,6 @@ class Engine:
     def _tell(self, folder: Path) -> None:
         if self.on_result is not None:
             self.on_result(folder)
-        if self.current_run.left_unsettled and self.on_left_unsettled is not None:
-            self.current_run.left_unsettled = False
-            self.on_left_unsettled()
 
     # ------------------------------------------------------------------ earlier runs
 

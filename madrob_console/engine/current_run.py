@@ -54,7 +54,6 @@ class CurrentRun:
         opened: the earlier run that it is; None = it is of this engine.
         decided: when it was found to be over, s since the epoch; None = it is not.
         over: whether its post-roll is over, too: nothing more is recorded.
-        left_unsettled: whether a run was left whose evidence was still being written.
         kept: a clean run with the handle zero of runs to come, while an earlier one is opened.
     """
 
@@ -72,7 +71,6 @@ class CurrentRun:
         self.opened: EarlierRun | None = None
         self.decided: float | None = None
         self.over = False
-        self.left_unsettled = False
         self.kept = Run()
         self.event_publisher = EventPublisher(engine_context)
         self.recorder = RunRecorder(engine_context, self.event_publisher)
@@ -165,8 +163,6 @@ class CurrentRun:
 
     def _leave(self) -> None:
         self.generation += 1
-        told = self.run.evidence
-        self.left_unsettled |= told is not None and told.unwritten != 0
         self.result.leave(self.folder)
         self.event_publisher.begin_run()
         if self.result.missing:

@@ -180,15 +180,13 @@ class LocalEngine:
     def __init__(
         self,
         engine: Engine,
-        reporting: Reporting | None = None,
+        reporting: Reporting,
         fallen: Callable[[], str | None] = lambda: None,
     ) -> None:
         self._engine = engine
         self._fallen = fallen
         self._reporting = reporting
-        if reporting is not None:
-            engine.on_result = reporting.report
-            engine.on_left_unsettled = self.repair
+        engine.on_result = reporting.report
         self._turns: PriorityQueue[Turn] = PriorityQueue()
         self._begun: set[Turn] = set()
         self._history = History(engine.config.results)
@@ -272,11 +270,8 @@ class LocalEngine:
         )
 
     def _look(self) -> None:
-        reporting, others = self._reporting, [self._fallen()]
-        if reporting is not None:
-            others.append(reporting.problem)
-        exported = None if reporting is None else reporting.exported
-        self._snapshot = self._engine.snapshot(exported, others)
+        others = [self._fallen(), self._reporting.problem]
+        self._snapshot = self._engine.snapshot(self._reporting.exported, others)
 
     def begin_request(
         self,
@@ -361,8 +356,6 @@ class LocalEngine:
         return answer
 
     def _export(self, request: ExportTeam | ExportDossier) -> str | None:
-        if self._reporting is None:
-            return "nobody packs runs here: use `madrob export`"
         match request:
             case ExportTeam(subject, practice, competition):
                 self._reporting.export(subject, competition, practice=practice)
@@ -376,8 +369,6 @@ class LocalEngine:
         replay, shown = self._engine.replay, self.snapshot().playback
         if replay is None or shown is None:
             raise MadrobError(f"{NO_REPLAY}: replay the run")
-        if self._reporting is None:
-            raise MadrobError("nobody looks for frames here: open the replay with `madrob console`")
         answer: Future[str] = Future()
 
         def done(folder: str, why: str) -> None:
@@ -401,7 +392,7 @@ class LocalEngine:
 
     def repair(self) -> None:
         """Have results made again that differ from their journals. Never waits."""
-        if self._reporting is not None and self._engine.replay is None:
+        if self._engine.replay is None:
             self._reporting.repair()
 
     @property

@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -41,11 +42,9 @@ class ChoreKind(StrEnum):
     REPORT = "report"
     """Make the report of a run anew: its folder follows."""
     REPAIR = "repair"
-    """Make results again that differ from their journals, then outdated reports, and name the runs
-    without a report: a results folder follows.
+    """Make results and reports again that are out of date: a results folder follows. Where an
+    option follows, name the runs without a report.
     """
-    RENEW = "renew"
-    """Make outdated reports again: a results folder follows."""
     PUBLISH = "publish"
     """`madrob publish`: a folder for the pages and where the runs are follow."""
     MISSING = "missing"
@@ -142,10 +141,11 @@ class ChoreWorker(Worker):
         self._sent: deque[_Waiting] = deque()
         self._closing = False
 
-    def submit(self, chore: Chore) -> None:
-        """Have a chore done; the latest one of a name counts."""
+    def submit(self, chore: Chore, *, anew: bool = True) -> None:
+        """Have a chore done, `anew` in place of one of this name that waits."""
         with self._lock:
-            self._waiting[chore.name] = _Waiting(chore)
+            if anew or chore.name not in self._waiting:
+                self._waiting[chore.name] = _Waiting(chore)
         self.ring()
 
     @property
@@ -219,16 +219,15 @@ EVERY_REPORT = WantedPages()
 _UNMADE = {
     ChoreKind.REPORT: "no report of {place.name}: {why}; `madrob report` makes it",
     ChoreKind.MISSING: "no report of {place.name}: {why}",
-    ChoreKind.RENEW: "reports of {place} are older than its results: {why}",
     ChoreKind.PUBLISH: "the pages in {place} are not up to date: {why}",
-    ChoreKind.REPAIR: "{why}",
+    ChoreKind.REPAIR: "results or reports in {place} are not up to date: {why}",
     ChoreKind.COMMAND: "the command of [results] failed: {why}",
 }
 """What screens show of a chore that was not done."""
 
 
 class _Unmade(NamedTuple):
-    kind: ChoreKind | None
+    kind: ChoreKind
     words: str
     again: bool
 
@@ -257,15 +256,11 @@ class Reporting:
         self._unmade: dict[str, _Unmade] = {}
         self._frames: dict[str, Callable[[str], None]] = {}
 
+        self._lost = ""
+
         def worker(what: str, *more: str) -> ChoreWorker:
-            def lose(why: str) -> None:
-                self._lose(what, why)
-
-            def hear(finished: Finished) -> None:
-                self._unmade = {key: one for key, one in self._unmade.items() if key != what}
-                self._hear(finished)
-
-            return ChoreWorker((*command, *more), busy, hear, lose, pause)
+            lose = partial(self._lose, what)
+            return ChoreWorker((*command, *more), busy, self._hear, lose, pause)
 
         self._pages = worker("reports, pages and zips")
         # a process of its own: a command may hang
@@ -279,15 +274,15 @@ class Reporting:
     def report(self, folder: Path) -> None:
         """Make the report of a run anew, if it is wanted; the latest result counts.
 
-        Then the reports of runs that are compared with it, and the competition's pages. Beside
-        them the command of the settings is run.
+        Then all else that is out of date, as reports of runs that are compared with it. Beside it
+        the command of the settings is run.
         """
         if self._hook is not None:
             words = (*self._wanted.command, str(folder.absolute()))
             self._hook.submit(Chore(f"command {folder.name}", ChoreKind.COMMAND, words))
         if self._wanted.reports:
             self._submit(f"report {folder.name}", ChoreKind.REPORT, str(folder))
-        self._submit("renew", ChoreKind.RENEW, str(self._results))
+        self._submit("repair", ChoreKind.REPAIR, str(self._results))
         self.publish()
 
     def publish(self) -> None:
@@ -295,8 +290,9 @@ class Reporting:
             self._submit("publish", ChoreKind.PUBLISH, *self._wanted.publish)
 
     def repair(self) -> None:
-        """Make results and reports that a crash left missing or out of date, then the pages."""
-        self._submit("repair", ChoreKind.REPAIR, str(self._results))
+        """Make results and reports that are missing or out of date, then the pages."""
+        options = ["--missing"] * self._wanted.reports
+        self._submit("start", ChoreKind.REPAIR, str(self._results), *options)
         self.publish()
 
     def export(
@@ -328,11 +324,11 @@ class Reporting:
     @property
     def problem(self) -> str | None:
         """Why reports could not be made, in words; None when the last one could, and all before."""
-        unmade = sorted(self._unmade.values(), key=lambda one: one.kind is not ChoreKind.COMMAND)
+        unmade = [*(one.words for one in self._unmade.values()), *[self._lost] * bool(self._lost)]
         if not unmade:
             return None
         others = f" ({len(unmade) - 1} more wait)" if len(unmade) > 1 else ""
-        return unmade[-1].words + others
+        return unmade[-1] + others
 
     def wait(self, patience: float) -> bool:
         """Wait at most `patience` s; whether everything is made, or pauses after a failure."""
@@ -341,11 +337,11 @@ class Reporting:
             time.sleep(0.02)
         return not waits
 
-    def finish(self, patience: float = CLOSING_TIME) -> None:
-        """Ignore runs from now on, and wait at most `patience` s; the rest goes on by itself."""
+    def finish(self) -> None:
+        """Ignore runs from now on, and wait for `CLOSING_TIME`; the rest goes on by itself."""
         for worker in self.workers:
             worker.ignore_runs()
-        self.wait(patience)
+        self.wait(CLOSING_TIME)
 
     def _submit(self, name: str, kind: ChoreKind, *arguments: str) -> None:
         self._pages.submit(Chore(name, kind, arguments))
@@ -353,11 +349,12 @@ class Reporting:
     # ------------------------------------------------------------------ the supervisor's thread
 
     def _lose(self, what: str, why: str) -> None:
-        self._unmade = {**self._unmade, what: _Unmade(None, f"no {what}: {why}", again=True)}
+        self._lost = f"no {what}: {why}"
         if self.exported is not None and not self.exported.path:
             self.exported = replace(self.exported, problem=why)
 
     def _hear(self, finished: Finished) -> None:
+        self._lost = ""
         chore, why, said = finished.chore, finished.why_not, finished.said
         if chore.kind is ChoreKind.EXPORT:
             if self.exported is not None and self.exported.what == chore.name:  # the latest wanted
@@ -368,9 +365,9 @@ class Reporting:
             if (done := self._frames.pop(chore.name, None)) is not None:
                 done(why)
             return
-        if self._wanted.reports:
-            for folder in finished.missing:
-                self._submit(f"missing {folder}", ChoreKind.MISSING, folder)
+        for folder in finished.missing:
+            name = f"report {Path(folder).name}"
+            self._pages.submit(Chore(name, ChoreKind.MISSING, (folder,)), anew=False)
         if said == str(chore.place / INDEX_PAGE):
             why = ""  # the pages are there, and name what cannot be read
         unmade = {

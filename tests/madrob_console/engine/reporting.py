@@ -14,6 +14,11 @@ from tests.watching import until
 SHORT_PAUSE = 0.2  # s
 
 
+def no_reporting(results: Path) -> Reporting:
+    """No process makes what an engine asks for."""
+    return Reporting((), results, lambda: False)
+
+
 @contextmanager
 def reporting_on(
     results: Path,

@@ -27,6 +27,7 @@ from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from tests.madrob_console.engine.drive import make_setup
+from tests.madrob_console.engine.reporting import no_reporting
 from tests.watching import until
 
 SPEED = 8.0
@@ -57,7 +58,7 @@ class Served:
     ) -> None:
         engine = engine or simulated(folder / "runs")
         self.reporting = reporting
-        self.local = LocalEngine(engine, reporting)
+        self.local = LocalEngine(engine, reporting or no_reporting(engine.config.results))
         self.stem = f"simulated_{secrets.token_hex(4)}"
         self._listening = listen_as(self.stem)
         known = WhoAnswer(wire=wire.VERSION)

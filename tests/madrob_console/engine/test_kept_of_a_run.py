@@ -50,6 +50,7 @@ from scoring.protocol import Condition, Outcome, Step
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.reporting import no_reporting
 from tests.madrob_console.engine.scored_elsewhere import kept_running
 from tests.madrob_console.engine.served import act, simulated, start
 from tests.slowly import slow_but_for
@@ -210,7 +211,12 @@ def watched() -> Iterator[Watch]:
 def test_the_core_touches_no_file_and_imports_nothing(tmp_path: Path) -> None:
     scorer = ScoringProcess()
     engine = simulated(tmp_path / "runs", SPEED, scorer=scorer)
-    with kept_running(scorer), watched() as watch, closing(LocalEngine(engine)) as local:
+    reporting = no_reporting(engine.config.results)
+    with (
+        kept_running(scorer),
+        watched() as watch,
+        closing(LocalEngine(engine, reporting)) as local,
+    ):
 
         def done(*acts: Act) -> None:
             for one in acts:

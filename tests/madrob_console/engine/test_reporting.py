@@ -47,7 +47,7 @@ from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Step
 from tests.madrob_console.archive.frames import film
 from tests.madrob_console.engine.drive import Drive, OfficialDrive, make_setup
-from tests.madrob_console.engine.reporting import reporting_on, told_of
+from tests.madrob_console.engine.reporting import no_reporting, reporting_on, told_of
 from tests.madrob_console.engine.scored_elsewhere import alive, children_of
 from tests.madrob_console.engine.served import Served, simulated
 from tests.madrob_console.engine_process import EngineProcess
@@ -382,7 +382,7 @@ def test_reports_that_tell_of_other_runs_are_made_again_and_those_that_cannot_be
         for recording in first.glob("*.mcap"):
             recording.unlink()
         reporting.report(first)
-        told = told_of(reporting, f"reports of {results} are older than its results: ")
+        told = told_of(reporting, f"results or reports in {results} are not up to date: ")
         assert first.name in told
 
 
@@ -470,7 +470,7 @@ def test_a_thread_that_falls_is_a_fault_on_the_screens(
 
     fallen = FallenThreads()
     monkeypatch.setattr(threading, "excepthook", fallen.note)
-    local = LocalEngine(simulated(tmp_path), fallen=lambda: fallen.problem)
+    local = LocalEngine(simulated(tmp_path), no_reporting(tmp_path), lambda: fallen.problem)
     with closing(local):
         assert not any("has ended" in fault for fault in local.snapshot().faults)
         thread = threading.Thread(target=fail, name="intake")

@@ -33,6 +33,7 @@ from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.console_app import TypeAhead
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup
+from tests.madrob_console.engine.reporting import no_reporting
 from tests.madrob_console.ui.driver import DEFAULTS, Hand, Shown
 
 MOST_ESCAPES = 8
@@ -48,7 +49,7 @@ class InlineEngine(LocalEngine):
         self.unfinished: tuple[Unfinished, ...] = ()
         self._engine = drive.engine
         self._fallen = lambda: None
-        self._reporting = None
+        self._reporting = no_reporting(drive.engine.config.results)
         self._turns = PriorityQueue()
         self._begun = set()
         self._history = History(drive.engine.config.results)

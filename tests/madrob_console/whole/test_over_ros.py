@@ -44,6 +44,7 @@ from recorder.reader import read_bag
 from scoring.protocol import Signal
 from tests.madrob_console.camera_peer import Kind, Stream, cameras
 from tests.madrob_console.engine.drive import make_setup
+from tests.madrob_console.engine.reporting import no_reporting
 from tests.madrob_console.engine.spoilt import DOOR
 from tests.madrob_console.engine_process import ROOT, EngineProcess, madrob_beside, remarks_of
 from tests.madrob_console.ros_peer import KEPT, TYPES, Peer
@@ -245,7 +246,8 @@ def test_each_of_two_engines_in_a_domain_names_the_other_and_one_that_was_killed
     clock, types = SystemClock(), MessageTypes()
     source = RosSource(DEFAULT_MAPPINGS, types, clock, ros_domain)
     config = EngineConfig(tmp_path / "own", DEFAULT_MAPPINGS, disk_needed=0)
-    with closing(LocalEngine(Engine(source, clock, config, types))) as local:
+    own = Engine(source, clock, config, types)
+    with closing(LocalEngine(own, no_reporting(config.results))) as local:
 
         def services() -> list[str]:
             names = dict(peer.own.get_service_names_and_types())

@@ -33,6 +33,7 @@ from scoring.protocol import Outcome
 from tests.madrob_console import said
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.held_disk import HeldDisk
+from tests.madrob_console.engine.reporting import no_reporting
 from tests.madrob_console.engine.spoilt import HANDLE
 from tests.madrob_console.ros_peer import BOOL, KEPT, TYPES, Peer, Taker, latch
 from tests.watching import Stutter, until
@@ -52,7 +53,10 @@ class Hall:
         self.source = RosSource(DEFAULT_MAPPINGS, types, clock)
         config = EngineConfig(results, DEFAULT_MAPPINGS, disk_needed=0)
         keepers = DiskThreads(self.disk, DiskJobs(), monotonic=time.monotonic)
-        self.engine = LocalEngine(Engine(self.source, clock, config, types, keepers=keepers))
+        self.engine = LocalEngine(
+            Engine(self.source, clock, config, types, keepers=keepers),
+            no_reporting(config.results),
+        )
         self.source.offer_abort(self.begin_abort)
         trigger = load_module("std_srvs.srv").Trigger
         name = f"{self.source._console.get_fully_qualified_name()}/abort"
