@@ -219,7 +219,7 @@ def all_doubts(
             *_blind_strips(grounds),
             *_gaps(grounds),
             *_missing_samples(grounds),
-            *_bad_samples(grounds, indicators, uncertainty, uncertain),
+            *_bad_samples(grounds, indicators, uncertain),
             *_bad_edges(grounds),
             *_impossible(grounds),
             *_guessed_angles(grounds),
@@ -401,10 +401,7 @@ def _missing_samples(g: Grounds) -> Iterator[Doubt]:
 
 
 def _bad_samples(
-    g: Grounds,
-    indicators: Mapping[Name, Indicator],
-    uncertainty: Mapping[Name, Uncertainty | None],
-    uncertain: Uncertain,
+    g: Grounds, indicators: Mapping[Name, Indicator], uncertain: Uncertain
 ) -> Iterator[Doubt]:
     """Samples without which a value would change by more than its uncertainty, lost ones too."""
     sound = g.without_bad_samples()
@@ -415,13 +412,11 @@ def _bad_samples(
     words = dict.fromkeys(_MOTION, _bad_angle(g))
     words[Name.ROUGHNESS_OF_DOOR_ACTUATION] = "the largest force rests on one sample"
     for name, other in values.items():
-        value, worth, own = indicators[name].value, of_sound[name], uncertainty[name]
+        value, worth = indicators[name].value, of_sound[name]
         if value is None or other.value is None or worth is None:
             continue
-        most = worth.expanded
-        if name is Name.ROUGHNESS_OF_DOOR_ACTUATION and own is not None:
-            most = max(most, own.expanded) + _TOP_NOISE * g.force_noise
-        if abs(value - other.value) > g.thresholds.doubt.one_sample * most:
+        noise = _TOP_NOISE * g.force_noise if name is Name.ROUGHNESS_OF_DOOR_ACTUATION else 0.0
+        if abs(value - other.value) > g.thresholds.doubt.one_sample * (worth.expanded + noise):
             yield (name,), f"{words[name]}: without it {value_text(other.value, worth)}"
 
 

@@ -116,7 +116,7 @@ _HOLE = 1.2
 _MOST_HOLES = 200_000
 """Remembered interval ends: an hour of every second sample missing, at 50 Hz."""
 
-_DELAYS_TOGETHER = 10
+_DELAYS_TOGETHER = 50
 """The least of so many delays is kept: memory stays small."""
 
 AGAINST_OPENING = "against the opening side: check the testbed"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -152,6 +153,7 @@ class _Made(msgspec.Struct):
     quality: _Samples
     journal: JournalMark = JournalMark(0, "")
     files: dict[str, FileDigest] = {}
+    closure: Any = None
 
     @property
     def recording(self) -> set[str]:
@@ -199,6 +201,8 @@ def _check(
         return
     if not is_next and old.journal.lines and old.journal not in marks_of(entries):
         raise lost
+    if old.closure is None and new.journal.lines > old.journal.lines:
+        return  # not signed, and the referee has decided something since
     incomplete = any(entry.what == Change.UNRECORDED for entry in entries)
     if not new.is_of_recording_of(old, incomplete=incomplete):
         raise MadrobError(

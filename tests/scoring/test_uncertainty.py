@@ -19,7 +19,7 @@ from scoring.procedure import Ruling
 from scoring.protocol import LockDetection, Outcome, Step, Thresholds
 from scoring.result import Ending
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
-from tests.scoring.clean_run import BY_EVENT, NOMINAL, Motion, clean, lost, scored
+from tests.scoring.clean_run import BY_EVENT, NOMINAL, Motion, clean, force_fault, lost, scored
 from tests.scoring.runs import CONDITION, START
 
 
@@ -49,6 +49,15 @@ def test_a_start_by_hand_is_part_of_what_is_measured_from_it() -> None:
         assert own is not None
         assert late is not None
         assert late.expanded >= 0.2 if name.spec.with_the_start else late == own
+
+
+def test_what_of_the_roughness_is_rest_stands_beside_it() -> None:
+    drifted = force_fault(lambda t, force: force + (1.5 if t > 3 else 0.0))
+    rough = scored(drifted(clean())).indicators[Name.ROUGHNESS_OF_DOOR_ACTUATION]
+    assert rough.uncertainty is not None
+    assert rough.uncertainty.rest == pytest.approx(1.5, abs=0.05)
+    assert rough.text.endswith(" N, of these 1.5 N at rest")
+    assert rough.doubts == ()
 
 
 def test_where_there_is_no_value_there_is_no_uncertainty() -> None:

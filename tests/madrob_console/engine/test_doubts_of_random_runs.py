@@ -127,7 +127,7 @@ def kind_of(words: str) -> str:
 
 FAULTS = (
     *("touch", "spike", "impossible", "losses", "clipped"),
-    *("stuck", "drift", "gap", "delay", "blip"),
+    *("stuck", "gap", "delay", "blip"),
 )
 
 
@@ -180,13 +180,6 @@ def fault_in(  # noqa: C901 - one case a fault
                 return kept[0]
 
             return force_fault(hold), Name.ROUGHNESS_OF_DOOR_ACTUATION
-        case "drift" if run.result.rest is not None and run.result.rest.drift is not None:
-            by = random.choice((-1, 1)) * random.uniform(1.2, 6.0)
-            since = end - 0.1
-            return (
-                force_fault(lambda t, f: f + by if t > since else f),
-                Name.ROUGHNESS_OF_DOOR_ACTUATION,
-            )
         case "gap" if touched is not None and touched > 0.2:
             since = touched - random.uniform(0.01, 0.1)
             return lost(since, since + 0.09, HandleSample), Name.TIME_TO_HANDLE

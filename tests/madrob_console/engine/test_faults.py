@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import structs
 
-from madrob_console.engine.observation import FLICKERS, MOST_FALSE_STARTS, MOST_NOTED
+from madrob_console.engine.observation import FLICKERS, MOST_NOTED
 from madrob_console.engine.run_faults import RunFaults
 from madrob_console.messages.message_types import Message
 from madrob_console.referee.acts import SetUp, Start, Waive, ZeroHandle
@@ -66,7 +66,7 @@ class Case(NamedTuple):
 
 
 BLIND = (DOOR, STRIP)
-DROPPED = r"\d+ duplicate, backward or missing stamps dropped"
+DROPPED = r"\d+ duplicate, backward, wrong or missing stamps dropped"
 STEPPED = r"clock stepped by [+-]5\.000 s, later stamps shifted back"
 WITHOUT = r"\d+ values without a reading"
 CASES = (
@@ -339,16 +339,14 @@ def test_the_name_behind_an_index_is_looked_at_and_doubted_where_it_changes(
 def test_a_door_that_flickers_is_told_once_and_costs_the_journal_little(drive: FaultyDrive) -> None:
     drive.set_up()
     drive.begin()
-    drive.faulty.spoil(DOOR, Fault.TWO_PUBLISHERS)
     drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
-    assert len(drive.engine.run.false_starts) == MOST_FALSE_STARTS
     angles = cycle([0.0, 0.4])
     drive.faulty.fake(DOOR, lambda message: set_value(message, next(angles)))
     result = drive.result()
     assert len(result.events) > MOST_NOTED + 100
     assert any(FLICKERS in remark for remark in result.quality.remarks)
     lines = (drive.folder / "journal.jsonl").read_text().splitlines()
-    assert len(lines) < MOST_NOTED + MOST_FALSE_STARTS + 20
+    assert len(lines) < MOST_NOTED + 20
     assert drive.rescored() == result
 
 
