@@ -201,8 +201,9 @@ def _check(
         return
     if not is_next and old.journal.lines and old.journal not in marks_of(entries):
         raise lost
-    if old.closure is None and new.journal.lines > old.journal.lines:
-        return  # not signed, and the referee has decided something since
+    unsigned = old.closure is None and new.closure is None
+    if unsigned and new.journal.lines > old.journal.lines:
+        return  # the referee has decided something since
     incomplete = any(entry.what == Change.UNRECORDED for entry in entries)
     if not new.is_of_recording_of(old, incomplete=incomplete):
         raise MadrobError(

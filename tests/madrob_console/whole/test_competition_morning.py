@@ -255,7 +255,7 @@ def test_r_replays_the_run_at_the_instant_of_its_protest_and_comes_back(tmp_path
         referee.see("SIMULATED")
         referee.press("F3", "1 touch the handle")
         referee.press("h", "1 PROTEST open")
-        referee.press("Enter", "R")
+        referee.press("Enter", "R Replay")
         referee.press("R", "PAUSED 1x 0:06.50")
         time.sleep(READING)
         window.press("F10")
