@@ -411,7 +411,7 @@ def begin_run(engine: EngineProcess) -> None:
     engine.wait_for(lambda s: s.time > fresh + 1.1)
     engine.act(ZeroHandle(), ConfirmPose())
     for check in blocking(engine.snapshot().checks):
-        engine.act(Waive(check.name, "a proof"))
+        engine.client.send_request(Perform.of(Waive(check.name, "a proof")))  # it may pass by now
     engine.act(Start())
     engine.wait_for(lambda s: s.run.phase is Phase.RUNNING)
 
