@@ -58,7 +58,6 @@ class Grounds:
         end: of what is scored.
         start_uncertainty: of a start by hand, s.
         completed: whether the run ended as completed.
-        settles: whether a door that stayed closed ended it.
         presences: for each used sensor, from when to when something was under it.
         doubted: words that cast doubt on a signal, from whoever read it.
         door, joint, force_time, force: over the whole recording.
@@ -73,7 +72,6 @@ class Grounds:
     end: float
     start_uncertainty: float
     completed: bool
-    settles: bool
     procedure: Procedure
     events: Sequence[Event]
     presences: Mapping[PassageSensor, Sequence[tuple[float, float]]]
@@ -147,7 +145,8 @@ class Grounds:
         touch = first(pressed := np.abs(force) > threshold)
         if touch == math.inf:
             return 0.0
-        free = force[(self.force_time > touch - 0.7) & (self.force_time < touch - 0.2)]
+        since, until = (touch - early for early in _JUST_BEFORE)
+        free = force[(self.force_time > since) & (self.force_time < until)]
         zero = float(np.median(free)) if free.size else 0.0
         surely = pressed & (np.abs(force - (self.rest.drift or 0.0)) > threshold)
         return max(abs(first(np.abs(force - zero) > threshold) - touch), first(surely) - touch)
@@ -189,6 +188,9 @@ _FROM_START = (Name.EXECUTION_TIME, Name.TIME_TO_HANDLE)
 _UNDER_SENSORS = (EdgeKind.ARRIVAL, EdgeKind.DEPARTURE)
 _TOP_NOISE = 3.0
 """Noise alone lifts one force over its neighbours by up to this many standard deviations."""
+_UNDECIDABLE = "arrival and leaving cannot be decided"
+_JUST_BEFORE = (0.7, 0.2)
+"""When the free handle is looked at, s before the touch."""
 _BY_CHANCE = 1e-6
 _UNEVEN = 0.01
 """The stamps' jitter makes accelerations differ by less than this part of them."""
@@ -269,7 +271,7 @@ def edge_doubts(
 
 
 def _other_visits(g: Grounds) -> Iterator[Doubt]:
-    """What decides without having passed from one side to the other: a person beside the robot."""
+    """An arrival or a leaving of somebody who did not pass from one side to the other."""
     passages = [
         visit
         for visit in _visits(g, frozenset(Side))
@@ -282,8 +284,10 @@ def _other_visits(g: Grounds) -> Iterator[Doubt]:
         again = any(passage.rise <= fall < edge.time for fall in here) and edge.time in here
         passed = passage.rise <= edge.time <= passage.fall and not again
         if edge.kind in _UNDER_SENSORS and not passed:
-            words = "something was under the sensors twice: not seen to pass"
-            yield edge.indicators, f"{edge.kind.words}: {words}"
+            words = (
+                f"something was under the sensors twice, {edge.kind.words} is not of what passed"
+            )
+            yield edge.indicators, words
 
 
 class _Visit(NamedTuple):
@@ -310,10 +314,10 @@ def _blind_strips(g: Grounds) -> Iterator[Doubt]:
     for strip in Strip:
         counter = g.counters.get(signal := Signal.of_strip(strip))
         if counter is None:
-            yield _PASSING, f"{signal.value}: nothing recorded: it cannot be decided"
+            yield _PASSING, f"{signal.value}: nothing recorded: {_UNDECIDABLE}"
         elif counter.no_reading > (readings := counter.readings) / 2:
             share = f"{100 * counter.no_reading / readings:.0f} of 100 values without a reading"
-            yield _PASSING, f"{signal.value}: {share}: it cannot be decided"
+            yield _PASSING, f"{signal.value}: {share}: {_UNDECIDABLE}"
     seen_sides = {sensor.side for sensor, seen in g.presences.items() if seen}
     if {EdgeKind.TOUCH, EdgeKind.OPENING, EdgeKind.CLOSING} <= {edge.kind for edge in g.edges}:
         for side in set(Side) - seen_sides:
@@ -327,6 +331,7 @@ def _gaps(g: Grounds) -> Iterator[Doubt]:
     rows, limits = g.rows, g.thresholds.doubt
     motion = rows.joint_state.time, rows.low_passed, limits.filter_reach
     force = rows.force_time, rows.force, limits.gap_reach
+    holes = {signal: _holes(g, signal) for signal in Signal}
     near: list[tuple[Signal, float | None, str, tuple[Name, ...]]] = []
     for name, signal, times, values, reach, words in (
         (Name.UNSAFETY_OF_DOOR_OPERATION, Signal.DOOR, *motion, "the largest acceleration"),
@@ -334,16 +339,16 @@ def _gaps(g: Grounds) -> Iterator[Doubt]:
     ):
         if np.isfinite(values).any():
             at = float(times[int(np.nanargmax(np.abs(values)))])
-            near.append((signal, _gap_near(_holes(g, signal), at, reach), words, (name,)))
+            near.append((signal, _gap_near(holes[signal], at, reach), words, (name,)))
     for signal in set(Signal) - {Signal.DOOR, Signal.LATCH}:
-        within = max((min(b, g.end) - max(a, g.start) for a, b in _holes(g, signal)), default=0.0)
+        within = max((min(b, g.end) - max(a, g.start) for a, b in holes[signal]), default=0.0)
         if within > g.thresholds.largest_gap:
             hidden = _FORCE[-1:] if signal is Signal.HANDLE else _PASSING
             near.append((signal, within, "", hidden))
     for edge in g.edges:
         # where the panel is decides which passage sensors it masks
         for signal in {edge.signal, Signal.DOOR} if edge.kind in _UNDER_SENSORS else {edge.signal}:
-            gap = _gap_near(_holes(g, signal), edge.time, limits.gap_reach)
+            gap = _gap_near(holes[signal], edge.time, limits.gap_reach)
             near.append((signal, gap, edge.kind.words, edge.indicators))
     for signal in Signal:
         gaps = [(gap, w, names) for of, gap, w, names in near if of is signal and gap is not None]
@@ -480,7 +485,8 @@ def _door_zero(g: Grounds) -> Iterator[Doubt]:
     if abs(before) > FARTHEST_ZERO or g.zero_shift() == math.inf:
         words = f"the closed door read {1000 * before:+.1f} mrad before the start"
         yield _computed_of(Signal.DOOR), words
-    if not g.settles or after is None:
+    settled = g.completed and g.procedure.lock_detection is LockDetection.SETTLE
+    if not settled or after is None:
         return
     least_noise = g.thresholds.encoder_count / math.sqrt(12)  # of its steps
     if abs(after - before) > g.thresholds.near_zero + max(g.door.noise, least_noise):

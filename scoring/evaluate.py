@@ -245,7 +245,6 @@ class Assessment:
                 start_uncertainty=0.0 if answered and answered <= self.start + by_hand else by_hand,
                 completed=ending.outcome is Outcome.COMPLETED,
                 procedure=procedure,
-                settles=completed_by_settling(ending, procedure),
                 presences=self._live.presences(),
                 events=events,
                 edges=self._deciding(ending, rulings, end),

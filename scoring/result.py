@@ -26,7 +26,7 @@ class Uncertainty:
     Attributes:
         u: standard uncertainty, two significant digits.
         expanded: what holds 95 errors in 100, two significant digits.
-        rest: what of the value the sensor read at rest; another rest, another value.
+        rest: how much of the value the sensor reads at rest.
     """
 
     u: float

@@ -389,7 +389,7 @@ INDICATORS = TidyTable(
             "at_rest",
             CellKind.NUMBER,
             "",
-            "what of the value the sensor read at rest",
+            "how much of the value the sensor reads at rest",
             lambda _, named: named[1].uncertainty and named[1].uncertainty.rest,
         ),
         TidyColumn(

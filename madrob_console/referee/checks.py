@@ -231,7 +231,7 @@ def _door(r: Readings) -> Check:
     if r.angle is None:
         return _no_data(CheckName.DOOR, "door angle")
     if r.near_zero < abs(r.angle) < r.closed_angle:
-        text = f"the closed door reads {1000 * r.angle:+.1f} mrad"
+        text = f"the closed door reads {1000 * r.angle:+.1f} mrad instead of 0"
         if abs(r.angle) <= FARTHEST_ZERO:
             return Check(CheckName.DOOR, CheckState.WARNING, text)
         return _verdict(CheckName.DOOR, False, text, "set the encoder's zero")
