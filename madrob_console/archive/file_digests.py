@@ -34,11 +34,14 @@ class FileDigest:
 
 
 def digests_of(
-    folder: Path, new: Mapping[str, bytes] | None = None
+    folder: Path, new: Mapping[str, bytes] | None = None, run: str = ""
 ) -> tuple[dict[str, FileDigest], tuple[str, ...]]:
-    """Digests of recording and data files, `new` ones included; then why others have none."""
+    """Digests of recording and data files, `new` ones included; then why others have none.
+
+    `run` names the recording; by default it is called like the folder.
+    """
     digests, left_out, new = {}, [], new or {}
-    names = {f"{folder.name}_0.mcap", _METADATA, *_data_files(folder), *new}
+    names = {f"{run or folder.name}_0.mcap", _METADATA, *_data_files(folder), *new}
     if lists_evidence(folder):
         names.discard(_METADATA)
     for name in sorted(names):

@@ -13,7 +13,14 @@ from madrob_console.archive.folders import ISSUE_FILE, JOURNAL_FILE, RESULT_FILE
 from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.archive.run_journal import Details, was_changed, written_details
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import atomic_write, atomic_writes, read_all, refusal
+from madrob_console.common.files import (
+    OpenFolder,
+    atomic_write,
+    atomic_writes,
+    naming_folder,
+    read_all,
+    refusal,
+)
 from madrob_console.referee.journal import Entry, Journal, Origin, refusal_words
 from madrob_console.referee.rebuild import Change, marks_of
 from madrob_console.referee.records import JournalMark
@@ -26,7 +33,7 @@ class DamagedIssueError(MadrobError):
 
 
 def issue(
-    folder: Path,
+    folder: OpenFolder,
     files: ResultFiles,
     entries: Sequence[Entry],
     journal: Journal | None = None,
@@ -48,14 +55,29 @@ def issue(
         MadrobError: the stored result is of another recording, or of journal lines that are
             missing, or the disk refuses.
     """
-    result = files[RESULT_FILE]
-    details = written_details(result)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.restore()
     except OSError as error:
         raise MadrobError(
-            f"{folder}: cannot be written ({error.strerror}): check disk space and permissions"
+            f"{folder.path}: cannot be made again ({error.strerror}): check disk space, "
+            "permissions and what has its name"
         ) from None
+    with naming_folder(folder.path, folder.inside):
+        return _issue(folder.inside, files, entries, journal, now, why, in_console=in_console)
+
+
+def _issue(
+    folder: Path,
+    files: ResultFiles,
+    entries: Sequence[Entry],
+    journal: Journal | None,
+    now: float,
+    why: Entry | None,
+    *,
+    in_console: bool,
+) -> Details:
+    result = files[RESULT_FILE]
+    details = written_details(result)
     stored = _stored(folder)
     noted = [entry.details for entry in entries if entry.what == Change.RESULT_WRITTEN]
     if stored is not None and stored != result:

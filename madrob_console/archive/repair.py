@@ -23,7 +23,7 @@ from madrob_console.archive.result_reader import (
 from madrob_console.archive.run_journal import is_held, journal_held
 from madrob_console.archive.scored import OpenedRun, RecordedRun, Scored, open_run
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import Hold, stamp_of
+from madrob_console.common.files import Hold, OpenFolder, stamp_of
 from madrob_console.common.formatting import counted
 from madrob_console.referee.journal import HOLD_FILE, Entry, Journal, Origin, read_journal
 from madrob_console.referee.rebuild import Change, after, mark_of
@@ -84,7 +84,7 @@ def _repaired(
         return scored if again else None
     scored = Scored.of(recorded.record, run, opened.assessment)
     try:
-        issue(folder, result_files(folder, scored), recorded.entries, journal, now=now)
+        _issue_in(folder, result_files(folder, scored), recorded.entries, journal, now)
     except DamagedIssueError:
         if not restore:
             raise
@@ -92,8 +92,21 @@ def _repaired(
         why = Entry(now, Origin.SYSTEM, Change.RESTORED, reason=f"{RESULT_FILE} was damaged")
         run = replace(after(run, why), journal=mark_of((*recorded.entries, why)))
         scored = Scored.of(recorded.record, run, opened.assessment)
-        issue(folder, result_files(folder, scored), recorded.entries, journal, now=now, why=why)
+        files = result_files(folder, scored)
+        _issue_in(folder, files, recorded.entries, journal, now, why)
     return scored
+
+
+def _issue_in(
+    folder: Path,
+    files: Mapping[str, bytes],
+    entries: Sequence[Entry],
+    journal: Journal | None,
+    now: float,
+    why: Entry | None = None,
+) -> None:
+    with OpenFolder(folder.resolve()) as opened:
+        issue(opened, files, entries, journal, now=now, why=why)
 
 
 def _lacks_files(folder: Path, stored: ResultDocument) -> bool:
@@ -252,7 +265,7 @@ def write_next_issue(made: NextIssue, now: float) -> None:
             entries, _ = read_journal(path)
             if _whole(entries) != made.made_of:
                 raise MadrobError(f"{folder}: the referee went on meanwhile: re-issue it once more")
-            issue(folder, made.files, entries, journal, now=now, why=made.entry)
+            _issue_in(folder, made.files, entries, journal, now, made.entry)
     except BlockingIOError:
         raise _busy(folder) from None
     except OSError as error:

@@ -45,17 +45,22 @@ _SHORT = 16
 """Digits of a digest that people compare."""
 
 
-def result_files(folder: Path, scored: Scored) -> dict[str, bytes]:
-    """Every file of the result; `result.json` is the last. `folder` holds the recording."""
+def result_files(folder: Path, scored: Scored, inside: Path | None = None) -> dict[str, bytes]:
+    """Every file of the result; `result.json` is the last.
+
+    `folder` holds the recording; an engine has it open, as `inside`.
+    """
     data = eurobench_files(folder.name, scored)
-    document = msgspec.json.encode(document_of(scored, folder, data))
+    document = msgspec.json.encode(document_of(scored, folder, data, inside))
     return data | {RESULT_FILE: msgspec.json.format(document, indent=2) + b"\n"}
 
 
-def document_of(scored: Scored, folder: Path, data: Mapping[str, bytes]) -> ResultDocument:
-    """What `result.json` says; `folder` holds the recording, `data` are the other new files."""
+def document_of(
+    scored: Scored, folder: Path, data: Mapping[str, bytes], inside: Path | None = None
+) -> ResultDocument:
+    """What `result.json` says; `data` are the other new files, the rest as `result_files`."""
     record, run, setup = scored.record, scored.run, scored.record.setup
-    files, left_out = digests_of(folder, data)
+    files, left_out = digests_of(inside or folder, data, folder.name)
     return ResultDocument(
         format=RESULT_FORMAT,
         software=f"madrob-console {record.version}",

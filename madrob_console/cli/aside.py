@@ -64,10 +64,14 @@ def work(handle: int) -> int:
     """Do what the engine asks for until it ends; the exit code of this process."""
     link = ChoreLink(socket.socket(fileno=handle))
     try:
-        for number in ENDING:
-            signal.signal(number, _end)
-        while (chore := link.wait_for_chore()) is not None:
-            link.tell(carry_out(chore))
+        try:
+            for number in ENDING:
+                signal.signal(number, _end)
+            while (chore := link.wait_for_chore()) is not None:
+                link.tell(carry_out(chore))
+        finally:  # one that comes now is caught below, a later one has nothing to end
+            for number in ENDING:
+                signal.signal(number, signal.SIG_IGN)
     except TerminatedError:
         signal.setitimer(signal.ITIMER_REAL, 0)
         return 128 + signal.SIGTERM

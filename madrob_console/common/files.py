@@ -189,6 +189,63 @@ def opened_folder(root: Path, *below: str, make: bool = False) -> Iterator[int]:
         os.close(number)
 
 
+class OpenFolder:
+    """A folder as it was opened, whatever has its name later.
+
+    Attributes:
+        path: its name when it was opened, for words.
+        inside: a path to the folder itself, for its files; also for other processes of this user.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._open()
+
+    def _open(self) -> None:
+        self._number = os.open(self.path, _FOLDER | os.O_NOFOLLOW)
+        self.inside = Path(f"/proc/{os.getpid()}/fd/{self._number}")
+
+    def problem(self) -> str | None:
+        """Why its files are not where its name says, or that it takes none, with the remedy."""
+        name = str(self.inside.readlink())
+        if name.endswith(_DELETED):
+            return f"{self.path} was deleted"
+        if not _names(self.path, self._number):
+            return f"{self.path} was renamed, its files are in {name}: rename it back"
+        if not os.access(self.inside, os.W_OK | os.X_OK):
+            return f"{self.path} cannot be written: make it yours"
+        return None
+
+    def restore(self) -> None:
+        """Make it again if it was deleted; FileExistsError if something else has its name."""
+        if str(self.inside.readlink()).endswith(_DELETED):
+            self.path.mkdir(parents=True)
+            os.close(self._number)
+            self._open()
+
+    def close(self) -> None:
+        os.close(self._number)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+
+_DELETED = " (deleted)"
+"""What Linux puts behind the name of a folder that was deleted."""
+
+
+@contextmanager
+def naming_folder(path: Path, inside: Path) -> Iterator[None]:
+    """Errors about files `inside` an open folder name it by its `path`."""
+    try:
+        yield
+    except MadrobError as error:
+        raise type(error)(str(error).replace(str(inside), str(path))) from None
+
+
 def checked_plain(number: int) -> int:
     """Return the descriptor of a plain file; close any other and raise OSError."""
     if stat.S_ISREG(os.fstat(number).st_mode):

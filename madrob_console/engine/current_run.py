@@ -304,7 +304,8 @@ class CurrentRun:
 
         keepers = self._engine_context.keepers
         disk = keepers.own if ending else keepers.reading
-        disk.submit_job(partial(settled_account, self.folder, told), heard)
+        inside = self.event_publisher.journal.folder.inside
+        disk.submit_job(partial(settled_account, inside, told), heard)
 
     def score(self, *, write: bool = True) -> None:
         """Ask for its result, and have it written unless `write` says no."""
@@ -313,8 +314,11 @@ class CurrentRun:
         assert self.folder is not None
         course, stored = self._observation.course, self.opened is not None
         samples = None if course is None else course.assessment
+        inside = self.folder if self._replay else self.event_publisher.journal.folder.inside
         self.result.request_result(
-            ToScore(self.record, self.run, self.folder, samples, self._missing, stored, write)
+            ToScore(
+                self.record, self.run, self.folder, inside, samples, self._missing, stored, write
+            )
         )
 
     def _written(self, details: Details) -> None:

@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.run_journal import Unfinished, find_unfinished
 from madrob_console.engine.disk import DiskThreads, why_not
 from madrob_console.engine.journal_writer import JournalLine, OpenJournal, Recording
@@ -278,7 +277,7 @@ class EarlierRuns:
         `refusal` says why it cannot be opened now; `take_up` goes on with the open journal;
         `done` is called once.
         """
-        job = partial(OpenJournal.reopen, opened.folder / JOURNAL_FILE, opened.entries)
+        job = partial(OpenJournal.reopen, opened.folder, opened.entries)
         latest = self._keepers.monotonic() + DURABLE_WITHIN
 
         def reopened(journal: Future[OpenJournal]) -> None:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
-from contextlib import suppress
-from functools import partial
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from madrob_console.archive.folders import JOURNAL_FILE, RunName, reserve_run_folder
 from madrob_console.archive.run_record import RECORD_NAME, RunRecord
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.disk import DiskJobs, RepeatedReading, why_not
+from madrob_console.common.files import OpenFolder
+from madrob_console.engine.disk import DiskJobs, why_not
 from madrob_console.engine.snapshot import RecorderView
 from madrob_console.referee.journal import (
     LARGEST_JOURNAL,
@@ -61,26 +60,35 @@ class JournalLine:
 
 
 class OpenJournal:
-    """The journal file of one run. Everything in it waits for the disk."""
+    """The journal file of one run, in its open folder. Everything in it waits for the disk.
 
-    def __init__(self, path: Path, journal: Journal, lines: Iterable[Entry]) -> None:
-        self._path = path
+    `keeps_folder`: the folder is closed with the journal.
+    """
+
+    def __init__(self, folder: OpenFolder, journal: Journal, lines: Iterable[Entry]) -> None:
+        self.folder = folder
+        self.keeps_folder = True
         self._journal = journal
         self._lines = list(lines)
 
+    @property
+    def _path(self) -> Path:
+        return self.folder.inside / JOURNAL_FILE
+
     @classmethod
-    def create(cls, path: Path, lines: Sequence[Entry]) -> OpenJournal:
-        journal = Journal()
+    def create(cls, folder: OpenFolder, lines: Sequence[Entry]) -> OpenJournal:
+        journal, path = Journal(), folder.inside / JOURNAL_FILE
         try:
             journal.open(path)
             journal.append(lines)
             if (error := journal.refused) is None:
-                return cls(path, journal, lines)
+                return cls(folder, journal, lines)
             with suppress(OSError):
                 path.unlink()
         except OSError as refused:
             error = refused
         journal.close()
+        folder.close()
         raise MadrobError(f"{refusal_words(error)}: {_REMEDY}")
 
     @classmethod
@@ -91,28 +99,35 @@ class OpenJournal:
             MadrobError: another program wrote it since it was read, or the disk refuses.
         """
         journal = Journal()
-        try:
+        with ExitStack() as undo:
+            undo.callback(journal.close)
             try:
-                journal.reopen(path)
-            except FileNotFoundError:
-                return cls.create(path, lines)
-            found, _ = read_journal(path)
-        except BlockingIOError:
-            raise MadrobError(f"{path.parent.name}: another console works on this run") from None
-        except OSError as error:
-            journal.close()
-            raise MadrobError(
-                f"{path}: cannot be written ({error.strerror}); `madrob score` reads such a run"
-            ) from None
-        if found and found != tuple(lines):  # one without lines says nothing: the bag was read
-            journal.close()
-            raise MadrobError(f"{path.parent.name}: was changed meanwhile: open it once more")
-        return cls(path, journal, lines)
+                folder = OpenFolder(path)
+                undo.callback(folder.close)
+                file = folder.inside / JOURNAL_FILE
+                try:
+                    journal.reopen(file)
+                except FileNotFoundError:
+                    undo.pop_all()
+                    return cls.create(folder, lines)
+                found, _ = read_journal(file)
+            except BlockingIOError:
+                raise MadrobError(f"{path.name}: another console works on this run") from None
+            except OSError as error:
+                raise MadrobError(
+                    f"{path / JOURNAL_FILE}: cannot be written ({error.strerror}); `madrob score` "
+                    "reads such a run"
+                ) from None
+            if found and found != tuple(lines):  # one without lines says nothing: the bag was read
+                raise MadrobError(f"{path.name}: was changed meanwhile: open it once more")
+            undo.pop_all()
+        return cls(folder, journal, lines)
 
     def append(self, lines: Sequence[Entry], *, again: bool) -> tuple[int, str | None]:
         """Add lines, if any; a journal that was deleted is written anew.
 
-        Returns how many are on disk, and why not all. `again`: the disk refused before.
+        Returns how many are on disk, and why not all, or that the folder is not where its name
+        says. `again`: the disk refused before.
         """
         count = self._journal.append(lines)
         problem = None if (error := self._journal.refused) is None else refusal_words(error)
@@ -129,10 +144,12 @@ class OpenJournal:
                 self._journal = journal
                 count, problem = len(lines), None
         self._lines += lines[:count]
-        return count, problem
+        return count, problem or self.folder.problem()
 
     def close(self) -> None:
         self._journal.close()
+        if self.keeps_folder:
+            self.folder.close()
 
 
 _REMEDY = "see to the disk, then try again"
@@ -173,6 +190,18 @@ class JournalKeeper:
     def full(self) -> bool:
         """Whether half of the readable journal size is used; the rest is for the run's end."""
         return 2 * len(self._entries) > MOST_LINES or 2 * self._size > LARGEST_JOURNAL
+
+    @property
+    def folder(self) -> OpenFolder:
+        """Of the current run, which has begun."""
+        assert self._file is not None
+        return self._file.folder
+
+    def hand_over_folder(self) -> OpenFolder:
+        """The folder stays open when the journal is left: who gets it closes it."""
+        assert self._file is not None
+        self._file.keeps_folder = False
+        return self._file.folder
 
     @property
     def problem(self) -> str | None:
@@ -256,10 +285,6 @@ class JournalKeeper:
 # The open files of one run: its folder, bag and journal.
 
 
-LOOKING_PERIOD = 1.0
-"""How often the folder is checked, s."""
-
-
 class Recording:
     """Records one run into a new folder, in which it begins its journal.
 
@@ -279,7 +304,6 @@ class Recording:
         entries: Sequence[Entry],
         *,
         lossless: bool,
-        disk: DiskJobs,
     ) -> None:
         setup = record.setup
         name = RunName(setup.subject, setup.condition.number, setup.run_number)
@@ -288,9 +312,6 @@ class Recording:
         self.folder = reserve_run_folder(root, name, start, practice=setup.practice)
         self._topics = {topic.name for topic in topics}
         self._scored = {mapping.topic for mapping in record.mappings}
-        look = partial(_problem_of, self.folder)
-        self._folder_problem: RepeatedReading[str | None]
-        self._folder_problem = RepeatedReading(look, disk.submit_job, LOOKING_PERIOD, None)
         self._writer = BagWriter(
             self.folder, topics, {RECORD_NAME: record.to_metadata()}, block_when_full=lossless
         )
@@ -299,8 +320,8 @@ class Recording:
         except RecorderError as error:
             raise MadrobError(str(error)) from None
         try:
-            self.journal = OpenJournal.create(self.folder / JOURNAL_FILE, entries)
-        except MadrobError:
+            self.journal = OpenJournal.create(OpenFolder(self.folder), entries)
+        except (MadrobError, OSError):
             self.close()
             raise
 
@@ -336,7 +357,7 @@ class Recording:
             messages=stats.written,
             size=stats.file_bytes,
             dropped=sum(stats.dropped.values()),
-            problem=stats.error or self._folder_problem.look(time.monotonic()),
+            problem=stats.error,
         )
 
     def remarks(self) -> tuple[str, ...]:
@@ -361,10 +382,3 @@ class Recording:
         The journal goes on.
         """
         self._writer.close(None)
-
-
-def _problem_of(folder: Path) -> str | None:
-    if os.access(folder, os.W_OK | os.X_OK):
-        return None
-    why = "cannot be written" if os.path.lexists(folder) else "is gone"
-    return f"{folder} {why}: the result would not be on disk"

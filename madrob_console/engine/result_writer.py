@@ -13,6 +13,7 @@ from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.issuing import issue
 from madrob_console.archive.run_journal import Details
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import OpenFolder, naming_folder
 from madrob_console.engine.disk import DiskThreads, why_not
 from madrob_console.engine.run_recorder import EventPublisher
 from madrob_console.engine.scorer import RenderedResult, Scorer, ToScore
@@ -24,15 +25,15 @@ from scoring.result import Indicator
 # Writing results. What the disk refuses stays in memory and is retried until it is written.
 
 
-RETRY_PERIOD = 2.0
-"""Pause between two tries, s."""
+RETRY_PERIOD = 1.5
+"""Pause between two tries, and between two looks at the run's folder, s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unwritten:
     """A run whose result or journal is not on disk, and why."""
 
-    folder: Path
+    folder: OpenFolder
     scored: RenderedResult
     entries: Sequence[Entry]
     problem: str
@@ -43,21 +44,26 @@ class Unwritten:
         return f"run {setup.run_number} of subject {setup.subject}: {self.problem}"
 
     def write(self, now: float) -> None:
-        """Write the missing journal lines, then the result; `now` is s since the epoch.
+        """Write the missing journal lines, then the result, and close the folder.
+
+        `now` is in s since the epoch.
 
         Raises:
             MadrobError: the disk refuses; what is written already may be written again.
         """
-        path = self.folder / JOURNAL_FILE
+        folder = self.folder
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)  # it may have been deleted
-            journal = up_to_date(path, self.entries)
+            folder.restore()
+            with naming_folder(folder.path, folder.inside):
+                journal = up_to_date(folder.inside / JOURNAL_FILE, self.entries)
         except OSError as error:
+            path = folder.path / JOURNAL_FILE
             raise MadrobError(f"{path}: cannot be written ({error.strerror})") from None
         try:
             issue(self.folder, self.scored.files, self.entries, journal, now=now, in_console=True)
         finally:
             journal.close()
+        folder.close()
 
 
 NOTICEABLE = 0.3
@@ -192,7 +198,8 @@ class CurrentResult:
 
         self._folder = folder
         self._trying += 1
-        write = partial(issue, folder, scored.files, self._journal.entries, in_console=True)
+        place, entries = self._journal.folder, self._journal.entries
+        write = partial(issue, place, scored.files, entries, in_console=True)
         self._keepers.own.submit_job(write, heard)
 
     def _have(self, wanted: ToScore, scored: RenderedResult) -> None:
@@ -212,7 +219,8 @@ class CurrentResult:
         if problem is None and self._journal.unwritten[0]:
             problem = "its journal waits for the disk"
         if problem is not None and self.scored is not None and folder is not None:
-            unwritten = Unwritten(folder, self.scored, self._journal.entries, problem)
+            place, entries = self._journal.hand_over_folder(), self._journal.entries
+            unwritten = Unwritten(place, self.scored, entries, problem)
             self._unwritten[folder] = unwritten
             self._tried = -math.inf  # soon, before the next run begins
         self.problem = self._folder = None
@@ -247,10 +255,10 @@ class CurrentResult:
     def _heard(self, run: Unwritten, answer: Future[None]) -> None:
         self._trying -= 1
         if (why := why_not(answer)) is not None:
-            self._unwritten[run.folder] = replace(run, problem=_not_on_disk(why))
+            self._unwritten[run.folder.path] = replace(run, problem=_not_on_disk(why))
         else:
-            del self._unwritten[run.folder]
-            self._tell(run.folder)
+            del self._unwritten[run.folder.path]
+            self._tell(run.folder.path)
 
 
 def _not_on_disk(why: str) -> str:

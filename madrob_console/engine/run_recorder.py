@@ -206,7 +206,6 @@ class RunRecorder:
             self._source.topics(),
             (*self._event_publisher.journal.entries, entry),
             lossless=config.lossless,
-            disk=self._keepers.own,
         )
         return self._keepers.own.submit_job(partial(_open, make, line), done)
 

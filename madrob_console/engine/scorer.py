@@ -15,6 +15,7 @@ from madrob_console.archive.evidence import evidence_told
 from madrob_console.archive.result_files import result_files
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.archive.scored import Scored, assess_recording, open_run
+from madrob_console.common.files import naming_folder
 from madrob_console.engine.disk import DiskJobs
 from madrob_console.engine.requests import curves_of
 from madrob_console.referee.flags import Flag, flags
@@ -76,9 +77,10 @@ class RenderedResult:
         return flags(self.run, result.steps, source, result.quality, result.indicators)
 
     @classmethod
-    def of(cls, scored: Scored, assessment: Assessment, folder: Path | None) -> RenderedResult:
-        """From a scored run and its samples; without a `folder` no files are made."""
-        files = {} if folder is None else result_files(folder, scored)
+    def of(
+        cls, scored: Scored, assessment: Assessment, files: Mapping[str, bytes]
+    ) -> RenderedResult:
+        """From a scored run, its samples and the result's files, if any were wanted."""
         return cls(
             record=scored.record,
             run=scored.run,
@@ -95,6 +97,7 @@ class ToScore:
 
     Attributes:
         record: as it was recorded; what was corrected since stands in `run`.
+        inside: the folder itself, which the engine has open, whatever has its name.
         assessment: has all of its samples and does not change any more; None = they are in its
             recording.
         missing: what its closed recording lacks, in words.
@@ -105,6 +108,7 @@ class ToScore:
     record: RunRecord
     run: Run
     folder: Path
+    inside: Path
     assessment: Assessment | None
     missing: Sequence[str] = ()
     stored: bool = False
@@ -138,7 +142,7 @@ class ScoringDesk:
         opened = open_run(folder)
         recorded, data = opened.recorded, opened.assessment
         run = replace(recorded.run, evidence=evidence_told(folder, recorded.run))
-        scored = RenderedResult.of(Scored.of(recorded.record, run, data), data, None)
+        scored = RenderedResult.of(Scored.of(recorded.record, run, data), data, {})
         self._keep(folder, data)
         return EarlierRun(folder, recorded.entries, scored, opened.out_of_date)
 
@@ -146,10 +150,12 @@ class ScoringDesk:
         """Score a run from the samples it comes with, else from those kept or recorded."""
         run, folder, record = wanted.run, wanted.folder, wanted.record.corrected(wanted.run)
         data = wanted.assessment or self._kept.pop(folder, None)
-        if data is None or data.condition != record.setup.condition:
-            data = assess_recording(folder, record, run, stored=wanted.stored)
-        scored = Scored.of(record, run, data, wanted.missing)
-        rendered = RenderedResult.of(scored, data, folder if wanted.files else None)
+        with naming_folder(folder, wanted.inside):
+            if data is None or data.condition != record.setup.condition:
+                data = assess_recording(wanted.inside, record, run, stored=wanted.stored)
+            scored = Scored.of(record, run, data, wanted.missing)
+            files = result_files(folder, scored, wanted.inside) if wanted.files else {}
+        rendered = RenderedResult.of(scored, data, files)
         self._keep(folder, data)  # not after an error: then the recording is read
         return rendered
 

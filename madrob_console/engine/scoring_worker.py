@@ -74,7 +74,8 @@ def _rehearse() -> None:
         at = begin + number / 100
         assessment.feed(DoorSample(at, at, math.sin(number / 50)))
         assessment.feed(HandleSample(at, at, math.cos(number / 50)))
-    wanted = ToScore(record, run, Path(os.devnull, "run"), assessment)
+    nowhere = Path(os.devnull, "run")
+    wanted = ToScore(record, run, nowhere, nowhere, assessment)
     frame(_answer(ScoringDesk(), *pickle.loads(b"".join(question_parts(0, wanted)))))
 
 

@@ -368,10 +368,12 @@ def test_a_run_is_called_safe_on_disk_only_while_it_is(
         folder, gone = drive.folder, tmp_path / "gone"
         drive.until_told("; the run is safe on disk")
         folder.rename(gone)
+        drive.wait(2.0)
         drive.until_told("; it is in memory alone: do not end the engine")
         assert "safe on disk" not in "".join(drive.engine.snapshot().all_faults)
         gone.rename(folder)
-        drive.until_told("; the run is safe on disk")
+        drive.wait(2.0)
+        assert "; the run is safe on disk" in "".join(drive.engine.snapshot().all_faults)
         heal()
 
 

@@ -48,6 +48,7 @@ def console(
 @pytest.fixture
 def running() -> Iterator[Terminal]:
     with console() as terminal:
+        terminal.wait_for("F8 ABORT")  # of an engine; before that it is looked for
         yield terminal
 
 

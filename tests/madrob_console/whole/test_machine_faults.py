@@ -19,6 +19,8 @@ import msgspec
 import pytest
 
 from madrob_console.archive import score
+from madrob_console.archive.check import Grade, check_run
+from madrob_console.archive.folders import RunPath
 from madrob_console.archive.result_reader import read_result
 from madrob_console.archive.run_journal import find_unfinished
 from madrob_console.archive.scored import score_opened
@@ -71,7 +73,7 @@ WORDS = {
     Fault.PULLED_OUT: "Input/output error; what was written stays readable",
     Fault.RESULTS_DELETED: "the file was deleted; what was written is lost",
     Fault.RUN_DELETED: "the file was deleted; what was written is lost",
-    Fault.RUN_LOCKED: "cannot be written: the result would not be on disk",
+    Fault.RUN_LOCKED: "cannot be written: make it yours",
 }
 
 
@@ -305,6 +307,66 @@ def test_a_failing_disk_is_named_and_ends_no_run(
     for number in range(max(1, request.config.getoption("--runs") // 20)):
         latest = 12.0 if stop is Stop.COMPLETED else 6.0
         go_through(fault, stop, rng.uniform(2.5, latest), tmp_path / f"disk{number}")
+
+
+class Named(StrEnum):
+    """What has the name of a run's folder after that was renamed."""
+
+    NOTHING = "nothing"
+    LINK = "a link to another run"
+    FOLDER = "another folder"
+
+
+@pytest.mark.parametrize("moment", ["in the run", "before the signature"])
+@pytest.mark.parametrize("named", Named)
+def test_a_run_stays_in_the_folder_where_it_began(
+    named: Named, moment: str, tmp_path: Path
+) -> None:
+    drive = Recorded(tmp_path, Stop.ELAPSED)
+    drive.whole_run(setup_of(Stop.ELAPSED))
+    other, files = drive.folder, contents(drive.folder)
+    drive.start(setup_of(Stop.ELAPSED, 2))
+    if moment == "before the signature":
+        drive.finish()
+    folder, away = drive.folder, tmp_path / "away"
+    folder.rename(away)
+    if named is Named.LINK:
+        folder.symlink_to(other)
+    elif named is Named.FOLDER:
+        shutil.copytree(other, folder)
+    drive.wait(NAMED_WITHIN)
+    assert f"{folder} was renamed, its files are in {away}: rename it back" in drive.faults
+    if moment == "in the run":
+        drive.finish()
+    drive.act(AddNote("somebody tidies up"))
+    drive.wait(NAMED_WITHIN)
+    refused = drive.engine.perform(Finalise(TeamWord.ABSENT, "Ada"))
+    assert refused is not None
+    assert "was renamed" in refused
+    assert contents(other) == files
+    if named is Named.LINK:
+        folder.unlink()
+    elif named is Named.FOLDER:
+        assert contents(folder) == files
+        shutil.rmtree(folder)
+    away.rename(folder)
+    drive.wait(NAMED_WITHIN)
+    assert drive.faults == ""
+    drive.act(Finalise(TeamWord.ABSENT, "Ada"))
+    check_on_disk_again(folder)
+    drive.engine.close()
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    names = (path for path in folder.iterdir() if not path.name.startswith("."))
+    return {path.name: path.read_bytes() for path in names}
+
+
+def check_on_disk_again(folder: Path) -> None:
+    result = read_result(str(folder))
+    assert (result.files_left_out, result.closure is None) == ((), False)
+    assert result.notes[0].text == "somebody tidies up"
+    assert not check_run(RunPath(folder)).differences_of(Grade.DIFFERS)
 
 
 def test_a_result_that_waits_keeps_no_later_run_from_its_signature_and_is_written(
