@@ -25,6 +25,7 @@ _JOINERS = frozenset("\u200c\u200d")  # Persian and emoji need them
 _FLAG_TAGS = frozenset(map(chr, range(0xE0020, 0xE0080)))  # the flag of Scotland does
 _DROPPED = frozenset({"Cc", "Cf", "Co"})
 _INVISIBLE = frozenset({"Cf", "Mn", "Me", "Zs"})
+_FORMULA = frozenset("=+-@")
 _PATH_SEPARATORS = str.maketrans("/\\", "  ")
 
 
@@ -43,6 +44,15 @@ def terminal_safe(text: str) -> str:
 def valid_text(text: str) -> str:
     """The text for a file: bytes of a path that are not UTF-8 become U+FFFD, the rest stays."""
     return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
+def table_cell(text: str) -> str:
+    """The text for a cell of a table: `terminal_safe`, and no formula.
+
+    A spreadsheet runs what begins with `=`, `+`, `-` or `@`: that gets an apostrophe.
+    """
+    plain = terminal_safe(text)
+    return f"'{plain}" if unicodedata.normalize("NFKC", plain[:1]) in _FORMULA else plain
 
 
 def clean_name(text: str, field: str, fallback: str = "") -> str:

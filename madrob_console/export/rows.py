@@ -18,7 +18,7 @@ from madrob_console.archive.run_record import RunLabel
 from madrob_console.archive.scored import Scored, score_with_series
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import whole_file
-from madrob_console.common.names import valid_text
+from madrob_console.common.names import table_cell
 from madrob_console.export.table_columns import RUN, CellKind, Row, TidyTable
 from scoring.kinematics import Array
 from scoring.protocol import PASSAGE_SENSORS, Condition, PassageSensor, Thresholds
@@ -93,7 +93,7 @@ def _plain(kind: CellKind, cells: Cells) -> list[object]:
 
 
 _CELLS: Mapping[CellKind, Callable[[Any], object]] = {
-    CellKind.TEXT: lambda text: valid_text(str(text)),  # paths among them
+    CellKind.TEXT: lambda text: table_cell(str(text)),  # paths among them
     CellKind.COUNT: int,
     CellKind.NUMBER: float,
     CellKind.FLAG: bool,

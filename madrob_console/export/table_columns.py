@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from madrob_console.common.names import valid_text
-
 if TYPE_CHECKING:
     from madrob_console.archive.result_files import StoredRun
 
@@ -210,14 +208,14 @@ RUNS = TidyTable(
             CellKind.TEXT,
             "",
             "name of its folder; tables of samples call it run",
-            lambda run, _: valid_text(run.folder.name),
+            lambda run, _: run.folder.name,
         ),
         TidyColumn(
             "place",
             CellKind.TEXT,
             "",
             "path of its folder",
-            lambda run, _: valid_text(str(run.folder)),
+            lambda run, _: run.folder,
         ),
         TidyColumn(
             "source",

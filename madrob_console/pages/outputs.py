@@ -14,7 +14,7 @@ from rich.cells import set_cell_size
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.common.formatting import counted
-from madrob_console.common.names import terminal_safe, valid_text
+from madrob_console.common.names import table_cell, terminal_safe, valid_text
 from madrob_console.pages.competition import (
     BY_BEST,
     BY_NUMBER,
@@ -75,8 +75,6 @@ for a decision of the referee, so that a number may still change; `open_protests
 undecided protest (the row is not final); `without_result`: current runs, and runs that the
 referee has to decide on.
 """
-
-_FORMULA = ("=", "+", "-", "@")
 
 
 def standings_csv(found: CompetitionStandings) -> str:
@@ -175,10 +173,10 @@ def _rows(
     found: CompetitionStandings, condition: Mapping[str, object], tally: Tally
 ) -> Iterator[dict[str, object]]:
     names = {
-        "ruleset": _cell(tally.ruleset),
-        "team": _cell(tally.team),
-        "testbed": _cell("; ".join(tally.testbeds)),
-        "competition": _cell(found.title),
+        "ruleset": table_cell(tally.ruleset),
+        "team": table_cell(tally.team),
+        "testbed": table_cell("; ".join(tally.testbeds)),
+        "competition": table_cell(found.title),
     }
     told = {**_tally(tally), "source": _source(found), **names, **condition}
     for indicator, numbers in told["indicators"].items():
@@ -233,12 +231,6 @@ def _source(found: CompetitionStandings) -> str:
 
 def _warning(found: CompetitionStandings) -> tuple[str, ...]:
     return () if found.official else (PRACTICE_STANDINGS,)
-
-
-def _cell(text: str) -> str:
-    """A name on one line that no spreadsheet takes for a formula."""
-    plain = terminal_safe(text)
-    return f"'{plain}" if plain.startswith(_FORMULA) else plain
 
 
 # A competition's standings as one HTML page without scripts or outside files.

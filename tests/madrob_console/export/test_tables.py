@@ -124,6 +124,19 @@ def test_runs_tells_which_numbers_are_not_the_protocols_and_who_reads_a_signal_o
     assert set(table(capsys, "runs", tmp_path).testbed) == set("ABCE")
 
 
+@pytest.mark.parametrize("team", ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "\x1b[31m=1", "\uff1d1"])
+def test_no_text_of_a_table_is_run_by_a_spreadsheet_or_obeyed_by_a_terminal(
+    team: str, archive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (first, _) = results_below(archive)
+    folder = tmp_path / "subject_003_cond_001_run_001_20231114_221323"
+    folder.mkdir()
+    (folder / "result.json").write_text(json.dumps(first | {"team": team}))
+    (found,) = table(capsys, "runs", tmp_path).team
+    assert found.startswith(("'", " ="))
+    assert found.isprintable()
+
+
 def test_indicators_events_and_steps_have_what_the_results_have(
     archive: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
