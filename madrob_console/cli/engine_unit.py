@@ -7,7 +7,7 @@ import getpass
 import math
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from importlib import resources
 from pathlib import Path
 from string import Template
@@ -17,6 +17,7 @@ from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.config import load_settings
+from madrob_console.engine.engine_lock import state_folder
 
 _ROS_ENVIRONMENT = (
     *("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "ROS_DISTRO", "ROS_VERSION"),
@@ -27,14 +28,39 @@ _ROS_ENVIRONMENT = (
 """Variables copied from the shell that prints the unit: where ROS is, and whom it finds."""
 
 
+_SANDBOX = """\
+# It writes into these folders alone: add those that the command of [results] needs.
+ProtectSystem=strict
+ReadWritePaths={writable}
+LogsDirectory=madrob
+Environment=ROS_LOG_DIR=%L/madrob
+PrivateTmp=yes
+PrivateDevices=yes
+ProtectClock=yes
+ProtectControlGroups=yes
+ProtectHostname=yes
+ProtectKernelLogs=yes
+ProtectKernelModules=yes
+ProtectKernelTunables=yes
+CapabilityBoundingSet="""
+"""Of a system service: a user's own manager may be without the name spaces that it needs."""
+
+
 def print_unit(arguments: argparse.Namespace) -> int:
-    """Print `engine.service`, filled in."""
-    owned = owned_testbed(arguments, load_settings(arguments.settings))
+    """Print `engine.service`, filled in; makes the folders that a system service writes to."""
+    settings = load_settings(arguments.settings)
+    owned = owned_testbed(arguments, settings)
     if owned.kind is SourceKind.REPLAY:
         raise MadrobError("a replay needs no service: use --testbed ros or simulated")
+    assert owned.results is not None
     arguments.testbed, arguments.domain = [owned.kind.value], owned.domain
     arguments.results, arguments.idle_time = owned.results, arguments.idle_time or math.inf
     system = arguments.system
+    writable = [owned.results, state_folder()]
+    if settings.results.publish:
+        writable.append(Path(settings.results.publish).expanduser())
+    for folder in writable if system else ():
+        _make_folder(folder)
     names = _ROS_ENVIRONMENT if owned.kind is SourceKind.ROS else ()
     template = resources.files("madrob_console") / "cli" / "engine.service"
     filled = Template(template.read_text(encoding="utf-8")).substitute(
@@ -42,6 +68,8 @@ def print_unit(arguments: argparse.Namespace) -> int:
         testbed=owned.words,
         network="Wants=network-online.target\nAfter=network-online.target" if system else "",
         user=f"User={getpass.getuser()}" if system else "",
+        results=_quoted([str(owned.results)]),
+        sandbox=_SANDBOX.format(writable=_quoted(map(str, writable))) if system else "",
         folder=str(Path.cwd()).replace("%", "%%"),
         serve=_quoted([*_command_line(), "engine", "serve", *engine_options(arguments)]),
         environment="\n".join(
@@ -54,6 +82,16 @@ def print_unit(arguments: argparse.Namespace) -> int:
     )
     print(filled, end="")
     return 0
+
+
+def _make_folder(folder: Path) -> None:
+    """A service that may write to a folder does not start without it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise MadrobError(
+            f"{folder}: cannot be made ({error.strerror}): make it, then print the unit again"
+        ) from None
 
 
 def _command_line() -> list[str]:
@@ -75,7 +113,7 @@ def _environment(names: Iterable[str]) -> Iterator[tuple[str, str]]:
             yield name, value
 
 
-def _quoted(words: Sequence[str]) -> str:
+def _quoted(words: Iterable[str]) -> str:
     """Words of a line of a unit file (systemd.syntax(7)): nothing in them is expanded."""
     return " ".join(_word(word) for word in words)
 

@@ -57,8 +57,8 @@ def test_what_a_testbed_says_is_a_plain_line_of_a_run(
     [folder] = results.glob("practice/subject_*")
     for command in ("score", "recover"):
         assert said(capfd, command, str(folder)) != ""
-    for words in (["standings"], ["table", "runs"], ["table", "events"]):
-        assert said(capfd, *words, f"--results={results}") != ""
+    for listing in (["standings"], ["table", "runs"], ["table", "events"]):
+        assert said(capfd, *listing, f"--results={results}") != ""
     assert said(capfd, "export", f"--results={results}", "--subject=1") != ""
 
 

@@ -216,3 +216,8 @@ def test_systemd_takes_the_unit(
         ["systemd-analyze", "verify", str(path)], check=False, capture_output=True, text=True
     )
     assert (done.returncode, done.stderr) == (0, "")
+    exposure = ["security", "--offline=yes", f"--threshold={40 if system else 65}", str(path)]
+    done = subprocess.run(
+        ["systemd-analyze", *exposure], check=False, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout
