@@ -100,6 +100,15 @@ static int path_of(int fd, char *path) {
 static int whole_path(int dir, const char *name, char *path) {
     char base[PATH_MAX];
     if (name == NULL) return 0;
+    const char *rest = strncmp(name, "/proc/", 6) == 0 ? strstr(name, "/fd/") : NULL;
+    if (rest != NULL) { /* the way into an open folder */
+        for (rest += 4; isdigit((unsigned char)*rest); rest++) {}
+        snprintf(path, PATH_MAX, "%.*s", (int)(rest - name), name);
+        ssize_t n = syscall(SYS_readlinkat, AT_FDCWD, path, base, PATH_MAX - 1);
+        if (n <= 0) return 0;
+        base[n] = 0;
+        return snprintf(path, PATH_MAX, "%s%s", base, rest) < PATH_MAX;
+    }
     if (name[0] == '/') return snprintf(path, PATH_MAX, "%s", name) < PATH_MAX;
     if (dir == AT_FDCWD) {
         if (syscall(SYS_getcwd, base, sizeof base) <= 0) return 0;
