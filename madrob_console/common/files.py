@@ -25,13 +25,14 @@ def atomic_writes(folder: Path, files: Mapping[str, bytes | memoryview]) -> None
 
     On MadrobError the files before the one that it names are written.
     """
-    path = folder
+    path = folder / next(iter(files), "")
     try:
-        for name, data in files.items():
-            path = folder / name
-            with _replaced(path) as file:
-                file.write(data)
-        _sync_folder(folder)
+        with opened_folder(folder) as number:
+            for name, data in files.items():
+                path = folder / name
+                with _replaced(name, number) as file:
+                    file.write(data)
+            os.fsync(number)
     except OSError as error:
         raise _refused(path, error) from None
 
@@ -41,7 +42,7 @@ def atomic_write_in(folder: int, name: str, parts: Iterable[bytes]) -> None:
 
     The folder is not synced: after a power cut the file may be as before, or missing.
     """
-    with _replaced(Path(name), folder) as file:
+    with _replaced(name, folder) as file:
         file.writelines(parts)
 
 
@@ -53,46 +54,67 @@ def write_new_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> Non
 def replaced_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> None:
     """Replace a folder by one with these files.
 
-    After an interruption the folder is as it was before, or missing, but never partly filled.
+    After an interruption the folder is as it was before, or missing, but never partly filled; the
+    next replacement removes what that has left. MadrobError while another program replaces it.
     """
-    old, new = (path.with_name(f".{path.name}.{secrets.token_hex(4)}.part") for _ in range(2))
-    write_new_folder(new, files)
+    new = path.with_name(f".{path.name}.part")
+    old = path.with_name(f".{path.name}.old.part")
     try:
-        with suppress(FileNotFoundError):
-            path.rename(old)
-        new.rename(path)
-        _sync_folder(path.parent)
+        with _filled_folder(new):
+            atomic_writes(new, files)
+            shutil.rmtree(old, ignore_errors=True)
+            with suppress(FileNotFoundError):
+                path.rename(old)
+            try:
+                new.rename(path)
+            except OSError:
+                with suppress(OSError):
+                    old.rename(path)
+                raise
+            _sync_folder(path.parent)
+            shutil.rmtree(old, ignore_errors=True)
     except OSError as error:
-        with suppress(OSError):  # what was there comes back, unless the new one is in its place
-            old.rename(path)
         raise _refused(path, error) from None
-    finally:
-        shutil.rmtree(new, ignore_errors=True)
-        shutil.rmtree(old, ignore_errors=True)
 
 
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
     """Fill a new folder atomically; the yielded path is where the files go until then.
 
-    The parent folder is made, too. MadrobError if something is there already.
+    The parent folder is made, too. MadrobError if something is there already, or another program
+    makes it.
     """
     taken = MadrobError(f"{path}: is there already; move it away or choose another folder")
-    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+    part = path.with_name(f".{path.name}.part")
     try:
         if path.exists() or path.is_symlink():
             raise taken
-        part.mkdir(parents=True)
-        yield part
-        _sync_folder(part)
-        part.rename(path)
-        _sync_folder(path.parent)
+        with _filled_folder(part):
+            yield part
+            _sync_folder(part)
+            part.rename(path)
+            _sync_folder(path.parent)
     except OSError as error:
         if error.errno in (errno.EEXIST, errno.ENOTEMPTY):  # somebody was faster
             raise taken from None
         raise _refused(path, error) from None
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
+
+
+@contextmanager
+def _filled_folder(part: Path) -> Iterator[None]:
+    """A folder to be filled and renamed: empty, also where a kill has left one, and locked."""
+    part.mkdir(parents=True, exist_ok=True)
+    with opened_folder(part.parent, part.name) as number:
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise MadrobError(f"{part}: another program fills it: try again") from None
+        try:
+            for left in part.iterdir():
+                shutil.rmtree(left) if left.is_dir() else left.unlink()
+            yield
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
 
 
 @contextmanager
@@ -102,30 +124,60 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     The data are on disk at the end. A link at `path` is replaced, not followed.
     """
     try:
-        with _replaced(path) as file:
-            yield file
-        _sync_folder(path.parent)
+        with opened_folder(path.parent) as number:
+            with _replaced(path.name, number) as file:
+                yield file
+            os.fsync(number)
     except OSError as error:
         raise _refused(path, error) from None
 
 
 @contextmanager
-def _replaced(path: Path, folder: int | None = None) -> Iterator[BinaryIO]:
-    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+def _replaced(name: str, folder: int) -> Iterator[BinaryIO]:
+    """Write a file of an open folder without a name, which it gets when it is whole.
 
-    def opened(name: str, flags: int) -> int:
-        return os.open(name, flags | os.O_NOFOLLOW, 0o666, dir_fd=folder)
-
+    Where the file system has no nameless files (FAT, NFS), a kill leaves the part that is there.
+    """
     try:
-        with open(part, "xb", opener=opened) as file:
+        number = os.open(".", os.O_TMPFILE | os.O_WRONLY | os.O_CLOEXEC, 0o666, dir_fd=folder)
+    except OSError as error:
+        if error.errno not in _NO_NAMELESS_FILES:
+            raise
+        part = f".{name}.{secrets.token_hex(4)}.part"
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+        number = os.open(part, flags, 0o666, dir_fd=folder)
+    else:
+        part = ""
+    try:
+        with os.fdopen(number, "wb") as file:
             yield file
             file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, path, src_dir_fd=folder, dst_dir_fd=folder)
+            os.fsync(number)
+            if not part:
+                _link(number, part := f".{name}.part", folder)
+        try:
+            os.replace(part, name, src_dir_fd=folder, dst_dir_fd=folder)
+        except FileNotFoundError:
+            os.stat(name, dir_fd=folder)  # another writer has put a whole file there
     except BaseException:
         with suppress(OSError):
             os.unlink(part, dir_fd=folder)
         raise
+
+
+def _link(number: int, part: str, folder: int) -> None:
+    """Give a nameless file a name, in place of a whole file that a kill has left there."""
+    for _ in range(_OTHER_WRITERS):
+        with suppress(FileNotFoundError):
+            os.unlink(part, dir_fd=folder)
+        with suppress(FileExistsError):
+            os.link(f"/proc/self/fd/{number}", part, dst_dir_fd=folder)
+            return
+    raise FileExistsError(errno.EEXIST, "other programs write it")
+
+
+_OTHER_WRITERS = 10
+_NO_NAMELESS_FILES = (errno.EOPNOTSUPP, errno.EISDIR)
 
 
 def _refused(path: Path, error: OSError) -> MadrobError:
