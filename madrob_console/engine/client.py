@@ -20,10 +20,9 @@ from madrob_console.engine import wire
 from madrob_console.engine.discovery import has_ended
 from madrob_console.engine.disk import PriorityQueue
 from madrob_console.engine.engine_lock import connect_to, pid_of_peer
-from madrob_console.engine.engine_thread import begun, fail
 from madrob_console.engine.requests import NO_ANSWER, Request, Role, T
 from madrob_console.engine.snapshot import RightToAct, Snapshot
-from madrob_console.engine.wire import ON_ITS_WAY, awaited
+from madrob_console.engine.wire import ON_ITS_WAY, awaited, begun, fail
 
 GREETING_TIME = 5.0
 """An engine that does not greet a screen within this time is silent, s."""

@@ -40,7 +40,7 @@ from madrob_console.engine.requests import (
 )
 from madrob_console.engine.scorer import EarlierRun
 from madrob_console.engine.snapshot import Pulse, Snapshot
-from madrob_console.engine.wire import awaited
+from madrob_console.engine.wire import awaited, begun, fail
 from madrob_console.referee.acts import act_named
 from madrob_console.referee.competition_plan import PlanProgress, plan_progress
 from madrob_console.referee.journal import Origin
@@ -142,18 +142,6 @@ class Turn:
         if time.monotonic() > self.deadline:
             fail(self.answer, NO_ANSWER)
         return begun(self.answer)
-
-
-def begun(answer: Future[Any]) -> bool:
-    if not answer.done():
-        with suppress(RuntimeError):  # it has failed just now
-            return answer.set_running_or_notify_cancel()
-    return False
-
-
-def fail(answer: Future[Any], why: MadrobError | str) -> None:
-    with suppress(InvalidStateError):
-        answer.set_exception(MadrobError(why) if isinstance(why, str) else why)
 
 
 TAKE_TIMEOUT = 0.02

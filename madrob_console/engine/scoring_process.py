@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from madrob_console.common.names import terminal_safe
-from madrob_console.engine.engine_thread import fail
 from madrob_console.engine.scorer import EarlierRun, RenderedResult, Scorer, ToScore
 from madrob_console.engine.scoring_protocol import (
     Answered,
@@ -22,6 +21,7 @@ from madrob_console.engine.scoring_protocol import (
     question_parts,
 )
 from madrob_console.engine.supervisor import LOOK_PERIOD, Worker, delay_after
+from madrob_console.engine.wire import fail
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.engine.scoring_worker")
 

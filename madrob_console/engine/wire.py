@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, InvalidStateError
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Union, get_args
 
 import msgspec
@@ -61,6 +62,18 @@ class EngineClient(Protocol):
 
     def close(self) -> None:
         """End the connection; an engine in this process ends with it."""
+
+
+def begun(answer: Future[Any]) -> bool:
+    if not answer.done():
+        with suppress(RuntimeError):  # it has failed just now
+            return answer.set_running_or_notify_cancel()
+    return False
+
+
+def fail(answer: Future[Any], why: MadrobError | str) -> None:
+    with suppress(InvalidStateError):
+        answer.set_exception(MadrobError(why) if isinstance(why, str) else why)
 
 
 def awaited(answer: Future[T], patience: float) -> T:

@@ -99,11 +99,10 @@ def test_other_terminals_are_not(term: str) -> None:
 
 
 @pytest.mark.machine
-def test_the_screens_import_nothing_slow() -> None:
-    code = (
-        "import sys, madrob_console.ui.terminal;"
-        "print(*{m.partition('.')[0] for m in sys.modules} & {'scipy', 'pandas', 'rclpy', 'numpy'})"
-    )
+@pytest.mark.parametrize("module", ["madrob_console.ui.terminal", "madrob_console.engine.client"])
+def test_the_screens_import_nothing_slow(module: str) -> None:
+    slow = {"scipy", "pandas", "rclpy", "numpy", "rosbags"}
+    code = f"import sys, {module};print(*{{m.partition('.')[0] for m in sys.modules}} & {slow})"
     output = subprocess.check_output([sys.executable, "-c", code], cwd=ROOT, text=True)
     assert output.strip() == ""
 
