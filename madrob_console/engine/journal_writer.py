@@ -100,10 +100,10 @@ class OpenJournal:
         """
         journal = Journal()
         with ExitStack() as undo:
-            undo.callback(journal.close)
             try:
                 folder = OpenFolder(path)
                 undo.callback(folder.close)
+                undo.callback(journal.close)  # first: its lock goes by way of the folder
                 file = folder.inside / JOURNAL_FILE
                 try:
                     journal.reopen(file)
