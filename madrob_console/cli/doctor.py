@@ -38,16 +38,14 @@ def doctor(  # noqa: PLR0913  what it looks at
     disk_space: int,
     listen: float = 2.0,
     environment: Mapping[str, str] = os.environ,
-    abort: bool = False,
     lists: Callable[[], Iterator[Finding]] = lambda: iter(()),
     evidence: Callable[[], Iterator[Finding]] = lambda: iter(()),
 ) -> Iterator[Finding]:
     """Check everything the console needs, one after the other; never raises.
 
     `domain` None = `ROS_DOMAIN_ID`, or 0. `disk_space` is in bytes. `listen` is how long to listen
-    to the testbed, s, once it is found; 0 = not. Looking for it takes 3 s at most. `abort` is
-    whether other programs of the ROS domain may abort. `lists` and `evidence` check the
-    competition's lists and what would be recorded beside the testbed's topics.
+    to the testbed, s, once it is found; 0 = not. Looking for it takes 3 s at most. `lists` and
+    `evidence` check the competition's lists and what would be recorded beside the testbed's topics.
     """
     checks: tuple[tuple[str, Callable[[], Iterator[Finding]]], ...] = (
         ("python", look_at_python),
@@ -55,7 +53,7 @@ def doctor(  # noqa: PLR0913  what it looks at
         ("lists", lists),
         ("terminal", lambda: look_at_terminal(environment)),
         ("state", lambda: iter((look_at_state_folder(),))),
-        ("ros", lambda: look_at_ros(mappings, domain, listen, environment, abort=abort)),
+        ("ros", lambda: look_at_ros(mappings, domain, listen, environment)),
         ("evidence", evidence),
     )
     for subject, check in checks:
@@ -184,9 +182,6 @@ PATIENCE = 10.0
 _LOOK_PERIOD, _REST = 0.5, 0.02
 _HOUR = 3600.0
 
-_LARGE = 100_000
-"""Mean size of messages that are easily lost, bytes: Fast DDS hands over 512 kB at once."""
-
 
 def look_at_evidence(
     choice: EvidenceChoice,
@@ -270,14 +265,9 @@ def _evidence_topic(topic: EvidenceTopic, limit: TopicLimit) -> Finding:
     rate = f"{topic.rate:.1f} Hz, {topic.byte_rate / 1e6:.2f} MB/s"
     if limit.most_rate is not None:
         rate += f" (at most {limit.most_rate:g} Hz by `recording.limits`)"
-    lost = f", {topic.lost_count} lost on the way" if topic.lost else ""
+    lost = f", {topic.lost_count} lost on the way (`madrob guide testbed`)" if topic.lost else ""
     text = f"evidence, {topic.type}, {rate}{lost}"
     problem = topic.problem or ("nothing comes now" if topic.silent else "")
-    if topic.lost and topic.byte_rate > _LARGE * topic.rate and not problem:
-        problem = (
-            "have it published reliably, or give its publisher's Fast DDS profile a larger "
-            "`segment_size` (`madrob guide testbed`)"
-        )
     if problem:
         return Finding(Severity.WARNING, topic.topic, f"{text}: {problem}")
     return Finding(Severity.WARNING if topic.lost else Severity.OK, topic.topic, text)

@@ -78,7 +78,6 @@ def _look(arguments: argparse.Namespace, tell: Callable[[Finding], None]) -> tup
         options.results_folder(arguments, settings),
         domain=options.ros_domain(arguments, settings),
         disk_space=settings.checks.disk_space,
-        abort=settings.ros.abort,
         lists=lambda: look_at_lists(teams, plan, settings.run.timeout),
         evidence=lambda: _evidence(arguments, settings),
     ):

@@ -25,7 +25,6 @@ from madrob_console.common.names import terminal_safe
 from madrob_console.messages.codec import ROBOT_STARTED_TOPIC, Decoder, TopicMapping
 from madrob_console.messages.message_types import MessageError, MessageTypes
 from madrob_console.testbeds.ros import RosSource
-from madrob_console.testbeds.ros.abort_service import SERVICE_PACKAGE, SERVICE_REMEDY
 from madrob_console.testbeds.ros.connection import (
     REMEDY,
     Connection,
@@ -125,8 +124,6 @@ def look_at_ros(
     domain: int | None,
     listen: float,
     environment: Mapping[str, str],
-    *,
-    abort: bool = False,
 ) -> Iterator[Finding]:
     yield from look_at_installation(environment)
     try:
@@ -139,7 +136,7 @@ def look_at_ros(
     if importlib.util.find_spec("rclpy") is None:
         return
     with overheard() as lines:
-        found = list(_look_inside(mappings, number, listen, environment, abort=abort))
+        found = list(_look_inside(mappings, number, listen, environment))
     yield from found
     yield from (Finding(Severity.WARNING, "ros says", line) for line in lines)
 
@@ -149,33 +146,13 @@ def _look_inside(
     number: int,
     listen: float,
     environment: Mapping[str, str],
-    *,
-    abort: bool,
 ) -> Iterator[Finding]:
     try:
         load_rclpy()
-        yield from look_at_messages(abort=abort)
         if listen > 0:
             yield from look_at_testbed(mappings, number, listen, environment)
     except MadrobError as error:
         yield Finding(Severity.WARNING, "ros", str(error))
-
-
-_MESSAGES = {
-    "std_srvs": "nobody can abort over ROS (setting `ros.abort`)",
-    "tf2_msgs": "`madrob testbed` publishes no /tf_static",
-}
-"""Optional message packages, each with what does not work without it."""
-
-
-def look_at_messages(*, abort: bool) -> Iterator[Finding]:
-    for package, lacks in _MESSAGES.items():
-        if importlib.util.find_spec(package) is not None:
-            continue
-        if abort and package == SERVICE_PACKAGE:
-            yield Finding(Severity.ERROR, package, f"no engine starts: {SERVICE_REMEDY}")
-        else:
-            yield Finding(Severity.OK, package, f"not installed: {lacks}")
 
 
 def look_at_installation(
@@ -284,19 +261,11 @@ def _door(*, present: bool) -> Finding:
 
 
 def _discovery(environment: Mapping[str, str]) -> Finding:
-    given = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() or "SUBNET"
-    if environment.get("ROS_LOCALHOST_ONLY") == "1":
-        given = "LOCALHOST"
-    peers = environment.get("ROS_STATIC_PEERS", "")
-    text = f"{given}, peers {peers}" if peers else given
-    if given == "OFF" and not peers:
-        return Finding(Severity.WARNING, "discovery", f"{text}: nobody is found, unset it")
-    if not _hears_itself():
-        remedy = "this machine does not hear itself: `ip link set lo up`"
-        return Finding(Severity.ERROR, "discovery", f"{text}: {remedy}")
-    if given == "LOCALHOST" and not peers:
-        return Finding(Severity.OK, "discovery", f"{text}: only testbeds on this machine")
-    return Finding(Severity.OK, "discovery", text)
+    given = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "SUBNET"
+    if _hears_itself():
+        return Finding(Severity.OK, "discovery", given)
+    remedy = "this machine does not hear itself: `ip link set lo up`"
+    return Finding(Severity.ERROR, "discovery", f"{given}: {remedy}")
 
 
 def _hears_itself() -> bool:

@@ -144,7 +144,7 @@ class DoorNode:
     def _announce(self, source: SimulatedSource) -> None:
         text = encode_text(MessageTypes(), info_text(source.testbed.scenario))
         self._keep_saying(INFO_TOPIC, INFO_TYPE, text)
-        with suppress(MadrobError):  # wheels have no tf2_msgs; `madrob doctor` says it
+        with suppress(MadrobError):  # the wheels of ROS have no tf2_msgs
             for message in source.announcement.messages:
                 self._keep_saying(message.topic, message.type, message.data)
 
