@@ -10,9 +10,8 @@ import io
 import re
 import struct
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,22 +42,13 @@ _QUALITIES = (85, 70, 50, 30, 15)
 _SHOWN = 40
 _PLAIN_NAME = re.compile(r"[0-9A-Za-z_]{1,40}")
 
-PixelArray = NDArray[Any]
-
 
 class PictureError(MadrobError):
     """A message without a picture that can be shown; the text is one line."""
 
 
-class Decoded(NamedTuple):
-    """The picture of a camera message, RGB or grey; `scale` says what its grey stands for."""
-
-    picture: Image.Image
-    scale: str = ""
-
-
-def decoded(message: RawMessage, side: int = SIDE) -> Decoded:
-    """The picture in a camera message, at most `side` pixels in a row and in a column.
+def decoded(message: RawMessage, side: int = SIDE) -> Image.Image:
+    """The picture in a camera message, RGB or grey, at most `side` pixels wide and high.
 
     `message` is a `sensor_msgs/msg/CompressedImage` (JPEG or PNG, whatever it claims) or a
     `sensor_msgs/msg/Image`. Raises PictureError where none can be shown.
@@ -72,19 +62,19 @@ def decoded(message: RawMessage, side: int = SIDE) -> Decoded:
     except MessageError:
         raise PictureError(f"its bytes are no {message.type}") from None
     if message.type == _PACKED:
-        return _small(lambda: Decoded(_unpacked(bytes(content.data), side)), side)
+        return _small(lambda: _unpacked(bytes(content.data), side), side)
     return _small(lambda: _raw(content), side)
 
 
 def opened(data: bytes, side: int = SIDE) -> Image.Image:
     """A JPEG that was kept, as `decoded` makes it."""
-    return _small(lambda: Decoded(_unpacked(data, side)), side).picture
+    return _small(lambda: _unpacked(data, side), side)
 
 
-def _small(decode: Callable[[], Decoded], side: int) -> Decoded:
+def _small(decode: Callable[[], Image.Image], side: int) -> Image.Image:
     try:
-        found = decode()
-        found.picture.thumbnail((side, side), Image.Resampling.BILINEAR, reducing_gap=2.0)
+        picture = decode()
+        picture.thumbnail((side, side), Image.Resampling.BILINEAR, reducing_gap=2.0)
     except PictureError:
         raise
     except MemoryError:
@@ -92,8 +82,8 @@ def _small(decode: Callable[[], Decoded], side: int) -> Decoded:
     except Exception as error:  # noqa: BLE001  damaged pictures raise what they like
         words = terminal_safe(str(error))[:100] or type(error).__name__
         raise PictureError(f"it cannot be decoded ({words})") from None
-    found.picture.info.clear()  # comments and profiles are not for whoever gets the file
-    return found
+    picture.info.clear()  # comments and profiles are not for whoever gets the file
+    return picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,94 +156,53 @@ def _check_size(width: int, height: int) -> None:
 # ---------------------------------------------------------------------- raw pictures
 
 
-def _raw(message: Message) -> Decoded:
+def _raw(message: Message) -> Image.Image:
     width, height, step = int(message.width), int(message.height), int(message.step)
     _check_size(width, height)
     encoding = str(message.encoding)
     if encoding not in _ENCODINGS:
         name = encoding if _PLAIN_NAME.fullmatch(encoding) else repr(encoding[:_SHOWN])
         raise PictureError(f"the encoding {terminal_safe(name)} is not shown")
-    number, size, make = _ENCODINGS[encoding]
-    data = np.frombuffer(message.data, dtype=np.uint8)
-    row = width * size
-    if step < row or step * height > len(data):
+    size, raw_mode = _ENCODINGS[encoding]
+    if step < width * size or step * height > len(message.data):
         raise PictureError(
             f"{width} x {height} pixels of {encoding} in rows of {step} bytes are not in its "
-            f"{len(data)} bytes"
+            f"{len(message.data)} bytes"
         )
-    rows = np.ascontiguousarray(data[: step * height].reshape(height, step)[:, :row])
-    found = make(rows.view(f"{'>' if message.is_bigendian else '<'}{number}"))
-    return found if isinstance(found, Decoded) else Decoded(found)
+    data = bytes(message.data[: step * height])
+    if raw_mode in _YUV:
+        rows = np.frombuffer(data, np.uint8).reshape(height, step)[:, : width * size]
+        return _of_yuv(rows, *_YUV[raw_mode])
+    mode = "L" if size == 1 else "RGB"
+    return Image.frombytes(mode, (width, height), data, "raw", raw_mode, step)
 
 
-def _picture(mode: str, pixels: PixelArray) -> Image.Image:
-    height, width = pixels.shape[:2]
-    return Image.frombytes(mode, (width, height), np.ascontiguousarray(pixels, np.uint8).tobytes())
-
-
-def _grey(values: PixelArray) -> Image.Image:
-    return _picture("L", values)
-
-
-def _colours(*order: int) -> Callable[[PixelArray], Image.Image]:
-    """`order` gives the places of red, green and blue, and how many bytes there are in all."""
-    *places, size = order
-
-    def make(rows: PixelArray) -> Image.Image:
-        return _picture("RGB", rows.reshape(rows.shape[0], -1, size)[:, :, places])
-
-    return make
-
-
-def _yuv(luma: int, blue: int, red: int) -> Callable[[PixelArray], Image.Image]:
+def _of_yuv(rows: NDArray[np.uint8], luma: int, blue: int, red: int) -> Image.Image:
     """Two pixels in four bytes; the places of the first brightness and of both colours."""
-
-    def make(rows: PixelArray) -> Image.Image:
-        height, size = rows.shape
-        if size % 4:
-            raise PictureError("an odd number of pixels in a row")
-        pairs = rows.reshape(height, size // 4, 4)
-        bright = pairs[:, :, [luma, luma + 2]].reshape(height, size // 2)
-        colours = [np.repeat(pairs[:, :, place], 2, axis=1) for place in (blue, red)]
-        return _picture("YCbCr", np.dstack([bright, *colours])).convert("RGB")
-
-    return make
+    height, size = rows.shape
+    if size % 4:
+        raise PictureError("an odd number of pixels in a row")
+    width, pairs = size // 2, rows.reshape(height, size // 4, 4)
+    bright = pairs[:, :, [luma, luma + 2]].reshape(height, width)
+    colours = [np.repeat(pairs[:, :, place], 2, axis=1) for place in (blue, red)]
+    pixels = np.dstack([bright, *colours]).tobytes()
+    return Image.frombytes("YCbCr", (width, height), pixels).convert("RGB")
 
 
-def _depth(found: PixelArray) -> Decoded:
-    """Distances in m, by REP 118, as grey: nearest dark, farthest white, no distance black."""
-    there = np.isfinite(found)
-    if not there.any():
-        raise PictureError("no pixel of it has a depth")
-    depths = found[there].astype(np.float64)  # they may be as far apart as float32 goes
-    low, high = float(depths.min()), float(depths.max())
-    depths -= low
-    depths *= (255 - _NEAREST) / ((high - low) or 1.0)
-    depths += _NEAREST
-    grey = np.zeros(found.shape, np.uint8)
-    grey[there] = np.rint(depths, out=depths)
-    words = f"depth {low:.3g} to {high:.3g} m"
-    return Decoded(_picture("L", grey), words if there.all() else f"{words}, black: none")
+_YUV = {"UYVY": (1, 0, 2), "YUYV": (0, 1, 3)}
 
-
-_NEAREST = 40
-
-_RGB, _BGR = _colours(0, 1, 2, 3), _colours(2, 1, 0, 3)
-_UYVY, _YUYV = _yuv(1, 0, 2), _yuv(0, 1, 3)
-
-_ENCODINGS: Mapping[str, tuple[str, int, Callable[[PixelArray], Image.Image | Decoded]]] = {
-    "rgb8": ("u1", 3, _RGB),
-    "bgr8": ("u1", 3, _BGR),
-    "8UC3": ("u1", 3, _BGR),
-    "rgba8": ("u1", 4, _colours(0, 1, 2, 4)),
-    "bgra8": ("u1", 4, _colours(2, 1, 0, 4)),
-    "8UC4": ("u1", 4, _colours(2, 1, 0, 4)),
-    "mono8": ("u1", 1, _grey),
-    "8UC1": ("u1", 1, _grey),
-    "yuv422": ("u1", 2, _UYVY),
-    "uyvy": ("u1", 2, _UYVY),
-    "yuv422_yuy2": ("u1", 2, _YUYV),
-    "yuyv": ("u1", 2, _YUYV),
-    "32FC1": ("f4", 4, _depth),
+_ENCODINGS = {
+    "rgb8": (3, "RGB"),
+    "bgr8": (3, "BGR"),
+    "8UC3": (3, "BGR"),
+    "rgba8": (4, "RGBX"),
+    "bgra8": (4, "BGRX"),
+    "8UC4": (4, "BGRX"),
+    "mono8": (1, "L"),
+    "8UC1": (1, "L"),
+    "yuv422": (2, "UYVY"),
+    "uyvy": (2, "UYVY"),
+    "yuv422_yuy2": (2, "YUYV"),
+    "yuyv": (2, "YUYV"),
 }
-"""By the names of `sensor_msgs/image_encodings.hpp`: numpy's numbers, bytes a pixel, decoder."""
+"""By the names of `sensor_msgs/image_encodings.hpp`: bytes a pixel, Pillow's raw mode or YUV."""

@@ -61,7 +61,6 @@ class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
         width, height: of the file, pixels.
         log_time: when the frame was received.
         difference: how much later than the moment that was, s.
-        scale: what the grey of the picture stands for; empty = an ordinary picture.
     """
 
     moment: int
@@ -75,7 +74,6 @@ class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
     height: int = 0
     log_time: float | None = None
     difference: float | None = None
-    scale: str = ""
     problem: str = ""
 
 
@@ -218,7 +216,7 @@ class _Maker:
         self._names = _file_names([camera.name for camera in cameras.topics])
         self._monotonic = monotonic
         self._until = monotonic() + WORKING_TIME
-        self._made: dict[tuple[str, int], tuple[Jpeg, str] | str] = {}
+        self._made: dict[tuple[str, int], Jpeg | str] = {}
         self._files: dict[str, bytes] = {}
         self._left_out = 0
 
@@ -264,24 +262,20 @@ class _Maker:
         side = "" if not ms else "_later" if ms > 0 else "_earlier"
         distance = f"_{abs(ms)}_ms{side}" if self._name_distance else ""
         name = f"{entry.moment:02d}_{_plain(entry.event)}_{self._names[entry.topic]}{distance}.jpg"
-        file, scale = made
-        self._files[name] = file.data
-        return msgspec.structs.replace(
-            known, file=name, width=file.width, height=file.height, scale=scale
-        )
+        self._files[name] = made.data
+        return msgspec.structs.replace(known, file=name, width=made.width, height=made.height)
 
-    def _picture(self, frame: RawMessage) -> tuple[Jpeg, str] | str:
+    def _picture(self, frame: RawMessage) -> Jpeg | str:
         key = frame.topic, frame.receive_ns
         if key not in self._made:
             self._made[key] = self._decode(frame)
         return self._made[key]
 
-    def _decode(self, message: RawMessage) -> tuple[Jpeg, str] | str:
+    def _decode(self, message: RawMessage) -> Jpeg | str:
         from madrob_console.archive.picture import MOST_BYTES, PictureError, decoded, jpeg
 
         try:
-            picture, scale = decoded(message, SIDE)
-            return jpeg(picture, MOST_BYTES), scale
+            return jpeg(decoded(message, SIDE), MOST_BYTES)
         except PictureError as error:
             return terminal_safe(str(error))
 
