@@ -90,11 +90,11 @@ _LONGEST = 80
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One value that differs from the stored one; `what` is its place, as in `events[3].time`."""
+    """One JSON value that differs from the stored one, in the place `what`: `events[3].time`."""
 
     what: str
-    stored: object
-    recomputed: object
+    stored: Any
+    recomputed: Any
     grade: Grade = Grade.DIFFERS
 
     @property
@@ -342,22 +342,22 @@ def _appealed(result: Result) -> dict[str, Any]:
 
 
 def _beside_stored(found: Difference) -> str:
-    now: Any = found.recomputed
-    stored: Any = found.stored
+    now, stored = found.recomputed, found.stored
     if found.indicator is not None:
-        here, there = _apart(now, stored)
+        here, there = distinct_texts(now, stored)
         return f"{found.indicator.replace('_', ' ')} {here}, stored {there}"
     if found.what == "start":
         return f"start {now - stored:+.6g} s from the stored one"
     return f"{found.what} {now}, stored {terminal_safe(stored)}"
 
 
-def _apart(value: float | None, stored: float | None) -> tuple[str, str]:
+def distinct_texts(one: float | None, other: float | None) -> tuple[str, str]:
+    """Two values, with as many digits as tell them apart."""
     for digits in _DIGITS:
-        texts = _text(value, digits), _text(stored, digits)
+        texts = _text(one, digits), _text(other, digits)
         if texts[0] != texts[1]:
             return texts
-    return repr(value), repr(stored)
+    return repr(one), repr(other)
 
 
 def _text(value: float | None, digits: int) -> str:

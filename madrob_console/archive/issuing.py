@@ -91,7 +91,7 @@ def _issue(
             raise
         raise MadrobError(
             f"{folder}: issue {details['issue']} is journalled, its result is not written yet: "
-            f"the same command writes it ({error})"
+            f"`madrob recover` writes it ({error})"
         ) from None
     if journal is not None and details not in noted:
         written = Entry(now, Origin.SYSTEM, Change.RESULT_WRITTEN, details=details)

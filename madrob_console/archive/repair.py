@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from madrob_console.archive.check import Difference, Grade, compare
+from madrob_console.archive.check import Difference, Grade, compare, distinct_texts
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
 from madrob_console.archive.issuing import DamagedIssueError, has_content, issue, restore_files
 from madrob_console.archive.result_document import ResultDocument
@@ -190,15 +190,14 @@ class NextIssue:
 
     @property
     def words(self) -> str:
-        parts = [_changed_words(name, value) for name, value in self.values.items()]
+        parts = [
+            f"{name.words} {' -> '.join(distinct_texts(value.stored, value.recomputed))}"
+            for name, value in self.values.items()
+        ]
         if self.others:
             parts.append(f"{self.others} {'others' if parts else 'beside the values'}")
         signed = "" if self.signed is None else f" (was final, {self.signed}: not final any more)"
         return f"issue {self.number}{signed}: {', '.join(parts)}"
-
-
-class OutOfDateError(MadrobError):
-    """A result that does not agree with its journal: make it again first."""
 
 
 def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextIssue | None:
@@ -207,8 +206,8 @@ def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextI
     Nothing is written. Without `files` they are not made.
 
     Raises:
-        OutOfDateError: the result is not what the journal says.
-        MadrobError: there is no result, the recording is another one, or somebody works on the run.
+        MadrobError: there is no result, it is not what the journal says, the recording is another
+            one, or somebody works on the run.
     """
     folder = run.path
     if run.prefix or not (folder / RESULT_FILE).is_file():
@@ -220,7 +219,7 @@ def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextI
     opened = open_run(folder, change.rules)
     before = opened.recorded.run
     if opened.out_of_date:
-        raise OutOfDateError(
+        raise MadrobError(
             f"{folder}: {RESULT_FILE} is not what the journal says: `madrob recover` makes it again"
         )
     if before.phase not in (Phase.STOPPED, Phase.FINAL):
@@ -307,15 +306,3 @@ def _differences(folder: Path, scored: Scored) -> Sequence[Difference]:
                 f"({each.words}): put its own back, or decide in the console"
             )
     return [each for each in found if not each.what.startswith("files")]
-
-
-def _changed_words(name: IndicatorName, value: Difference) -> str:
-    """With as many digits as tell the two values apart."""
-    texts = [_rounded(value.stored), _rounded(value.recomputed)]
-    if texts[0] == texts[1]:
-        texts = [str(value.stored), str(value.recomputed)]
-    return f"{name.words} {' -> '.join(texts)}"
-
-
-def _rounded(value: object) -> str:
-    return "none" if value is None else f"{value:.6g}"

@@ -77,14 +77,13 @@ def each_run(
     runs: Sequence[RunPath],
     bad: Complaints,
     *,
-    what: str = "runs",
     at_once: int | None = None,
 ) -> Generator[tuple[RunPath, _Done | None], None, None]:
     """Do the work on every run, where the arguments say; yield what was done, in order.
 
     None = it was not done: `bad` says why. `work`, its argument and its result must be importable
-    by name. `what` is counted in the progress. `at_once` limits the results in memory; None = they
-    are small. Close the generator: that ends the work in progress.
+    by name. `at_once` limits the results in memory; None = they are small. Close the generator:
+    that ends the work in progress.
     """
     scheduler: str | None = getattr(arguments, "scheduler", None)
     work_on = partial(tried, work=work)
@@ -96,7 +95,7 @@ def each_run(
         named = [*(path.absolute() for path in arguments.paths), runs[0].path, runs[-1].path]
         there = [path for path in named if path.exists()]
         made = on_cluster(work_on, runs, scheduler, there, _lost, at_once=at_once)
-    with closing(made), progress(what) as tell:
+    with closing(made), progress("runs") as tell:
         tell(0, len(runs))
         for number, (run, one) in enumerate(zip(runs, made, strict=True), start=1):
             if one.problem:

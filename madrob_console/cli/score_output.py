@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
-from functools import lru_cache, partial
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from madrob_console.archive.folders import (
@@ -19,6 +18,7 @@ from madrob_console.archive.result_document import MANUAL_START
 from madrob_console.cli.batch import each_run
 from madrob_console.cli.output import BAD_INPUT, Complaints, name_twins
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
 from madrob_console.export.table_columns import RUN_TABLES, UNREADABLE, rows_of
 from madrob_console.referee.flags import Flag, common_reason, merged_remarks
@@ -33,10 +33,8 @@ from scoring.result import (
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
-    from madrob_console.archive.repair import NextIssue, RuleChange
     from madrob_console.common.clock import Clock
     from madrob_console.export.table_columns import Row
-    from madrob_console.pages.surroundings import Surroundings
 
 
 class FreshRows(NamedTuple):
@@ -66,7 +64,7 @@ def write_tables(
     from madrob_console.export.rows import TableWriter
 
     folder = arguments.output.absolute()
-    counted = places_that_count(stored_places(runs))
+    places = places_that_count(stored_places(runs))
     twins: list[tuple[str, str]] = []
     with ExitStack() as stack:
         bad = stack.enter_context(_Unreadable())
@@ -79,7 +77,7 @@ def write_tables(
         for run, one in stack.enter_context(closing(each_run(arguments, work, runs, bad))):
             if one is None:
                 continue
-            if one.run_id and (place := counted.setdefault(one.run_id, run.name)) != run.name:
+            if one.run_id and (place := places.setdefault(one.run_id, run.name)) != run.name:
                 twins.append((run.name, place))
                 continue
             for name, rows in one.rows.items():
@@ -227,105 +225,51 @@ _AT_ONCE = 200
 """Limit of next issues in memory, with their files, less than 2 MB each."""
 
 
-class MadeIssue(NamedTuple):
-    """The next issue of a run; `out_of_date`: why the result must be remade first."""
-
-    issue: NextIssue | None = None
-    out_of_date: str = ""
-
-
-def made_issue(run: RunPath, *, change: RuleChange, files: bool) -> MadeIssue:
-    from madrob_console.archive.repair import OutOfDateError, next_issue
-
-    try:
-        return MadeIssue(next_issue(run, change, files=files))
-    except OutOfDateError as error:
-        return MadeIssue(out_of_date=str(error))
-
-
 def reissue(
     arguments: argparse.Namespace,
     runs: Sequence[RunPath],
     rules: RulesetName | None,
     clock: Clock,
 ) -> int:
-    from madrob_console.archive.repair import RuleChange
+    from madrob_console.archive.repair import RuleChange, next_issue, write_next_issue
     from madrob_console.config import load_settings
 
     dry: bool = arguments.dry_run
     referee = load_settings(arguments.settings).competition.referee
     change = RuleChange(arguments.reissue.strip(), rules, referee, clock.now_ns() / 1e9)
-    counts: Counter[bool] = Counter()
-    work = partial(made_issue, change=change, files=not dry)
+    work, count = partial(next_issue, change=change, files=not dry), 0
     with Complaints() as bad:
         with closing(each_run(arguments, work, runs, bad, at_once=_AT_ONCE)) as issues:
-            for run, made in issues:
-                if made is None:
+            for run, issue in issues:
+                if issue is None:
                     continue
                 try:
-                    issue = _settled(run, made, change, clock, dry=dry)
+                    if not dry:
+                        write_next_issue(issue, clock.now_ns() / 1e9)
                 except MadrobError as error:
                     bad.add_complaint(error, run.name)
                     continue
-                counts[issue is not None] += 1
-                if issue is not None:
-                    print(terminal_safe(f"{run.name}: {issue.words}"), flush=True)
+                count += 1
+                print(terminal_safe(f"{run.name}: {issue.words}"), flush=True)
         if not dry:
-            _renew_reports(arguments, runs, change, bad)
-    done = "would be re-issued" if dry else "re-issued"
-    left = f"{bad.count} left alone (see above)"
-    print(f"{counts[True]} {done}, {counts[False]} unchanged, {left}")
+            _renew_reports(runs, bad)
+    print(f"{count} of {counted(len(runs), 'result')} {'would be ' * dry}re-issued")
     return BAD_INPUT if bad.count else 0
 
 
-def _settled(
-    run: RunPath, made: MadeIssue, change: RuleChange, clock: Clock, *, dry: bool
-) -> NextIssue | None:
-    """Write the next issue of a run; None = its result stays."""
-    from madrob_console.archive.repair import write_next_issue
-    from madrob_console.cli.repairing import repair_run
+def _renew_reports(runs: Sequence[RunPath], bad: Complaints) -> None:
+    """Remake the reports of re-issued runs; one that a console works on is left to it."""
+    from madrob_console.archive.run_journal import is_held
+    from madrob_console.cli.repairing import renew_all, renew_report
+    from madrob_console.pages.surroundings import Surroundings, report_is_old
 
-    if made.out_of_date and not dry:  # an earlier re-issue was killed, or an engine
-        if repair_run(run.path):
-            print(terminal_safe(f"{run.name}: its result was made again from the journal"))
-        made = made_issue(run, change=change, files=True)
-    if made.out_of_date:
-        raise MadrobError(made.out_of_date)
-    if made.issue is not None and not dry:
-        write_next_issue(made.issue, clock.now_ns() / 1e9)
-    return made.issue
-
-
-def _renew_reports(
-    arguments: argparse.Namespace, runs: Sequence[RunPath], change: RuleChange, bad: Complaints
-) -> None:
-    from madrob_console.cli.repairing import renew_all
-    from madrob_console.pages.surroundings import report_is_old
-
-    old = [run for run in runs if report_is_old(run.path)]
-    work = partial(renewed_report, time=change.time)
-    with closing(each_run(arguments, work, old, bad, what="pages")) as renewed:
-        for _ in renewed:
-            pass
-    for results in dict.fromkeys(results_folder_of(run.path) for run in old):
+    around, folders = Surroundings(), [run.path for run in runs if report_is_old(run.path)]
+    for folder in folders:
+        try:
+            if not is_held(folder / JOURNAL_FILE):
+                renew_report(folder, around)
+        except MadrobError as error:
+            bad.add_complaint(error, str(folder))
+    for results in dict.fromkeys(map(results_folder_of, folders)):
         for problem in renew_all(results):
             bad.add_complaint(problem, str(results))
-
-
-def renewed_report(run: RunPath, *, time: float) -> None:
-    """Remake the report of a run; one that a console works on is left to it.
-
-    `time` is that of the rule change: the surroundings of runs are read once for each time.
-    """
-    from madrob_console.archive.run_journal import is_held
-    from madrob_console.cli.repairing import renew_report
-
-    if not is_held(run.path / JOURNAL_FILE):
-        renew_report(run.path, _around(time))
-
-
-@lru_cache(maxsize=1)
-def _around(_time: float) -> Surroundings:
-    from madrob_console.pages.surroundings import Surroundings
-
-    return Surroundings()

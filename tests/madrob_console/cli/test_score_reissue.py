@@ -81,7 +81,7 @@ def test_a_result_that_is_another_one_gets_its_next_issue_and_a_line_in_the_jour
     first, counts = madrob(OTHER, folder, "--settings", settings).splitlines()
     assert first.startswith(f"{folder}: issue 2: ")
     assert "capability level 6 -> 4" in first
-    assert counts == "1 re-issued, 0 unchanged, 0 left alone (see above)"
+    assert counts == "1 of 1 result re-issued"
     after = result(folder)
     assert (after["issue"], after["ruleset"]) == (2, "eurobench-2020")
     assert after["setup"] == before["setup"]  # what was set stays on record
@@ -115,7 +115,7 @@ def test_a_dry_run_says_the_same_and_writes_nothing(
     copy(appealed(), folder.parent / "other")
     before = digest(tmp_path)
     told = madrob(f"{OTHER} --dry-run", folder.parent)
-    assert "2 would be re-issued, 0 unchanged, 0 left alone (see above)" in told
+    assert "2 of 2 results would be re-issued" in told
     assert "capability level 6 -> 4" in told
     assert digest(tmp_path) == before
     assert madrob(OTHER, folder.parent).splitlines()[:2] == told.splitlines()[:2]
@@ -151,13 +151,13 @@ def aborted(folder: Path) -> None:
         (touched_only, REISSUE),
     ],
 )
-def test_unchanged_runs_are_left_alone_and_counted(
+def test_unchanged_runs_are_left_alone(
     spoil: Callable[[Path], None], line: str, folder: Path, madrob: Madrob
 ) -> None:
     spoil(folder)
     before = digest(folder.parent)
     told = madrob(line, folder.parent)
-    assert told == "0 re-issued, 1 unchanged, 0 left alone (see above)\n"
+    assert told == "0 of 1 result re-issued\n"
     assert digest(folder.parent) == before
 
 
@@ -187,7 +187,7 @@ def test_a_run_that_cannot_be_re_issued_is_one_line_and_stays_as_it_is(
         held.release()
     assert words in said.err
     assert said.err.count("\n") == 1
-    assert said.out == "0 re-issued, 0 unchanged, 1 left alone (see above)\n"
+    assert said.out == "0 of 1 result re-issued\n"
     assert digest(folder) == before
 
 
@@ -243,7 +243,7 @@ def test_a_result_of_rules_that_have_gone_is_shown_and_scored_by_those_that_stay
         drive.open(folder)
     drive.engine.close()
     assert digest(folder) == before
-    assert "1 re-issued" in madrob(f"{REISSUE} --ruleset protocol", folder)
+    assert "1 of 1 result re-issued" in madrob(f"{REISSUE} --ruleset protocol", folder)
     assert (result(folder)["issue"], result(folder)["ruleset"]) == (3, "protocol")
     assert result(folder, "result_issue_2.json")["ruleset"] == GONE
     madrob("score --check", folder)
@@ -253,7 +253,7 @@ class KilledError(BaseException):
     """Nothing after it is done."""
 
 
-def test_whenever_it_is_killed_the_next_try_makes_one_whole_issue_and_no_second(
+def test_whenever_it_is_killed_a_repair_and_the_next_try_make_one_whole_issue(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, madrob: Madrob
 ) -> None:
     left, synced, fsync = 10**6, 0, os.fsync
@@ -276,6 +276,7 @@ def test_whenever_it_is_killed_the_next_try_makes_one_whole_issue_and_no_second(
         with pytest.raises(KilledError):
             madrob(OTHER, folder)
         left = 10**6
+        madrob("recover", folder)
         madrob(OTHER, folder)
         assert len(reissues(folder)) == 1
         made = result(folder)
@@ -289,7 +290,7 @@ def test_whenever_it_is_killed_the_next_try_makes_one_whole_issue_and_no_second(
 @pytest.mark.parametrize(
     ("rules", "count", "issue"), [("eurobench-2020", 0, 3), ("protocol", 1, 4)]
 )
-def test_an_issue_that_a_full_disk_refused_is_told_then_and_the_next_try_writes_it(
+def test_an_issue_that_a_full_disk_refused_is_told_then_and_recover_writes_it(
     rules: str, count: int, issue: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     madrob: Madrob,
 ) -> None:  # fmt: skip
@@ -302,12 +303,12 @@ def test_an_issue_that_a_full_disk_refused_is_told_then_and_the_next_try_writes_
         patch.setattr(issuing, "_write", full)
         first, second = (madrob.say(OTHER, folder) for _ in range(2))
         assert (first.code, second.code) == (2, 2)
-        words = "issue 3 is journalled, its result is not written yet: the same command"
+        words = "issue 3 is journalled, its result is not written yet: `madrob recover`"
         assert re.search(rf"{words}.*\(not written \(No space left on device\)\)", first.err)
-        assert "not written (No space left on device)" in second.err
+        assert "result.json is not what the journal says: `madrob recover`" in second.err
+    assert "its result was made again from journal and recording" in madrob("recover", folder)
     told = madrob(f"{REISSUE} --ruleset {rules}", folder)
-    assert f"{folder}: its result was made again from the journal" in told
-    assert f"{count} re-issued, {1 - count} unchanged, 0 left alone (see above)" in told
+    assert f"{count} of 1 result re-issued" in told
     assert (result(folder)["issue"], result(folder)["ruleset"]) == (issue, rules)
 
 
