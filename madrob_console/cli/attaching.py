@@ -54,11 +54,6 @@ def owned_testbed(arguments: argparse.Namespace, settings: Settings) -> Owned:
     named = arguments.testbed or [settings.testbed.kind or SourceKind.ROS]
     kind = SourceKind(named[0])
     results = options.results_folder(arguments, settings).resolve()
-    if kind is not SourceKind.SIMULATED and (arguments.latency or arguments.jitter):
-        raise MadrobError(
-            "--latency and --jitter delay simulated messages: use them with `--testbed simulated` "
-            "or `madrob testbed`"
-        )
     match kind:
         case SourceKind.ROS:
             if arguments.speed != 1:

@@ -12,7 +12,6 @@ from madrob_console.cli.command_line import Argument, WordsAction
 from madrob_console.cli.output import complain
 from madrob_console.cli.parsing import (
     as_path,
-    delay,
     number_within,
     one_of,
     whole_number,
@@ -149,11 +148,6 @@ def subject(default: int | None = None) -> Argument:
 # Which testbed.
 
 
-def _delay_text(text: str) -> str:
-    delay(text)
-    return text
-
-
 def _domain(text: str) -> int:
     try:
         return domain_number(text)
@@ -170,23 +164,12 @@ def _testbed(words: Sequence[str]) -> Sequence[str]:
     return words
 
 
-SIMULATION = ("scenario", "seed", "speed", "latency", "jitter")
+SIMULATION = ("scenario", "seed", "speed")
 """Options that tell one simulated testbed from another."""
 
-_DELAYS = {"type": _delay_text, "metavar": "TIME"}
 SIMULATED = (
     choice("--scenario", Scenario, "what the simulated robot does", Scenario.NOMINAL),
     Argument("--seed", type=whole_number, default=0, metavar="N", help="of the simulation"),
-    Argument(
-        "--latency",
-        help="simulated messages arrive so much later, `50ms`",
-        **_DELAYS,
-    ),
-    Argument(
-        "--jitter",
-        help="standard deviation of a random delay beside the latency, likewise",
-        **_DELAYS,
-    ),
 )
 DOMAIN = Argument(
     "--domain",

@@ -163,8 +163,6 @@ def whole_within(low: int, high: float = math.inf) -> Callable[[str], int]:
 _UNITS = {"B": 1.0, "kB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
 _MEASURE = re.compile(r"(\d{1,9}(?:\.\d{1,9})?) ?([A-Za-z]+)", re.ASCII)
 _PERIODS = {"h": 3600.0, "d": 86400.0, "w": 604800.0}
-_DELAYS = {"ms": 0.001, "s": 1.0}
-_LONGEST_DELAY = 10.0
 
 
 def size(text: str) -> float:
@@ -175,13 +173,6 @@ def size(text: str) -> float:
 def period(text: str) -> float:
     """Argument type: seconds, as in `7d`."""
     return _measured(text, _PERIODS, "time, as 12h, 7d or 2w are")
-
-
-def delay(text: str) -> float:
-    """Argument type: seconds, as in `50ms`."""
-    if (typed := _measured(text, _DELAYS, "delay, as 50ms or 0.2s are")) > _LONGEST_DELAY:
-        raise argparse.ArgumentTypeError(f"'{text}' is too long: use 0s to {_LONGEST_DELAY:g}s")
-    return typed
 
 
 def _measured(text: str, units: Mapping[str, float], what: str) -> float:

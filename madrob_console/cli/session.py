@@ -17,7 +17,6 @@ from typing import Protocol, assert_never
 from madrob_console.cli import aside, options
 from madrob_console.cli.batch import named_places, site_arguments
 from madrob_console.cli.output import StoppedError
-from madrob_console.cli.parsing import delay
 from madrob_console.cli.score_output import result_lines
 from madrob_console.common.clock import Clock, SimulationClock, SystemClock, VirtualClock
 from madrob_console.common.errors import MadrobError
@@ -46,7 +45,7 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.checks import CheckState, blocking
 from madrob_console.referee.records import CheckName, RunSetup
 from madrob_console.testbeds.ros_domain import domain_id
-from madrob_console.testbeds.simulated import Network, SimulatedTestbed
+from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.source import INFO_TOPIC, Source
 from scoring.protocol import Outcome
@@ -172,7 +171,6 @@ def simulated_testbed(arguments: argparse.Namespace, settings: Settings) -> Simu
         settings.door_geometry(),
         settings.simulated.sensors.settings(),
         settings.simulated.robot.settings(),
-        Network(*(delay(by or "0s") for by in (arguments.latency, arguments.jitter))),
     )
 
 

@@ -29,10 +29,7 @@ from scoring.imports import imports_kept
         options.SETTINGS,
         options.ROS_ARGS,
     ),
-    examples=(
-        "madrob testbed --scenario slam --repeat 0  # beside: madrob console --testbed ros",
-        "madrob testbed --latency 50ms --jitter 30ms  # a slow network",
-    ),
+    examples=("madrob testbed --scenario slam --repeat 0  # beside: madrob console --testbed ros",),
 )
 def testbed(arguments: argparse.Namespace) -> int:
     with imports_kept():

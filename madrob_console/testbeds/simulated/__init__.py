@@ -8,12 +8,11 @@ from madrob_console.common.names import Scenario
 from madrob_console.testbeds.simulated.geometry import DoorGeometry, MotionPlan, RobotBody
 from madrob_console.testbeds.simulated.scenarios import RobotSettings, plan_run
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
-from madrob_console.testbeds.simulated.testbed import Network, SimulatedTestbed
+from madrob_console.testbeds.simulated.testbed import SimulatedTestbed
 
 __all__ = [
     "DoorGeometry",
     "MotionPlan",
-    "Network",
     "RobotBody",
     "RobotSettings",
     "Scenario",

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
+from operator import attrgetter
 from random import Random
 from types import MappingProxyType
 
@@ -259,7 +259,6 @@ class SimulatedSource(Source):
             *referee_topics(types),
         )
         self._types = types
-        self._in_flight: list[RawMessage] = []
         self._problem: str | None = None
         self._announcement = Announcement(str(self.testbed.scenario))
         self._opened = False
@@ -284,11 +283,8 @@ class SimulatedSource(Source):
         now = self._clock.now_ns()
         if not self._in_step(now):
             self._switch_on()
-        sent = [message for stream in self._streams for message in stream.until(now)]
-        messages = sorted((*self._in_flight, *sent), key=_receive_ns)
-        arrived = bisect_right(messages, now, key=_receive_ns)
-        self._in_flight = messages[arrived:]
-        return messages[:arrived]
+        sent = (message for stream in self._streams for message in stream.until(now))
+        return sorted(sent, key=attrgetter("receive_ns"))
 
     def topics(self) -> Sequence[Topic]:
         return self._topics
@@ -333,7 +329,6 @@ class SimulatedSource(Source):
 
     def _switch_on(self) -> None:
         now = self._clock.now_ns()
-        self._in_flight = []
         for stream in self._streams:
             stream.begin(now)
 
@@ -353,24 +348,23 @@ class _Stream:
         self._encoder = Encoder(mapping, types, frame_name(mapping.signal), scan)
         self._testbed = testbed
         self._rng = Random(f"{testbed.seed}/timing/{mapping.signal.name}")
-        # One of its own, so that a slow network changes no reading and no stamp.
-        self._network_rng = Random(f"{testbed.seed}/network/{mapping.signal.name}")
+        # One of its own, so that what is lost changes no reading and no stamp.
+        self._loss_rng = Random(f"{testbed.seed}/network/{mapping.signal.name}")
         self._period = nanoseconds(1 / rate)
         self._phase = self._rng.randrange(self._period)
         self._nominal = 0
         self._stamp_ns = 0
-        self._receive_ns = 0
         self.due_ns = 0
 
     def begin(self, now: int) -> None:
-        self._nominal, self.due_ns, self._receive_ns = now + self._phase, now, now
+        self._nominal, self.due_ns = now + self._phase, now
         self._draw()
 
     def until(self, now: int) -> list[RawMessage]:
         messages = []
         while self.due_ns <= now:
             message = self._message()
-            if self._network_rng.random() >= self._testbed.network.loss:
+            if self._loss_rng.random() >= self._testbed.loss:
                 messages.append(message)
             self._nominal += self._period
             self._draw()
@@ -379,14 +373,12 @@ class _Stream:
     def _message(self) -> RawMessage:
         signal = self._mapping.signal
         reading = self._testbed.read(signal, self._stamp_ns)
-        delay = nanoseconds(self._testbed.network.delay(self._network_rng))
-        self._receive_ns = max(self.due_ns + delay, self._receive_ns + 1)
         return RawMessage(
             self._mapping.topic,
             self._mapping.type,
             self._encoder.encode(self._stamp_ns, reading),
             self._stamp_ns + _PUBLISHING_NS,
-            self._receive_ns,
+            self.due_ns,
         )
 
     def _draw(self) -> None:
@@ -396,7 +388,3 @@ class _Stream:
         self._stamp_ns = self._nominal + max(-largest, min(largest, jitter))
         received = self._stamp_ns + nanoseconds(_LEAST_LATENCY + extra)
         self.due_ns = max(received, self.due_ns + 1)
-
-
-def _receive_ns(message: RawMessage) -> int:
-    return message.receive_ns

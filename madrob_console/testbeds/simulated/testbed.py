@@ -6,7 +6,7 @@ both drive it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from random import Random
 
 import msgspec
@@ -31,22 +31,6 @@ _SLOWEST_PANEL = 0.5
 """rad/s at which the panel must be able to turn unseen by unmasked sensors."""
 
 
-@dataclass(frozen=True, slots=True)
-class Network:
-    """Delays of messages, s; their stamps stay those of the readings.
-
-    The constant part is `latency`. The random part is the absolute value of a normal distribution
-    with the standard deviation `jitter`. `loss` is the share of messages that never arrive.
-    """
-
-    latency: float = 0.0
-    jitter: float = 0.0
-    loss: float = 0.0
-
-    def delay(self, rng: Random) -> float:
-        return self.latency + abs(rng.gauss(0.0, self.jitter))
-
-
 class SimulatedTestbed:
     """A testbed in which a robot plays one scenario over and over.
 
@@ -61,18 +45,17 @@ class SimulatedTestbed:
         geometry: DoorGeometry | None = None,
         sensors: SensorSettings | None = None,
         robot: RobotSettings | None = None,
-        network: Network | None = None,
     ) -> None:
         self.scenario = scenario
         self.seed = seed
         self.geometry = geometry or DoorGeometry()
         self.sensors = sensors or SensorSettings()
         self.robot = robot or RobotSettings()
-        self.network = network or Network()
+        self.loss = 0.0  # the share of messages that never arrive
         if scenario is Scenario.WORN:
             worn = replace(self.sensors, handle_rest=(5.9, 0.4), door_rest=(-0.004, -0.0005))
             self.sensors = worn  # as on 2020-01-31
-            self.network = replace(self.network, loss=0.002)
+            self.loss = 0.002
         if self.geometry.fastest_panel < _SLOWEST_PANEL:
             raise MadrobError(
                 "the simulated panel passes under sensors outside of their masks: "

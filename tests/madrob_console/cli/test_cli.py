@@ -12,6 +12,7 @@ from madrob_console.cli.attaching import engine_options
 from madrob_console.cli.console_command import check_lists
 from madrob_console.cli.main import build_parser
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import Scenario
 from madrob_console.config import Settings
 from madrob_console.config.tables import PlanSettings
 from madrob_console.referee.acts import Abort
@@ -72,7 +73,7 @@ def test_settings_that_no_engine_takes_are_not_called_fine(tmp_path: Path, madro
 def test_a_refused_run_names_each_reason_on_a_line(tmp_path: Path, madrob: Madrob) -> None:
     path = tmp_path / "strict.toml"
     path.write_text(f"[checks]\ndisk_space = {10**15}\nlargest_skew = 0.001\n")
-    said = madrob.say(RUN, tmp_path, "--settings", path, "--latency", "50ms", "--wait", "1")
+    said = madrob.say(RUN, tmp_path, "--settings", path, "--wait", "1")
     notes = [line for line in said.out.splitlines() if line.startswith("note: ")]
     assert [note.split(": ")[1] for note in notes] == [
         "settings",
@@ -139,10 +140,7 @@ def typed(*words: str) -> argparse.Namespace:
             ["--testbed=ros", "--domain=7", "--ros-args", *REMAPPED],
             {"ros_args": REMAPPED, "testbed": ["ros"], "domain": 7},
         ),
-        (
-            ["--testbed=simulated", "--latency", "20ms", "--jitter=60ms"],
-            {"latency": "20ms", "jitter": "60ms"},
-        ),
+        (["--testbed=simulated", "--scenario=slow"], {"scenario": Scenario.SLOW}),
         (["--testbed=ros", "--use-sim-time"], {"use_sim_time": True}),
         ([], {"use_sim_time": False}),
     ],

@@ -12,7 +12,7 @@ import pytest
 
 from madrob_console.cli.guide_command import PAGES
 from madrob_console.cli.main import COMMANDS, build_parser, main
-from madrob_console.cli.parsing import as_path, delay
+from madrob_console.cli.parsing import as_path
 from tests.madrob_console.cli.typed import Madrob, Screen
 
 ALL = (*COMMANDS, "calibrate masks", "calibrate handle", "table samples")
@@ -60,16 +60,6 @@ def test_a_help_says_the_real_defaults_and_the_choices(
     assert default in madrob(f"{command} --help")
 
 
-@pytest.mark.parametrize("option", ["latency", "jitter"])
-@pytest.mark.parametrize(
-    ("words", "meant"), [("", 0.0), ("--{0} 50ms", 0.05), ("--{0} 1s --{0} 0.2s", 0.2)]
-)
-def test_a_delay_is_a_time_and_the_last_word_counts(option: str, words: str, meant: float) -> None:
-    for command in ("run", "console", "testbed", "engine serve"):
-        line = shlex.split(f"{command} {words.format(option)}")
-        assert delay(getattr(build_parser().read(line), option) or "0s") == meant
-
-
 NEGATIVE = {"--seed", "--start-pose"}
 """Of these a negative number makes sense."""
 
@@ -100,7 +90,7 @@ def numbers() -> Iterator[tuple[str, argparse.Action, str]]:
         for action in parser._actions:
             if not callable(action.type) or action.type is as_path:
                 continue
-            for text in ("3", "30", "3d", "3GB", "3ms", "3,0,0", "3/4"):
+            for text in ("3", "30", "3d", "3GB", "3,0,0", "3/4"):
                 if taken(action, text):
                     yield parser.prog, action, text
                     break
@@ -115,8 +105,6 @@ def test_no_option_takes_a_number_that_makes_no_sense() -> None:
         "--best",
         "--keep-runs",
         "--older-than",
-        "--latency",
-        "--jitter",
     } <= {name for _, action, _ in found for name in action.option_strings}
     for command, action, text in found:
         (name,) = action.option_strings[:1]

@@ -57,10 +57,6 @@ WORDS = [
     ("score one --bets 3 two", "madrob score: --bets: no such option"),
     ("publish --best 3", "the following arguments are required: FOLDER"),
     ("recover", "the following arguments are required: PATH"),
-    ("run --latency door", "--latency: 'door' is no delay, as 50ms or 0.2s are"),
-    ("console --latency 50", "--latency: '50' is no delay, as 50ms or 0.2s are"),
-    ("testbed --jitter 1m", "--jitter: '1m' is no delay, as 50ms or 0.2s are"),
-    ("testbed --jitter 11s", "--jitter: '11s' is too long: use 0s to 10s"),
 ]
 
 
@@ -75,7 +71,6 @@ SCREENS = [
     ("console --testbed replay /nowhere/at_all", "/nowhere/at_all"),
     ("console --testbed replay empty", "the folder holds no recording"),
     ("console --testbed replay foreign", "a bag without a MADROB run: score and replay need one"),
-    ("console --testbed replay run --jitter 1s", "delay simulated messages: use them with"),
     ("console --testbed replay run --at 900", "--at 900: the recording goes from -"),
     ("console --testbed replay run --at lunch", "--at: 'lunch' is no time and no event"),
     ("console --testbed simulated --at stop", "--at: give it with `--testbed replay PATH`"),
@@ -83,7 +78,6 @@ SCREENS = [
     ("console --testbed simulated --plan none.csv", "correct --plan"),
     ("console --settings none.toml", "no such settings file"),
     ("watch --testbed ros --speed 5", "--speed: a live testbed has its own"),
-    ("watch --testbed ros --latency 50ms", "--latency and --jitter delay simulated messages"),
     ("watch --testbed replay run", "no engine runs here to be watched"),
     ("watch --testbed simulated", "no engine runs here to be watched"),
 ]

@@ -219,8 +219,8 @@ def test_a_console_without_arguments_comes_back_to_the_engine_of_its_results_fol
         return [head, *sorted(line.strip() for line in rest if line.startswith("    "))]
 
     assert meant() == []  # none runs: the live testbed is looked for
-    process = bench.served("--scenario=slow", "--latency=20ms")
-    for other in (["--latency=30ms"], ["--testbed", "ros"], ["--domain=3"], [f"--results={ROOT}"]):
+    process = bench.served("--scenario=slow", "--seed=5")
+    for other in (["--seed=6"], ["--testbed", "ros"], ["--domain=3"], [f"--results={ROOT}"]):
         assert meant(*other) == []
     assert meant("--ascii") == [process.pid]
     arguments = build_parser().parse_args(["console"])
@@ -228,7 +228,7 @@ def test_a_console_without_arguments_comes_back_to_the_engine_of_its_results_fol
     with closing(attach(arguments, load_settings(None), Role.REFEREE)) as console:
         assert console.pid == process.pid
     first = f"--testbed simulated --results={bench.results} --scenario=slow"
-    first += " --latency=20ms"
+    first += " --seed=5"
     starts = f"madrob console --results {own}"
     head = "madrob: 1 engine runs: type the line of the one that you mean"
     assert lines("console") == [head, starts, f"madrob console {first}"]
