@@ -250,12 +250,10 @@ def _comes(topics: Sequence[EvidenceTopic]) -> bool:
 
 
 def _missing_evidence(seen: EvidenceIntakes) -> Iterator[str]:
-    """What is not there of what is wanted, or needs not be asked for."""
+    """What is not there of what is wanted."""
     if seen.unseen:
         within = f"not seen within {PATIENCE:g} s: start what does, or correct the patterns"
         yield f"nobody publishes {', '.join(seen.unseen)}, {within}"
-    if seen.scored:
-        yield f"{', '.join(seen.scored)}: recorded with the score, remove the pattern"
     if seen.left_over:
         too_many = counted(len(seen.left_over), "topic")
         yield f"{too_many} too many, {listed(seen.left_over)}: exclude some"

@@ -14,7 +14,7 @@ from madrob_console.archive.folders import give_out_run_number
 from madrob_console.archive.run_journal import Details
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.engine.durable_acts import Answers, DurableActs, EarlierRuns, Told
-from madrob_console.engine.evidence_client import EvidenceNotes, EvidenceStatus
+from madrob_console.engine.evidence_client import EvidenceNotes
 from madrob_console.engine.journal_writer import OpenJournal, Recording
 from madrob_console.engine.observation import Happening, Observation, RunTracker
 from madrob_console.engine.public_state import PublishedState
@@ -33,7 +33,7 @@ from madrob_console.referee.acts import (
     act_details,
     refusals,
 )
-from madrob_console.referee.evidence_account import EvidenceAccount
+from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceStatus
 from madrob_console.referee.flags import unrecorded_words
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change, after

@@ -10,13 +10,7 @@ import msgspec
 
 from madrob_console.common.formatting import listed
 from madrob_console.engine.run_faults import FaultNotes
-from madrob_console.engine.snapshot import EvidenceView
-from madrob_console.referee.evidence_account import (
-    EvidenceAccount,
-    EvidenceGap,
-    EvidenceTopic,
-)
-from madrob_console.referee.records import FaultKind
+from madrob_console.referee.evidence_account import EvidenceGap, EvidenceStatus
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,120 +37,6 @@ class EvidencePlace(msgspec.Struct, frozen=True):
     monotonic_ns: int
     most_bytes: int
     least_free: int
-
-
-@dataclass(frozen=True, slots=True)
-class EvidenceStatus:
-    """Status of the evidence; the recording is the current or last one.
-
-    Attributes:
-        ready: whether a process listens, and has had the time to find all topics.
-        topics: what comes; empty where the process has not reported lately.
-        recorded: the topics of the recording.
-        problems: what was wrong with all of the recording, in words.
-        unwritten: see `EvidenceAccount`.
-        gaps: when nothing was recorded, s since the epoch: the start of a run may still move.
-        finishing: whether one is over and not complete on disk.
-        stuck: that the disk takes nothing now, in words.
-        unseen: patterns of the settings for which nobody publishes anything.
-        scored: patterns that match only what is recorded with the score.
-    """
-
-    ready: bool = False
-    topics: tuple[EvidenceTopic, ...] = ()
-    recorded: tuple[EvidenceTopic, ...] = ()
-    problems: tuple[str, ...] = ()
-    unwritten: int | None = 0
-    gaps: tuple[EvidenceGap, ...] = ()
-    recording: bool = False
-    finishing: bool = False
-    problem: str | None = None
-    stuck: str = ""
-    unseen: tuple[str, ...] = ()
-    scored: tuple[str, ...] = ()
-
-    @property
-    def byte_rate(self) -> float:
-        """Bytes a second of all that is recorded."""
-        return sum(topic.byte_rate for topic in self.topics)
-
-    @property
-    def gap(self) -> EvidenceGap | None:
-        last = self.gaps[-1] if self.recording and self.gaps else None
-        return None if last is None or last.end is not None else last
-
-    def trouble(self, start: float | None) -> str | None:
-        """What is wrong with all of it, in words; `start` of the run is in s since the epoch."""
-        if self.gap is None:
-            return self.problem or self.stuck or None
-        since = "" if start is None else f" since {self.gap.since(start).begin:+.1f} s"
-        return f"nothing is recorded{since}, it is starting again: {self.gap.why}"
-
-    def faults(self, start: float | None) -> Iterator[str]:
-        """What a run loses now, in words; `start` of the run is in s since the epoch.
-
-        What is missing before a run, or was never there, is a matter of the check.
-        """
-        if not (self.recording or self.finishing):
-            return
-        if (trouble := self.trouble(start)) is not None:
-            yield trouble
-            return
-        for one in self.topics:
-            if one.silent and one.messages and (words := self._words_of(one, start)):
-                yield f"{one.topic}: {words}"
-
-    def _words_of(self, topic: EvidenceTopic, start: float | None) -> str:
-        return topic.words_since(start if self.recording else None)
-
-    def view(self, start: float | None, room: float | None) -> EvidenceView:
-        """What screens show; `start` of the run is in s since the epoch, `room` in s."""
-        over = [gap for gap in self.gaps if self.recording and gap.end is not None]
-        missing = f"missing {len(over)} times" if over else ""
-        if len(over) == 1 and start is not None:
-            missing = f"missing {over[0].since(start).words}"
-        return EvidenceView(
-            len(self.topics),
-            float(f"{self.byte_rate:.2g}"),
-            self.recording,
-            sum(one.bytes or 0 for one in self.recorded),
-            sum(one.messages for one in self.recorded),
-            room,
-            self.trouble(start),
-            missing,
-            self._worst(start),
-        )
-
-    def _worst(self, start: float | None) -> str:
-        """The topic that lacks most, a silent one before others, and how many more there are."""
-        poor = [
-            (not (wrong := self._words_of(one, start)), -one.lost_count, one.topic, wrong)
-            for one in self.topics
-        ]
-        poor = sorted(each for each in poor if each[1] or each[3])
-        if not poor:
-            return ""
-        _, lost, topic, wrong = poor[0]
-        least = "+" if self.recording and self.gaps else ""  # what comes in a gap is not counted
-        words = ", ".join(filter(None, (wrong, f"{-lost}{least} lost" if lost else "")))
-        more = f" and {len(poor) - 1} more" if len(poor) > 1 else ""
-        return f"{topic} {words}{more}"
-
-    def account_since(self, start: float) -> EvidenceAccount:
-        topics = tuple(one.recorded(start) for one in self.recorded)
-        gaps = tuple(gap.since(start) for gap in self.gaps)
-        return EvidenceAccount(topics, self.problems, self.unwritten, gaps)
-
-    @property
-    def troubles(self) -> dict[tuple[str, FaultKind], str]:
-        troubles = {
-            (topic.topic, FaultKind.EVIDENCE): words
-            for topic in self.recorded
-            if (words := topic.troubles)
-        }
-        if self.problem is not None and self.gap is None:
-            troubles["recording", FaultKind.EVIDENCE] = self.problem
-        return troubles
 
 
 class EvidenceClient:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from madrob_console.engine.evidence_client import EvidenceClient, EvidencePlace, EvidenceStatus
+from madrob_console.engine.evidence_client import EvidenceClient, EvidencePlace
 from madrob_console.engine.evidence_status import (
     EvidenceNews,
     EvidenceRecording,
@@ -22,6 +22,7 @@ from madrob_console.engine.evidence_status import (
 )
 from madrob_console.engine.supervisor import END_TIME, Worker
 from madrob_console.engine.wire import decoded
+from madrob_console.referee.evidence_account import EvidenceStatus
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.engine.evidence_worker")
 

@@ -9,9 +9,10 @@ import msgspec
 
 from madrob_console.common.clock import NS
 from madrob_console.common.formatting import counted, format_size, listed
-from madrob_console.engine.evidence_client import EvidencePlace, EvidenceStatus
+from madrob_console.engine.evidence_client import EvidencePlace
 from madrob_console.referee.evidence_account import (
     EvidenceGap,
+    EvidenceStatus,
     EvidenceTopic,
     unseen_words,
 )
@@ -50,7 +51,7 @@ class EvidenceNews(msgspec.Struct, frozen=True):
 
     Attributes:
         settled: whether all topics are connected, as far as can be told.
-        left_over, unseen, scored: see `EvidenceIntakes`.
+        left_over, unseen: see `EvidenceIntakes`.
         problem: why nothing can be recorded at all, in words.
         number: of the current or last recording, to which the rest belongs.
         failed: what has ended it, in words.
@@ -67,7 +68,6 @@ class EvidenceNews(msgspec.Struct, frozen=True):
     topics: tuple[EvidenceTopic, ...] = ()
     left_over: tuple[str, ...] = ()
     unseen: tuple[str, ...] = ()
-    scored: tuple[str, ...] = ()
     problem: str = ""
     number: int = 0
     failed: str = ""
@@ -276,7 +276,6 @@ def status_of(
         topics=news.topics,
         problem=problem or None,
         unseen=news.unseen,
-        scored=news.scored,
     )
     if recording is None:
         return status

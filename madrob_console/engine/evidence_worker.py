@@ -374,7 +374,6 @@ class EvidenceDesk:
                 topics=topics,
                 left_over=intakes.left_over,
                 unseen=intakes.unseen,
-                scored=intakes.scored,
             )
         self._link.sendall(frame(self._files[-1].told(news) if self._files else news))
 

@@ -12,6 +12,7 @@ from madrob_console.engine.requests import PlaybackView, Role, TakeOver
 from madrob_console.referee.acts import Abort
 from madrob_console.referee.checks import Check, Freshness
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
+from madrob_console.referee.evidence_account import EvidenceStatus
 from madrob_console.referee.flags import NO_INDICATORS, Flag, flags
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.lists import NO_TEAMS, TeamList
@@ -135,6 +136,25 @@ class EvidenceView:
     problem: str | None = None
     missing: str = ""
     worst: str = ""
+
+    @classmethod
+    def of(cls, status: EvidenceStatus, start: float | None, room: float | None) -> EvidenceView:
+        """`start` of the run is in s since the epoch."""
+        over = [gap for gap in status.gaps if status.recording and gap.end is not None]
+        missing = f"missing {len(over)} times" if over else ""
+        if len(over) == 1 and start is not None:
+            missing = f"missing {over[0].since(start).words}"
+        return cls(
+            len(status.topics),
+            float(f"{status.byte_rate:.2g}"),
+            status.recording,
+            sum(one.bytes or 0 for one in status.recorded),
+            sum(one.messages for one in status.recorded),
+            room,
+            status.trouble(start),
+            missing,
+            status.worst(start),
+        )
 
 
 class Weight(StrEnum):

@@ -9,7 +9,7 @@ from madrob_console.common.files import free_space
 from madrob_console.engine.disk import RepeatedReading
 from madrob_console.engine.replay import EngineContext
 from madrob_console.engine.sensors import Sensors
-from madrob_console.referee.checks import NO_ROS, Check, EvidenceReading, Readings, preflight
+from madrob_console.referee.checks import Check, EvidenceReading, Readings, preflight
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
 from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.run import Phase, Run
@@ -72,23 +72,11 @@ class PreStart:
         return preflight(readings, run)
 
     def _evidence(self, free: int | None, now: float) -> EvidenceReading | None:
-        plan, status = self._config.evidence, self._evidence_client.status
-        if plan is None:
+        if (plan := self._config.evidence) is None:
             return None
         self._room.measure_room(now)
-        if status is None:
-            return NO_ROS
-        return EvidenceReading(
-            ready=status.ready,
-            problem=status.problem,
-            topics=len(status.topics),
-            left=self._room.left(free),
-            lasts=self.evidence_lasts(now),
-            least=plan.least_room,
-            silent=tuple(one.topic for one in status.topics if one.silent),
-            unseen=status.unseen,
-            scored=status.scored,
-        )
+        status, left = self._evidence_client.status, self._room.left(free)
+        return EvidenceReading(status, left, self.evidence_lasts(now), plan.least_room)
 
     def evidence_lasts(self, now: float) -> float | None:
         """How long evidence can be recorded at its recent rate, s; None = unknown."""

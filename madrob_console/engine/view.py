@@ -11,6 +11,7 @@ from madrob_console.engine.observation import Backlog, Observation
 from madrob_console.engine.replay import NO_ACTS, EngineContext
 from madrob_console.engine.snapshot import (
     DoorView,
+    EvidenceView,
     ExportView,
     LatchView,
     Snapshot,
@@ -116,7 +117,7 @@ class StateView:
             disk_free=None if replay else self.pre_start.free_disk(seen),
             evidence=None
             if evidence is None
-            else evidence.view(run.start, self.pre_start.evidence_lasts(seen)),
+            else EvidenceView.of(evidence, run.start, self.pre_start.evidence_lasts(seen)),
             faults=tuple(filter(None, problems)),
             provisional=dict(observation.provisional),
             provisional_doubts=dict(observation.provisional_doubts),

@@ -9,7 +9,7 @@ from enum import StrEnum
 
 from madrob_console.common.formatting import counted, format_duration, format_size, listed
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
-from madrob_console.referee.evidence_account import unseen_words
+from madrob_console.referee.evidence_account import EvidenceStatus, unseen_words
 from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.records import CheckName, RunSetup, Waiver
 from madrob_console.referee.run import Phase, Run
@@ -62,39 +62,16 @@ class EvidenceReading:
     """The state of the evidence recording before a run.
 
     Attributes:
+        status: None = there is no ROS: the testbed is simulated in the engine's own process.
         left: bytes that fit; None = unknown.
         lasts: how long that lasts at the present rate, s; None = unknown, or nothing comes.
         least: how long it must last, s.
-        unseen: patterns of the settings that match no publisher.
-        scored: patterns that match only topics recorded with the score.
     """
 
-    ready: bool
-    problem: str | None
-    topics: int
+    status: EvidenceStatus | None
     left: int | None
     lasts: float | None
     least: float
-    ros: bool = True
-    silent: tuple[str, ...] = ()
-    unseen: tuple[str, ...] = ()
-    scored: tuple[str, ...] = ()
-
-    @property
-    def notes(self) -> str:
-        """Silent topics and needless patterns, in words; empty = none."""
-        notes = (
-            unseen_words(self.unseen) if self.unseen else "",
-            f"{listed(self.silent)}: nothing comes now" if self.silent else "",
-            f"{listed(self.scored)}: recorded with the score, remove the pattern"
-            if self.scored
-            else "",
-        )
-        return "; ".join(filter(None, notes))
-
-
-NO_ROS = EvidenceReading(False, None, 0, None, None, 0.0, ros=False)
-"""For a testbed that is simulated in the engine's own process."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -327,18 +304,20 @@ def _evidence(e: EvidenceReading | None, timeout: float) -> Iterator[Check]:
 
 def _evidence_state(e: EvidenceReading, timeout: float) -> tuple[CheckState, str, str]:
     """State, finding and remedy."""
-    if not e.ros:
+    if (status := e.status) is None:
         finding = "none: a testbed simulated in this process has no ROS topics"
         return CheckState.OK, finding, ""
-    if e.problem is not None:
-        return CheckState.FAILED, f"evidence: {e.problem}", ""
-    if not e.ready:
+    if status.problem is not None:
+        return CheckState.FAILED, f"evidence: {status.problem}", ""
+    if not status.ready:
         return CheckState.NO_DATA, "the evidence's topics are not all seen yet", "wait"
     if e.left is None:
         return CheckState.NO_DATA, "room for evidence unknown", _LOOK
-    good = CheckState.WARNING if e.notes or not e.topics else CheckState.OK
-    sends = f"{e.notes}; " if e.notes else ""
-    sends += f"{counted(e.topics - len(e.silent), 'topic')}, "
+    silent = [one.topic for one in status.topics if one.silent]
+    unseen = unseen_words(status.unseen) if status.unseen else ""
+    notes = [*filter(None, (unseen, f"{listed(silent)}: nothing comes now" if silent else ""))]
+    good = CheckState.WARNING if notes or not status.topics else CheckState.OK
+    sends = "; ".join((*notes, f"{counted(len(status.topics) - len(silent), 'topic')}, "))
     if e.lasts is None:
         text = f"room for {format_size(e.left)}"
         if e.left or not e.least:

@@ -230,7 +230,6 @@ class EvidenceIntakes:
     Attributes:
         left_over: topics without a subscription, because there are too many.
         unseen: patterns of the choice that match no topic that is or was published.
-        scored: patterns that match only topics that are recorded elsewhere.
     """
 
     def __init__(
@@ -251,7 +250,6 @@ class EvidenceIntakes:
         self._intakes: dict[str, EvidenceIntake] = {}
         self.left_over: tuple[str, ...] = ()
         self.unseen: tuple[str, ...] = ()
-        self.scored: tuple[str, ...] = ()
 
     def discover(self, *, recording: bool) -> None:
         """Looks for topics and their publishers; call it a few times a second."""
@@ -279,7 +277,6 @@ class EvidenceIntakes:
         there = set(wanted)
         there |= {name for name in names if any(matches(p, name) for p in self._choice.excluded)}
         self.unseen = self._choice.unmatched(there | self._own)
-        self.scored = tuple(p for p in self._choice.unmatched(there) if p not in self.unseen)
         if not recording:
             for name in [name for name in self._intakes if name not in there]:
                 self._intakes.pop(name).close()

@@ -396,13 +396,6 @@ def test_what_matches_now_is_shown_with_its_rate_and_what_an_hour_costs(
 
 
 @pytest.mark.machine
-def test_what_is_recorded_with_the_score_needs_no_pattern(ros_domain: int) -> None:
-    found = looked("/madrob/**", own=("/madrob/door", "/madrob/handle"), domain=ros_domain)
-    said = "/madrob/**: recorded with the score, remove the pattern"
-    assert found == {"evidence": Finding(Severity.WARNING, "evidence", said)}
-
-
-@pytest.mark.machine
 def test_a_pattern_that_matches_nothing_beside_one_that_does_is_said(
     ros_domain: int, peer: Peer
 ) -> None:

@@ -24,7 +24,6 @@ from madrob_console.engine.evidence_client import (
     EvidenceClient,
     EvidencePlace,
     EvidencePlan,
-    EvidenceStatus,
 )
 from madrob_console.engine.evidence_status import (
     COMES_BACK,
@@ -35,12 +34,14 @@ from madrob_console.engine.evidence_status import (
 )
 from madrob_console.engine.evidence_worker import QUEUE_BYTES, EvidenceFile
 from madrob_console.engine.journal_writer import Recording
+from madrob_console.engine.snapshot import EvidenceView
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Start, Waive
 from madrob_console.referee.evidence_account import (
     EvidenceAccount,
     EvidenceGap,
     EvidenceLoss,
+    EvidenceStatus,
     EvidenceTopic,
 )
 from madrob_console.referee.journal import read_journal
@@ -380,9 +381,9 @@ ALL = ("/camera/**",)
             "warning: nobody publishes /camera/front, /robot/**; 1 topic, room for ",
         ),
         (
-            {"topics": (), "unseen": ("/rosout",), "scored": ("/madrob/**",)},
+            {"topics": (), "unseen": ("/rosout",)},
             *(60, 0),
-            "warning: nobody publishes /rosout; /madrob/**: recorded with the score, remove the ",
+            "warning: nobody publishes /rosout; 0 topics, room for ",
         ),
     ],
 )
@@ -553,7 +554,7 @@ def test_the_same_is_told_of_a_topic_live_and_in_the_account(
     run: Told, told: EvidenceTopic, worst: str, remark: str
 ) -> None:
     status = run.told(40.0, told)
-    assert status.view(10.0, None).worst == (worst and f"{LEFT} {worst}")
+    assert EvidenceView.of(status, 10.0, None).worst == (worst and f"{LEFT} {worst}")
     account = status.account_since(10.0)
     assert account.remarks() == ([f"{LEFT}: {remark}"] if remark else [])
     run.recording.ended = 41.0
@@ -564,8 +565,8 @@ def test_the_same_is_told_of_a_topic_live_and_in_the_account(
 
 def test_of_several_topics_the_worst_is_told_a_silent_one_before_others(run: Told) -> None:
     losing = [told_topic(f"/c{n}", lost={EvidenceLoss.BEHIND: n}) for n in range(9)]
-    assert run.told(1.0, *losing).view(0.0, None).worst == "/c8 8 lost and 7 more"
-    worst = run.told(1.0, *losing, told_topic("/hall", 0.5)).view(0.0, None).worst
+    assert EvidenceView.of(run.told(1.0, *losing), 0.0, None).worst == "/c8 8 lost and 7 more"
+    worst = EvidenceView.of(run.told(1.0, *losing, told_topic("/hall", 0.5)), 0.0, None).worst
     assert worst == "/hall silent since +0.5 s and 8 more"
 
 
@@ -578,7 +579,7 @@ def test_what_all_processes_counted_is_in_the_account(run: Told) -> None:
     (one,) = both.recorded
     assert (one.messages, one.bytes, one.left_out, one.lost) == (15, 150, 1, {"behind": 4})
     assert one.silent_since == 13.9  # until something comes of it again
-    view = both.view(0.0, None)
+    view = EvidenceView.of(both, 0.0, None)
     assert (view.received, view.messages) == (150, 15)
     assert run.told(26.0, told_topic(first=25.2, **news)).recorded[0].silent_since is None
 
@@ -616,7 +617,7 @@ def test_a_gap_lasts_from_what_is_in_the_file_until_all_that_came_is_back(run: T
     back = run.comes(9.0, {"/left": 8.2, "/right": 8.75}, saved=None)
     assert (back.gap, back.trouble(1.0)) == (None, None)
     assert back.gaps == (EvidenceGap(5.62, 8.75, KILLED),)
-    assert back.view(1.0, None).missing == "missing from +4.6 s to +7.8 s"
+    assert EvidenceView.of(back, 1.0, None).missing == "missing from +4.6 s to +7.8 s"
 
 
 def test_a_gap_ends_without_what_never_comes_back_and_with_the_recording(run: Told) -> None:

@@ -18,11 +18,16 @@ from rosbags.highlevel import AnyReader
 
 from madrob_console.archive.evidence import repair_evidence, settled_account
 from madrob_console.common.clock import NS
-from madrob_console.engine.evidence_client import EvidencePlace, EvidenceStatus
+from madrob_console.engine.evidence_client import EvidencePlace
 from madrob_console.engine.evidence_process import COMMAND, EvidenceProcess
 from madrob_console.engine.evidence_status import ListenFor
 from madrob_console.engine.supervisor import Supervisor
-from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceLoss, EvidenceTopic
+from madrob_console.referee.evidence_account import (
+    EvidenceAccount,
+    EvidenceLoss,
+    EvidenceStatus,
+    EvidenceTopic,
+)
 from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
 from recorder.bag import Durability, RawMessage, evidence_file_name
 from recorder.reader import read_bag

@@ -607,7 +607,6 @@ def test_what_nobody_publishes_and_what_has_gone_is_known(
     sender = peer.publisher("/hall/named", BOOL)
     peer.until(lambda: here.looked("/hall/named") == "nothing has come")
     assert here.intakes.unseen == ("/hall/never", "/none/**")
-    assert here.intakes.scored == ("/hall/own",)
     peer.until(lambda: here.hears(sender, truth(True)))
     assert here.problem("/hall/named") == ""
     peer.own.destroy_publisher(sender)
