@@ -19,7 +19,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Protocol
 
 import msgspec
 
@@ -55,30 +54,6 @@ _BUSY = ("R", "D")
 """States of a process that waits for the processor or a disk (proc(5))."""
 
 
-class Started(Protocol):
-    """A process, as `subprocess.Popen` has it."""
-
-    @property
-    def pid(self) -> int: ...
-
-    def poll(self) -> int | None: ...
-
-    def terminate(self) -> None: ...
-
-    def kill(self) -> None: ...
-
-
-def start_process(command: Sequence[str], link: socket.socket) -> Started:
-    """Start a process; its `link` handle is appended to the command."""
-    return subprocess.Popen(
-        [*command, str(link.fileno())],
-        stdin=subprocess.DEVNULL,
-        pass_fds=[link.fileno()],
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},  # a thread costs memory
-        start_new_session=True,  # no hang-up and no Ctrl+C of a terminal reaches it
-    )
-
-
 class _Frame:
     """The length of a message or the message itself, until it is whole.
 
@@ -92,13 +67,22 @@ class _Frame:
 
 
 class Child:
-    """A process, its socket and its signs of life."""
+    """A process, its socket and its signs of life.
+
+    The `command` gets the handle of its end of the socket as last word.
+    """
 
     def __init__(self, command: Sequence[str]) -> None:
         self.link, theirs = socket.socketpair()
         with theirs:
             try:
-                self._process = start_process(command, theirs)
+                self.process = subprocess.Popen(
+                    [*command, str(theirs.fileno())],
+                    stdin=subprocess.DEVNULL,
+                    pass_fds=[theirs.fileno()],
+                    env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},  # a thread costs memory
+                    start_new_session=True,  # no hang-up and no Ctrl+C of a terminal reaches it
+                )
             except BaseException:
                 self.link.close()
                 raise
@@ -108,10 +92,6 @@ class Child:
         self._looked = self.moved_at = time.monotonic()
         self._used = ""
         self._stopped: float | None = None
-
-    @property
-    def pid(self) -> int:
-        return self._process.pid
 
     def receive(self) -> memoryview | None:
         """Take what has come; a frame once it is whole.
@@ -175,19 +155,13 @@ class Child:
 
     def _state(self) -> tuple[str, str]:
         """State and processor time (proc(5)); `OSError` once it has ended."""
-        told = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
+        told = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
         return told[0], " ".join(told[11:13])
-
-    def terminate(self) -> None:
-        self._process.terminate()
-
-    def kill(self) -> None:
-        self._process.kill()
 
     @property
     def ended(self) -> str:
         """How it ended, in words; empty while it runs."""
-        code = self._process.poll()
+        code = self.process.poll()
         if code is None:
             return ""
         if code < 0:
@@ -261,7 +235,7 @@ class Worker:
     def pid(self) -> int | None:
         """Of its process; from any thread."""
         child = self._child
-        return None if child is None else child.pid
+        return None if child is None else child.process.pid
 
     def send(self, message: msgspec.Struct) -> None:
         self.send_parts([frame(message)])
@@ -333,7 +307,7 @@ class Worker:
         rest = self.work(now)
         child.send_waiting()
         if not self.wanted:
-            child.terminate()
+            child.process.terminate()
             self.failures = 0
             self._give_up(None)
             return 0.0
@@ -354,7 +328,7 @@ class Worker:
         if self._leaving is not None:
             self._leaving.link.close()
             if why:
-                self._leaving.kill()
+                self._leaving.process.kill()
 
     def _reap(self, now: float, child: Child) -> float:
         ended, waited = child.ended, now - self._left_at
@@ -362,7 +336,7 @@ class Worker:
         if not ended and waited < END_TIME:
             return 0.05
         if not ended and not may_go_on and waited < 2 * END_TIME:
-            child.kill()  # it may hang in a disk: then nobody can end it
+            child.process.kill()  # it may hang in a disk: then nobody can end it
             return 0.05
         self._leaving = None
         if self._why is not None:
@@ -383,7 +357,7 @@ class Worker:
             child.send_waiting()
         child.link.close()
         if not child.ended_by(deadline) and (not self.goes_on or child.stopped):
-            child.kill()
+            child.process.kill()
             child.ended_by(deadline + END_TIME / 2)
 
 
