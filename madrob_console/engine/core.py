@@ -47,9 +47,6 @@ CLOSING_TIME = 30.0
 STEP = 0.02
 """Wait for messages while an act waits for the disk, s."""
 
-HURRIED_STEP = 0.002
-"""Wait for messages after the end of a run, s: a result is coming."""
-
 DISK_WAITS = 0.6
 """Evidence yields the disk when scoring has waited for it this long, s."""
 
@@ -211,8 +208,6 @@ class Engine:
         self._stepped = now
         if self.replay is not None or self.config.lossless:
             interrupt = None
-        if self.current_run.result.hurries:
-            timeout = min(timeout, HURRIED_STEP)
         if not self._backlog.full:
             self._receive(self.source.take_messages(0.0 if self._backlog else timeout))
         self._backlog.work_off(interrupt)

@@ -259,7 +259,6 @@ class CurrentRun:
 
     def finish(self) -> None:
         """Nothing more is recorded: have the bag closed, and the run scored."""
-        self.result.hurry()
         self._write_faults(self._fault_notes.all())
         self.recorder.finish(self._recorded)
 

@@ -69,9 +69,6 @@ class Unwritten:
 NOTICEABLE = 0.3
 """An outdated result stays on screen this long while the next one is made, s."""
 
-HURRY = 1.0
-"""A wanted result is checked often for this long, s."""
-
 
 class CurrentResult:
     """Has the results of one run after the other made and written; shows each once on disk.
@@ -111,7 +108,6 @@ class CurrentResult:
         self._trying = 0
         self._awaited: ToScore | None = None
         self._awaited_since = 0.0
-        self._hurries_until = -math.inf
 
     def __contains__(self, folder: Path) -> bool:
         """Whether the result of an earlier run waits for the disk."""
@@ -154,14 +150,6 @@ class CurrentResult:
         """Earlier runs that are not on disk and why, in words. From any thread."""
         return tuple(run.words for run in tuple(self._unwritten.values()))
 
-    @property
-    def hurries(self) -> bool:
-        return self._keepers.monotonic() < self._hurries_until
-
-    def hurry(self) -> None:
-        """Check often: people wait for something that is made elsewhere."""
-        self._hurries_until = self._keepers.monotonic() + HURRY
-
     def request_result(self, wanted: ToScore) -> None:
         """Request the result of the current run; replaces an earlier request.
 
@@ -169,7 +157,6 @@ class CurrentResult:
         """
         if self._awaited is None:
             self._awaited_since = self._keepers.monotonic()
-        self.hurry()
         wanted = replace(wanted, run=replace(wanted.run, journal=self._journal.mark))
         self._awaited = wanted
 
@@ -206,7 +193,6 @@ class CurrentResult:
         if wanted is not self._awaited:
             return
         self.scored, self._awaited = scored, None
-        self._hurries_until = -math.inf
         self._shown(scored)
 
     def clear(self) -> None:
