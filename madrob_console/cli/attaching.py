@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import shlex
 import socket
 import subprocess
 import sys
@@ -154,8 +153,7 @@ def _checked(
         engine.close()
         raise MadrobError(
             f"the engine of this testbed (pid {engine.pid}) keeps its runs in {engine.results}: "
-            "use that with --results, or end it with `madrob engine stop --results "
-            f"{shlex.quote(str(engine.results))}`"
+            f"use that with --results, or end it with `madrob engine stop --pid {engine.pid}`"
         )
     return engine
 

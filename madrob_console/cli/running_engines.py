@@ -236,7 +236,7 @@ def owning(
                 f"a `madrob run` has the testbed ({this.who}): wait for its end, or "
                 f"{this.end_words}"
             )
-        with EngineServer(holding.listening, known, rejected, this.end_words) as server:
+        with EngineServer(holding.listening, known, rejected) as server:
             yield server, known, holding
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import os
 import socket
 import threading
 import time
@@ -17,7 +16,6 @@ import msgspec
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine import wire
-from madrob_console.engine.discovery import has_ended
 from madrob_console.engine.disk import PriorityQueue
 from madrob_console.engine.engine_lock import connect_to, pid_of_peer
 from madrob_console.engine.requests import NO_ANSWER, Request, Role, T
@@ -84,7 +82,6 @@ class RemoteEngine:
         self._outbox: PriorityQueue[_Asked] = PriorityQueue()
         self._failure: str | None = None
         self._lost, self._again = _LOST[role], _AGAIN[role]
-        self._process: int | None = None
         self._socket = connect_to(stem, GREETING_TIME)
         self.pid = pid_of_peer(self._socket)
         try:
@@ -93,9 +90,6 @@ class RemoteEngine:
         except BaseException:
             self._socket.close()
             raise
-        if self.pid != os.getpid():
-            with suppress(OSError):
-                self._process = os.pidfd_open(self.pid)
         self._socket.settimeout(None)
         self._threads = [
             threading.Thread(target=work, name=name, daemon=True)
@@ -106,15 +100,8 @@ class RemoteEngine:
 
     def snapshot(self) -> Snapshot:
         if self._failure is not None:
-            raise MadrobError(
-                _ENDS if self._failure == self._lost and self._goes_on else self._failure
-            )
+            raise MadrobError(self._failure)
         return self._snapshot
-
-    @property
-    def _goes_on(self) -> bool:
-        """Whether the engine's process still exists: a disk may hold it up while closing."""
-        return self._process is not None and not has_ended(self._process)
 
     def begin_request(self, request: Request[T]) -> Future[T]:
         deadline = time.monotonic() + request.latest_begin
@@ -140,9 +127,6 @@ class RemoteEngine:
         for thread in self._threads:
             thread.join()
         self._socket.close()
-        if self._process is not None:
-            os.close(self._process)
-            self._process = None
 
     # ------------------------------------------------------------------ the socket
 
@@ -197,7 +181,6 @@ class RemoteEngine:
         return f"the connection to the engine has failed ({why}): {self._again}"
 
 
-_ENDS = "the engine is ending: it closes its files, which a disk may hold up"
 _LOST = {
     Role.REFEREE: (
         "the engine has ended: Ctrl+R starts it again; at most half a second of a recording is lost"

@@ -93,13 +93,7 @@ class FoundEngine:
 
     @property
     def stop_line(self) -> str:
-        if self.domain is not None:
-            what = ["--testbed", "ros", "--domain", str(self.domain)]
-        elif self.results is not None:
-            what = ["--results", str(self.results)]
-        else:
-            what = ["--pid", str(self.pid)]
-        return terminal_safe(shlex.join(["madrob", "engine", "stop", *what]))
+        return f"madrob engine stop --pid {self.pid}"
 
 
 def ask(stem: str, question: wire.First, patience: float = PATIENCE) -> wire.FromEngine | None:

@@ -121,7 +121,6 @@ class EngineServer:
         listening: socket.socket,
         known: WhoAnswer,
         rejected: wire.Rejected = STARTING,
-        end_words: str = "`madrob engine stop` ends it",
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         listening.setblocking(False)
@@ -129,7 +128,6 @@ class EngineServer:
         self.describe: Callable[[], WhoAnswer] = lambda: known
         self._known = known
         self._rejected: wire.Rejected | None = rejected
-        self._end_words = end_words
         self._monotonic = monotonic
         self.over: queue.SimpleQueue[None] = queue.SimpleQueue()
         self._screens: set[_Screen] = set()
@@ -255,8 +253,8 @@ class EngineServer:
                     f"{wire.VERSION}"
                 )
                 raise MadrobError(
-                    f"the engine speaks version {wire.VERSION}, this console {version}: "
-                    f"{self._end_words}, then start the console again"
+                    f"the engine speaks version {wire.VERSION}, this console {version}: `madrob "
+                    f"engine stop --pid {os.getpid()}` ends it, then start the console again"
                 )
             case wire.Hello() if self._rejected is not None:
                 writer.write(wire.frame(self._rejected))

@@ -44,7 +44,7 @@ def test_an_engine_is_told_with_its_run_and_the_line_that_stops_it(
         (found,) = (one for one in engines if one["pid"] == engine.process.pid)
         assert (found["kind"], found["domain"]) == ("simulated", None)
         assert (found["phase"], found["run"], found["busy"]) == ("idle", None, False)
-        assert found["stop"] == f"madrob engine stop --results {found['results']}"
+        assert found["stop"] == f"madrob engine stop --pid {found['pid']}"
         for key in found:
             assert f"`{key}`" in GUIDE
 

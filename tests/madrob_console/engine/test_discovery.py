@@ -109,7 +109,7 @@ def test_the_first_message_and_its_answers_have_a_form_that_never_changes(owned:
         assert answer == {
             "type": "Rejected",
             "reason": f"the engine speaks version {wire.VERSION}, this console 900: `madrob engine "
-            "stop` ends it, then start the console again",
+            f"stop --pid {os.getpid()}` ends it, then start the console again",
             "again": False,
         }
 
@@ -181,7 +181,7 @@ def test_a_second_engine_of_the_same_testbed_is_told_of_the_first(owned: Owned) 
         pass
     assert told.value.same
     assert f"(SIMULATED nominal, pid {os.getpid()}, since " in str(told.value)
-    assert f"`madrob engine stop --results {owned.results}` ends it" in str(told.value)
+    assert f"`madrob engine stop --pid {os.getpid()}` ends it" in str(told.value)
     with held(owned):
         pass  # nothing is left of the first
 
@@ -394,7 +394,7 @@ def test_a_second_engine_in_a_ros_domain_is_told_of_the_first(
             who = f"(LIVE ros domain {DOMAIN}, pid {os.getpid()}, since "
             assert said.startswith(f"madrob: ROS domain {DOMAIN} has an engine already {who}")
             assert f"`madrob console {shlex.join(options)}` attaches to it" in said
-            assert f"`madrob engine stop {shlex.join(options)}` ends it\n" in said
+            assert f"`madrob engine stop --pid {os.getpid()}` ends it\n" in said
         assert main(["run", "--testbed", "ros", "--subject", "3", f"--results={tmp_path}"]) == 2
 
 
