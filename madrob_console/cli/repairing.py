@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -85,7 +85,12 @@ def renew_all(root: Path) -> Iterator[str]:
     Yields what could not be remade, in words.
     """
     around = Surroundings()
-    for folder in around.old_reports(root):
+    yield from renew_reports(around.old_reports(root), around)
+
+
+def renew_reports(folders: Iterable[Path], around: Surroundings) -> Iterator[str]:
+    """Remake the reports of runs; yields what could not be remade, in words."""
+    for folder in folders:
         try:
             renew_report(folder, around)
         except MadrobError as error:

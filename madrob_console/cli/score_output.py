@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from functools import partial
+from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple
 
 from madrob_console.archive.folders import (
@@ -260,16 +261,11 @@ def reissue(
 def _renew_reports(runs: Sequence[RunPath], bad: Complaints) -> None:
     """Remake the reports of re-issued runs; one that a console works on is left to it."""
     from madrob_console.archive.run_journal import is_held
-    from madrob_console.cli.repairing import renew_all, renew_report
+    from madrob_console.cli.repairing import renew_all, renew_reports
     from madrob_console.pages.surroundings import Surroundings, report_is_old
 
-    around, folders = Surroundings(), [run.path for run in runs if report_is_old(run.path)]
-    for folder in folders:
-        try:
-            if not is_held(folder / JOURNAL_FILE):
-                renew_report(folder, around)
-        except MadrobError as error:
-            bad.add_complaint(error, str(folder))
-    for results in dict.fromkeys(map(results_folder_of, folders)):
-        for problem in renew_all(results):
-            bad.add_complaint(problem, str(results))
+    old = [run.path for run in runs if report_is_old(run.path)]
+    free = (folder for folder in old if not is_held(folder / JOURNAL_FILE))
+    others = (renew_all(results) for results in dict.fromkeys(map(results_folder_of, old)))
+    for problem in chain(renew_reports(free, Surroundings()), *others):
+        bad.add_complaint(problem, problem.partition(":")[0])

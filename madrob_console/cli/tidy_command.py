@@ -142,6 +142,8 @@ def _age(seconds: float) -> str:
 
 def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int:
     from madrob_console.archive.evidence import remove_evidence
+    from madrob_console.cli.repairing import renew_reports
+    from madrob_console.pages.surroundings import Surroundings, has_report
 
     removed: list[RunEvidence] = []
     with Complaints() as bad:
@@ -151,7 +153,9 @@ def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int
                 with bad.complaining(one.folder):
                     remove_evidence(one, time.time())
                     removed.append(one)
-        _renew_reports(removed, bad)
+        reported = filter(has_report, (one.folder for one in removed))
+        for problem in renew_reports(reported, Surroundings()):
+            bad.add_complaint(problem, problem.partition(":")[0])
     free = free_space(root)
     total = format_size(sum(one.size for one in removed))
     left = "" if free is None else f"; {format_size(free)} free"
@@ -159,17 +163,3 @@ def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int
     if free is not None and (lacking := _lacking(limits, free)):
         print(lacking)
     return BAD_INPUT if bad.count else 0
-
-
-def _renew_reports(removed: Sequence[RunEvidence], bad: Complaints) -> None:
-    from madrob_console.archive.folders import REPORT_FILE
-    from madrob_console.cli.repairing import renew_report
-    from madrob_console.pages.surroundings import Surroundings
-
-    around = Surroundings()
-    reported = [one.folder for one in removed if (one.folder / REPORT_FILE).is_file()]
-    with progress("pages") as tell:
-        for number, folder in enumerate(reported):
-            tell(number, len(reported))
-            with bad.complaining(folder):
-                renew_report(folder, around)
