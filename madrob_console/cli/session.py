@@ -170,7 +170,6 @@ def simulated_testbed(arguments: argparse.Namespace, settings: Settings) -> Simu
         arguments.seed,
         settings.door_geometry(),
         settings.simulated.sensors.settings(),
-        settings.simulated.robot.settings(),
     )
 
 

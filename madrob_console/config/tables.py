@@ -27,7 +27,6 @@ from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
     from madrob_console.testbeds.simulated.geometry import DoorGeometry
-    from madrob_console.testbeds.simulated.scenarios import RobotSettings
     from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 
 # Building the settings from their types.
@@ -542,29 +541,8 @@ class SimulatedSensors(SettingsTable, frozen=True):
         return SensorSettings(**asdict(self))
 
 
-class SimulatedRobot(SettingsTable, frozen=True):
-    """[simulated.robot]: a box that moves along the doorway's axis."""
-
-    length: Annotated[float, within(0.05, 5, "m along the axis")] = 0.5
-    width: Annotated[float, within(0.05, 5, "m across it")] = 0.5
-    height: Annotated[float, within(0.05, 5, "m")] = 1.2
-    shift: Annotated[float, within(-2, 2, "m from the middle, away from the hinge")] = 0.22
-    reaction: Annotated[float, within(0, 600, "s from the start until it sets out")] = 0.5
-    start_distance: (
-        Annotated[float, within(0.1, 20, "m from the threshold; found out when not set")] | None
-    ) = None
-
-    def settings(self) -> RobotSettings:
-        from madrob_console.testbeds.simulated.geometry import RobotBody
-        from madrob_console.testbeds.simulated.scenarios import RobotSettings
-
-        body = RobotBody(self.length, self.width, self.height, self.shift)
-        return RobotSettings(body, self.reaction, self.start_distance)
-
-
 class Simulated(SettingsTable, frozen=True):
     """[simulated]: the simulated testbed."""
 
     door: SimulatedDoor = SimulatedDoor()
     sensors: SimulatedSensors = SimulatedSensors()
-    robot: SimulatedRobot = SimulatedRobot()

@@ -266,9 +266,7 @@ def plan_run(
         plan = _draw(scenario, drawn, geometry, rng, settings, latch=latch)
         if is_clear_cut(plan, geometry):
             return plan
-    raise MadrobError(
-        f"no clear run of {scenario} in this doorway: give the robot or the sensors more room"
-    )
+    raise MadrobError(f"no clear run of {scenario} in this doorway: give the sensors more room")
 
 
 def _draw(

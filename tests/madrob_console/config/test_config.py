@@ -18,8 +18,7 @@ from madrob_console.config.tables import Competition, ConsoleSettings, RunDefaul
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.checks import SensorLimits
 from madrob_console.testbeds.evidence_choice import NO_LIMIT, TopicLimit
-from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
-from madrob_console.testbeds.simulated.scenarios import RobotSettings
+from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from scoring.protocol import GRAM_FORCE, LockDetection, Side, Signal, StartPose, Thresholds
 from scoring.rulesets import RulesetName
@@ -46,7 +45,6 @@ def test_without_a_file_everything_is_as_the_protocol_has_it(home: Path) -> None
     assert settings.sensor_limits() == SensorLimits()
     assert settings.door_geometry() == DoorGeometry()
     assert settings.simulated.sensors.settings() == SensorSettings()
-    assert settings.simulated.robot.settings() == RobotSettings()
     run = settings.run
     assert (run.timeout, run.countdown) == (300.0, 5.0)
     assert (run.lock_detection, run.ruleset) == (LockDetection.AUTO, RulesetName.PROTOCOL)
@@ -112,8 +110,6 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
         doorway_width = 1.2
         [simulated.sensors]
         latch = true
-        [simulated.robot]
-        height = 0.8
         """,
     )
     assert settings.competition == Competition(
@@ -143,7 +139,6 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
         doorway_width=1.2, thresholds=settings.scoring_thresholds()
     )
     assert settings.simulated.sensors.settings() == SensorSettings(latch=True)
-    assert settings.simulated.robot.settings() == RobotSettings(RobotBody(height=0.8))
 
 
 def test_a_testbed_with_other_messages_needs_no_code(tmp_path: Path) -> None:
@@ -379,10 +374,7 @@ def test_the_example_shows_every_setting_with_its_default() -> None:
     for listed in ("topics", "teams", "start_poses"):
         assert shown.pop(listed)
         del defaults[listed]
-    assert [line.split()[0] for line in unset] == [
-        *("#name", "#kind", "#domain", "#ascii", "#start_distance")
-    ]
-    assert defaults["simulated"]["robot"].pop("start_distance") is None
+    assert [line.split()[0] for line in unset] == ["#name", "#kind", "#domain", "#ascii"]
     assert defaults["console"].pop("ascii") is None
     assert defaults["recording"].pop("limits") == []
     assert shown["recording"].pop("limits")
