@@ -6,7 +6,7 @@ swing meet, neither gives way.
 
 from madrob_console.common.names import Scenario
 from madrob_console.testbeds.simulated.geometry import DoorGeometry, MotionPlan, RobotBody
-from madrob_console.testbeds.simulated.scenarios import RobotSettings, plan_run
+from madrob_console.testbeds.simulated.scenarios import plan_run
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from madrob_console.testbeds.simulated.testbed import SimulatedTestbed
 
@@ -14,7 +14,6 @@ __all__ = [
     "DoorGeometry",
     "MotionPlan",
     "RobotBody",
-    "RobotSettings",
     "Scenario",
     "SensorSettings",
     "SimulatedTestbed",

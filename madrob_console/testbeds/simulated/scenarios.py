@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from random import Random
 
 import numpy as np
@@ -230,24 +230,12 @@ class Performance:
 _ATTEMPTS = 100
 
 
-@dataclass(frozen=True, slots=True)
-class RobotSettings:
-    """User settings of the simulated robot; a random scenario draws its own body.
-
-    `reaction` is in s. A `start_distance` of None is 1.5 m, or what is clear of the sensors.
-    """
-
-    body: RobotBody = field(default_factory=RobotBody)
-    reaction: float = 0.5
-    start_distance: float | None = None
-
-
 def plan_run(
     scenario: Scenario,
     condition: Condition | None,
     geometry: DoorGeometry,
     rng: Random,
-    robot: RobotSettings | None = None,
+    start_distance: float | None = None,
     *,
     latch: bool = False,
 ) -> MotionPlan:
@@ -255,15 +243,14 @@ def plan_run(
 
     Two runs of one scenario differ a little. A plan in which the order of two events depends on a
     single sample is drawn anew, so that the truth is plain. A `condition` of None draws one of the
-    twenty.
+    twenty. A `start_distance` of None is 1.5 m, or what is clear of the sensors.
 
     Raises:
         MadrobError: the doorway and the robot leave no plan with a plain truth.
     """
-    settings = robot or RobotSettings()
     for _ in range(_ATTEMPTS):
         drawn = Condition.from_number(rng.randint(1, 20)) if condition is None else condition
-        plan = _draw(scenario, drawn, geometry, rng, settings, latch=latch)
+        plan = _draw(scenario, drawn, geometry, rng, start_distance, latch=latch)
         if is_clear_cut(plan, geometry):
             return plan
     raise MadrobError(f"no clear run of {scenario} in this doorway: give the sensors more room")
@@ -274,7 +261,7 @@ def _draw(
     condition: Condition,
     geometry: DoorGeometry,
     rng: Random,
-    settings: RobotSettings,
+    start_distance: float | None,
     *,
     latch: bool,
 ) -> MotionPlan:
@@ -282,14 +269,10 @@ def _draw(
         played = rng.choice(_MIXTURE)
         body, manner = _any_body(geometry, rng), _any_manner(rng)
     else:
-        played, body = scenario, settings.body
+        played, body = scenario, RobotBody()
         manner = _varied(_MANNERS.get(scenario, Manner()), rng)
     clear = geometry.clear_distance(body) + 0.1
-    manner = replace(
-        manner,
-        reaction=settings.reaction,
-        start_distance=max(settings.start_distance or 1.5, clear),
-    )
+    manner = replace(manner, start_distance=max(start_distance or 1.5, clear))
     performance = Performance(manner, condition, body, geometry)
     _SCRIPTS[played](performance)
     return performance.plan(played, latch=latch)

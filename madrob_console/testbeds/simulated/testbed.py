@@ -17,7 +17,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import Scenario
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC
 from madrob_console.testbeds.simulated.geometry import DoorGeometry, MotionPlan
-from madrob_console.testbeds.simulated.scenarios import RobotSettings, plan_run
+from madrob_console.testbeds.simulated.scenarios import plan_run
 from madrob_console.testbeds.simulated.sensor_model import (
     Reading,
     Scene,
@@ -44,13 +44,12 @@ class SimulatedTestbed:
         seed: int = 0,
         geometry: DoorGeometry | None = None,
         sensors: SensorSettings | None = None,
-        robot: RobotSettings | None = None,
     ) -> None:
         self.scenario = scenario
         self.seed = seed
         self.geometry = geometry or DoorGeometry()
         self.sensors = sensors or SensorSettings()
-        self.robot = robot or RobotSettings()
+        self.start_distance: float | None = None
         self.loss = 0.0  # the share of messages that never arrive
         if scenario is Scenario.WORN:
             worn = replace(self.sensors, handle_rest=(5.9, 0.4), door_rest=(-0.004, -0.0005))
@@ -78,7 +77,7 @@ class SimulatedTestbed:
 
     def set_start_distance(self, distance: float) -> None:
         """Sets the robot's start distance from the threshold, m; at least clear of the sensors."""
-        self.robot = replace(self.robot, start_distance=distance)
+        self.start_distance = distance
 
     def start(self, start_ns: int) -> None:
         """Starts a run at an instant, ns since the epoch; another instant moves it."""
@@ -88,7 +87,7 @@ class SimulatedTestbed:
                 self.condition,
                 self.geometry,
                 Random(f"{self.seed}/{self._repetition}"),
-                self.robot,
+                self.start_distance,
                 latch=self.sensors.latch,
             )
         self.start_ns = start_ns

@@ -12,8 +12,6 @@ from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, TopicMappin
 from madrob_console.messages.message_types import Message, MessageTypes
 from madrob_console.testbeds.simulated import (
     DoorGeometry,
-    RobotBody,
-    RobotSettings,
     Scenario,
     SensorSettings,
     SimulatedTestbed,
@@ -307,7 +305,8 @@ def test_the_robot_starts_where_the_referee_sends_it_and_never_under_the_sensors
 
 
 def test_a_robot_that_cannot_be_played_shows_as_a_problem() -> None:
-    testbed = SimulatedTestbed(robot=RobotSettings(RobotBody(height=0.51)))
+    as_high = DoorGeometry(thresholds=Thresholds(present_height=1.19))
+    testbed = SimulatedTestbed(geometry=as_high)
     source = SimulatedSource(testbed, VirtualClock(START_NS), TYPES)
     source.open()
     source.publish(state("countdown", seconds(START_NS)))
