@@ -7,7 +7,6 @@ import os
 import shlex
 import signal
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -229,13 +228,11 @@ def owning(
             console=_console_options(arguments, owned) if wire_version else (),
             remarks=holding.remarks,
         )
-        this = FoundEngine(owned.stem, os.getpid(), owned.results, time.time(), known)
-        rejected = STARTING
-        if not wire_version:
-            rejected = wire.Rejected(
-                f"a `madrob run` has the testbed ({this.who}): wait for its end, or "
-                f"{this.end_words}"
-            )
+        by_itself = wire.Rejected(
+            "a `madrob run` has the testbed: wait for its end, or `madrob engine stop --pid "
+            f"{os.getpid()}` ends it"
+        )
+        rejected = STARTING if wire_version else by_itself
         with EngineServer(holding.listening, known, rejected) as server:
             yield server, known, holding
 
