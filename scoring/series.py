@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scoring.evaluate import Assessment, completed_by_settling
+from scoring.assessment import Assessment, completed_by_settling
 from scoring.kinematics import Array, Rows
 from scoring.procedure import Ruling
 from scoring.protocol import PASSAGE_SENSORS

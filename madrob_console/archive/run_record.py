@@ -25,7 +25,7 @@ from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import after
 from madrob_console.referee.records import RunSetup, open_protests
 from madrob_console.referee.run import Run
-from scoring.evaluate import Assessment
+from scoring.assessment import Assessment
 from scoring.protocol import Thresholds, event_words
 from scoring.rest import HandleRest
 from scoring.rulesets import RulesetName, ruleset

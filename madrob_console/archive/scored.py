@@ -33,10 +33,10 @@ from madrob_console.referee.rebuild import Change, mark_of, rebuild
 from madrob_console.referee.run import DECISION_REMARKS, Run
 from recorder.errors import RecorderError
 from recorder.reader import Bag, read_bag
+from scoring.assessment import Assessment
 from scoring.eurobench.published import evaluate_published
 from scoring.eurobench.run_files import EurobenchRun, read_run
 from scoring.eurobench.run_info import numbers_of
-from scoring.evaluate import Assessment
 from scoring.kinematics import Rows, load_filters
 from scoring.protocol import Condition, Outcome, ScoringError, Step
 from scoring.quality import AGAINST_OPENING

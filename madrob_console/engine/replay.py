@@ -38,7 +38,7 @@ from madrob_console.referee.run import Run, stop
 from madrob_console.testbeds.recorded_bag import RecordedBag
 from madrob_console.testbeds.source import Source
 from recorder.errors import RecorderError
-from scoring.evaluate import Assessment
+from scoring.assessment import Assessment
 from scoring.protocol import Outcome
 from scoring.result import Result
 

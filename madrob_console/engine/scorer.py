@@ -21,7 +21,7 @@ from madrob_console.engine.requests import curves_of
 from madrob_console.referee.flags import Flag, flags
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.run import Run
-from scoring.evaluate import Assessment
+from scoring.assessment import Assessment
 from scoring.kinematics import load_filters
 from scoring.procedure import Procedure
 from scoring.result import Result

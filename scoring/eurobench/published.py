@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from scoring.assessment import completed_by_settling
 from scoring.eurobench.run_files import EurobenchRun, door_stays_closed, recorded_until
-from scoring.evaluate import completed_by_settling
 from scoring.events import Evidence
 from scoring.indicator_table import IndicatorName
 from scoring.indicators import compute_indicators

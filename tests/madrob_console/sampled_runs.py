@@ -17,7 +17,7 @@ from madrob_console.testbeds.simulated.sensor_model import (
     SensorModel,
     SensorSettings,
 )
-from scoring.evaluate import Assessment
+from scoring.assessment import Assessment
 from scoring.kinematics import Rows
 from scoring.protocol import Condition, LockDetection, Outcome, Signal, Strip, Thresholds
 from scoring.result import Ending, Result

@@ -12,7 +12,7 @@ import numpy as np
 from msgspec.structs import replace as changed
 from numpy.typing import NDArray
 
-from scoring.evaluate import Assessment
+from scoring.assessment import Assessment
 from scoring.protocol import (
     PASSAGE_SENSORS,
     Condition,

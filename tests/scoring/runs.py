@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from scoring.evaluate import Assessment
+from scoring.assessment import Assessment
 from scoring.events import EventDetector
 from scoring.protocol import (
     PASSAGE_SENSORS,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace as changed
 
-from scoring.evaluate import Assessment
+from scoring.assessment import Assessment
 from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import Side, Thresholds
 from scoring.result import Indicator, Result
@@ -247,7 +247,7 @@ def test_a_rate_far_from_the_testbeds_loses_no_result(rules: Ruleset, rate: floa
 def test_doubts_change_no_value(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     samples = DISTURBANCES[case][0](clean())
     with_doubts = scored(samples)
-    monkeypatch.setattr("scoring.evaluate.all_doubts", lambda *_: {})
+    monkeypatch.setattr("scoring.assessment.all_doubts", lambda *_: {})
     without = scored(samples)
     assert not doubted(without)
     values = [[found.indicators[name].value for name in Name] for found in (with_doubts, without)]

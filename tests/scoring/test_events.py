@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scoring.evaluate import Assessment
+from scoring.assessment import Assessment
 from scoring.protocol import (
     PASSAGE_SENSORS,
     Condition,

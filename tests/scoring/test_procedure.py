@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from scoring.evaluate import Assessment
+from scoring.assessment import Assessment
 from scoring.procedure import Procedure, Ruling
 from scoring.protocol import LockDetection, Side, Step
 from scoring.signals import Sample

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from scoring.evaluate import Assessment
+from scoring.assessment import Assessment
 from scoring.indicator_table import IndicatorName as Name
 from scoring.procedure import Ruling
 from scoring.protocol import LockDetection, Outcome, Step, Thresholds

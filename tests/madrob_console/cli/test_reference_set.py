@@ -30,7 +30,7 @@ from madrob_console.cli.reference_set import (
     recordings_of,
 )
 from recorder.reader import read_bag
-from scoring.evaluate import Assessment
+from scoring.assessment import Assessment
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Thresholds
 from scoring.rulesets import LowPassRule, RulesetName, ruleset

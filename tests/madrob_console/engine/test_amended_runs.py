@@ -52,7 +52,7 @@ from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import IncidentKind, ProtestEnd, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
-from scoring.evaluate import Assessment
+from scoring.assessment import Assessment
 from scoring.indicator_table import IndicatorName
 from scoring.kinematics import Rows
 from scoring.procedure import Ruling

@@ -48,7 +48,7 @@ from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from recorder.reader import read_bag
 from recorder.writer import BagWriter
-from scoring.evaluate import Assessment
+from scoring.assessment import Assessment
 from scoring.protocol import Condition, Signal, Step
 from scoring.result import Result
 from tests.madrob_console.engine.drive import Drive, make_setup, signed
