@@ -50,27 +50,6 @@ METADATA_LIMIT = 1024 * 1024
 """The most bytes of `metadata.yaml` that are read; a topic takes some 600."""
 
 
-def read_bag(path: Path, *, evidence: bool = False) -> Bag:
-    """Open a bag folder, recorded here or by `ros2 bag record`, or one `.mcap` file.
-
-    An unfinished or damaged bag is opened as far as it goes, see `Bag.problem`. `evidence` opens
-    the folder's evidence instead: cameras and other topics, in files of their own. A bag without
-    it then has no files. Raises RecorderError if there is nothing to read.
-    """
-    try:
-        path.stat()
-        files, problem = bag_files(path, evidence=evidence) if path.is_dir() else ([path], None)
-        refuse_sqlite(path, files)
-        return Bag(path, files, problem)
-    except ForeignError as error:
-        raise not_a_bag(path, error) from None
-    except OSError as error:
-        raise RecorderError(
-            f"cannot read {error.filename or path}: {error.strerror or error}; "
-            "check the path and its permissions"
-        ) from None
-
-
 def not_a_bag(path: Path, error: ForeignError) -> RecorderError:
     return RecorderError(
         f"{path} is no bag: {error}; choose a rosbag2 bag folder or an .mcap file of ROS 2"
@@ -78,18 +57,40 @@ def not_a_bag(path: Path, error: ForeignError) -> RecorderError:
 
 
 class Bag:
-    """A bag on disk; made by `read_bag`. No file is held open between calls.
+    """A bag on disk; no file is held open between calls.
 
     `problem` says why it is not complete, also after a repair. Damage that only reading everything
-    shows is added by `messages`. Of several records with one name the last counts.
+    shows is added by `messages`. Of several `records` with one name the last counts.
     """
 
-    def __init__(self, path: Path, files: Iterable[Path], problem: str | None) -> None:
-        self.path = path
-        self.problem = problem
+    def __init__(self, path: Path | str, *, evidence: bool = False) -> None:
+        """Open a bag folder, recorded here or by `ros2 bag record`, or one `.mcap` file.
+
+        An unfinished or damaged bag is opened as far as it goes. `evidence` opens the folder's
+        evidence instead: cameras and other topics, in files of their own. A bag without it then
+        has no files. Raises RecorderError if there is nothing to read.
+        """
+        self.path = path = Path(path)
+        self.problem: str | None = None
         self.records: dict[str, dict[str, str]] = {}
         self._files: list[Path] = []
         self._topics: dict[str, Topic] = {}
+        try:
+            path.stat()
+            files = [path]
+            if path.is_dir():
+                files, self.problem = bag_files(path, evidence=evidence)
+            refuse_sqlite(path, files)
+            self._open(files)
+        except ForeignError as error:
+            raise not_a_bag(path, error) from None
+        except OSError as error:
+            raise RecorderError(
+                f"cannot read {error.filename or path}: {error.strerror or error}; "
+                "check the path and its permissions"
+            ) from None
+
+    def _open(self, files: Iterable[Path]) -> None:
         for file in files:
             try:
                 catalogue, damage = read_catalogue(file)

@@ -15,7 +15,7 @@ from madrob_console.messages.message_types import types_of
 from recorder.bag import RawMessage, Topic, is_evidence
 from recorder.errors import RecorderError
 from recorder.mcap_reader import DamageError
-from recorder.reader import Seeker, bag_files, read_bag
+from recorder.reader import Bag, Seeker, bag_files
 from scoring.protocol import Signal
 
 PICTURE_TYPES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
@@ -99,7 +99,7 @@ def _delay_of_testbed(folder: Path, mappings: Sequence[TopicMapping]) -> float:
     From the door, the source of most events, else the first signal with stamps. Its first messages
     tell it: what is stamped after a step of the clock is scored as if there had been none.
     """
-    recording = read_bag(folder)
+    recording = Bag(folder)
     topics = {topic.name: topic for topic in recording.topics()}
     by_use = sorted(mappings, key=lambda one: one.signal is not Signal.DOOR)
     names = [one.topic for one in by_use if one.topic in topics and _is_stamped(topics[one.topic])]

@@ -32,7 +32,7 @@ from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.rebuild import Change, mark_of, rebuild
 from madrob_console.referee.run import DECISION_REMARKS, Run
 from recorder.errors import RecorderError
-from recorder.reader import Bag, read_bag
+from recorder.reader import Bag
 from scoring.assessment import Assessment
 from scoring.eurobench.published import evaluate_published
 from scoring.eurobench.run_files import EurobenchRun, read_run
@@ -220,7 +220,7 @@ def read_recorded_run(path: Path) -> RecordedRun:
     set-up is that of the journal. RecorderError if there is no bag.
     """
     _refuse_unfinished(path)
-    bag = read_bag(path)
+    bag = Bag(path)
     entries, remarks = _journal_file(path)
     if not entries:
         entries = tuple(_journal_in(bag))
@@ -284,7 +284,7 @@ def assess_recording(folder: Path, record: RunRecord, run: Run, *, stored: bool)
     of the data and the bag cannot tell. Nobody may record into the folder any more.
     """
     with _naming(folder):
-        recorded = RecordedRun(read_bag(folder), record, record, (), run, ())
+        recorded = RecordedRun(Bag(folder), record, record, (), run, ())
         (assessment,) = _assess(recorded, (None,), Assessment)
     if stored:
         keep_stored_remarks(assessment, run, folder)

@@ -149,11 +149,11 @@ def _look(arguments: argparse.Namespace, settings: Settings) -> ConsoleSettings:
 def _check_replay(arguments: argparse.Namespace) -> float | None:
     """Check that a run can be replayed; returns where, s from its start; None = from its begin."""
     from madrob_console.archive.run_record import RECORD_NAME
-    from recorder.reader import read_bag
+    from recorder.reader import Bag
 
     path = Path(arguments.testbed[1])
     named: str | None = getattr(arguments, "at", None)  # a spectator sees what the referee does
-    if named is None and RECORD_NAME in read_bag(path).records:
+    if named is None and RECORD_NAME in Bag(path).records:
         return None
     from madrob_console.engine.replay import Replay
     from madrob_console.engine.requests import JumpTo

@@ -12,7 +12,7 @@ from madrob_console.config import Settings, parse_settings
 from madrob_console.config.settings import toml_value
 from madrob_console.messages.codec import Decoder, TopicMapping
 from madrob_console.messages.message_types import MessageError, MessageTypes
-from recorder.reader import Bag, read_bag
+from recorder.reader import Bag
 from scoring.calibration.masks import (
     HandleProposal,
     MaskProposal,
@@ -39,7 +39,7 @@ class CalibrationRecording:
 
     def __init__(self, path: Path, mappings: Iterable[TopicMapping]) -> None:
         self.path = path
-        self._bag: Bag = read_bag(path)
+        self._bag: Bag = Bag(path)
         self._mappings = tuple(mappings)
         self._types = MessageTypes()
         topics = {topic.name: topic for topic in self._bag.topics()}

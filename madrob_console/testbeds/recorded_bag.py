@@ -19,7 +19,7 @@ from madrob_console.messages.message_types import MessageError, MessageTypes
 from madrob_console.testbeds.source import Source, TopicStatus
 from recorder.bag import RawMessage, Topic
 from recorder.errors import RecorderError
-from recorder.reader import Bag, read_bag
+from recorder.reader import Bag
 
 MOST_KEPT = 150_000
 """Messages kept in memory, about seven minutes; a longer bag is read again at each restart."""
@@ -43,7 +43,7 @@ class RecordedBag(Source):
         wait: Callable[[float], None] = time.sleep,
     ) -> None:
         try:
-            self._bag = read_bag(path)
+            self._bag = Bag(path)
         except RecorderError as error:
             raise MadrobError(str(error)) from None
         self.path = path

@@ -30,7 +30,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType
 
 from recorder.bag import BagInformation
 from recorder.errors import RecorderError
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from recorder.recovery import Recovered, recover
 from tests.recorder.samples import BEST_EFFORT, by_library, encoded, strings, talk
 
@@ -164,7 +164,7 @@ def check(place: Path, content: bytes, metadata: str | None) -> None:
 
 def messages(folder: Path) -> list[object] | None:
     try:
-        bag = read_bag(folder)
+        bag = Bag(folder)
     except RecorderError as error:
         told: str | None = str(error)
         found = None
@@ -266,7 +266,7 @@ def test_a_claim_is_no_reason_to_take_memory(tmp_path: Path, content: bytes, wor
     folder.mkdir()
     (folder / "bag_0.mcap").write_bytes(MCAP0_MAGIC + GOOD + content)
     with little_memory():
-        assert len(list(read_bag(folder).messages())) == 1
+        assert len(list(Bag(folder).messages())) == 1
         recovered = recover(folder)
     assert recovered.messages == 1
     assert recovered.cut[0].startswith(words)
@@ -310,7 +310,7 @@ def test_absurd_counts_end_the_reading_in_words(
     path = tmp_path / "absurd.mcap"
     path.write_bytes(MCAP0_MAGIC + encoded(*records))
     began = time.monotonic()
-    assert list(read_bag(path).messages()) == []
+    assert list(Bag(path).messages()) == []
     assert recover(path).cut == (words,)
     assert time.monotonic() - began < LONGEST
 
@@ -322,7 +322,7 @@ def test_an_index_that_repeats_itself_is_not_followed_for_ever(tmp_path: Path) -
     path = tmp_path / "again.mcap"
     path.write_bytes(MCAP0_MAGIC + metadata + index + footer + MCAP0_MAGIC)
     began = time.monotonic()
-    assert list(read_bag(path).records) == ["m"]
+    assert list(Bag(path).records) == ["m"]
     assert recover(path).cut == ("its types and records have more than 16777216 bytes",)
     assert time.monotonic() - began < LONGEST
 

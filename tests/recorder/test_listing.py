@@ -22,7 +22,7 @@ from rosbags.rosbag2 import Reader
 from recorder import survey
 from recorder.bag import RawMessage, bag_file_name, evidence_file_name
 from recorder.mcap_writer import McapFile
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from recorder.recovery import recover
 from recorder.survey import put_listing
 from recorder.writer import BagWriter
@@ -89,7 +89,7 @@ def test_what_is_scored_comes_first_then_the_evidence_by_its_numbers(folder: Pat
     assert list_again(folder)
     texts = [str(number) for number in (0, 9, 10)]
     expected = [strings([text], "/camera")[0] for text in texts]
-    assert list(read_bag(folder, evidence=True).messages()) == expected
+    assert list(Bag(folder, evidence=True).messages()) == expected
     assert told(folder)["relative_file_paths"] == [
         bag_file_name("run"),
         *(evidence_file_name("run", number) for number in (0, 9, 10)),
@@ -115,17 +115,17 @@ def test_readers_of_others_decode_all_messages_of_all_files(folder: Path) -> Non
 
 
 def test_evidence_is_read_apart_from_what_is_scored(folder: Path) -> None:
-    none = read_bag(folder, evidence=True)
+    none = Bag(folder, evidence=True)
     assert (list(none.messages()), none.topics()) == ([], ())
     file = add_evidence(folder, CAMERA)
     for listed in (False, True):
-        bag = read_bag(folder)
+        bag = Bag(folder)
         assert (list(bag.messages()), bag.complete) == (SCORED, True)
-        assert list(read_bag(folder, evidence=True).messages()) == CAMERA
+        assert list(Bag(folder, evidence=True).messages()) == CAMERA
         assert listed or list_again(folder)
-    assert list(read_bag(file).messages()) == CAMERA
+    assert list(Bag(file).messages()) == CAMERA
     (folder / "metadata.yaml").unlink()
-    assert list(read_bag(folder).messages()) == SCORED
+    assert list(Bag(folder).messages()) == SCORED
 
 
 @settings(max_examples=25)

@@ -46,7 +46,7 @@ from recorder.bag import (
 )
 from recorder.errors import RecorderError
 from recorder.mcap_reader import ChunkContent, DamageError, read_chunk
-from recorder.reader import Bag, Seeker, read_bag
+from recorder.reader import Bag, Seeker
 from recorder.writer import BagWriter
 from tests.recorder.samples import (
     BEST_EFFORT,
@@ -85,7 +85,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def opened(place: Path, content: bytes) -> Bag:
     place.write_bytes(content)
-    return read_bag(place)
+    return Bag(place)
 
 
 def test_a_torn_file_yields_every_whole_chunk_and_record_before_the_tear(
@@ -176,7 +176,7 @@ def by_rosbags(folder: Path, messages: list[RawMessage], mode: CompressionMode) 
 def test_bags_of_rosbags_are_read(tmp_path: Path, mode: CompressionMode) -> None:
     messages = door_messages(rounds=20)
     by_rosbags(tmp_path / "bag", messages, mode)
-    bag = read_bag(tmp_path / "bag")
+    bag = Bag(tmp_path / "bag")
     assert [(m.topic, m.data, m.receive_ns) for m in bag.messages()] == [
         (m.topic, m.data, m.receive_ns) for m in messages
     ]
@@ -190,7 +190,7 @@ def test_bags_compressed_by_rosbag2_itself_are_refused(
 ) -> None:
     by_rosbags(tmp_path / "bag", door_messages(rounds=1), mode)
     with pytest.raises(RecorderError, match=r"is compressed by .*; unpack it by `ros2"):
-        read_bag(tmp_path / "bag")
+        Bag(tmp_path / "bag")
 
 
 @pytest.mark.parametrize(
@@ -315,7 +315,7 @@ def test_a_split_bag_is_read_up_to_its_first_bad_file(
         changed.unlink()
     elif isinstance(content, bytes):
         changed.write_bytes(content)
-    bag = read_bag(tmp_path / "bag")
+    bag = Bag(tmp_path / "bag")
     assert list(bag.messages()) == MESSAGES[:count]
     assert bag.complete is (problem is None)
     assert (problem or "") in (bag.problem or "")
@@ -327,7 +327,7 @@ def test_split_files_are_read_in_the_order_of_their_times(tmp_path: Path, *, chu
     for number in range(12):
         part = by_library(MESSAGES[number * 5 : number * 5 + 5], use_chunking=chunked)
         (tmp_path / "bag" / f"bag_{number}.mcap").write_bytes(part)
-    bag = read_bag(tmp_path / "bag")
+    bag = Bag(tmp_path / "bag")
     assert list(bag.messages()) == MESSAGES
     assert bag.complete
 
@@ -341,7 +341,7 @@ def test_qos_and_type_hash_of_other_recordings_are_kept(tmp_path: Path) -> None:
         metadata = {"offered_qos_profiles": profiles, "topic_type_hash": "RIHS01_ab"}
         writer.register_channel("/old", "cdr", schema, metadata)
         writer.finish()  # type: ignore[no-untyped-call]
-    (topic,) = read_bag(tmp_path / "old.mcap").topics()
+    (topic,) = Bag(tmp_path / "old.mcap").topics()
     assert topic.qos == Qos(Reliability.BEST_EFFORT, Durability.TRANSIENT_LOCAL)
     assert topic.type_hash == "RIHS01_ab"
     assert topic.definition == ""  # it is given in another language
@@ -552,7 +552,7 @@ def test_a_folder_whose_name_is_no_text_can_be_recorded_to(tmp_path: Path) -> No
     with BagWriter(folder, door_topics(), {}) as writer:
         assert all(writer.put_message(message) for message in door_messages(rounds=1))
     assert writer.close().error is None
-    assert len(list(read_bag(folder).messages())) == 6
+    assert len(list(Bag(folder).messages())) == 6
 
 
 def test_channels_say_the_same_as_metadata_yaml_which_uses_no_anchors(

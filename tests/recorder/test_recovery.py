@@ -26,7 +26,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType
 
 from recorder.bag import RawMessage, Topic
 from recorder.errors import RecorderError
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from recorder.recovery import recover
 from recorder.writer import BagWriter, RecorderState
 from tests.recorder.samples import all_within, by_library, encoded, mixed, strings, talk
@@ -119,12 +119,12 @@ def described(path: Path) -> tuple[dict[int, Schema], dict[int, Channel], dict[s
 def test_a_torn_bag_becomes_a_bag_that_says_what_it_lost(bag: TornBag, folder: Path) -> None:
     cut = middle(bag) // 2 * 2 + 1
     recording = place_torn(bag, folder, cut)
-    torn = read_bag(folder)
+    torn = Bag(folder)
     before = list(torn.messages())
     recovered = recover(folder)
     assert recovered.metadata == folder / "metadata.yaml"
     assert (recovered.messages, recovered.tail_bytes) == (len(before), cut - bag.chunks[-1].start)
-    repaired = read_bag(folder)
+    repaired = Bag(folder)
     assert (list(repaired.messages()), repaired.complete) == (before, False)
     assert repaired.problem == torn.problem
     (words,) = recovered.cut
@@ -229,7 +229,7 @@ def test_a_whole_recording_gets_the_metadata_yaml_it_lacks(
     assert recovered.metadata == folder / "metadata.yaml"
     assert recovered.messages == len(bag.messages)
     assert contents(folder)["bag_0.mcap"] == before["bag_0.mcap"]
-    assert read_bag(folder).complete
+    assert Bag(folder).complete
     assert not recover(folder).changed
     if text not in {None, "stale"}:  # somebody may want to see what it was
         assert contents(folder)["metadata.yaml.torn"] == before["metadata.yaml"]
@@ -245,8 +245,8 @@ def test_a_summary_that_tells_of_other_topics_is_made_anew(
     path.write_bytes(before + other + after)
     recovered = recover(path)
     assert recovered.cut == ("its summary tells of other topics",)
-    assert list(read_bag(path).messages()) == MESSAGES
-    assert [topic.name for topic in read_bag(path).topics()] == ["/talk"]
+    assert list(Bag(path).messages()) == MESSAGES
+    assert [topic.name for topic in Bag(path).topics()] == ["/talk"]
 
 
 def messages_in(size: int, preamble: int) -> int:
@@ -349,7 +349,7 @@ def test_a_damaged_chunk_is_left_out_and_the_rest_is_kept(
     assert by_mcap(recording) == [(m.topic, m.data, m.publish_ns, m.receive_ns) for m in kept]
     assert recovered.cut[0].startswith("a chunk ")
     assert recovered.cut[0].endswith(f"(byte {chunk.start}); it is left out")
-    assert "it is left out" in (read_bag(folder).problem or "")
+    assert "it is left out" in (Bag(folder).problem or "")
 
 
 def test_a_damaged_summary_is_made_anew(bag: TornBag, folder: Path) -> None:
@@ -360,7 +360,7 @@ def test_a_damaged_summary_is_made_anew(bag: TornBag, folder: Path) -> None:
     recovered = recover(folder)
     assert recovered.cut == ("the checksum of its summary is wrong",)
     assert len(by_mcap(recording)) == recovered.messages == len(bag.messages)
-    assert read_bag(folder).complete  # no message is missing
+    assert Bag(folder).complete  # no message is missing
 
 
 def test_a_file_among_others_is_repaired_without_a_metadata_yaml(
@@ -436,11 +436,11 @@ def test_a_kill_at_any_moment_loses_nothing(
             break
         assert any(content == torn for _, content in contents(folder).values())
         if links:
-            assert list(read_bag(folder).messages()) == MESSAGES[:20]
+            assert list(Bag(folder).messages()) == MESSAGES[:20]
         assert recover(folder).messages == 20
         assert names(folder) == ["bag_0.mcap", "bag_0.mcap.torn", "metadata.yaml"]
         assert (folder / "bag_0.mcap.torn").read_bytes() == torn
-        assert list(read_bag(folder).messages()) == MESSAGES[:20]
+        assert list(Bag(folder).messages()) == MESSAGES[:20]
         assert not recover(folder).changed
     assert 15 < steps < 99
 
@@ -569,7 +569,7 @@ def sqlite(path: Path) -> None:
             None,
         ),
         ("gone", lambda path: listing(path, "gone_0.mcap"), "No such file or directory;", None),
-        ("up", lambda path: listing(path, ".."), "is not a file; choose", read_bag),
+        ("up", lambda path: listing(path, ".."), "is not a file; choose", Bag),
         ("notes.txt", Path.touch, "is no bag: its name does not end in .mcap; choose", recover),
         ("deep", lambda path: holding(path, Path.mkdir, "deep_0.mcap"), "is not a file;", recover),
         ("pipe", lambda path: holding(path, os.mkfifo, "metadata.yaml"), "is not a file;", recover),
@@ -587,7 +587,7 @@ def test_what_is_no_bag_is_refused_in_one_line_with_the_remedy_and_left_alone(
 ) -> None:
     make(tmp_path / name)
     before = all_within(tmp_path)
-    for act in (read_bag, recover):
+    for act in (Bag, recover):
         if only in (None, act):
             with pytest.raises(RecorderError) as caught:
                 act(tmp_path / name)
@@ -630,7 +630,7 @@ def test_a_full_disk_is_reported_and_costs_only_what_it_did_not_take(folder: Pat
     saved = summary.counts[TOPIC.name]
     assert saved + summary.dropped[TOPIC.name] == next(sent)
     assert writer.stats().queued_bytes == 0
-    bag = read_bag(folder)
+    bag = Bag(folder)
     messages = list(bag.messages())
     assert numbers(messages) == list(range(len(messages)))
     assert len(messages) >= saved > 0

@@ -32,7 +32,7 @@ from rosbags.highlevel import AnyReader
 from recorder.bag import MAX_NS, RawMessage, Topic, evidence_file_name
 from recorder.errors import RecorderError
 from recorder.mcap_writer import CHUNK_BYTES, McapFile, McapWriter
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from recorder.writer import BagWriter, DropReason, FurtherFile, RecorderState
 from tests.recorder.samples import door_messages, door_topics, strings, talk
 from tests.watching import until
@@ -68,7 +68,7 @@ def test_recording_starts_only_when_the_bag_is_on_disk(tmp_path: Path) -> None:
     writer.open()
     made = sorted(path.name for path in (tmp_path / "bag").iterdir())
     assert made == ["bag_0.mcap", "metadata.yaml"]
-    unfinished = read_bag(tmp_path / "bag")
+    unfinished = Bag(tmp_path / "bag")
     assert unfinished.records == {"madrob_run": {"n": "1"}}
     assert not unfinished.complete
     assert writer.stats().state is RecorderState.RECORDING
@@ -84,7 +84,7 @@ def test_messages_reach_the_disk_while_recording(tmp_path: Path) -> None:
         assert all(map(writer.put_message, messages))
         until(lambda: writer.stats().written == len(messages))
         stats = writer.stats()
-        assert list(read_bag(tmp_path / "bag").messages()) == messages
+        assert list(Bag(tmp_path / "bag").messages()) == messages
         assert (stats.queued_bytes, stats.file_bytes) == (0, file.stat().st_size)
         assert stats.seconds_since_sync is not None
         assert 0 <= stats.seconds_since_sync < 10
@@ -103,7 +103,7 @@ def test_a_kill_costs_0_2_s_at_most(tmp_path: Path) -> None:
         for message in messages:
             now += 0.21
             assert writer.put_message(message)
-            until(lambda last=message: last in read_bag(tmp_path / "bag").messages())  # type: ignore[misc]
+            until(lambda last=message: last in Bag(tmp_path / "bag").messages())  # type: ignore[misc]
 
 
 def test_a_full_queue_drops_at_once_and_counts(tmp_path: Path, stuck: StuckDisk) -> None:
@@ -119,7 +119,7 @@ def test_a_full_queue_drops_at_once_and_counts(tmp_path: Path, stuck: StuckDisk)
     assert stats.queued_bytes <= 20_000
     stuck.answers.set()
     assert writer.close().counts == {"/talk": len(taken)}
-    assert list(read_bag(tmp_path / "bag").messages()) == taken
+    assert list(Bag(tmp_path / "bag").messages()) == taken
 
 
 def test_a_disk_that_does_not_answer_ends_neither_the_run_nor_the_close(
@@ -155,7 +155,7 @@ def test_a_folder_renamed_while_recording_stays_a_bag(tmp_path: Path) -> None:
         writer.put_message(messages[0])
         (tmp_path / "bag").rename(tmp_path / "moved")
         writer.put_message(messages[1])
-    read = read_bag(tmp_path / "moved")
+    read = Bag(tmp_path / "moved")
     assert list(read.messages()) == messages
     assert read.complete
 
@@ -175,7 +175,7 @@ def test_what_does_not_fit_the_bag_is_counted_with_its_reason(tmp_path: Path) ->
             assert writer.stats().drop_reasons[reason] == before + 1
         assert writer.put_message(good)
         assert writer.stats().dropped == {"/unknown": 1, "/talk": 3}
-    assert list(read_bag(tmp_path / "bag").messages()) == [good]
+    assert list(Bag(tmp_path / "bag").messages()) == [good]
 
 
 def test_after_the_close_everything_is_refused_and_counted(tmp_path: Path) -> None:
@@ -209,7 +209,7 @@ def test_a_late_topic_is_recorded_and_never_ends_the_recording(
         assert writer.put_message(messages[0])
         assert writer.add_topic(late) is recorded
         assert all(map(writer.put_message, messages[1:]))
-    read = read_bag(tmp_path / "bag")
+    read = Bag(tmp_path / "bag")
     assert (list(read.messages()), read.complete) == (messages, True)
     names = dict.fromkeys(["/talk", late.name if recorded else "/talk"])
     assert [topic.name for topic in read.topics()] == list(names)
@@ -317,8 +317,8 @@ def test_evidence_is_a_further_file_that_the_bag_lists_when_it_ends(tmp_path: Pa
         assert all(map(writer.put_message, scored))
         with evidence(tmp_path / "bag", number=1) as camera:
             assert all(map(camera.put_message, seen[20:]))
-    assert list(read_bag(tmp_path / "bag").messages()) == scored
-    assert list(read_bag(tmp_path / "bag", evidence=True).messages()) == seen
+    assert list(Bag(tmp_path / "bag").messages()) == scored
+    assert list(Bag(tmp_path / "bag", evidence=True).messages()) == seen
     with AnyReader([tmp_path / "bag"]) as reader:
         assert reader.message_count == 42
 
@@ -336,9 +336,9 @@ def test_evidence_without_room_ends_in_a_whole_file_and_counts_what_it_has_not(
     summary = camera.close()
     assert summary.error == "the budget is used up"
     assert 3_000_000 < summary.file_bytes < 4_100_000
-    kept = list(read_bag(tmp_path / "bag", evidence=True).messages())
+    kept = list(Bag(tmp_path / "bag", evidence=True).messages())
     assert kept == sent[: len(kept)]
-    assert read_bag(tmp_path / "bag", evidence=True).complete
+    assert Bag(tmp_path / "bag", evidence=True).complete
     assert summary.counts == {CAMERA.name: len(kept)}
     assert summary.dropped == {CAMERA.name: 21 - len(kept)}
     assert camera.stats().drop_reasons == {DropReason.FAILED: 21 - len(kept)}
@@ -358,7 +358,7 @@ def test_large_messages_of_evidence_take_no_more_memory_than_the_queue_may(tmp_p
         assert camera.stats().queued_bytes <= 3_000_000
         go_on.set()
     assert camera.stats().drop_reasons == {DropReason.QUEUE_FULL: 3}
-    assert len(list(read_bag(tmp_path / "bag", evidence=True).messages())) == 5
+    assert len(list(Bag(tmp_path / "bag", evidence=True).messages())) == 5
 
 
 def test_a_sync_of_what_is_scored_never_waits_for_much_evidence(
@@ -564,7 +564,7 @@ def by_time(messages: list[RawMessage]) -> list[RawMessage]:
 
 
 def test_a_bag_reads_back_as_it_was_recorded(bag: Path, recorded: list[RawMessage]) -> None:
-    read = read_bag(bag)
+    read = Bag(bag)
     assert list(read.messages()) == recorded
     assert read.topics() == door_topics()
     assert read.records["madrob_run"] == SETUP
@@ -615,7 +615,7 @@ def test_any_bytes_and_times_survive_in_their_order_and_only_what_is_too_large_i
         writer = BagWriter(folder, TOPICS, {}, queue_bytes=queue_bytes, block_when_full=True)
         writer.open()
         kept = [message for message in messages if writer.put_message(message)]
-        summary, read = writer.close(), read_bag(folder)
+        summary, read = writer.close(), Bag(folder)
         assert (list(read.messages()), read.complete, read.topics()) == (kept, True, TOPICS)
         dropped = len(messages) - len(kept)
         assert (sum(summary.counts.values()), sum(summary.dropped.values())) == (len(kept), dropped)
@@ -636,7 +636,7 @@ def test_a_record_added_while_recording_is_kept_and_the_last_of_a_name_counts(
         writer.put_message(strings(["a"])[0])
         assert writer.add_record("madrob_run", {"n": "2"})
         assert writer.add_record("note", {"text": "a stray byte \udcff, as a terminal may send"})
-    read = read_bag(tmp_path / "bag")
+    read = Bag(tmp_path / "bag")
     assert read.complete
     assert read.records["madrob_run"] == {"n": "2"}
     assert read.records["note"] == {"text": "a stray byte \\udcff, as a terminal may send"}

@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw
 
 from madrob_console.messages.message_types import standard_types
 from recorder.bag import RawMessage
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from tests.recorder.samples import add_evidence
 
 COMPRESSED, RAW = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image"
@@ -82,7 +82,7 @@ def raw(
 
 def span(folder: Path) -> tuple[float, float]:
     """The first and the last log time of a recording, s since the epoch."""
-    times = [message.receive_ns for message in read_bag(folder).messages()]
+    times = [message.receive_ns for message in Bag(folder).messages()]
     return min(times) / NS, max(times) / NS
 
 

@@ -25,7 +25,7 @@ from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
 from madrob_console.pages.competition import competition_standings, how_testbeds_differ
 from madrob_console.referee.acts import Correct, SetUp
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import PULL, Drive, make_setup
 from tests.madrob_console.recorded_runs import completed
@@ -260,7 +260,7 @@ def test_identity_and_testbed_stand_in_journal_recording_result_and_run_info(run
     told = {"run_id": result["run_id"], "testbed": "Hall A"}
     assert UUID(told["run_id"]).version == 7
     first = json.loads((run / "journal.jsonl").read_text().partition("\n")[0])
-    recorded = json.loads(read_bag(run).records[RECORD_NAME]["run"])
+    recorded = json.loads(Bag(run).records[RECORD_NAME]["run"])
     info = yaml.safe_load(next(run.glob("run_info_*.yaml")).read_text())
     for content in (
         result,

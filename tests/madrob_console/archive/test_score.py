@@ -30,7 +30,7 @@ from madrob_console.referee.rebuild import mark_of
 from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import libraries_here
 from scoring.protocol import Condition, EventName, Step
@@ -153,7 +153,7 @@ def test_what_completed_a_run_and_did_not_reach_the_disk_is_named_and_can_be_con
     assert stop is not None
     for end in range(len(whole), 0, -len(whole) // 100):
         bag.write_bytes(whole[:end])
-        if max(message.receive_ns for message in read_bag(folder).messages()) < 1e9 * stop:
+        if max(message.receive_ns for message in Bag(folder).messages()) < 1e9 * stop:
             break
     (lost,) = remarks()
     assert "what was seen of step 5 and 6 is lost, only the referee can confirm it" in lost

@@ -33,7 +33,7 @@ from madrob_console.common.files import Hold
 from madrob_console.referee.journal import HOLD_FILE, Entry, Journal, Origin
 from recorder.bag import METADATA_FILE, evidence_file_name
 from recorder.mcap_writer import McapFile
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from tests.madrob_console.recorded_runs import (
     appealed,
     completed,
@@ -328,7 +328,7 @@ def test_an_engine_that_starts_repairs_evidence_that_was_cut_off_once(torn: Path
         assert list(repair_all(torn.parent)) == []
     assert files_of(torn).items() >= before.items()
     assert list(repair_all(torn.parent)) == []
-    assert list(read_bag(torn, evidence=True).messages()) == FRAMES
+    assert list(Bag(torn, evidence=True).messages()) == FRAMES
     (file,) = evidence_left(torn)
     assert file.name in (torn / METADATA_FILE).read_text()
     after = files_of(torn)
@@ -353,7 +353,7 @@ def test_it_does_so_beside_a_run_that_was_cut_off_itself(torn: Path) -> None:
     recording.write_bytes(recording.read_bytes()[:-100])
     before = recording.read_bytes()
     assert list(repair_all(torn.parent)) == []
-    assert list(read_bag(torn, evidence=True).messages()) == FRAMES
+    assert list(Bag(torn, evidence=True).messages()) == FRAMES
     assert recording.read_bytes() == before
 
 

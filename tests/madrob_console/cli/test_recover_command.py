@@ -17,7 +17,7 @@ from madrob_console.archive.folders import JOURNAL_FILE, REPORT_FILE, RESULT_FIL
 from madrob_console.cli import tidy_command
 from madrob_console.common.files import Hold
 from madrob_console.referee.journal import HOLD_FILE
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from recorder.survey import put_listing
 from recorder.writer import BagWriter
 from tests.madrob_console.cli.typed import Madrob
@@ -49,7 +49,7 @@ def test_a_torn_bag_is_repaired_in_one_line_that_says_what_became_of_it(
         (folder / RESULT_FILE).unlink()
     tear(folder, 0.6)
     bag = recording(folder)
-    count = sum(1 for _ in read_bag(folder).messages())
+    count = sum(1 for _ in Bag(folder).messages())
     (line,) = madrob("recover", folder).splitlines()
     assert line.startswith(f"{folder}: {count} messages kept; cut: it is torn at byte ")
     assert f"the new file is {bag}, the old one is kept as {bag.name}.torn" in line

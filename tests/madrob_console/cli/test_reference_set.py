@@ -29,7 +29,7 @@ from madrob_console.cli.reference_set import (
     read_references,
     recordings_of,
 )
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from scoring.assessment import Assessment
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Thresholds
@@ -185,7 +185,7 @@ def recordings() -> Iterator[Path]:
 def test_the_shipped_recordings_are_made_again_bit_for_bit(
     run: ReferenceRun, recordings: Path
 ) -> None:
-    bag = read_bag(recordings / f"{run.name}.mcap")
+    bag = Bag(recordings / f"{run.name}.mcap")
     assert list(bag.messages()) == list(messages(run))
     assert bag.complete
     assert RunRecord.from_metadata(bag.records[run_record.RECORD_NAME]) == record_of(run)

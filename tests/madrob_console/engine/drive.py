@@ -34,7 +34,7 @@ from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, Announcement
 from recorder.bag import Topic
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
 from tests.watching import until
@@ -109,7 +109,7 @@ class Drive:
         assert folder is not None
 
         def newest() -> int:
-            return max((m.receive_ns for m in read_bag(folder).messages()), default=0)
+            return max((m.receive_ns for m in Bag(folder).messages()), default=0)
 
         until(lambda: newest() > now - _ON_DISK_NS)
 

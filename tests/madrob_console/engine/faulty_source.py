@@ -17,7 +17,7 @@ from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.source import Announcement, TopicStatus
 from recorder.bag import RawMessage
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from scoring.result import Result
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup
 from tests.madrob_console.engine.spoilt import Edit, Fault, Spoil, edited, spoiler
@@ -144,7 +144,7 @@ class FaultyDrive(Drive):
     def recorded(self, topic: str) -> list[bytes]:
         """What the bag holds of a topic."""
         assert self.engine.folder is not None
-        return [m.data for m in read_bag(self.engine.folder).messages() if m.topic == topic]
+        return [m.data for m in Bag(self.engine.folder).messages() if m.topic == topic]
 
     def topics(self) -> list[str]:
         """The topics that a testbed must have."""

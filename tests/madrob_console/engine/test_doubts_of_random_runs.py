@@ -24,7 +24,7 @@ from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import BenchmarkType, Condition, Event, EventName, Outcome, Side, Signal
 from scoring.result import Ending, EventRecord, Result
@@ -95,7 +95,7 @@ def played(
 
 def decoded(folder: Path) -> list[Sample]:
     decoder = Decoder(DEFAULT_MAPPINGS, MessageTypes())
-    samples = (decoder.decode(message) for message in read_bag(folder).messages())
+    samples = (decoder.decode(message) for message in Bag(folder).messages())
     return [sample for sample in samples if sample is not None]
 
 

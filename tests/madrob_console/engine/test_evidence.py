@@ -49,7 +49,7 @@ from madrob_console.referee.rebuild import Change, rebuild
 from madrob_console.referee.records import CheckName
 from madrob_console.testbeds.ros.evidence_intake import TakenEvidence
 from recorder.bag import RawMessage, Topic, evidence_file_name
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from recorder.writer import BagWriter
 from tests.madrob_console.engine.drive import Drive, make_setup, signed
 from tests.recorder.samples import add_evidence, strings
@@ -690,7 +690,7 @@ def written(
 
 
 def published(folder: Path) -> int:
-    return len(list(read_bag(folder, evidence=True).messages()))
+    return len(list(Bag(folder, evidence=True).messages()))
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ from madrob_console.referee.evidence_account import (
 )
 from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
 from recorder.bag import Durability, RawMessage, evidence_file_name
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from recorder.writer import BagWriter
 from tests.madrob_console.camera_peer import Kind, Misbehaviour, Stream, cameras
 from tests.madrob_console.ros_peer import BOOL, KEPT, Peer, truth
@@ -93,7 +93,7 @@ class Hall:
         self.until(lambda status: not status.recording and not status.finishing)
 
     def recorded(self) -> list[RawMessage]:
-        return list(read_bag(self.folder, evidence=True).messages())
+        return list(Bag(self.folder, evidence=True).messages())
 
 
 @contextmanager
@@ -156,7 +156,7 @@ def test_what_was_said_for_late_comers_before_the_start_is_in_every_recording(
             (message,) = here.recorded()
             assert message.data.startswith(truth(True))
             assert message.receive_ns >= here.steady_ns
-            topics = read_bag(here.folder, evidence=True).topics()
+            topics = Bag(here.folder, evidence=True).topics()
             (topic,) = (one for one in topics if one.name == map_topic)
             assert topic.qos.durability is Durability.TRANSIENT_LOCAL
 

@@ -45,7 +45,7 @@ from madrob_console.referee.journal import read_journal
 from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from scoring.protocol import Condition, Outcome, Step
 from scoring.result import Result
 from scoring.rulesets import RulesetName
@@ -92,7 +92,7 @@ def test_every_act_and_change_is_in_the_journal_and_in_the_bag_with_a_second_aro
     assert what[4:7] == ["countdown begins", "run starts", "mark an incident"]
     assert what[-2:] == ["run stops", "result written"]
     assert {e.referee for e in entries if e.origin == "referee"} == {"R. Eferee"}
-    messages = list(read_bag(drive.folder).messages())
+    messages = list(Bag(drive.folder).messages())
     counted = [m for m in messages if m.topic == "/madrob/referee/event"]
     assert len(counted) == len(entries) - 1  # the result is written after the bag is closed
     assert {"/madrob/referee/state", "/madrob/referee/start_pose"} <= {m.topic for m in messages}
@@ -114,7 +114,7 @@ def test_robot_and_bag_hear_of_every_set_up_and_of_every_countdown(drive: Drive)
     drive.wait(1.0)
     drive.act(RestartCountdown())
     drive.finish()
-    said = [m for m in read_bag(drive.folder).messages() if "/referee/" in m.topic]
+    said = [m for m in Bag(drive.folder).messages() if "/referee/" in m.topic]
     assert [m.topic.rpartition("/")[2] for m in said[:3]] == ["event", "start_pose", "state"]
     states = [m.data for m in said if m.topic == "/madrob/referee/state"]
     phases = [str(json.loads(data[8:].rstrip(b"\0"))["phase"]) for data in states]

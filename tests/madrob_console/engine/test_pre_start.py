@@ -28,7 +28,7 @@ from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import SensorSettings
 from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, Announcement, info_text
 from recorder.bag import RawMessage
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from scoring.rest import HandleRest
 from tests.madrob_console.engine.drive import Drive, Rehearsal, make_setup
 from tests.madrob_console.engine.faulty_source import FaultyDrive
@@ -191,7 +191,7 @@ def test_a_simulated_testbed_over_ros_makes_every_run_practice_and_is_in_the_bag
     hall.give_up()
     (run,) = History(tmp_path).refresh()
     assert (run.source, run.practice, run.official) == ("simulated", True, False)
-    said = [one for one in read_bag(hall.folder).messages() if one.topic == INFO_TOPIC]
+    said = [one for one in Bag(hall.folder).messages() if one.topic == INFO_TOPIC]
     assert [one.data for one in said] == [SAID.data]
     assert check_run(RunPath(hall.folder)).found == ()
 

@@ -50,7 +50,7 @@ from madrob_console.referee.records import Protest, RemovedEvidence
 from madrob_console.referee.run import Run
 from madrob_console.testbeds.simulated import Scenario
 from recorder.bag import evidence_file_name, is_evidence
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from recorder.writer import BagWriter
 from scoring.protocol import Outcome, Signal, Thresholds
 from tests.madrob_console.engine.drive import make_setup
@@ -163,7 +163,7 @@ def test_a_team_opens_every_file_of_its_zip_as_the_text_in_it_says(
         exec(lines, {})
     assert "acceleration" in capsys.readouterr().out
     assert f"ros2 bag play {run.name}\n" in text
-    assert len(list(read_bag(home / run.name).messages())) > 1000
+    assert len(list(Bag(home / run.name).messages())) > 1000
     schema = json.loads((home / "madrob_result_schema_1.json").read_text())
     jsonschema.validate(json.loads((home / run.name / "result.json").read_text()), schema)
     layout = json.loads((home / "madrob_foxglove_layout.json").read_text())

@@ -18,7 +18,7 @@ import pytest
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.archive.history import History
 from madrob_console.referee.journal import HOLD_FILE, read_journal
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from recorder.survey import put_listing
 from tests.madrob_console.recorded_runs import completed, final
 from tests.madrob_console.whole.test_every_call import (
@@ -169,7 +169,7 @@ def what_is_wrong(results: Path, clean: Path, before: dict[str, Any]) -> Iterato
     for folder in (results / "practice").glob("subject_*"):
         if not read_journal(folder / JOURNAL_FILE)[0]:
             yield f"{folder.name}: its journal is gone"
-        if not any(True for _ in read_bag(folder).messages()):
+        if not any(True for _ in Bag(folder).messages()):
             yield f"{folder.name}: its recording is gone"
     if len(History(results).refresh()) != 2:
         yield "a run is not listed"

@@ -46,7 +46,7 @@ from madrob_console.referee.rebuild import Change
 from madrob_console.referee.records import IncidentKind
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from recorder.writer import BagWriter
 from scoring.assessment import Assessment
 from scoring.protocol import Condition, Signal, Step
@@ -103,7 +103,7 @@ def durations(result: Result) -> dict[str, float]:
 def check_log_times(folder: Path) -> None:
     """They are steady: no hole, no step back, no jump."""
     times: dict[str, list[int]] = {}
-    for message in read_bag(folder).messages():
+    for message in Bag(folder).messages():
         times.setdefault(message.topic, []).append(message.receive_ns)
     for mapping in DEFAULT_MAPPINGS:
         intervals = [later - earlier for earlier, later in pairwise(times.get(mapping.topic, []))]
@@ -243,7 +243,7 @@ def events_of_a_run(folder: Path, name: str) -> dict[str, float]:
         # a machine that has more to do than this says that, too
         said = [words for words in told if " behind: " not in words]
         assert [words for words in said if name != "stalled disk" or "disk" not in words] == []
-        assert (dropped, read_bag(run).complete) == (0, True)
+        assert (dropped, Bag(run).complete) == (0, True)
         rescored = msgspec.json.decode(msgspec.json.encode(next(score(run)).result))
         for part in ("indicators", "events", "steps", "quality", "outcome", "stop"):
             assert rescored[part] == document[part]

@@ -36,7 +36,7 @@ from madrob_console.testbeds.simulated import Scenario
 from recorder.bag import RawMessage
 from recorder.errors import RecorderError
 from recorder.mcap_writer import McapFile
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from scoring.protocol import EventName, Outcome
 from scoring.quality import Quality
 from scoring.result import Result
@@ -111,7 +111,7 @@ class Recorded(Drive):
     def wait_for_sync(self) -> None:
         """Until everything handed in is on the disk."""
         newest = max(message.receive_ns for message in self.taken)
-        until(lambda: any(m.receive_ns >= newest for m in read_bag(self.folder).messages()))
+        until(lambda: any(m.receive_ns >= newest for m in Bag(self.folder).messages()))
         # It is in the file; the sync that brings it to the disk is the second to end from now.
         before = self.syncs
         until(lambda: self.syncs >= before + 2)
@@ -214,7 +214,7 @@ def go_through(fault: Fault, stop: Stop, moment: float, folder: Path) -> None:
         drive.whole_run(setup_of(stop, 2))
         assert drive.result.quality.remarks == ()
         assert drive.faults == ""
-        assert read_bag(drive.folder).complete
+        assert Bag(drive.folder).complete
 
 
 def check_live(drive: Recorded, stop: Stop) -> None:
@@ -272,9 +272,9 @@ def check_bag(drive: Recorded, fault: Fault, safe: Counter[str]) -> None:
     """What had come before the fault is there, in order and without a hole."""
     if fault in DELETED:
         with pytest.raises(RecorderError):
-            read_bag(drive.folder)
+            Bag(drive.folder)
         return
-    recorded = list(read_bag(drive.folder).messages())
+    recorded = list(Bag(drive.folder).messages())
     for topic, count in safe.items():
         kept = [message for message in recorded if message.topic == topic]
         handed_in = [message for message in drive.of_the_run() if message.topic == topic]

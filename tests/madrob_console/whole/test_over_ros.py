@@ -40,7 +40,7 @@ from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.source import INFO_TOPIC
 from recorder.bag import RawMessage
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from scoring.protocol import Signal
 from tests.madrob_console.camera_peer import Kind, Stream, cameras
 from tests.madrob_console.engine.drive import make_setup
@@ -77,7 +77,7 @@ SimulatedSource.take_messages = logged
 def digests(folder: Path) -> dict[str, list[str]]:
     """Of the recorded messages of each topic."""
     recorded = defaultdict(list)
-    for message in read_bag(folder).messages():
+    for message in Bag(folder).messages():
         recorded[message.topic].append(sha256(message.data).hexdigest())
     return recorded
 
@@ -458,7 +458,7 @@ def test_4_mb_five_times_a_second_delay_neither_clock_nor_abort_and_are_recorded
     assert not any(lost), lost
     begin, end = document["start"], document["stop"] - UNDER_WAY
     sent = sum(begin <= float(line) < end for line in published.read_text().splitlines())
-    assert sum(len(m.data) > HEAVY for m in read_bag(folder).messages()) >= sent > 0
+    assert sum(len(m.data) > HEAVY for m in Bag(folder).messages()) >= sent > 0
     remarks = document["quality"]["remarks"]
     assert any("not read above" in line for line in remarks)
     assert next(score(folder)).result.quality.remarks == tuple(remarks)
@@ -478,11 +478,11 @@ def check_cameras(run: Ran) -> None:
     """They are recorded from before the start of the run to after its end."""
     evidence = rebuild(run.entries).evidence
     assert evidence is not None
-    recorded = list(read_bag(run.folder, evidence=True).messages())
+    recorded = list(Bag(run.folder, evidence=True).messages())
     counts = Counter(message.topic for message in recorded)
     assert counts == {one.topic: one.messages for one in evidence.topics}
     assert set(counts) == set(HALL.topics)
-    testbed_times = [m.receive_ns for m in read_bag(run.folder).messages() if m.topic in TOPICS]
+    testbed_times = [m.receive_ns for m in Bag(run.folder).messages() if m.topic in TOPICS]
     for topic in HALL.topics:
         times = [m.receive_ns for m in recorded if m.topic == topic]
         assert times[0] - testbed_times[0] < 0.5e9

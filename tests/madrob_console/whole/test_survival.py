@@ -19,7 +19,7 @@ import pytest
 
 from madrob_console.referee.rebuild import Change
 from madrob_console.ui.keys.console_app import UNSEEN
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from scoring.protocol import EventName
 from tests.madrob_console.console_process import F8, F10, Hall, start_a_run
 from tests.madrob_console.engine_process import ROOT, STARTING, remarks_of
@@ -40,7 +40,7 @@ def check_whole(hall: Hall, folder: Path) -> None:
     assert result["outcome"] == "completed"
     assert result["indicators"]["capability_level"]["value"] == 6
     assert remarks_of(result, hall.stutter) == []
-    assert read_bag(folder).complete
+    assert Bag(folder).complete
 
 
 @pytest.mark.parametrize("how", ["hang-up", "quit"])
@@ -116,7 +116,7 @@ def test_after_kill_9_of_the_engine_the_run_is_reported_and_scored_as_interrupte
         start_a_run(terminal)
         folder = hall.wait_for_running()
         touched = until(touches)[0]
-        until(lambda: any(m.receive_ns > 1e9 * touched for m in read_bag(folder).messages()))
+        until(lambda: any(m.receive_ns > 1e9 * touched for m in Bag(folder).messages()))
         hall.kill_engine()
         terminal.wait_for("the engine has ended")
         terminal.send(F10)  # nothing is left that could be lost: no question
@@ -143,7 +143,7 @@ def test_killed_at_random_moments_an_engine_loses_half_a_second_at_most(
                 folder = hall.wait_for_running()
                 time.sleep(rng.uniform(0.2, 5.0))
                 killed = hall.kill_engine()
-            newest = max(message.receive_ns for message in read_bag(folder).messages())
+            newest = max(message.receive_ns for message in Bag(folder).messages())
             lost = (killed - newest) / 1e9
             print(f"\nkill -9 of the engine: {lost:.2f} s lost")
             assert lost <= 0.6 + stutter.allowance  # half a second, and the time of the kill

@@ -28,7 +28,7 @@ from madrob_console.testbeds.ros import RosSource, asks_for_sim_time
 from madrob_console.testbeds.ros.abort_service import DEPTH
 from madrob_console.testbeds.ros.connection import RosObject, load_module
 from madrob_console.testbeds.source import CallAnswer, LookForAnswer
-from recorder.reader import read_bag
+from recorder.reader import Bag
 from scoring.protocol import Outcome
 from tests.madrob_console import said
 from tests.madrob_console.engine.drive import make_setup
@@ -184,7 +184,7 @@ def test_a_run_in_a_flood_is_recorded_whole_and_stopped_at_once(hall: Hall, peer
             thread.join()
     snapshot = hall.engine.snapshot()
     assert snapshot.run.stop == pytest.approx(said, abs=0.05 + stutter.allowance)
-    kept = [m.data for m in read_bag(Path(snapshot.folder or "")).messages() if m.topic == HANDLE]
+    kept = [m.data for m in Bag(Path(snapshot.folder or "")).messages() if m.topic == HANDLE]
     assert len(kept) > 4000
     assert kept == sent[: len(kept)]
     assert (heard().lost, heard().dropped, snapshot.recorder.dropped) == (0, 0, 0)
