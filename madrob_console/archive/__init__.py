@@ -1,4 +1,4 @@
-"""RUNS ON DISK: folders, results, history, pictures, scoring again, checking, repairing.
+"""RUNS ON DISK: folders, results, history, pictures, tables, scoring again, checking, repairing.
 
 What goes on now is in engine; what teams take home is in pages and export.
 """

@@ -16,12 +16,12 @@ from madrob_console.archive.folders import (
     results_folder_of,
 )
 from madrob_console.archive.result_document import MANUAL_START
+from madrob_console.archive.table_columns import RUN_TABLES, UNREADABLE, rows_of
 from madrob_console.cli.batch import each_run
 from madrob_console.cli.output import BAD_INPUT, Complaints, name_twins
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
-from madrob_console.export.table_columns import RUN_TABLES, UNREADABLE, rows_of
 from madrob_console.referee.flags import Flag, common_reason, merged_remarks
 from scoring.result import (
     Indicator,
@@ -34,8 +34,8 @@ from scoring.result import (
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
+    from madrob_console.archive.table_columns import Row
     from madrob_console.common.clock import Clock
-    from madrob_console.export.table_columns import Row
 
 
 class FreshRows(NamedTuple):
@@ -61,8 +61,8 @@ def write_tables(
 ) -> int:
     """Write the tables of all runs atomically; one that cannot be read has its row."""
     from madrob_console.archive.result_files import stored_places
+    from madrob_console.archive.table_rows import TableWriter
     from madrob_console.common.files import new_folder, whole_file
-    from madrob_console.export.rows import TableWriter
 
     folder = arguments.output.absolute()
     places = places_that_count(stored_places(runs))

@@ -9,6 +9,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from madrob_console.archive.table_columns import (
+    RUN_TABLES,
+    SAMPLE_TABLES,
+    TidyTable,
+    column_lines,
+    rows_of,
+)
 from madrob_console.cli import options
 from madrob_console.cli.batch import demand_results, each_run
 from madrob_console.cli.command_line import Argument, MadrobCommand, TellAction, command
@@ -16,18 +23,11 @@ from madrob_console.cli.output import BAD_INPUT, Complaints, name_twins, progres
 from madrob_console.cli.parsing import as_path
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from madrob_console.export.table_columns import (
-    RUN_TABLES,
-    SAMPLE_TABLES,
-    TidyTable,
-    column_lines,
-    rows_of,
-)
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
     from madrob_console.archive.folders import RunPath
-    from madrob_console.export.rows import Sink
+    from madrob_console.archive.table_rows import Sink
 
 _SAMPLES = """\
 From the opening of a recording to its end, before it is cut to the run, by the code that makes \
@@ -79,9 +79,9 @@ def _of_runs(table: TidyTable) -> MadrobCommand:
 def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
     from madrob_console.archive.folders import RunPath
     from madrob_console.archive.result_files import stored_run
+    from madrob_console.archive.table_rows import TableWriter
     from madrob_console.common.files import whole_file
     from madrob_console.config import load_settings
-    from madrob_console.export.rows import TableWriter
 
     output: Path = arguments.output
     to_terminal = output == _STDOUT
@@ -170,7 +170,7 @@ table = MadrobCommand(
 
 def write_samples(run: RunPath, *, output: Path, rules: RulesetName | None) -> list[Path]:
     """Write the tables of one run, which alone is in memory; MadrobError if it cannot be."""
-    from madrob_console.export.rows import SampledRun, write_table
+    from madrob_console.archive.table_rows import SampledRun, write_table
 
     sampled = SampledRun.of(run, rules)
     try:

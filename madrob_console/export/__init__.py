@@ -1,4 +1,4 @@
-"""What is handed out: all runs of a team in one zip, and tables for programs.
+"""What is handed out: all runs of a team, or one run as a dossier, in one zip.
 
 The files themselves are made by archive and pages.
 """

@@ -21,12 +21,12 @@ from madrob_console.archive.folders import (
 from madrob_console.archive.history import VOID, RunSummary
 from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
 from madrob_console.archive.run_journal import evidence_removed
+from madrob_console.archive.table_columns import SAMPLE_TABLES
+from madrob_console.archive.table_rows import SampledRun, TableWriter
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import stamp_of, whole_file
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.export.foxglove_layout import LAYOUT_FILE
-from madrob_console.export.rows import SampledRun, TableWriter
-from madrob_console.export.table_columns import SAMPLE_TABLES
 from madrob_console.export.zip_file import SUMS_FILE, Archive
 from madrob_console.referee.flags import FlagKind, weighty
 from recorder.bag import METADATA_FILE, is_evidence, is_left_of_evidence

@@ -25,6 +25,7 @@ from madrob_console.archive.folders import (
 )
 from madrob_console.archive.history import RunSummary
 from madrob_console.archive.result_reader import LARGEST_RESULT
+from madrob_console.archive.table_columns import RUN_TABLES, rows_of
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import (
     Hold,
@@ -35,7 +36,6 @@ from madrob_console.common.files import (
     refusal,
     stamp_of,
 )
-from madrob_console.export.table_columns import RUN_TABLES, rows_of
 from madrob_console.pages.competition import plan_json
 from madrob_console.pages.outputs import standings_csv, standings_json
 from madrob_console.pages.site_content import (
@@ -246,7 +246,7 @@ def _run_tables(content: SiteContent) -> Mapping[str, bytes]:
     """The tables of the site's own runs, by name; each stored result is read once for all."""
     # they load numpy, which a refused folder does without
     from madrob_console.archive.result_files import stored_run
-    from madrob_console.export.rows import TableWriter
+    from madrob_console.archive.table_rows import TableWriter
 
     files = {table.name: BytesIO() for table in RUN_TABLES}
     with ExitStack() as stack:

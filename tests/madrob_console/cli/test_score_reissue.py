@@ -19,11 +19,11 @@ from madrob_console.archive import issuing
 from madrob_console.archive.folders import RunPath
 from madrob_console.archive.repair import RuleChange, next_issue, write_next_issue
 from madrob_console.archive.scored import open_run
+from madrob_console.archive.table_columns import RUN_TABLES
 from madrob_console.cli.main import main
 from madrob_console.cli.output import STOPPED
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold
-from madrob_console.export.table_columns import RUN_TABLES
 from madrob_console.referee.acts import Abort, Rule
 from madrob_console.referee.journal import HOLD_FILE
 from madrob_console.referee.rebuild import Change

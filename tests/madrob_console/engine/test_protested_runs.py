@@ -19,13 +19,13 @@ from madrob_console.archive.history import PROTEST_OPEN, History
 from madrob_console.archive.result_files import stored_run
 from madrob_console.archive.run_journal import ever_protested
 from madrob_console.archive.run_pictures import write_frames
+from madrob_console.archive.table_columns import RUNS, rows_of
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.replay import Replay
 from madrob_console.engine.requests import JumpTo, Skip
 from madrob_console.export.dossier import dossier_target
 from madrob_console.export.pack import PROTESTS_FILE, README_FILE
-from madrob_console.export.table_columns import RUNS, rows_of
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.pages.competition import CompetitionStandings, competition_standings
 from madrob_console.pages.outputs import (

@@ -14,15 +14,15 @@ import pytest
 
 from madrob_console.archive import score
 from madrob_console.archive.folders import runs_at
-from madrob_console.cli.main import main
-from madrob_console.cli.table_command import write_samples
-from madrob_console.export.table_columns import (
+from madrob_console.archive.table_columns import (
     DOOR,
     RUN_TABLES,
     SAMPLE_TABLES,
     WHOSE,
     TidyTable,
 )
+from madrob_console.cli.main import main
+from madrob_console.cli.table_command import write_samples
 from madrob_console.referee.acts import Abort
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import PASSAGE_SENSORS, Thresholds

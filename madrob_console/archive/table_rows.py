@@ -16,12 +16,17 @@ from numpy.typing import NDArray
 from madrob_console.archive.folders import RunPath
 from madrob_console.archive.run_record import RunLabel
 from madrob_console.archive.scored import Scored, score_with_series
+from madrob_console.archive.table_columns import (
+    RUN,
+    CellKind,
+    Row,
+    TidyTable,
+)
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import whole_file
 from madrob_console.common.names import table_cell
-from madrob_console.export.table_columns import RUN, CellKind, Row, TidyTable
 from scoring.kinematics import Array
-from scoring.protocol import PASSAGE_SENSORS, Condition, PassageSensor, Thresholds
+from scoring.protocol import PASSAGE_SENSORS, Condition, PassageSensor
 from scoring.result import Result
 from scoring.rulesets import RulesetName, ruleset
 from scoring.series import WholeSeries
@@ -89,7 +94,8 @@ def write_table(path: Path, table: TidyTable, cells: Mapping[str, Cells]) -> Non
 
 def _plain(kind: CellKind, cells: Cells) -> list[object]:
     values = cells.tolist() if isinstance(cells, np.ndarray) else cells
-    return [None if one is None or one != one else _CELLS[kind](one) for one in values]  # noqa: PLR0124  NaN
+    empty = "" if kind is CellKind.TEXT else None
+    return [empty if one is None or one != one else _CELLS[kind](one) for one in values]  # noqa: PLR0124  NaN
 
 
 _CELLS: Mapping[CellKind, Callable[[Any], object]] = {
@@ -130,12 +136,9 @@ class SampledRun:
         return self.scored.record.setup.condition
 
     @property
-    def thresholds(self) -> Thresholds:
-        return self.scored.record.thresholds
-
-    @property
     def present_height(self) -> float:
-        return ruleset(self.result.ruleset).present_height or self.thresholds.present_height
+        usual = self.scored.record.thresholds.present_height
+        return ruleset(self.result.ruleset).present_height or usual
 
     @property
     def door_jerk(self) -> Array:
