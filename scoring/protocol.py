@@ -58,11 +58,23 @@ class Condition:
         benchmark_type: how the door resists.
         opening_side: the side towards which the panel moves.
         starting_side: the side on which the robot starts.
+
+    Raises:
+        ScoringError: there is no such benchmark type or side.
     """
 
     benchmark_type: BenchmarkType
     opening_side: Side
     starting_side: Side
+
+    def __post_init__(self) -> None:
+        """Members are compared by identity, so a plain text becomes its member."""
+        kinds = (BenchmarkType, Side, Side)
+        for name, kind in zip(self.__slots__, kinds, strict=True):
+            value = getattr(self, name)
+            if value not in [*kind]:
+                raise ScoringError(f"{name}: there is no {value!r}: use {' or '.join(kind)}")
+            object.__setattr__(self, name, kind(value))
 
     @property
     def number(self) -> int:

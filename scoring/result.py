@@ -8,12 +8,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
 from scoring.protocol import Event, EventName, LockDetection, Outcome, ScoringError
 from scoring.quality import Quality
 from scoring.rest import RestForce
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 DOUBTED = "?"
 """Stands directly behind a value that is doubted, and behind the reason why there is none."""
@@ -219,6 +223,35 @@ class Result:
         if undone[0].denied:
             why = f"the referee denied step {step:d}"
         return f"{count} of {len(self.steps)} steps count: {why}"
+
+    def to_frame(self) -> DataFrame:
+        """The indicators, a row each; numbers with all their digits, missing ones NaN."""
+        from pandas import DataFrame
+
+        rows = (
+            {
+                "value": one.value,
+                "uncertainty": one.uncertainty and one.uncertainty.u,
+                "expanded_uncertainty": one.uncertainty and one.uncertainty.expanded,
+                "unit": one.unit,
+                "reason": one.reason or "",
+                "doubts": "; ".join(one.doubts),
+            }
+            for one in self.indicators.values()
+        )
+        frame = DataFrame(rows, index=[*map(str, self.indicators)])
+        return frame.astype(dict.fromkeys(frame.columns[:3], float))
+
+    def _repr_html_(self) -> str:
+        """The table that a notebook shows, with the digits that the values have."""
+        from html import escape
+
+        rows = (
+            "<tr><td>" + "<td>".join(map(escape, (name, one.text, "; ".join(one.doubts))))
+            for name, one in self.indicators.items()
+        )
+        about = escape(f"{self.outcome}: {self.ended}, by {self.ruleset}")
+        return f"<table><caption>{about}</caption>{''.join(rows)}</table>"
 
 
 def doubts_of(

@@ -14,12 +14,19 @@ from collections.abc import Iterable, Iterator
 from importlib import resources
 from pathlib import Path
 from random import Random
+from textwrap import dedent
 from typing import Any
+from unittest.mock import ANY
 from xml.etree import ElementTree as ET
 
+import msgspec
+import numpy as np
 import pytest
 import yaml
 
+import recorder
+import scoring
+from madrob_console import archive
 from madrob_console.archive import score
 from madrob_console.cli.guide_command import PAGES
 from madrob_console.cli.main import COMMANDS, build_parser, main
@@ -44,7 +51,7 @@ from scoring.protocol import BenchmarkType, Condition, EventName, Outcome, Side,
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, Rehearsal, make_setup
-from tests.madrob_console.recorded_runs import recorded
+from tests.madrob_console.recorded_runs import completed
 from tests.madrob_console.run_folders import summary, write
 
 ROOT = Path(__file__).parents[1]
@@ -337,22 +344,64 @@ def test_the_guide_names_the_columns_of_the_standings() -> None:
     assert sorted(name for row in table for name in row[0].split(", ")) == sorted(COLUMNS)
 
 
-def test_the_guide_s_example_scores_a_run(
+def test_the_notebook_of_the_guide_gives_the_digits_that_the_console_stored(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    program = example("import score")
-    assert len(program.splitlines()) <= 12
-    shutil.copytree(recorded(Scenario.NOMINAL), tmp_path / "my_run")
-    (tmp_path / "example.py").write_text(program, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    runpy.run_path("example.py")
-    first, *told = capsys.readouterr().out.splitlines()
-    stored = json.loads((tmp_path / "my_run" / "result.json").read_bytes())
-    assert first == "my_run: completed, by protocol"
-    assert told[:8] == [
+    stored = archived_for_examples(tmp_path, monkeypatch)
+    told: dict[str, Any] = {}
+    for cell in fenced(read("madrob_console/guide/library.md"), "python"):
+        exec(cell, told)
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == "my_run: completed, by protocol"
+    assert said[1:9] == [
         f"{name} {one['value']} {one['unit']} " for name, one in stored["indicators"].items()
     ]
-    assert re.fullmatch(r"\d+ samples of the door, 1\.\d\d rad at most", told[8])
+    assert "is torn at byte" in said[-2]
+    assert said[-1] == "100 messages are there"
+    mine = msgspec.to_builtins(told["mine"].indicators)
+    assert mine == {name: one | {"doubts": ANY} for name, one in stored["indicators"].items()}
+    assert told["runs"].folder.tolist() == [
+        path.name for path in sorted(Path("my_results").iterdir())
+    ]
+    assert len(told["indicators"]) == 8 * len(told["runs"])
+    assert set(told["events"].event) <= {*EventName}
+    assert len(set(told["samples"].signal)) == 12
+    assert told["pull"].gt(40).all()
+    assert told["motion"].velocity.abs().max() > 0.1
+    assert Path("figure_1_acceleration.svg").stat().st_size > 1000
+
+
+def test_the_interface_of_a_package_is_what_it_names_and_its_example_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    archived_for_examples(tmp_path, monkeypatch)
+    times = np.arange(-2.0, 3.0, 0.02)
+    given = {"times": times, "angles": 0 * times, "forces": 0 * times, "start": 0.0}
+    given |= {"ranges": np.full((times.size, 4), 2.0), "Path": Path, "now": 1, "cdr": bytes(12)}
+    made: dict[Any, dict[str, Any]] = {}
+    for package in (scoring, recorder, archive):
+        for name in package.__all__:
+            assert getattr(package, name).__module__.partition(".")[0] in PACKAGES
+        with pytest.raises(AttributeError):
+            _ = package.evaluate_all
+        example = re.findall(
+            r"^    .*\n|^\n", str(package.__doc__).partition(":\n\n")[2], re.MULTILINE
+        )
+        made[package] = dict(given)
+        exec(dedent("".join(example)), made[package])
+    assert made[scoring]["result"].outcome == "interrupted"
+    assert made[recorder]["message"].topic == "/door"
+    assert made[archive]["levels"].value.tolist() == [6, 6]
+
+
+def archived_for_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Put a run and a results folder where the examples look; what is stored of the run."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(completed(), "my_run")
+    for number in (1, 2):
+        shutil.copytree(run := completed(number), f"my_results/{run.name}")
+    stored: dict[str, Any] = json.loads(Path("my_run/result.json").read_bytes())
+    return stored
 
 
 def test_the_guide_s_lines_for_pandas_give_the_mean_of_each_team(

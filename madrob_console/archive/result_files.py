@@ -280,7 +280,7 @@ def _published_document(scored: ScoredPath) -> ResultDocument:
         subject=subject,
         team=label.team,
         run_number=number,
-        condition=scored.condition,
+        condition=result.condition,
         start_pose=StartPose(0.0, 0.0, 0.0),
         referee="",
         timeout=0.0,

@@ -33,12 +33,13 @@ from madrob_console.referee.rebuild import Change, mark_of, rebuild
 from madrob_console.referee.run import DECISION_REMARKS, Run
 from recorder.errors import RecorderError
 from recorder.reader import Bag
+from scoring.arrays import Evaluation
 from scoring.assessment import Assessment
 from scoring.eurobench.published import evaluate_published
 from scoring.eurobench.run_files import EurobenchRun, read_run
 from scoring.eurobench.run_info import numbers_of
 from scoring.kinematics import Rows, load_filters
-from scoring.protocol import Condition, Outcome, ScoringError, Step
+from scoring.protocol import Outcome, ScoringError, Step
 from scoring.quality import AGAINST_OPENING
 from scoring.result import Result
 from scoring.rulesets import PROTOCOL, RulesetName, ruleset
@@ -100,16 +101,14 @@ class Scored:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoredPath:
-    """The result of one run on disk, and the data behind it, cut to the run.
+    """The result of one run on disk.
 
     `path` is the bag or folder; of a published run, the folder and how its files begin. `flags`
     of EUROBENCH's files only say whether it was practice.
     """
 
     path: Path
-    result: Result
-    rows: Rows
-    condition: Condition
+    result: Evaluation
     label: RunLabel
     flags: tuple[Flag, ...] = ()
 
@@ -136,8 +135,8 @@ def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[Scored
             condition = scored[0].record.setup.condition
             label = scored[0].record.label
     return tuple(
-        ScoredPath(Path(run.name), result, rows, condition, label, flagged)
-        for (result, rows), flagged in zip(pairs, found, strict=True)
+        ScoredPath(Path(run.name), Evaluation.of(*pair, condition), label, flagged)
+        for pair, flagged in zip(pairs, found, strict=True)
     )
 
 

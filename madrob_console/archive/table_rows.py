@@ -1,26 +1,34 @@
-"""Tables written to files, and the samples of a run that tables are made of."""
+"""Tables as files and as DataFrames, and the samples of a run that tables are made of."""
 
 from __future__ import annotations
 
 import csv
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import cached_property
 from io import StringIO
 from pathlib import Path
-from typing import Any, Protocol, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeAlias, TypeVar
+from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
 
+from madrob_console.archive.collection import collected
 from madrob_console.archive.folders import RunPath
+from madrob_console.archive.result_files import StoredRun, stored_run
 from madrob_console.archive.run_record import RunLabel
 from madrob_console.archive.scored import Scored, score_with_series
 from madrob_console.archive.table_columns import (
     RUN,
+    RUN_TABLES,
+    SAMPLE_TABLES,
     CellKind,
     Row,
     TidyTable,
+    rows_of,
 )
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import whole_file
@@ -30,6 +38,11 @@ from scoring.protocol import PASSAGE_SENSORS, Condition, PassageSensor
 from scoring.result import Result
 from scoring.rulesets import RulesetName, ruleset
 from scoring.series import WholeSeries
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+_Read = TypeVar("_Read")
 
 _ROWS_AT_ONCE = 2_000
 
@@ -155,3 +168,78 @@ class SampledRun:
     def columns_of(self, table: TidyTable) -> Mapping[str, Cells]:
         row: Mapping[str, Any] = table.row_of(self)
         return {name: [cell] for name, cell in row.items()} if table is RUN else row
+
+
+class Frames(Mapping[str, "DataFrame"]):
+    """The tables of the runs at a path by name, each made when it is first asked for.
+
+    Those of samples score each run from its recording. What cannot be read is warned of.
+    """
+
+    _tables: ClassVar = {table.name: table for table in (*RUN_TABLES, *SAMPLE_TABLES)}
+
+    def __init__(self, path: Path) -> None:
+        found = collected([path])
+        for one in found.unlisted:
+            warn(f"{one.place} {one.why}", stacklevel=3)
+        self._runs = [RunPath(found.root / one.folder) for one in found.runs if not one.twin]
+        self._made: dict[str, DataFrame] = {}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter((*self._tables, "samples"))
+
+    def __len__(self) -> int:
+        return len(self._tables) + 1
+
+    def __getitem__(self, name: str) -> DataFrame:
+        if name not in self._made:
+            self._made[name] = self._all_samples() if name == "samples" else self._frame(name)
+        return self._made[name]
+
+    def _frame(self, name: str) -> DataFrame:
+        from pandas import DataFrame, Series
+
+        table, cells = self._tables[name], defaultdict[str, list[object]](list)
+        for part in self._parts(table):
+            for column, values in part.items():
+                cells[column].extend(values)
+        series = {
+            one.name: Series(_plain(one.kind, cells[one.name]), dtype=one.kind.value)
+            for one in table.columns
+        }
+        return DataFrame(series)
+
+    def _parts(self, table: TidyTable) -> Iterator[Mapping[str, Cells]]:
+        if table in SAMPLE_TABLES:
+            return (run.columns_of(table) for run in self._sampled)
+        rows = (row for run in self._stored for row in rows_of(table, run))
+        return ({name: [cell] for name, cell in row.items()} for row in rows)
+
+    def _all_samples(self) -> DataFrame:
+        """What was measured, a row for each reading of a sensor."""
+        from pandas import concat
+
+        sensors = self["passage"].strip + "_" + self["passage"].element.astype("str")
+        of = {"door": "position", "handle": "force", "passage": "range", "latch": "engaged"}
+        return concat(
+            self[name][["run", "time", "since_start"]].assign(
+                signal=sensors if name == "passage" else name,
+                value=self[name][column].astype("float64"),
+            )
+            for name, column in of.items()
+        ).reset_index(drop=True)
+
+    @cached_property
+    def _stored(self) -> list[StoredRun]:
+        return [*self._each(stored_run)]
+
+    @cached_property
+    def _sampled(self) -> list[SampledRun]:
+        return [*self._each(SampledRun.of)]
+
+    def _each(self, read: Callable[[RunPath], _Read]) -> Iterator[_Read]:
+        for run in self._runs:
+            try:
+                yield read(run)
+            except MadrobError as error:
+                warn(str(error), stacklevel=2)

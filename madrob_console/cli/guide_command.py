@@ -13,7 +13,8 @@ PAGES = {
     "referee": "a run from set-up to signature, keys, protests, words",
     "testbed": "topics, settings, cameras, engine, service, security",
     "robots": "what the referee publishes over ROS, abort",
-    "data": "files, tables, scoring again, several testbeds, Python",
+    "data": "files, tables, scoring again, several testbeds",
+    "library": "scoring arrays, tables, figures and bags from Python",
     "organiser": "teams, plan, standings, web pages, zips",
 }
 """The pages and their subjects; they lie in the folder `guide` of the package."""

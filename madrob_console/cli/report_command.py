@@ -126,7 +126,7 @@ def _results(path: Path) -> Iterator[tuple[str, Result, Rows, Condition]]:
 
     if _published(path):
         for one in score(path):
-            yield f"{one.path.name}_", one.result, one.rows, one.condition
+            yield f"{one.path.name}_", one.result, one.result.rows, one.result.condition
     else:
         scored = score_opened(path)
         yield "", scored.result, scored.rows, scored.record.setup.condition

@@ -9,6 +9,7 @@ import argparse
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import closing
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from textwrap import indent
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from madrob_console.archive.check import Grade
     from madrob_console.archive.folders import RunPath
     from madrob_console.archive.scored import ScoredPath
-    from scoring.result import Result
+    from scoring.arrays import Evaluation
 
 DIFFERENCES = 1
 """Exit code of `--check` if a result is not what its recording gives."""
@@ -291,12 +292,14 @@ def _document(scored: tuple[ScoredPath, ...]) -> dict[str, Any]:
     }
 
 
-def _content(result: Result) -> dict[str, Any]:
+def _content(result: Evaluation) -> dict[str, Any]:
     """A result as `result.json` has it, without the set-up of the run."""
     import msgspec
 
-    content: dict[str, Any] = msgspec.to_builtins(result)
-    del content["handle_zero"]
+    from scoring.result import Result
+
+    names = (each.name for each in fields(Result) if each.name != "handle_zero")
+    content: dict[str, Any] = msgspec.to_builtins({name: getattr(result, name) for name in names})
     return content
 
 

@@ -56,7 +56,7 @@ def test_published_files_say_what_they_leave_open(tmp_path: Path) -> None:
     folder = recorded(Scenario.TOUCH_ONLY)
     publish(folder, tmp_path)
     (cut,), (whole,) = score(tmp_path), score(folder)
-    assert cut.condition.number == 1
+    assert cut.result.condition.number == 1
     assert cut.result.quality.remarks[0].startswith("scored from published files")
     assert cut.result.quality.remarks[1].startswith("no uncertainty is known of the values")
     (remark,) = remarks_on(cut.result, "unsafety")

@@ -162,7 +162,7 @@ def test_a_corrected_starting_side_is_scored_again_and_comes_back_to_the_last_di
     assert desk.engine.snapshot().steps[3].done is False
     publish(desk.run_folder, tmp_path / "published")
     (scored,) = score_run(RunPath(tmp_path / "published", "subject_003_cond_001_run_001"), (None,))
-    assert scored.condition == CW
+    assert scored.result.condition == CW
     desk.take_back()
     assert desk.agrees()
     assert desk.document["indicators"] == before["indicators"]

@@ -60,8 +60,9 @@ def test_at_its_end_a_replay_shows_the_stored_result_to_the_last_digit(folder: P
     deck = Deck(folder, speed=0)
     shown = deck.to_the_end()
     stored = json.loads((folder / "result.json").read_text())
-    assert shown.result == next(score(folder)).result
-    values = {str(name): i.value for name, i in shown.result.indicators.items()}
+    scored = next(score(folder)).result
+    assert shown.result == scored
+    values = {str(name): i.value for name, i in scored.indicators.items()}
     assert values == {name: i["value"] for name, i in stored["indicators"].items()}
     assert (deck.at.comparison, deck.at.agrees) == (EQUAL, True)
     assert shown.result_source == "replay"
@@ -363,9 +364,10 @@ def test_a_torn_bag_is_played_to_where_it_ends_and_that_is_said(copy: Path, shar
     deck = Deck(torn(copy, share))
     assert any("what comes before that is read" in fault for fault in deck.shown.faults)
     shown = deck.to_the_end()
-    assert shown.result == next(score(copy)).result
+    scored = next(score(copy)).result
+    assert shown.result == scored
     assert shown.run.closure is not None
-    assert any("what comes before" in remark for remark in shown.result.quality.remarks)
+    assert any("what comes before" in remark for remark in scored.quality.remarks)
 
 
 def test_a_bag_alone_is_played_with_the_decisions_that_it_holds(copy: Path) -> None:

@@ -258,7 +258,7 @@ def test_the_rows_of_the_run_are_those_behind_its_result_to_the_last_digit(
     run: Path, tables: dict[str, pd.DataFrame]
 ) -> None:
     (scored,) = score(run)
-    facts, rows, start = tables["run"].iloc[0], scored.rows, scored.result.start
+    facts, rows, start = tables["run"].iloc[0], scored.result.rows, scored.result.start
     for name in ("door", "handle", "passage"):  # they begin before the run and end after it
         since = tables[name].since_start
         assert since.min() < -1
@@ -308,8 +308,8 @@ def test_other_rules_give_other_tables(run: Path, tmp_path: Path) -> None:
     facts, door = tables["run"].iloc[0], tables["door"]
     told = (facts.ruleset, facts.present_height, facts.rows_from, facts.rows_until)
     assert told == ("eurobench-2020", EUROBENCH_2020.present_height, -np.inf, np.inf)
-    np.testing.assert_array_equal(door.low_passed_acceleration, scored.rows.low_passed)
-    assert door.jerk.dropna().tolist() == scored.rows.jerk.tolist()
+    np.testing.assert_array_equal(door.low_passed_acceleration, scored.result.rows.low_passed)
+    assert door.jerk.dropna().tolist() == scored.result.rows.jerk.tolist()
 
 
 def test_a_bad_run_is_named_and_the_others_have_their_tables(

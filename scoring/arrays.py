@@ -1,0 +1,187 @@
+"""A run from arrays to its result, for those who have samples and no console."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from scoring.assessment import Assessment
+from scoring.kinematics import Array, Rows
+from scoring.protocol import (
+    SENSORS_PER_STRIP,
+    Condition,
+    Outcome,
+    ScoringError,
+    Strip,
+    Thresholds,
+)
+from scoring.result import Ending, Result
+from scoring.rulesets import RulesetName
+from scoring.rulesets import ruleset as ruleset_called
+from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_ENGAGED = 0.5
+"""A latch sensor that sends numbers is engaged from here on."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evaluation(Result):
+    """A result with the data behind it, which do not count where results are compared.
+
+    Attributes:
+        condition: what the robot had to do.
+        rows: the pre-processed data, cut to the run.
+    """
+
+    condition: Condition
+    rows: Rows
+
+    @classmethod
+    def of(cls, result: Result, rows: Rows, condition: Condition) -> Self:
+        parts = {each.name: getattr(result, each.name) for each in fields(Result)}
+        return cls(**parts, rows=rows, condition=condition)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Result) and all(
+            getattr(self, each.name) == getattr(other, each.name) for each in fields(Result)
+        )
+
+    __hash__ = Result.__hash__
+
+    def figures(self) -> dict[str, Figure]:
+        """The figures of the protocol document (section 6), by name; needs matplotlib."""
+        from scoring.figures.plots import figures_of
+
+        figures = figures_of(self, self.rows, self.condition)
+        return {name.value: figure for name, figure in figures.items()}
+
+
+def evaluate(  # noqa: PLR0913  a signal is an argument
+    condition: Condition,
+    start: float,
+    *,
+    door: Any,  # noqa: ANN401  whatever becomes an array
+    handle: Any,  # noqa: ANN401
+    passage: Mapping[str, Any],
+    latch: Any = None,  # noqa: ANN401
+    timeout: float = 300.0,
+    ruleset: RulesetName = RulesetName.PROTOCOL,
+    handle_zero: float = 0.0,
+    thresholds: Thresholds | None = None,
+) -> Evaluation:
+    """Score a run from its samples, which may come in any order.
+
+    A signal is a pair of arrays, or a DataFrame whose first column is the time. All times are in s
+    on one clock. The run stops when all steps are done, else at the timeout (section 2). Give what
+    was measured until 1 s after the stop: filters and the last step need it.
+
+    Args:
+        condition: what the robot had to do.
+        start: of the run.
+        door: times; angles, rad, 0 = closed, positive = CCW.
+        handle: times; forces, N, positive = pushes the panel towards CCW.
+        passage: for each strip, `cw_left` to `ccw_right`, times; four ranges a row, m down from the
+            lintel, inf = nothing there. NaN is no reading, here as elsewhere.
+        latch: times; whether the latch is engaged. None = there is no latch sensor.
+        timeout: of the run, s.
+        ruleset: the rules of the indicators.
+        handle_zero: force of the handle at rest, N.
+        thresholds: the testbed's numbers; None = the protocol's.
+
+    Raises:
+        ScoringError: an argument cannot be used; names it and the remedy.
+    """
+    if not (math.isfinite(start) and 0 < timeout < math.inf):
+        raise ScoringError(f"start {start}, timeout {timeout}: give both in s")
+    samples = [
+        *_samples(DoorSample, "door", door),
+        *_samples(HandleSample, "handle", handle),
+        *(one for name, data in passage.items() for one in _passage_samples(name, data)),
+        *(() if latch is None else _samples(_latch_sample, "latch", latch)),
+    ]
+    samples.sort(key=lambda sample: sample.time)
+    assessment = Assessment(
+        condition,
+        float(start),
+        ruleset=ruleset_called(ruleset),
+        thresholds=thresholds,
+        handle_zero=float(handle_zero),
+    )
+    ending = _feed(assessment, samples, float(timeout))
+    return Evaluation.of(*assessment.result(ending), condition)
+
+
+def _feed(assessment: Assessment, samples: Iterable[Sample], timeout: float) -> Ending:
+    limit, changes, stop = assessment.start + timeout, -1, None
+    procedure = assessment.procedure()
+    for sample in samples:
+        assessment.feed(sample)
+        if stop is None and (procedure.settling or assessment.changes != changes):
+            changes, procedure = assessment.changes, assessment.procedure()
+            if procedure.completed is not None and procedure.completed <= limit:
+                stop = procedure.completed
+    if stop is not None:
+        return Ending(Outcome.COMPLETED, "all six steps done", stop)
+    newest = assessment.newest or 0.0
+    if newest >= limit:
+        return Ending(Outcome.TIMEOUT, f"{timeout:g} s elapsed", limit)
+    after = newest - assessment.start
+    reason = f"the samples end {after:.1f} s after the start, before the timeout of {timeout:g} s"
+    return Ending(Outcome.INTERRUPTED, reason, None)
+
+
+def _samples(
+    kind: Callable[[float, float, float], Sample], name: str, data: object
+) -> Iterator[Sample]:
+    times, values = _columns(name, data, 1)
+    return map(kind, times.tolist(), times.tolist(), values[:, 0].tolist())
+
+
+def _latch_sample(time: float, log_time: float, engaged: float) -> LatchSample:
+    if math.isnan(engaged):
+        raise ScoringError("latch: a state is nan: leave that sample out")
+    return LatchSample(time, log_time, engaged >= _ENGAGED)
+
+
+def _passage_samples(name: str, data: object) -> Iterator[Sample]:
+    if name not in [*Strip]:
+        raise ScoringError(f"passage: there is no strip {name!r}: name {', '.join(Strip)}")
+    times, ranges = _columns(f"passage[{name!r}]", data, SENSORS_PER_STRIP)
+    for time, row in zip(times.tolist(), ranges.tolist(), strict=True):
+        yield PassageSample(time, time, Strip(name), tuple(row), 0.0, math.inf)
+
+
+def _columns(name: str, data: Any, width: int) -> tuple[Array, Array]:  # noqa: ANN401
+    """Times of shape (n,), values of shape (n, `width`)."""
+    wanted = "a value" if width == 1 else f"{width} ranges"
+    if hasattr(data, "iloc"):
+        data = data.iloc[:, 0], data.iloc[:, 1:]
+    try:
+        times, values = (_numbers(part) for part in data)
+    except (TypeError, ValueError):
+        raise ScoringError(f"{name}: give times in s, and {wanted} for each, as numbers") from None
+    if not times.size:
+        raise ScoringError(f"{name}: no samples: give those of the whole run")
+    if times.shape != values.shape[:1] or values.size != width * times.size:
+        shape = " x ".join(map(str, values.shape))
+        raise ScoringError(
+            f"{name}: {times.size} times, but {shape} values: give {wanted} for each"
+        )
+    if not np.isfinite(times).all():
+        row = np.flatnonzero(~np.isfinite(times))[0]
+        raise ScoringError(f"{name}: time [{row}] is {times.flat[row]}: leave that sample out")
+    return times, values.reshape(-1, width)
+
+
+def _numbers(part: object) -> Array:
+    numbers = np.asarray(part)
+    if not numbers.ndim or numbers.dtype.kind in "mM":  # no row, or dates, whose unit is not s
+        raise TypeError
+    return numbers.astype(np.float64)
