@@ -7,9 +7,9 @@ not code.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, IntEnum, StrEnum
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 # The one root exception of `scoring`.
 
@@ -284,6 +284,14 @@ _AMPLIFIER = 3
 """No amplifier of a load cell outputs more than this many times its range."""
 
 
+LIMITS = "limits"
+"""Key of the metadata of a number that is a setting: lowest, highest, and its words there."""
+
+
+def _within(lowest: float, highest: float, words: str, default: Any) -> Any:  # noqa: ANN401
+    return field(default=default, metadata={LIMITS: (lowest, highest, words)})
+
+
 @dataclass(frozen=True, slots=True)
 class DoubtLimits:
     """From where on a value is doubted (section 11).
@@ -308,22 +316,24 @@ class DoubtLimits:
             part of a count.
     """
 
-    least_readings: int = 3
-    least_hold: float = 0.1
-    gap_intervals: float = 1.5
-    gap_reach: float = 0.2
-    filter_reach: float = 0.5
-    missing: float = 0.002
-    jitter: float = 0.0015
-    one_sample: float = 1.0
-    range_end: float = 0.95
-    clipped: int = 3
-    stuck_time: float = 0.5
-    drift: float = 0.5
-    chatter: int = 3
-    delay_intervals: float = 1.0
-    rate: float = 0.1
-    encoder: float = 0.3
+    least_readings: int = _within(1, 1000, "consecutive samples that an edge rests on", 3)
+    least_hold: float = _within(0, 10, "s; seen by one passage strip alone", 0.1)
+    gap_intervals: float = _within(1, 1000, "sampling intervals; longer is a gap", 1.5)
+    gap_reach: float = _within(0, 60, "s from an edge or a maximum", 0.2)
+    filter_reach: float = _within(0, 60, "s from a largest acceleration", 0.5)
+    missing: float = _within(0, 1, "part of the open door's samples missing", 0.002)
+    jitter: float = _within(0, 10, "s, of the door's stamps", 0.0015)
+    one_sample: float = _within(0, 1e9, "of U; without it the value is another", 1.0)
+    range_end: float = _within(0, 10, "of largest_force; it may have been more", 0.95)
+    clipped: int = _within(2, 10000, "samples exactly at the largest force", 3)
+    stuck_time: float = _within(0.01, 600, "s without any change of a strip's ranges", 0.5)
+    drift: float = _within(0, 100, "of touch_force; rest after the run off the zero", 0.5)
+    chatter: int = _within(1, 1000, "openings and closings within a second", 3)
+    delay_intervals: float = _within(
+        0, 1000, "sampling intervals between the delays of two topics", 1.0
+    )
+    rate: float = _within(0, 1, "part by which the sampling rate is off", 0.1)
+    encoder: float = _within(0, 1e6, "counts by which encoder or noise are off", 0.3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,34 +359,31 @@ class Thresholds:
         doubt: from where on a value is doubted (section 11).
     """
 
-    touch_force: float = 200 * GRAM_FORCE
-    closed_angle: float = 0.03
-    lintel_height: float = 2.0
-    present_height: float = 0.50
-    mask_from: tuple[float, float, float, float, float] = (0.0435, 0.0485, 0.0485, 0.0665, 0.0955)
-    mask_to_cw: tuple[float, float, float, float, float] = (
-        0.30825,
-        0.3645,
-        0.417375,
-        0.518625,
-        0.72675,
+    touch_force: float = _within(0.01, 1000, "N; more is a touch", 200 * GRAM_FORCE)
+    closed_angle: float = _within(0.001, 0.5, "rad; less is closed", 0.03)
+    lintel_height: float = _within(0.5, 10, "height of the passage sensors, m", 2.0)
+    present_height: float = _within(0.01, 10, "m; a higher obstacle is a robot", 0.50)
+    mask_from: tuple[float, float, float, float, float] = _within(
+        0, 3.15, "rad; panel under sensor 0..4 from", (0.0435, 0.0485, 0.0485, 0.0665, 0.0955)
     )
-    mask_to_ccw: tuple[float, float, float, float, float] = (
-        0.459,
-        0.41625,
-        0.417375,
-        0.518625,
-        0.72675,
+    mask_to_cw: tuple[float, float, float, float, float] = _within(
+        0, 3.15, "rad; to, CW side", (0.30825, 0.3645, 0.417375, 0.518625, 0.72675)
     )
-    settle_time: float = 1.0
-    largest_gap: float = 0.1
+    mask_to_ccw: tuple[float, float, float, float, float] = _within(
+        0, 3.15, "rad; to, CCW side", (0.459, 0.41625, 0.417375, 0.518625, 0.72675)
+    )
+    settle_time: float = _within(0, 60, "s closed to count as locked", 1.0)
+    largest_gap: float = _within(0.001, 10, "s between samples", 0.1)
     largest_skew: float = 0.1
-    largest_force: float = 20_000 * GRAM_FORCE
-    largest_angle: float = 1.75
-    encoder_counts: int = 6283  # the published recordings have steps of 1 mrad
-    encoder_noise: float = 0.00025
+    largest_force: float = _within(
+        0.1, 1e6, "N; the load cell's range ends here", 20_000 * GRAM_FORCE
+    )
+    largest_angle: float = _within(0.1, 100, "rad; more is no reading", 1.75)
+    # the published recordings have steps of 1 mrad
+    encoder_counts: int = _within(4, 10**9, "of the door, a turn", 6283)
+    encoder_noise: float = _within(0, 0.1, "rad, standard deviation at rest", 0.00025)
     rate: float = 50.0
-    start_uncertainty: float = 0.2
+    start_uncertainty: float = _within(0, 60, "s; a start by hand is so much late", 0.2)
     doubt: DoubtLimits = DoubtLimits()
 
     @property

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shlex
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 from msgspec import Meta, inspect
@@ -22,10 +23,20 @@ from madrob_console.referee.competition_plan import (
 )
 from madrob_console.testbeds.evidence_choice import TOPIC_PATTERN, EvidenceChoice, TopicLimit
 from madrob_console.testbeds.ros_domain import LARGEST_DOMAIN
-from scoring.protocol import LockDetection, Side, Signal, StartPose, Thresholds
+from scoring.protocol import (
+    LIMITS,
+    DoubtLimits,
+    LockDetection,
+    Side,
+    Signal,
+    StartPose,
+    Thresholds,
+)
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
     from madrob_console.testbeds.simulated.geometry import DoorGeometry
     from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 
@@ -85,7 +96,6 @@ def _without_none(kind: inspect.UnionType) -> inspect.Type:
 
 
 _T = Thresholds()
-_D = _T.doubt
 _L = SensorLimits()
 _E = EvidenceChoice()
 _Topics = Annotated[
@@ -103,8 +113,6 @@ _TopicName = Annotated[
 _TypeName = Annotated[
     str, written_as(rf"{_NAME}/msg/{_NAME}", "message type, as in std_msgs/msg/Float64")
 ]
-_Angle = Annotated[float, Meta(ge=0.0, le=3.15)]
-_Angles = tuple[_Angle, _Angle, _Angle, _Angle, _Angle]
 
 
 def within(low: float, high: float, description: str) -> Meta:
@@ -290,84 +298,44 @@ class TopicSetting(SettingsTable, frozen=True):
             raise ValueError(f"field: name the field of {self.type} that holds the value")
 
 
-class ThresholdSettings(SettingsTable, frozen=True):
-    """[thresholds]: the numbers that turn signals into events (protocol sections 4 and 7)."""
-
-    touch_force: Annotated[float, within(0.01, 1000, "N; more is a touch")] = _T.touch_force
-    closed_angle: Annotated[float, within(0.001, 0.5, "rad; less is closed")] = _T.closed_angle
-    lintel_height: Annotated[float, within(0.5, 10, "height of the passage sensors, m")] = (
-        _T.lintel_height
-    )
-    present_height: Annotated[float, within(0.01, 10, "m; a higher obstacle is a robot")] = (
-        _T.present_height
-    )
-    mask_from: Annotated[_Angles, Meta(description="rad; panel under sensor 0..4 from")] = (
-        _T.mask_from
-    )
-    mask_to_cw: Annotated[_Angles, Meta(description="rad; to, CW side")] = _T.mask_to_cw
-    mask_to_ccw: Annotated[_Angles, Meta(description="rad; to, CCW side")] = _T.mask_to_ccw
-    settle_time: Annotated[float, within(0, 60, "s closed to count as locked")] = _T.settle_time
-    largest_gap: Annotated[float, within(0.001, 10, "s between samples")] = _T.largest_gap
-    largest_force: Annotated[float, within(0.1, 1e6, "N; the load cell's range ends here")] = (
-        _T.largest_force
-    )
-    largest_angle: Annotated[float, within(0.1, 100, "rad; more is no reading")] = _T.largest_angle
-    encoder_counts: Annotated[int, Meta(ge=4, le=10**9, description="of the door, a turn")] = (
-        _T.encoder_counts
-    )
-    encoder_noise: Annotated[float, within(0, 0.1, "rad, standard deviation at rest")] = (
-        _T.encoder_noise
+def _table_of(numbers: type[DataclassInstance], about: str, **methods: object) -> Any:  # noqa: ANN401
+    """A table of the numbers that have limits in their metadata."""
+    keys = []
+    for each in dataclasses.fields(numbers):
+        if LIMITS in each.metadata:
+            low, high, words = each.metadata[LIMITS]
+            number = Meta(ge=low, le=high, description=words)
+            kind: Any = Annotated[type(each.default), number]
+            if isinstance(each.default, tuple):
+                parts = (Annotated[float, number],) * len(each.default)
+                kind = Annotated[tuple[parts], Meta(description=words)]  # type: ignore[valid-type]
+            keys.append((each.name, kind, each.default))
+    return msgspec.defstruct(
+        f"{numbers.__name__}Table",
+        keys,
+        bases=(SettingsTable,),
+        namespace={"__doc__": about, **methods},
+        frozen=True,
     )
 
-    start_uncertainty: Annotated[float, within(0, 60, "s; a start by hand is so much late")] = (
-        _T.start_uncertainty
-    )
 
-    def __post_init__(self) -> None:
-        if self.present_height >= self.lintel_height:
-            raise ValueError("present_height: must be below lintel_height")
+def _demand_low_robots(thresholds: Thresholds) -> None:
+    if thresholds.present_height >= thresholds.lintel_height:
+        raise ValueError("present_height: must be below lintel_height")
 
 
-class DoubtSettings(SettingsTable, frozen=True):
-    """[doubt]: limits beyond which a value is doubted; no value changes (protocol section 11)."""
-
-    least_readings: Annotated[
-        int, Meta(ge=1, le=1000, description="consecutive samples that an edge rests on")
-    ] = _D.least_readings
-    least_hold: Annotated[float, within(0, 10, "s; seen by one passage strip alone")] = (
-        _D.least_hold
+if TYPE_CHECKING:
+    ThresholdSettings = SettingsTable
+    DoubtSettings = SettingsTable
+else:
+    ThresholdSettings = _table_of(
+        Thresholds,
+        "[thresholds]: the numbers that turn signals into events (protocol sections 4 and 7).",
+        __post_init__=_demand_low_robots,
     )
-    gap_intervals: Annotated[float, within(1, 1000, "sampling intervals; longer is a gap")] = (
-        _D.gap_intervals
-    )
-    gap_reach: Annotated[float, within(0, 60, "s from an edge or a maximum")] = _D.gap_reach
-    filter_reach: Annotated[float, within(0, 60, "s from a largest acceleration")] = _D.filter_reach
-    missing: Annotated[float, within(0, 1, "part of the open door's samples missing")] = _D.missing
-    jitter: Annotated[float, within(0, 10, "s, of the door's stamps")] = _D.jitter
-    one_sample: Annotated[float, within(0, 1e9, "of U; without it the value is another")] = (
-        _D.one_sample
-    )
-    range_end: Annotated[float, within(0, 10, "of largest_force; it may have been more")] = (
-        _D.range_end
-    )
-    clipped: Annotated[
-        int, Meta(ge=2, le=10000, description="samples exactly at the largest force")
-    ] = _D.clipped
-    stuck_time: Annotated[float, within(0.01, 600, "s without any change of a strip's ranges")] = (
-        _D.stuck_time
-    )
-    drift: Annotated[float, within(0, 100, "of touch_force; rest after the run off the zero")] = (
-        _D.drift
-    )
-    chatter: Annotated[
-        int, Meta(ge=1, le=1000, description="openings and closings within a second")
-    ] = _D.chatter
-    delay_intervals: Annotated[
-        float, within(0, 1000, "sampling intervals between the delays of two topics")
-    ] = _D.delay_intervals
-    rate: Annotated[float, within(0, 1, "part by which the sampling rate is off")] = _D.rate
-    encoder: Annotated[float, within(0, 1e6, "counts by which encoder or noise are off")] = (
-        _D.encoder
+    DoubtSettings = _table_of(
+        DoubtLimits,
+        "[doubt]: limits beyond which a value is doubted; no value changes (protocol section 11).",
     )
 
 

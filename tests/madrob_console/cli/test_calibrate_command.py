@@ -115,7 +115,7 @@ def test_topics_types_and_units_are_those_of_the_settings(tmp_path: Path, madrob
         madrob, "masks", tmp_path / "bag"
     )
     said = madrob("calibrate masks", tmp_path / "bag", "--settings", tmp_path / "mine.toml")
-    assert parse_settings(said).thresholds.lintel_height == 2.0
+    assert parse_settings(said).scoring_thresholds().lintel_height == 2.0
 
 
 def test_a_strip_that_says_nothing_and_a_door_without_numbers_are_refused(
