@@ -19,10 +19,11 @@ from madrob_console.archive.folders import (
     parse_folder_name,
     with_name,
 )
-from madrob_console.archive.history import History, RunSummary, twins_told
+from madrob_console.archive.history import History, twins_told
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import refusal
 from madrob_console.common.names import terminal_safe
+from madrob_console.referee.run_summary import RunSummary
 
 _LINK = "is behind a link and left out: name the folder itself"
 

@@ -13,7 +13,7 @@ import msgspec
 
 from madrob_console.archive.file_digests import listed_in
 from madrob_console.archive.folders import JOURNAL_FILE, run_folder_names
-from madrob_console.archive.history import History, RunSummary
+from madrob_console.archive.history import History
 from madrob_console.archive.run_journal import (
     RunJournal,
     UnusableJournalError,
@@ -29,6 +29,7 @@ from madrob_console.referee.evidence_account import CUT_OFF, EvidenceAccount
 from madrob_console.referee.journal import Entry, Origin, refusal_words
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_summary import RunSummary
 from recorder.bag import is_evidence, is_left_of_evidence
 from recorder.errors import RecorderError
 from recorder.reader import natural_order

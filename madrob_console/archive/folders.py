@@ -437,7 +437,3 @@ def places_that_count(places: Iterable[RunPlace]) -> dict[str, str]:
 
 def _rank(place: RunPlace) -> tuple[bool, int]:
     return not place.practice, place.issue
-
-
-def why_twin(place: str, counting: str) -> str:
-    return f"{place} is the same run as {counting}, which counts"

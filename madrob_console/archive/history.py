@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 import threading
-import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cached_property, lru_cache
+from collections.abc import Iterable, Iterator, Sequence
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import msgspec
 from msgspec.structs import replace
@@ -23,13 +21,10 @@ from madrob_console.archive.folders import (
     parse_folder_name,
     places_that_count,
     run_folder_names,
-    why_twin,
 )
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.result_reader import (
     DamagedResultError,
-    Name,
-    StartTime,
     UnusableResultError,
     read_result,
     read_setup,
@@ -43,182 +38,12 @@ from madrob_console.archive.run_journal import (
     read_run_journal,
 )
 from madrob_console.common.files import Stamp, stamp_of
-from madrob_console.common.formatting import time_words
-from madrob_console.common.names import SourceKind
-from madrob_console.referee.flags import Flag
 from madrob_console.referee.records import TeamWord
-from madrob_console.referee.run import VALID_OUTCOMES
+from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Condition, Outcome, ScoringError, Thresholds
-from scoring.result import DOUBTED, Uncertainty
+from scoring.protocol import Outcome, Thresholds
 
 _LONGEST_REASON = 500  # characters
-
-OUTCOME_WORDS = {
-    Outcome.COMPLETED: "completed",
-    Outcome.TIMEOUT: "timeout",
-    Outcome.ABORTED: "INVALID",
-    Outcome.INTERRUPTED: "INTERRUPTED",
-}
-"""In capitals where a run does not count."""
-
-PROTEST_OPEN = "PROTEST"
-
-VOID = "VOID"
-
-
-TWICE = "TWICE"
-
-
-class ConditionWords(NamedTuple):
-    """`pull, from CW to CCW` and the benchmark type."""
-
-    way: str
-    door: str
-
-
-@lru_cache
-def condition_words(number: int) -> ConditionWords:
-    """A condition in words; empty for a number that does not exist."""
-    try:
-        found = Condition.from_number(number)
-    except ScoringError:
-        return ConditionWords("", "")
-    return ConditionWords(found.way, found.benchmark_type.value)
-
-
-class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
-    """One run in a list.
-
-    Attributes:
-        folder: relative to the results folder.
-        started: s since the epoch; without a result, from the folder's name.
-        outcome: None = no result yet: the run goes on, or it was cut off.
-        reason: why it does not count, in the referee's words (shortened); empty if valid.
-        values: by indicator file name, where there is one.
-        uncertainties: likewise, where one is known.
-        doubts: the number of doubts, where there are any.
-        flags: open questions, the most serious first.
-        thresholds: those of the testbed that are not the protocol's; None = not known.
-        issue: of the result; 0 = none yet.
-        protest_filed: when the first open protest was, s since the epoch; None = none is open.
-        protest_at: the instant in question of that or the last protest, s from the start.
-        protested: a team protested at some time, whatever became of it.
-        source: `ros`, `simulated` or `replay`; None = unknown.
-        practice: it does not count (protocol section 2). A run of an older version without
-            a result may be practice and not say so.
-        competition: empty = none was set, None = its files do not say.
-        problem: what is wrong with the result; then only folder, numbers and start are known.
-        repairable: the result is damaged or out of date, and can be made again.
-        voided: the referee voided it, whatever its outcome.
-        never_ran: why there is nothing to score; empty = there is, or may be.
-        run_id: unique over all testbeds; empty where its files do not say.
-        rate: of the door's angle, Hz; None = not known.
-        twin: the folder of the same run that counts in place of this one; empty = none.
-    """
-
-    folder: str
-    subject: int
-    condition: int
-    run_number: int
-    started: StartTime
-    team: Name = ""
-    outcome: Outcome | None = None
-    reason: str = ""
-    values: Mapping[IndicatorName, int | float] = {}
-    uncertainties: Mapping[IndicatorName, Uncertainty] = {}
-    doubts: Mapping[IndicatorName, int] = {}
-    flags: tuple[Flag, ...] = ()
-    thresholds: Mapping[str, Any] | None = None
-    issue: int = 0
-    final: bool = False
-    team_word: str | None = None
-    protest_filed: float | None = None
-    protest_at: float | None = None
-    protested: bool = False
-    source: str | None = None
-    practice: bool = False
-    competition: str | None = ""
-    ruleset: str = ""
-    problem: str | None = None
-    repairable: bool = False
-    never_ran: str = ""
-    voided: bool = False
-    run_id: str = ""
-    testbed: Name = ""
-    rate: float | None = None
-    twin: str = ""
-
-    @property
-    def valid(self) -> bool:
-        """Whether its indicators count (protocol section 2)."""
-        ended = self.outcome in VALID_OUTCOMES and not self.voided
-        return ended and self.problem is None and not self.twin
-
-    @property
-    def comparable(self) -> bool:
-        """Whether it can be compared: it counts and was completed (protocol section 11)."""
-        return self.valid and self.outcome is Outcome.COMPLETED
-
-    @property
-    def why_twin(self) -> str:
-        return why_twin(self.folder, self.twin)
-
-    @property
-    def official(self) -> bool:
-        """Whether it was meant to count, on a real testbed."""
-        return self.source == SourceKind.ROS and not self.practice
-
-    def sign(self, name: str) -> str:
-        """As `Indicator.sign`."""
-        return DOUBTED if name in self.doubts else ""
-
-    @property
-    def outcome_word(self) -> str:
-        if self.problem is not None:
-            return "DAMAGED"
-        if self.twin:
-            return TWICE
-        if self.outcome is None:
-            return "never ran" if self.never_ran else "unfinished"
-        return VOID if self.voided else OUTCOME_WORDS[self.outcome]
-
-    @property
-    def closing(self) -> str:
-        """`PROTEST` while one is open, else `not final`, `final`, or `protested`."""
-        if self.protest_filed is not None:
-            return PROTEST_OPEN
-        if not self.final:
-            return "not final"
-        return "protested" if self.team_word == "protested" else "final"
-
-    @property
-    def started_text(self) -> str:
-        return time_words(self.started)
-
-    @cached_property
-    def words(self) -> str:
-        """The text that a filter searches, in small letters."""
-        day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.started))
-        parts = (
-            *(self.started_text, day, str(self.subject), self.team, str(self.run_number)),
-            *(
-                str(self.condition),
-                *condition_words(self.condition),
-                self.outcome_word,
-                self.outcome or "",
-            ),
-            *(self.closing, self.team_word or "", self.source or "", self.ruleset),
-            *(
-                self.competition or "",
-                self.testbed,
-                self.problem or "",
-                "practice" if self.practice else "",
-            ),
-            *(flag.words for flag in self.flags),
-        )
-        return " ".join(parts).casefold()
-
 
 _Stamps: TypeAlias = tuple[Stamp | None, ...]
 

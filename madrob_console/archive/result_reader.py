@@ -22,6 +22,7 @@ from madrob_console.archive.run_journal import is_noted, was_changed
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import read_bounded, refusal
 from madrob_console.referee.records import Reissuing, StoredRuleset
+from madrob_console.referee.run_summary import Name, StartTime
 from scoring.libraries import Libraries
 from scoring.protocol import ScoringError
 
@@ -36,9 +37,6 @@ _FIRST_LINE = 65_536
 _DAMAGED = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, ScoringError, MadrobError)
 
 Number = Annotated[int, Meta(ge=1, le=LARGEST_NUMBER)]
-Name = Annotated[str, Meta(max_length=200)]
-StartTime = Annotated[float, Meta(ge=0, le=1e11)]
-"""s since the epoch, within the range of calendars."""
 
 _Whole = Annotated[int, Meta(ge=-(2**53), le=2**53)]
 """As many digits as every reader of JSON keeps."""

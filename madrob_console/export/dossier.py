@@ -12,7 +12,6 @@ from madrob_console.archive.folders import (
     parse_folder_name,
     results_folder_of,
 )
-from madrob_console.archive.history import RunSummary
 from madrob_console.archive.run_journal import UnusableJournalError, is_held, read_run_journal
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import stamp_of
@@ -30,6 +29,7 @@ from madrob_console.export.pack import (
 )
 from madrob_console.referee.records import Protest, ProtestEnd
 from madrob_console.referee.run import Run
+from madrob_console.referee.run_summary import RunSummary
 
 
 def dossier_target(run: Path) -> Path:

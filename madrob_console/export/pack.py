@@ -18,7 +18,6 @@ from madrob_console.archive.folders import (
     RESULT_FILE,
     RunPath,
 )
-from madrob_console.archive.history import VOID, RunSummary
 from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
 from madrob_console.archive.run_journal import evidence_removed
 from madrob_console.archive.table_columns import SAMPLE_TABLES
@@ -29,6 +28,7 @@ from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.export.foxglove_layout import LAYOUT_FILE
 from madrob_console.export.zip_file import SUMS_FILE, Archive
 from madrob_console.referee.flags import FlagKind, weighty
+from madrob_console.referee.run_summary import VOID, RunSummary
 from recorder.bag import METADATA_FILE, is_evidence, is_left_of_evidence
 from recorder.survey import listing
 

@@ -10,7 +10,7 @@ import msgspec
 
 from madrob_console.archive.collection import Collection, demand_competition, the_competition
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
-from madrob_console.archive.history import RunSummary, of_competition
+from madrob_console.archive.history import of_competition
 from madrob_console.archive.result_reader import read_sound_result
 from madrob_console.archive.run_journal import is_held
 from madrob_console.common.errors import MadrobError
@@ -29,6 +29,7 @@ from madrob_console.export.pack import (
 )
 from madrob_console.messages.codec import TopicMapping
 from madrob_console.referee.lists import TeamName
+from madrob_console.referee.run_summary import RunSummary
 from scoring.protocol import Thresholds
 
 _LONGEST_TEAM = 40  # characters of it in a file name

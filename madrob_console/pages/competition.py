@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from rich.cells import set_cell_size
 
 from madrob_console.archive.collection import the_competition
-from madrob_console.archive.history import RunSummary, condition_words, of_competition
+from madrob_console.archive.history import of_competition
 from madrob_console.common.formatting import format_span
 from madrob_console.common.formatting import listed as first_of
 from madrob_console.common.names import terminal_safe
@@ -28,6 +28,7 @@ from madrob_console.referee.competition_plan import (
     delay,
 )
 from madrob_console.referee.flags import undecided, weighty
+from madrob_console.referee.run_summary import RunSummary, condition_words
 from scoring.indicator_table import WITH_EXTREMES, IndicatorName
 from scoring.protocol import Condition, Outcome, Thresholds
 from scoring.result import DOUBTED, decimals_left

@@ -12,7 +12,6 @@ import msgspec
 from markupsafe import Markup
 from rich.cells import set_cell_size
 
-from madrob_console.archive.history import RunSummary
 from madrob_console.common.formatting import counted
 from madrob_console.common.names import table_cell, terminal_safe, valid_text
 from madrob_console.pages.competition import (
@@ -41,6 +40,7 @@ from madrob_console.pages.tally import (
 )
 from madrob_console.pages.templates import NONE, render, task_text
 from madrob_console.referee.flags import weighty
+from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Condition
 from scoring.result import uncertainty_text

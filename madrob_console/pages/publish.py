@@ -23,7 +23,6 @@ from madrob_console.archive.folders import (
     RESULT_FILE,
     RunPath,
 )
-from madrob_console.archive.history import RunSummary
 from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.archive.table_columns import RUN_TABLES, rows_of
 from madrob_console.common.errors import MadrobError
@@ -54,6 +53,7 @@ from madrob_console.pages.site_pages import (
 )
 from madrob_console.pages.surroundings import Surroundings, team_digest, team_runs
 from madrob_console.pages.templates import date_text
+from madrob_console.referee.run_summary import RunSummary
 
 # The folder of a site. Every file is made again and written if its bytes have changed.
 #

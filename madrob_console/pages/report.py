@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from madrob_console.archive.history import OUTCOME_WORDS, VOID
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.run_pictures import NO_PICTURES, RunPictures
 from madrob_console.archive.scored import Scored
@@ -33,6 +32,7 @@ from madrob_console.referee.flags import (
     weighty,
 )
 from madrob_console.referee.records import Reissuing
+from madrob_console.referee.run_summary import OUTCOME_WORDS, VOID
 from scoring.figures.run_drawings import TimedPhase
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome

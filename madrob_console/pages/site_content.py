@@ -14,11 +14,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from madrob_console.archive.folders import REPORT_FILE
-from madrob_console.archive.history import RunSummary, rank
+from madrob_console.archive.history import rank
 from madrob_console.common.files import stamp_of
 from madrob_console.pages.competition import CompetitionStandings, RulesetStandings
 from madrob_console.pages.tally import Overall
 from madrob_console.referee.competition_plan import PlanProgress
+from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 

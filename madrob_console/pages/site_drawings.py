@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from madrob_console.archive.history import RunSummary
 from madrob_console.pages.drawings import (
     FAILED,
     FEWEST_FOR_A_BOX,
@@ -19,6 +18,7 @@ from madrob_console.pages.drawings import (
     box_scale,
 )
 from madrob_console.pages.site_content import drawable
+from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Outcome
 from scoring.result import value_text

@@ -11,7 +11,7 @@ from typing import Any
 from markupsafe import Markup
 
 from madrob_console.archive.folders import INDEX_PAGE
-from madrob_console.archive.history import PROTEST_OPEN, RunSummary, condition_words, rank
+from madrob_console.archive.history import rank
 from madrob_console.common.formatting import format_span
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.competition import (
@@ -44,6 +44,7 @@ from madrob_console.pages.site_drawings import (
 from madrob_console.pages.templates import NONE, path_link, render
 from madrob_console.referee.competition_plan import PlanProgress
 from madrob_console.referee.flags import FlagKind, weighty
+from madrob_console.referee.run_summary import PROTEST_OPEN, RunSummary, condition_words
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Condition, Outcome
 from scoring.result import uncertainty_text, value_text

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup
 
 from madrob_console.archive.folders import REPORT_FILE, parse_folder_name, results_folder_of
-from madrob_console.archive.history import History, RunSummary
+from madrob_console.archive.history import History
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.result_reader import (
     UnusableResultError,
@@ -27,6 +27,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import read_bounded, stamp_of
 from madrob_console.pages.templates import NOTHING
 from madrob_console.referee.records import JournalMark
+from madrob_console.referee.run_summary import RunSummary
 
 if TYPE_CHECKING:
     from madrob_console.archive.scored import Scored

@@ -13,9 +13,10 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any, NamedTuple, TypeVar
 
-from madrob_console.archive.history import VOID, RunSummary, rank
+from madrob_console.archive.history import rank
 from madrob_console.referee.flags import undecided, weighty
 from madrob_console.referee.lists import TeamName
+from madrob_console.referee.run_summary import VOID, RunSummary
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import DOUBTED, Uncertainty, distinguishable

@@ -11,10 +11,10 @@ from urllib.parse import quote
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from madrob_console.archive.history import condition_words
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.drawings import FAILED, MOST_TEAMS
 from madrob_console.referee.acts.during import RULED
+from madrob_console.referee.run_summary import condition_words
 from scoring.indicator_table import unit_text
 from scoring.protocol import Condition
 from scoring.result import uncertainty_text, value_text

@@ -19,12 +19,13 @@ from datetime import datetime
 from difflib import get_close_matches
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import format_duration, listed
 from madrob_console.common.names import terminal_safe
 from madrob_console.referee.lists import ListReader, quoted, told
+from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, Step
 
@@ -177,57 +178,9 @@ class PlanProgress:
         return bool(self.lines) and attempts.valid >= attempts.planned
 
 
-class RunFacts(Protocol):
-    """The part of a run in the history that a plan needs."""
-
-    @property
-    def folder(self) -> str: ...
-
-    @property
-    def subject(self) -> int: ...
-
-    @property
-    def condition(self) -> int: ...
-
-    @property
-    def started(self) -> float:
-        """Start, s since the epoch."""
-
-    @property
-    def competition(self) -> str | None: ...
-
-    @property
-    def official(self) -> bool: ...
-
-    @property
-    def outcome(self) -> Outcome | None: ...
-
-    @property
-    def valid(self) -> bool: ...
-
-    @property
-    def voided(self) -> bool: ...
-
-    @property
-    def values(self) -> Mapping[IndicatorName, float]:
-        """Its indicators that have a value."""
-
-    @property
-    def problem(self) -> str | None:
-        """Why the run cannot be read."""
-
-    @property
-    def protest_filed(self) -> float | None:
-        """When the first open protest was filed, s since the epoch; None = none is open."""
-
-    @property
-    def twin(self) -> str:
-        """The folder of a duplicate that counts instead; empty = this one counts."""
-
-
-def plan_progress(plan: Plan, runs: Iterable[RunFacts], competition: str) -> PlanProgress:
+def plan_progress(plan: Plan, runs: Iterable[RunSummary], competition: str) -> PlanProgress:
     """Counts the runs of a competition; an empty name means the runs without one."""
-    done: dict[Task, list[RunFacts]] = {line.task: [] for line in plan.lines}
+    done: dict[Task, list[RunSummary]] = {line.task: [] for line in plan.lines}
     unread, protested = 0, Counter[Task]()
     for run in sorted(runs, key=lambda run: (run.started, run.folder)):
         unread += run.problem is not None
@@ -288,7 +241,7 @@ def _since_midnight(time: str) -> float:
     return (moment - datetime(1970, 1, 1)).total_seconds()  # noqa: DTZ001  of the place
 
 
-def is_attempt(run: RunFacts) -> bool:
+def is_attempt(run: RunSummary) -> bool:
     ended = run.outcome in _ENDED and not run.voided and not run.twin
     return run.official and run.problem is None and ended
 
@@ -337,7 +290,7 @@ def read_plan(path: Path, remedy: str = CORRECT_SETTINGS) -> Plan:
     )
 
 
-def _attempts(task: Task, planned: int, runs: Sequence[RunFacts]) -> Attempts:
+def _attempts(task: Task, planned: int, runs: Sequence[RunSummary]) -> Attempts:
     valid = [run for run in runs if run.valid]
     levels = (run.values.get(IndicatorName.CAPABILITY_LEVEL, -1) for run in valid)
     best = max((int(level) for level in levels if level in _LEVELS), default=None)

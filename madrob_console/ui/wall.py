@@ -14,7 +14,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
 
-from madrob_console.archive.history import History, RunSummary, condition_words, of_competition
+from madrob_console.archive.history import History, of_competition
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import time_of_day
 from madrob_console.config.tables import ConsoleSettings
@@ -28,6 +28,7 @@ from madrob_console.referee.competition_plan import (
 )
 from madrob_console.referee.flags import FlagWeight
 from madrob_console.referee.run import Phase
+from madrob_console.referee.run_summary import RunSummary, condition_words
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.cells.large_text import large_text
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Span, Tone, View, line, width_of

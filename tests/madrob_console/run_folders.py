@@ -11,8 +11,8 @@ from typing import Any
 import msgspec
 
 from madrob_console.archive.folders import RESULT_FILE, RunName
-from madrob_console.archive.history import RunSummary
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
+from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, Signal, Thresholds
 

@@ -26,9 +26,9 @@ from madrob_console.referee.records import open_protests
 from madrob_console.referee.run import Run
 
 if TYPE_CHECKING:
-    from madrob_console.archive.history import RunSummary
     from madrob_console.archive.run_journal import Unfinished
     from madrob_console.engine.snapshot import Snapshot
+    from madrob_console.referee.run_summary import RunSummary
 
 
 @dataclass(frozen=True, slots=True)

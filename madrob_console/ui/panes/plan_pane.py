@@ -8,7 +8,6 @@ from itertools import islice
 
 from textual.message import Message
 
-from madrob_console.archive.history import condition_words
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import listed
 from madrob_console.engine.requests import GivePlan
@@ -26,6 +25,7 @@ from madrob_console.referee.competition_plan import (
     Task,
     plan_remarks,
 )
+from madrob_console.referee.run_summary import condition_words
 from madrob_console.ui.cells.lines import Span, Tone
 from madrob_console.ui.cells.table import Column, Table
 from madrob_console.ui.link import EngineLink

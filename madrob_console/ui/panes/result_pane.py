@@ -12,7 +12,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Container, VerticalScroll
 
 from madrob_console.archive.folders import PICTURES_FOLDER, pictures_in
-from madrob_console.archive.history import RunSummary, earlier_runs
+from madrob_console.archive.history import earlier_runs
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import date_of
 from madrob_console.engine.snapshot import Snapshot
@@ -28,6 +28,7 @@ from madrob_console.referee.flags import (
 )
 from madrob_console.referee.records import Incident, Protest, RunSetup
 from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_summary import RunSummary
 from madrob_console.ui.cells.lines import (
     Line,
     Span,

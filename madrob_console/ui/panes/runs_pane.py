@@ -20,13 +20,13 @@ from textual.containers import Vertical
 from textual.message import Message
 
 from madrob_console.archive.collection import filter_problem, matches
-from madrob_console.archive.history import PROTEST_OPEN, RunSummary, condition_words
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.pages.tally import Standing
 from madrob_console.referee.flags import undecided, weighty
+from madrob_console.referee.run_summary import PROTEST_OPEN, RunSummary, condition_words
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.cells.lines import Label, Span, Tone
 from madrob_console.ui.cells.table import Column, Row, Table

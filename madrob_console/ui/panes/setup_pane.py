@@ -13,7 +13,6 @@ from textual.containers import Horizontal, Vertical
 from textual.message import Message
 from textual.widgets import Input
 
-from madrob_console.archive.history import RunSummary
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import time_of_day
 from madrob_console.engine.requests import NextRunNumber
@@ -24,6 +23,7 @@ from madrob_console.referee.checks import Check, CheckState
 from madrob_console.referee.competition_plan import Task
 from madrob_console.referee.records import CheckName, RunSetup
 from madrob_console.referee.run import Phase
+from madrob_console.referee.run_summary import RunSummary
 from madrob_console.ui.cells.field import NumberField
 from madrob_console.ui.cells.lines import (
     Choice,

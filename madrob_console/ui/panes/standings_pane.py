@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache, partial
 
-from madrob_console.archive.history import RunSummary, condition_words, of_competition
+from madrob_console.archive.history import of_competition
 from madrob_console.pages.competition import (
     BY_BEST,
     best_text,
@@ -24,6 +24,7 @@ from madrob_console.pages.tally import (
     standings,
     subjects_text,
 )
+from madrob_console.referee.run_summary import RunSummary, condition_words
 from madrob_console.ui.cells.lines import Span, Tone
 from madrob_console.ui.cells.table import Column, Table
 from madrob_console.ui.panes.runs_pane import (

@@ -18,13 +18,14 @@ from hypothesis import strategies as st
 from madrob_console.archive.check import Grade, check_run
 from madrob_console.archive.collection import collected, collected_in, filter_problem, matches
 from madrob_console.archive.folders import RunPath, all_runs_at, runs_at
-from madrob_console.archive.history import History, RunSummary
+from madrob_console.archive.history import History
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.cli.main import main
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
 from madrob_console.pages.competition import competition_standings, how_testbeds_differ
 from madrob_console.referee.acts import Correct, SetUp
+from madrob_console.referee.run_summary import RunSummary
 from recorder.reader import Bag
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import PULL, Drive, make_setup

@@ -24,7 +24,7 @@ from madrob_console.archive.folders import (
     RunPath,
     next_run_number,
 )
-from madrob_console.archive.history import History, RunSummary, earlier_runs
+from madrob_console.archive.history import History, earlier_runs
 from madrob_console.archive.run_journal import MOST_READ, find_unfinished, is_held
 from madrob_console.archive.scored import open_run
 from madrob_console.cli.batch import tried
@@ -35,6 +35,7 @@ from madrob_console.export.team import export_team
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.pages.competition import competition_standings
 from madrob_console.referee.journal import HOLD_FILE
+from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from tests.madrob_console.recorded_runs import copy_run

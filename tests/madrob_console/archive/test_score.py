@@ -15,7 +15,7 @@ import pytest
 from madrob_console.archive import score
 from madrob_console.archive.check import Grade, check_run, stored_result
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
-from madrob_console.archive.history import History, RunSummary
+from madrob_console.archive.history import History
 from madrob_console.archive.repair import RuleChange, next_issue, repair, write_next_issue
 from madrob_console.archive.scored import open_run, read_recorded_run
 from madrob_console.cli.main import main
@@ -29,6 +29,7 @@ from madrob_console.referee.journal import HOLD_FILE, Entry, Origin, read_journa
 from madrob_console.referee.rebuild import mark_of
 from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
+from madrob_console.referee.run_summary import RunSummary
 from madrob_console.testbeds.simulated import Scenario
 from recorder.reader import Bag
 from scoring.indicator_table import IndicatorName

@@ -11,10 +11,10 @@ from zipfile import ZipFile
 
 import pytest
 
-from madrob_console.archive.history import RunSummary
 from madrob_console.cli.batch import site_arguments
 from madrob_console.cli.main import main
 from madrob_console.config import load_settings
+from madrob_console.referee.run_summary import RunSummary
 from scoring.protocol import Outcome
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, make_setup

@@ -15,7 +15,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from madrob_console.archive.history import RunSummary
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.pages.competition import CompetitionStandings, competition_standings
 from madrob_console.pages.outputs import (
@@ -26,6 +25,7 @@ from madrob_console.pages.outputs import (
     standings_json,
 )
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
+from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from tests.madrob_console.cli.typed import Madrob

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from madrob_console.archive.check import EQUAL, check_run
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath, next_run_number
-from madrob_console.archive.history import History, RunSummary, earlier_runs
+from madrob_console.archive.history import History, earlier_runs
 from madrob_console.archive.repair import repair
 from madrob_console.archive.result_document import result_schema
 from madrob_console.archive.run_journal import read_run_journal
@@ -51,6 +51,7 @@ from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import IncidentKind, ProtestEnd, TeamWord
 from madrob_console.referee.run import Phase
+from madrob_console.referee.run_summary import RunSummary
 from madrob_console.testbeds.simulated import Scenario
 from scoring.assessment import Assessment
 from scoring.indicator_table import IndicatorName

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from madrob_console.archive.folders import RunPath
-from madrob_console.archive.history import PROTEST_OPEN, History
+from madrob_console.archive.history import History
 from madrob_console.archive.result_files import stored_run
 from madrob_console.archive.run_journal import ever_protested
 from madrob_console.archive.run_pictures import write_frames
@@ -46,6 +46,7 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.acts.correct import last_decision
 from madrob_console.referee.records import ProtestEnd, TeamWord
 from madrob_console.referee.run import Phase
+from madrob_console.referee.run_summary import PROTEST_OPEN
 from scoring.protocol import Step
 from tests.madrob_console.archive.frames import film
 from tests.madrob_console.engine.deck import Deck

@@ -6,8 +6,8 @@ import shutil
 from pathlib import Path
 
 from madrob_console.archive.folders import REPORT_FILE
-from madrob_console.archive.history import RunSummary
 from madrob_console.cli.main import main
+from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import Uncertainty

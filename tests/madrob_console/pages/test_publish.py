@@ -19,7 +19,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from madrob_console.archive.folders import REPORT_FILE, RESULT_FILE, RunPath
-from madrob_console.archive.history import RunSummary
 from madrob_console.archive.result_files import stored_run
 from madrob_console.archive.scored import Scored, score_once
 from madrob_console.cli.main import main
@@ -42,6 +41,7 @@ from madrob_console.pages.site_content import (
     condition_place,
     team_place,
 )
+from madrob_console.referee.run_summary import RunSummary
 from scoring.protocol import Outcome
 from scoring.result import Uncertainty
 from tests.madrob_console.engine.drive import OfficialDrive, make_setup

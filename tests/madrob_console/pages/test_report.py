@@ -17,7 +17,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from madrob_console.archive.history import RunSummary
 from madrob_console.archive.scored import Scored, score_opened
 from madrob_console.cli.report_command import report as report_command
 from madrob_console.common.names import SourceKind, terminal_safe
@@ -53,6 +52,7 @@ from madrob_console.referee.records import (
     Waiver,
 )
 from madrob_console.referee.records import TestbedFault as Fault
+from madrob_console.referee.run_summary import RunSummary
 from madrob_console.testbeds.simulated import Scenario
 from scoring.figures.run_drawings import TimedPhase
 from scoring.indicator_table import FigureName, IndicatorName

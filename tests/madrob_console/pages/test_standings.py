@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.archive.history import RunSummary
 from madrob_console.pages.competition import NOTES, SIGNS, competition_standings, statistics_text
 from madrob_console.pages.outputs import (
     standings_csv,
@@ -21,6 +20,7 @@ from madrob_console.pages.outputs import (
     standings_json,
 )
 from madrob_console.pages.tally import Aggregate, leaders, overall, standings
+from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import Uncertainty

@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.archive.history import RunSummary
 from madrob_console.common.errors import MadrobError
 from madrob_console.referee.competition_plan import (
     MOST_LINES,
@@ -29,6 +28,7 @@ from madrob_console.referee.competition_plan import (
     read_plan,
 )
 from madrob_console.referee.lists import MOST_PROBLEMS
+from madrob_console.referee.run_summary import RunSummary
 from scoring.protocol import Condition, Outcome
 from tests.madrob_console.run_folders import summary
 

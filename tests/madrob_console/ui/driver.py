@@ -28,13 +28,13 @@ from textual.screen import Screen
 from textual.widget import Widget
 from textual.worker import WorkerCancelled
 
-from madrob_console.archive.history import RunSummary
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.requests import Request
 from madrob_console.engine.wire import EngineClient
 from madrob_console.referee.acts import Act
 from madrob_console.referee.records import RunSetup
 from madrob_console.referee.run import Phase
+from madrob_console.referee.run_summary import RunSummary
 from madrob_console.ui import awaited
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.cells.lines import TONE_CLASSES

@@ -14,7 +14,6 @@ from itertools import chain, repeat
 from pathlib import Path
 from typing import Any, cast
 
-from madrob_console.archive.history import RunSummary
 from madrob_console.archive.run_journal import Unfinished
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
@@ -65,6 +64,7 @@ from madrob_console.referee.journal import Origin
 from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.records import FalseStart, RunSetup
 from madrob_console.referee.run import Phase, Run, begin_run, stop
+from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName, Quantity
 from scoring.procedure import StepRecord
 from scoring.protocol import (

@@ -13,7 +13,6 @@ import pytest
 from rich.cells import cell_len
 from textual.widgets import Input
 
-from madrob_console.archive.history import RunSummary
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import date_of
 from madrob_console.common.names import SourceKind
@@ -26,6 +25,7 @@ from madrob_console.referee.flags import FlagWeight
 from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import ProtestEnd, RemovedEvidence, Voiding
 from madrob_console.referee.records import TestbedFault as Fault
+from madrob_console.referee.run_summary import RunSummary
 from madrob_console.ui.cells.lines import Tone, plain
 from madrob_console.ui.look.words import export_text
 from madrob_console.ui.panes.result_pane import (

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import pytest
 
 from madrob_console.archive.collection import matches
-from madrob_console.archive.history import RunSummary
 from madrob_console.engine.snapshot import ExportView
 from madrob_console.pages.tally import Standing, standings
 from madrob_console.referee.flags import FlagWeight
+from madrob_console.referee.run_summary import RunSummary
 from madrob_console.ui.cells.lines import Tone, plain
 from madrob_console.ui.cells.table import Table
 from madrob_console.ui.look.words import export_text

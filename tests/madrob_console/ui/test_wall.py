@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import pytest
 from textual.worker import WorkerCancelled
 
-from madrob_console.archive.history import RunSummary
 from madrob_console.common.names import SourceKind
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.requests import Role
@@ -20,6 +19,7 @@ from madrob_console.engine.snapshot import Pulse, RightToAct
 from madrob_console.referee.competition_plan import Plan, PlanLine, Task
 from madrob_console.referee.lists import TeamList
 from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_summary import RunSummary
 from madrob_console.ui.cells.large_text import large_text
 from madrob_console.ui.look.themes import to_ascii
 from madrob_console.ui.wall import PAGE_TIME, WallApp

@@ -18,12 +18,13 @@ from madrob_console.archive.folders import (
     RunPath,
     results_folder_of,
 )
-from madrob_console.archive.history import History, RunSummary
+from madrob_console.archive.history import History
 from madrob_console.archive.scored import open_run
 from madrob_console.cli.main import main
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.cli.repairing import repair_all
 from madrob_console.referee.acts import Abort, Void
+from madrob_console.referee.run_summary import RunSummary
 from madrob_console.testbeds.simulated import Scenario
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
