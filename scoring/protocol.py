@@ -387,6 +387,18 @@ class Thresholds:
     doubt: DoubtLimits = DoubtLimits()
 
     @property
+    def numbers(self) -> dict[str, Any]:
+        """All of them by name; that of a doubt is `doubt.NAME`."""
+        of_doubt = {f"doubt.{name}": getattr(self.doubt, name) for name in self.doubt.__slots__}
+        return {n: getattr(self, n) for n in self.__slots__ if n != "doubt"} | of_doubt
+
+    @property
+    def unlike_protocol(self) -> dict[str, Any]:
+        """The numbers of this testbed that are not the defaults."""
+        usual = Thresholds().numbers
+        return {name: value for name, value in self.numbers.items() if value != usual[name]}
+
+    @property
     def encoder_count(self) -> float:
         """One count, rad."""
         return math.tau / self.encoder_counts

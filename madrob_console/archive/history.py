@@ -7,9 +7,8 @@ import threading
 from collections.abc import Iterable, Iterator, Sequence
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
-import msgspec
 from msgspec.structs import replace
 
 from madrob_console.archive.folders import (
@@ -41,7 +40,7 @@ from madrob_console.common.files import Stamp, stamp_of
 from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Outcome, Thresholds
+from scoring.protocol import Outcome
 
 _LONGEST_REASON = 500  # characters
 
@@ -225,7 +224,7 @@ def _of_result(unread: RunSummary, result: ResultDocument) -> RunSummary:
         },
         doubts={name: len(one.doubts) for name, one in found.items() if one.doubts},
         flags=result.flags,
-        thresholds=_unlike_protocol(result.thresholds or None),
+        thresholds=result.thresholds.unlike_protocol if result.thresholds else None,
         issue=result.issue,
         final=closure is not None,
         team_word=None if closure is None else closure.team_word.value,
@@ -240,14 +239,6 @@ def _of_result(unread: RunSummary, result: ResultDocument) -> RunSummary:
         testbed=result.testbed,
         rate=result.rate,
     )
-
-
-def _unlike_protocol(thresholds: Thresholds | None) -> dict[str, Any] | None:
-    if thresholds is None:
-        return None
-    usual = msgspec.to_builtins(Thresholds())
-    found = msgspec.to_builtins(thresholds)
-    return {name: value for name, value in found.items() if value != usual[name]}
 
 
 def misplaced(result: ResultDocument, folder: RunName) -> str | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, fields
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,12 +34,12 @@ from madrob_console.referee.records import RunSetup
 from scoring.eurobench.run_files import Wrench, run_files
 from scoring.eurobench.run_info import RunInfo
 from scoring.libraries import libraries_here
-from scoring.protocol import Condition, Event, Outcome, ScoringError, StartPose, Thresholds
+from scoring.protocol import Condition, Event, Outcome, ScoringError, StartPose
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
+    pass
 
 _SHORT = 16
 """Digits of a digest that people compare."""
@@ -197,10 +197,10 @@ class StoredRun:
         return "; ".join(f"{name} {version}" for name, version in told.items())
 
     @property
-    def thresholds_changed(self) -> Iterator[str]:
-        """The testbed's numbers that are not the protocol's."""
+    def thresholds_changed(self) -> str:
         given = self.result.thresholds
-        return iter(()) if given is UNSET else _changed(given, Thresholds())
+        unlike = {} if given is UNSET else given.unlike_protocol
+        return "; ".join(f"{name} {value}" for name, value in unlike.items())
 
     @property
     def mapping_digest(self) -> str:
@@ -216,15 +216,6 @@ class StoredRun:
         """As the result has it; empty where it has none."""
         files = self.result.files
         return next((files[name].sha256 for name in sorted(files) if name.endswith(".mcap")), "")
-
-
-def _changed(given: object, standard: DataclassInstance) -> Iterator[str]:
-    for name in (each.name for each in fields(standard)):
-        value, usual = getattr(given, name), getattr(standard, name)
-        if is_dataclass(usual) and not isinstance(usual, type):
-            yield from (f"{name}.{words}" for words in _changed(value, usual))
-        elif value != usual:
-            yield f"{name} {value}"
 
 
 def stored_places(runs: Iterable[RunPath]) -> Iterator[RunPlace]:

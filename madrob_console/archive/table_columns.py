@@ -200,7 +200,7 @@ RUNS = TidyTable(
         _text(
             "thresholds_changed",
             "numbers of the testbed that are not the protocol's; empty: none, or not known",
-            lambda row: "; ".join(row.run.thresholds_changed),
+            "run.thresholds_changed",
         ),
         _text(
             "mapping_sha256",

@@ -70,22 +70,13 @@ def _testbed_facts(runs: Sequence[RunSummary]) -> Iterator[tuple[str, str]]:
     every = (run.thresholds for run in runs if run.thresholds is not None)
     unlike = {msgspec.json.encode(one): one for one in every}.values()
     if unlike:
-        for name, usual in msgspec.to_builtins(Thresholds()).items():
-            values = {_text(one.get(name, usual), usual) for one in unlike}
+        for name, usual in Thresholds().numbers.items():
+            values = {_text(one.get(name, usual)) for one in unlike}
             yield name, " and ".join(sorted(values))
 
 
-def _text(value: object, usual: object) -> str:
-    """A number of the settings; of a setting with several numbers, those that differ."""
-    match value, usual:
-        case dict(), dict():
-            other = (f"{name} {value[name]:g}" for name in value if value[name] != usual.get(name))
-            return " ".join(other) or "as the protocol"
-        case list() | tuple(), _:
-            return "/".join(f"{one:g}" for one in value)
-        case float() | int(), _:
-            return f"{value:g}"
-    return str(value)
+def _text(value: Any) -> str:  # noqa: ANN401  a number of the settings, or several
+    return f"{value:g}" if isinstance(value, int | float) else "/".join(f"{one:g}" for one in value)
 
 
 CONDITION_NUMBERS = range(1, 21)
