@@ -44,7 +44,7 @@ from recorder.reader import (
     read_items,
     refuse_sqlite,
 )
-from recorder.survey import Survey, listing, put_listing, remove, summarised
+from recorder.survey import Survey, listing, put_listing, remove, remove_metadata_parts, summarised
 
 _SUFFIX = ".mcap"
 _PART = ".recovering"
@@ -107,6 +107,7 @@ def recover(path: Path) -> Recovered:
         file, is_alone = _recording_at(path)
         with ExitStack() as stack:
             folder_fd = _open_folder(file.parent, stack)
+            remove_metadata_parts(folder_fd)
             recovered, information = _recover_file(file, folder_fd)
             if is_alone:
                 is_listed = _is_listed(file.parent, folder_fd, information)

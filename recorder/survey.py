@@ -146,7 +146,7 @@ class Survey:
 
 
 _SUFFIX = ".mcap"
-_PART = re.compile(rf"{re.escape(METADATA_FILE)}\.[0-9]+\.part")
+_PART = re.compile(rf"{re.escape(METADATA_FILE)}\.([0-9]+)\.part")
 _GOES = 100
 """The most tries to list again; each needs a file that came or went meanwhile."""
 
@@ -237,9 +237,11 @@ def write_metadata(folder_fd: int, information: BagInformation) -> None:
 
 
 def remove_metadata_parts(folder_fd: int) -> None:
-    """Remove what killed writers of `metadata.yaml` have left; nobody may write one now."""
-    for name in filter(_PART.fullmatch, os.listdir(folder_fd)):
-        os.unlink(name, dir_fd=folder_fd)
+    """Remove what killed writers of `metadata.yaml` left; a part names its writer's thread."""
+    for name in os.listdir(folder_fd):
+        part = _PART.fullmatch(name)
+        if part is not None and not os.path.exists(f"/proc/{part[1]}"):  # noqa: PTH110
+            remove(folder_fd, name)
 
 
 def remove(folder_fd: int, name: str) -> None:

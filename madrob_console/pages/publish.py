@@ -227,9 +227,13 @@ def _remove(folder: Path, name: str) -> bool:
     return True
 
 
+_FIRST_FILES = {LOCK_FILE, f".{SITE_MARK}.part"}
+"""A kill may leave them alone."""
+
+
 def _demand_site(folder: Path) -> None:
     try:
-        names = {*os.listdir(folder)} - {LOCK_FILE}  # noqa: PTH208  of the names only
+        names = {*os.listdir(folder)} - _FIRST_FILES  # noqa: PTH208  of the names only
     except FileNotFoundError:
         return
     except OSError as error:

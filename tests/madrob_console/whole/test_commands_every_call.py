@@ -17,7 +17,7 @@ import pytest
 
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.archive.history import History
-from madrob_console.referee.journal import HOLD_FILE, read_journal
+from madrob_console.referee.journal import read_journal
 from recorder.reader import Bag
 from recorder.survey import put_listing
 from tests.madrob_console.recorded_runs import completed, final
@@ -143,7 +143,7 @@ def archive(folder: Path, command: Command) -> Path:
 
 def files_of(results: Path) -> set[str]:
     """Names of all files but for locks, of which an empty file may stay."""
-    files = (path for path in results.rglob("*") if path.is_file() and path.name != HOLD_FILE)
+    files = (path for path in results.rglob("*") if path.is_file() and path.suffix != ".lock")
     return {str(path.relative_to(results)) for path in files}
 
 
