@@ -153,8 +153,9 @@ class Assessment:
         """See `EventDetector.changes`; steps also change when a settle time ends."""
         return self._live.changes
 
-    def events(self) -> tuple[Event, ...]:
-        return self._live.events()
+    def events(self, newest: int | None = None) -> tuple[Event, ...]:
+        """The events so far; see `EventDetector.events`."""
+        return self._live.events(newest=newest)
 
     def provisional(self, procedure: Procedure) -> dict[str, float]:
         """The time indicators known so far, by file name, s; the run can still change them."""

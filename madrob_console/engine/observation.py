@@ -138,6 +138,9 @@ MOST_NOTED = 500
 contact) makes more; each costs a synced journal line, and all of them would delay the stop.
 """
 
+NEWEST = 20
+"""Most events of the door, and of the latch, that screens show."""
+
 MOST_FALSE_STARTS = 20
 """Most undecided false starts that are noted; for the same reason."""
 
@@ -363,6 +366,11 @@ class Observation:
         if self.course is not None:
             return self.course.assessment.provisional_doubts()
         return {} if self._past is None else self._past.doubts
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """The newest events of the run that goes on or has just stopped."""
+        return () if self.course is None else self.course.assessment.events(newest=NEWEST)
 
     @property
     def largest_force(self) -> float | None:

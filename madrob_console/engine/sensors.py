@@ -7,7 +7,15 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from textwrap import shorten
 
-from madrob_console.engine.snapshot import DoorView, HandleView, LatchView, SensorView, TopicView
+from madrob_console.engine.snapshot import (
+    DoorView,
+    Extent,
+    HandleView,
+    LatchView,
+    Recent,
+    SensorView,
+    TopicView,
+)
 from madrob_console.messages.codec import TopicMapping
 from madrob_console.referee.checks import Freshness, Health, Presence, SensorLimits
 from madrob_console.referee.records import SILENT, FaultKind, merged
@@ -26,6 +34,41 @@ from scoring.protocol import (
 from scoring.quality import all_in_range, is_reading
 from scoring.rest import FEWEST_SAMPLES, HandleRest, rest_of
 from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
+
+# The course of a signal, for the screens.
+
+
+RECENT = 21.0
+"""How much of it the screens get, s: 20, and what moves them on at once."""
+
+EXTENT = 0.1
+"""Readings within this time are one extent, s."""
+
+
+class RecentReadings:
+    """The extents of the readings of the last `RECENT` s, by steady receive times."""
+
+    def __init__(self) -> None:
+        self._extents: deque[Extent] = deque(maxlen=round(RECENT / EXTENT))
+
+    def add(self, now: float, value: float) -> None:
+        extents, time = self._extents, (now // EXTENT + 0.5) * EXTENT
+        if extents and time < extents[-1].time:
+            extents.clear()  # the clock was stepped back
+        same = extents and time == extents[-1].time
+        before = extents.pop() if same else Extent(time, value, value)
+        extents.append(Extent(time, min(before.low, value), max(before.high, value)))
+
+    def stretches(self, now: float, gap: float) -> Recent:
+        """In parts between which nothing came for longer than `gap`, s."""
+        parts: list[list[Extent]] = []
+        for extent in self._extents:
+            if parts and extent.time - parts[-1][-1].time <= gap:
+                parts[-1].append(extent)
+            elif extent.time > now - RECENT:
+                parts.append([extent])
+        return tuple(map(tuple, parts))
+
 
 # One topic of the testbed, live: its faults, found within 2 s and put in words.
 
@@ -59,6 +102,7 @@ class TopicWatch:
         self._disordered = Health(window=WINDOW)
         self._stamp: float | None = None
         self._skews: deque[tuple[float, float]] = deque()
+        self._recent = RecentReadings()
 
     # ------------------------------------------------------------------ what arrives
 
@@ -82,6 +126,9 @@ class TopicWatch:
         missing = self._missing_in(now, sample, angle)
         if missing is None:
             self.readings.newest = now
+            if isinstance(sample, DoorSample | HandleSample):
+                value = sample.angle if isinstance(sample, DoorSample) else sample.force
+                self._recent.add(now, value)
         else:
             self._empty.seen(now)
             self._missing = missing
@@ -121,6 +168,9 @@ class TopicWatch:
             elif not self._thresholds.masked(sensor.side, sensor.index, angle):
                 missing = missing or _range_in_words(sample, sensor)
         return missing
+
+    def recent(self, now: float) -> Recent:
+        return self._recent.stretches(now, self._limits.fresh)
 
     # ------------------------------------------------------------------ what is wrong
 
@@ -300,6 +350,10 @@ class Sensors:
                 return None
         return tuple(f"{s.side} {s.index}" for s, state in states.items() if state)
 
+    def _recent(self, signal: Signal, now: float) -> Recent:
+        watch = self._of_signal.get(signal)
+        return watch.recent(now) if watch else ()
+
     def topic_faults(self, statuses: Sequence[TopicStatus], now: float) -> tuple[str, ...]:
         """What is wrong with the topics now, one line for each cause."""
         faults = self.faults(statuses, now)
@@ -347,13 +401,14 @@ class Sensors:
             is_open=self._states.door_is_open if fresh else None,
             freshness=self.freshness(Signal.DOOR, now),
             closed_angle=self._thresholds.closed_angle,
+            recent=self._recent(Signal.DOOR, now),
         )
 
     def handle_view(self, now: float, zero: float, maximum: float | None) -> HandleView:
         """`maximum` is the largest abs(force) of the run so far, N."""
-        freshness = self.freshness(Signal.HANDLE, now)
-        force = self.force(now)
-        return HandleView(force, zero, self._thresholds.touch_force, maximum, freshness)
+        touch, freshness = self._thresholds.touch_force, self.freshness(Signal.HANDLE, now)
+        recent = self._recent(Signal.HANDLE, now)
+        return HandleView(self.force(now), zero, touch, maximum, freshness, recent)
 
     def latch_view(self, now: float) -> LatchView:
         freshness = self.freshness(Signal.LATCH, now)

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+import msgspec
+
 from madrob_console.archive.run_journal import Unfinished
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.requests import PlaybackView, Role, TakeOver
@@ -19,7 +21,7 @@ from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.run import Run
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
-from scoring.protocol import Side
+from scoring.protocol import Event, Side
 from scoring.result import Indicator, Result
 
 
@@ -68,6 +70,18 @@ class SensorView:
     freshness: Freshness
 
 
+class Extent(msgspec.Struct, frozen=True, array_like=True, gc=False):  # hundreds cross a socket
+    """The lowest and the highest reading around `time`, s since the epoch."""
+
+    time: float
+    low: float
+    high: float
+
+
+Recent = tuple[tuple[Extent, ...], ...]
+"""The last 20 s of a signal, in stretches between which readings were missing."""
+
+
 @dataclass(frozen=True, slots=True)
 class DoorView:
     """The panel. `angle` in rad; None when there is no fresh value."""
@@ -76,17 +90,19 @@ class DoorView:
     is_open: bool | None
     freshness: Freshness
     closed_angle: float
+    recent: Recent = ()
 
 
 @dataclass(frozen=True, slots=True)
 class HandleView:
-    """The handle. Forces in N; `force` is raw and None when there is no fresh value."""
+    """The handle. Forces in N; `force` and `recent` are raw; None when there is no fresh value."""
 
     force: float | None
     zero: float
     touch_force: float
     maximum: float | None
     freshness: Freshness
+    recent: Recent = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,6 +328,7 @@ class Snapshot:
         provisional: indicator file name -> value (s) of the time indicators known so far.
         provisional_doubts: indicator file name -> why its value may be wrong, as far as known.
         log: the last 200 lines.
+        events: the newest of the current run.
         result: once it is written to disk; none while another one replaces it.
         rescoring: whether the result is outdated, and the next one takes a while.
         result_source: what the result was measured on.
@@ -345,6 +362,7 @@ class Snapshot:
     provisional: dict[str, float] = field(default_factory=dict)
     provisional_doubts: dict[str, tuple[str, ...]] = field(default_factory=dict)
     log: tuple[LogLine, ...] = ()
+    events: tuple[Event, ...] = ()
     result: Result | None = None
     result_source: SourceKind | None = None
     simulated: str | None = None

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from madrob_console.archive.run_journal import Unfinished
 from madrob_console.engine.current_run import Acting, CurrentRun
-from madrob_console.engine.observation import Backlog, Observation
+from madrob_console.engine.observation import NEWEST, Backlog, Observation
 from madrob_console.engine.replay import NO_ACTS, EngineContext
 from madrob_console.engine.snapshot import (
     DoorView,
@@ -25,7 +25,8 @@ from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase, Run
 from madrob_console.testbeds.source import INFO_TOPIC, Announcement
 from scoring.procedure import Procedure, StepRecord
-from scoring.protocol import LockDetection, Step
+from scoring.protocol import Event, LockDetection, Step
+from scoring.result import Result
 
 NO_STEPS = tuple(StepRecord(step, step.text) for step in Step)
 
@@ -122,6 +123,7 @@ class StateView:
             provisional=dict(observation.provisional),
             provisional_doubts=dict(observation.provisional_doubts),
             log=at_hand.event_publisher.log.lines,
+            events=_newest(result) if result else observation.events,
             result=result,
             result_source=kind if result else None,
             rescoring=rescoring,
@@ -135,6 +137,10 @@ class StateView:
             testbed=self.engine_context.config.testbed,
             competition=self.engine_context.config.competition,
         )
+
+
+def _newest(result: Result) -> tuple[Event, ...]:
+    return tuple(Event(each.time, each.event) for each in result.events[-2 * NEWEST :])
 
 
 def disk_problem(checks: Iterable[Check]) -> str | None:
