@@ -38,8 +38,8 @@ from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
 # The course of a signal, for the screens.
 
 
-RECENT = 21.0
-"""How much of it the screens get, s: 20, and what moves them on at once."""
+RECENT = 22.0
+"""How much of it the screens get, s: 20 and what they move on by at once."""
 
 EXTENT = 0.1
 """Readings within this time are one extent, s."""

@@ -95,8 +95,8 @@ _OF_A_RUN = ("rule", "incident", "take_back")
 LATEST = 1.0
 """Nothing starts after a set-up that took longer, s: nobody expects it any more."""
 
-_WIDTHS = [(0, "-tiny-width"), (60, "-narrow"), (78, "-usual"), (110, "-wide")]
-_HEIGHTS = [(0, "-tiny-height"), (18, "-short"), (32, "-tall")]
+_WIDTHS = [(0, "-tiny-width"), (60, "-narrow"), (78, "-usual"), (100, "-wide")]
+_HEIGHTS = [(0, "-tiny-height"), (18, "-short"), (28, "-high"), (32, "-tall")]
 
 
 _DONE = {TakeOver.name: "This console has the right to act now.", PlaybackCommand.name: ""}

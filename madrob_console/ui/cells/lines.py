@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
+from itertools import groupby
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 from rich.cells import cell_len, chop_cells
@@ -246,8 +247,9 @@ class View(Lines):
 
     def forget(self) -> None:
         """Shows nothing until the next snapshot: what is out of view grows old."""
-        self._snapshot, self._drawn, self._for = None, (), 0
-        self.refresh()
+        if self._snapshot is not None:
+            self._snapshot, self._drawn, self._for = None, (), 0
+            self.refresh()
 
     def lines(self, width: int) -> Sequence[Line]:
         return () if self._snapshot is None else self.draw_lines(self._snapshot, width)
@@ -349,12 +351,7 @@ class Choice(Lines, Generic[V], can_focus=True):
         self.post_message(self.Changed(self))
 
 
-# A horizontal scale with marks, shared by the door's and the handle's gauge.
-
-
-def column(value: float, limit: float, width: int) -> int:
-    share = (max(-limit, min(limit, value)) + limit) / (2 * limit)
-    return min(width - 1, max(0, round(share * (width - 1))))
+# A horizontal scale with marks.
 
 
 def scale(track: str, marks: Iterable[tuple[int, str, Tone]]) -> Line:
@@ -368,13 +365,8 @@ def scale(track: str, marks: Iterable[tuple[int, str, Tone]]) -> Line:
 
 def joined(cells: Iterable[Span]) -> Line:
     """Joins neighbours of one tone into one span."""
-    spans: list[Span] = []
-    for cell in cells:
-        if spans and spans[-1].tone is cell.tone:
-            spans[-1] = Span(spans[-1].text + cell.text, cell.tone)
-        else:
-            spans.append(cell)
-    return tuple(spans)
+    parts = groupby(cells, lambda cell: cell.tone)
+    return tuple(Span("".join([cell.text for cell in part]), tone) for tone, part in parts)
 
 
 def ruler(width: int, labels: Iterable[tuple[int, str]]) -> str:

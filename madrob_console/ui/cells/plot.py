@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -113,7 +114,10 @@ def _labels(ticks: Iterable[float], step: float) -> tuple[str, ...]:
     return tuple(f"{tick:.{decimals}f}" for tick in ticks)
 
 
-_LEFT_DOTS, _RIGHT_DOTS = (0x40, 0x04, 0x02, 0x01), (0x80, 0x20, 0x10, 0x08)
+_BLANK = 0x2800
+_DOTS = (0x40, 0x04, 0x02, 0x01), (0x80, 0x20, 0x10, 0x08)
+"""Of a braille cell, left and right, from below."""
+
 WIDE, HIGH = 2, 4
 """Dots of a cell."""
 
@@ -163,8 +167,12 @@ class Plot:
         return Extreme(*max(tops, key=lambda point: abs(point[1]))) if tops else None
 
     def axis(self, height: int) -> Axis:
-        """The y axis in `height` >= 3 rows; it does not depend on the window."""
+        """The y axis in `height` >= 3 rows; it does not depend on the window.
+
+        What stays inside the zone takes no room below 0 or above it.
+        """
         ends = [self.drawn(end(stretch.value)) for stretch in self.stretches for end in (min, max)]
+        ends = [end for end in ends if abs(end) > (self.zone or 0.0)]
         return Axis.over(min(ends, default=0.0), max(ends, default=0.0), self.least, height)
 
 
@@ -188,13 +196,13 @@ class Frame:
             for y in range(
                 self._row(axis, plot.zone, height), self._row(axis, -plot.zone, height) + 1
             ):
-                cells[y] = [Span(_ZONE, Tone.DIM)] * columns
+                cells[y] = [Span(_ZONE)] * columns  # in the tone of the curve: fewer bytes
         for cell in {self.window.column(mark.time, columns) for mark in self.marks}:
             for row in cells if 0 <= cell < columns else ():
                 row[cell] = Span(EVENT, Tone.DIM)
         _draw_curve(cells, plot, axis, self.window)
         top = plot.extreme()
-        if top is not None and top.time in self.window:
+        if top is not None and top.time in self.window and abs(top.value) > (plot.zone or 0.0):
             row = cells[self._row(axis, plot.drawn(top.value), height)]
             row[self.window.column(top.time, columns)] = Span(TOP, Tone.WARN)
         labels = {
@@ -239,20 +247,24 @@ class Frame:
 
 def _draw_curve(cells: Sequence[list[Span]], plot: Plot, axis: Axis, window: Window) -> None:
     columns, dots = len(cells[0]) * WIDE, len(cells) * HIGH
+    drawn: dict[tuple[int, int], int] = defaultdict(int)
     for column, reach in enumerate(_reaches(plot, window, columns)):
         if reach is None:
             continue
         low, high = (axis.dot(value, dots) for value in reach)
         for level in range(low // HIGH, high // HIGH + 1):
             first, last = max(0, low - level * HIGH), min(HIGH - 1, high - level * HIGH)
-            row, cell = cells[-1 - level], column // WIDE
-            row[cell] = _braille(row[cell].text, first, last, column % WIDE)
+            drawn[level, column // WIDE] |= sum(_DOTS[column % WIDE][first : last + 1])
+    for (level, cell), bits in drawn.items():
+        cells[-1 - level][cell] = Span(chr(_BLANK | bits))
 
 
-def _braille(was: str, first: int, last: int, column: int) -> Span:
-    """A cell with the dots from `first` to `last`, counted from below, in one of its columns."""
-    dots = ord(was) & 0xFF if 0x2800 <= ord(was) < 0x2900 else 0
-    return Span(chr(0x2800 | dots | sum((_LEFT_DOTS, _RIGHT_DOTS)[column][first : last + 1])))
+def put_dot(cells: Sequence[list[Span]], x: int, y: int, tone: Tone) -> None:
+    """Adds one dot to what is drawn; `x` and `y` count dots from the upper left corner."""
+    row, cell = cells[y // HIGH], x // WIDE
+    before = ord(row[cell].text)
+    bits = before & 0xFF if _BLANK <= before <= _BLANK | 0xFF else 0
+    row[cell] = Span(chr(_BLANK | bits | _DOTS[x % WIDE][HIGH - 1 - y % HIGH]), tone)
 
 
 def _reaches(plot: Plot, window: Window, columns: int) -> list[tuple[float, float] | None]:
@@ -271,6 +283,8 @@ def _reaches(plot: Plot, window: Window, columns: int) -> list[tuple[float, floa
                 column = min(columns - 1, int(x))
                 low[column], high[column] = min(low[column], y), max(high[column], y)
         for before, after in pairwise(points):
+            if math.floor(before[0]) == math.floor(after[0]):
+                continue
             for column, bottom, top in _crossed(before, after, columns):
                 low[column] = min(low[column], bottom)
                 high[column] = max(high[column], top)
@@ -281,10 +295,7 @@ def _crossed(
     before: tuple[float, float], after: tuple[float, float], columns: int
 ) -> Iterable[tuple[int, float, float]]:
     (x, y), (next_x, next_y) = before, after
-    first, last = math.floor(x), math.floor(next_x)
-    if first == last:
-        return
-    for column in range(max(0, first), min(columns, last + 1)):
+    for column in range(max(0, math.floor(x)), min(columns, math.floor(next_x) + 1)):
         shares = ((at - x) / (next_x - x) for at in (max(x, column), min(next_x, column + 1)))
         bottom, top = sorted(y + share * (next_y - y) for share in shares)
         yield column, bottom, top

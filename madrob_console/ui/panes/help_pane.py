@@ -9,7 +9,7 @@ from textual.containers import VerticalScroll
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, Unmarked, line, paragraph
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, MENU, PLAYBACK_KEYS
-from madrob_console.ui.panes.live_pane import LEGEND
+from madrob_console.ui.panes.top_view import LEGEND
 
 _FIRST = """\
 A run: Enter sets up, F7 zeroes the handle, F6 confirms the pose, F5 starts.

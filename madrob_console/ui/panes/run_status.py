@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
-from itertools import zip_longest
 from typing import TYPE_CHECKING, NamedTuple
 
 from rich.cells import cell_len
@@ -40,9 +39,6 @@ if TYPE_CHECKING:
 _LARGEST_TIME = "-00:00"
 """What there is room for, whatever the time: nothing moves when a run goes on for long."""
 
-_TENTHS = 9
-"""Cells of the point and the tenths."""
-
 _FEWEST = (50, 16)
 """Columns and rows of the terminal for each size of the clock."""
 
@@ -54,28 +50,33 @@ def clock_size(terminal: Size) -> int:
 
 
 class RunClock(View):
-    """Time since the start; negative in the countdown, the execution time once stopped.
+    """Minutes and seconds since the start, negative in the countdown; once stopped those it took.
 
-    The tenths are small and stand at the foot of the digits.
+    The tenths are a view of their own: they alone change ten times a second.
     """
 
     def get_content_width(self, container: Size, viewport: Size) -> int:
         largest = large_text(_LARGEST_TIME, clock_size(viewport)) or [""]
-        return len(largest[0]) + 1 + _TENTHS
+        return len(largest[0]) + 1
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         text, tone = clock_span(snapshot)
-        size, left = clock_size(self.app.size), width - _TENTHS
+        size = clock_size(self.app.size)
         rows = large_text(text[:-2], size)
-        if rows is None or len(rows[0]) > left:
+        if rows is None or len(rows[0]) > width:
             rows = ["", text[:-2], *[""] * (rows_of(size) - 2)]
-        tenths = large_text(text[-2:], 1) or ["", text[-2:], ""]
-        above = rows_of(size) - len(tenths) - (size > 1 and HEIGHT * size % 2 == 0)
-        beside = [*[""] * above, *(f" {row}" for row in tenths)]
-        return [
-            line(Span(f"{row:>{left}}{small:<{_TENTHS}}", tone))
-            for row, small in zip_longest(rows, beside, fillvalue="")
-        ]
+        return [line(Span(f"{row:>{width}}", tone)) for row in rows]
+
+
+class Tenths(View):
+    """Small, at the foot of the clock's digits."""
+
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+        text, tone = clock_span(snapshot)
+        size = clock_size(self.app.size)
+        rows = large_text(text[-2:], 1) or ["", text[-2:], ""]
+        above = rows_of(size) - len(rows) - (size > 1 and HEIGHT * size % 2 == 0)
+        return [*[()] * above, *(line(Span(f" {row}", tone)) for row in rows)]
 
 
 def clock_span(snapshot: Snapshot) -> Span:

@@ -1,16 +1,21 @@
-"""The door seen from above, with the robot at its start pose (protocol section 1).
+"""The door seen from above: the robot at its start pose (protocol section 1), or the live door.
 
-x points up, to the CCW side, and y to the left; the hinge is on the left, as in the live view
-of the passage sensors.
+x points up, to the CCW side, and y to the left; the hinge is on the left.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
-from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, joined
-from scoring.protocol import Condition, Side, StartPose
+from madrob_console.referee.checks import Freshness
+from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, View, joined, line
+from madrob_console.ui.cells.plot import HIGH, WIDE, put_dot
+from scoring.protocol import Condition, Side, StartPose, Step
+
+if TYPE_CHECKING:
+    from madrob_console.engine.snapshot import SensorView, Snapshot
 
 SCALES = (2.0, 3.0, 5.0, 10.0, 20.0)
 """How far the drawing may reach on each side of the wall, m."""
@@ -52,9 +57,11 @@ def top_view(condition: Condition, pose: StartPose | None, width: int, height: i
         return []
     if pose is not None and not all(map(math.isfinite, (pose.x, pose.y, pose.yaw))):
         pose = None
-    sheet = _Sheet(width, height, pose)
+    sheet = _Sheet(width, height, SCALES, pose)
     sheet.draw_door(condition.opening_side)
-    sheet.write_labels(condition.starting_side)
+    sheet.write_labels(condition.starting_side, "start")
+    if width >= _ROOM_FOR_Y:
+        sheet.write((height - 1) // 2, 0, "+y ", Tone.DIM)
     if pose is None:
         sheet.write_words("no pose", Tone.WARN)
     elif pose.side is not condition.starting_side:
@@ -70,12 +77,14 @@ def top_view(condition: Condition, pose: StartPose | None, width: int, height: i
 class _Sheet:
     """Cells, and where the metres are on them; a cell is twice as high as it is wide."""
 
-    def __init__(self, width: int, height: int, pose: StartPose | None) -> None:
+    def __init__(
+        self, width: int, height: int, scales: Sequence[float], pose: StartPose | None = None
+    ) -> None:
         self.cells = [[Span(" ")] * width for _ in range(height)]
         self._middle, self._centre = (height - 1) // 2, (width - 1) // 2
         at = StartPose(0.0, 0.0, 0.0) if pose is None else pose
-        fitting = (scale for scale in SCALES if self._holds(at, scale))
-        self.scale = next(fitting, SCALES[-1])
+        fitting = (scale for scale in scales if self._holds(at, scale))
+        self.scale = next(fitting, scales[-1])
         self.beyond = not self._holds(at, self.scale)
         self.place = self._cell(at)
 
@@ -105,30 +114,52 @@ class _Sheet:
         for offset, char in enumerate(text):
             self.put(row, column + offset, Span(char, tone))
 
-    def draw_door(self, opening: Side) -> None:
-        row = self._row_length(self.scale)
-        half = max(1, round(DOORWAY / row))  # half the doorway in cells of half a row
-        hinge = self._centre - half
+    @property
+    def _half(self) -> int:
+        """Half the doorway in cells of half a row."""
+        return max(1, round(DOORWAY / self._row_length(self.scale)))
+
+    @property
+    def _hinge(self) -> int:
+        return self._centre - self._half
+
+    def draw_door(self, opening: Side | None) -> None:
+        row, half = self._row_length(self.scale), self._half
         for degrees in range(3, 91, 3):
             angle = math.radians(degrees)
-            up = round(math.sin(angle) * DOORWAY / row)
+            up = max(1, round(math.sin(angle) * DOORWAY / row))
             right = round(math.cos(angle) * 2 * half)
-            dot = Span("·")
-            self.put(self._middle - opening.sign * max(1, up), hinge + right, dot)
+            if opening is not None:
+                self.put(self._middle - opening.sign * up, self._hinge + right, Span("·"))
         wide = len(self.cells[0])
         self.cells[self._middle] = [Span("━")] * wide
-        self.write(self._middle, hinge + 1, "─" * (2 * half), Tone.DIM)
-        self.put(self._middle, hinge, Span("●", Tone.STRONG))
+        self.write(self._middle, self._hinge + 1, "─" * (2 * half), Tone.DIM)
+        self.put(self._middle, self._hinge, Span("●", Tone.STRONG))
 
-    def write_labels(self, starting: Side) -> None:
+    def draw_panel(self, angle: float, tone: Tone) -> None:
+        """As it stands, `angle` in rad."""
+        rows = DOORWAY / self._row_length(self.scale)
+        for step in range(1, 41):
+            x = self._hinge + 1 + step / 40 * math.cos(angle) * (2 * self._half - 1)
+            y = self._middle + 0.5 - step / 40 * math.sin(angle) * rows
+            if 0 <= x < len(self.cells[0]) and 0 <= y < len(self.cells):
+                put_dot(self.cells, int(x * WIDE), int(y * HIGH), tone)
+        self.put(self._middle, self._hinge, Span("●", Tone.STRONG))
+
+    def draw_sensors(self, sensors: Iterable[SensorView]) -> None:
+        """Each in its place along the doorway, on its side of the wall."""
+        for sensor in sensors:
+            cell = self._hinge + round((5 - sensor.index) / 5 * 2 * self._half)
+            self.put(self._middle - sensor.side.sign, cell, symbol(sensor))
+
+    def write_labels(self, marked: Side | None, word: str) -> None:
+        """The sides and how far they are drawn; `word` is about the `marked` one."""
         wide = len(self.cells[0])
         for side, row in ((Side.CCW, 0), (Side.CW, len(self.cells) - 1)):
-            start = " start" if side is starting else ""
-            self.write(row, 0, side.upper() + start, Tone.STRONG)
+            text = f"{side.upper()} {word}" if side is marked else side.upper()
+            self.write(row, 0, text, Tone.STRONG)
             end = f"{side.sign * self.scale:+g} m"
             self.write(row, wide - len(end), end, Tone.DIM)
-        if wide >= _ROOM_FOR_Y:
-            self.write(self._middle, 0, "+y ", Tone.DIM)
 
     def write_words(self, text: str, tone: Tone) -> None:
         row = len(self.cells) - 2 if self.place[0] <= self._middle else 1
@@ -141,3 +172,57 @@ class _Sheet:
         if eighth % 2:
             self.put(row, column + (1 if eighth in (1, 3) else -1), Span("o", Tone.STRONG))
         self.put(row, column, Span(_ARROWS[eighth], Tone.STRONG))
+
+
+# The live door.
+
+_REACH = 1.2
+"""How far the live drawing reaches on each side of the wall, m: the open panel is inside."""
+
+_ROWS_WITH_LEGEND = 13
+
+LEGEND = (
+    ("O", "occupied"),
+    (".", "clear"),
+    ("m", "masked by the panel, clear before"),
+    ("M", "masked by the panel, occupied before"),
+    ("s", "stale"),
+    ("?", "no data"),
+)
+
+
+def symbol(sensor: SensorView) -> Span:
+    if sensor.freshness is Freshness.STALE:
+        return Span("s", Tone.WARN)
+    if sensor.freshness is not Freshness.FRESH or sensor.occupied is None:
+        return Span("?", Tone.BAD)
+    if sensor.masked:
+        return Span("M" if sensor.occupied else "m", Tone.DIM)
+    return Span("O", Tone.NOTICE) if sensor.occupied else Span(".")
+
+
+class Doorway(View):
+    """The panel at its measured angle, the passage sensors, and on which side the robot is."""
+
+    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+        return doorway(snapshot, width, self.room.height)
+
+
+def doorway(snapshot: Snapshot, width: int, height: int) -> list[Line]:
+    """The drawing in `width` x `height` cells, 26 x 10 at least; in few rows without its legend."""
+    words = ("O occupied  . clear", "m masked s stale ? no data")
+    legend = [line(Span(text, Tone.DIM)) for text in words if height >= _ROWS_WITH_LEGEND]
+    sheet = _Sheet(width, min(height - len(legend), width), (_REACH,))
+    setup, door = snapshot.run.setup, snapshot.door
+    sheet.draw_door(None if setup is None else setup.condition.opening_side)
+    side = None
+    if setup is not None:
+        crossed = snapshot.steps[Step.CROSS - 1].done
+        side = setup.condition.destination_side if crossed else setup.condition.starting_side
+    sheet.write_labels(side, "robot")
+    if door.angle is None or door.freshness is not Freshness.FRESH:
+        sheet.write_words(f"no angle: {door.freshness}", Tone.BAD)
+    else:
+        sheet.draw_panel(door.angle, Tone.WARN if door.is_open else Tone.GOOD)
+    sheet.draw_sensors(snapshot.passage)
+    return [*(joined(row) for row in sheet.cells), *legend]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import sys
 import time
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from itertools import chain, repeat
@@ -34,6 +35,7 @@ from madrob_console.engine.requests import (
     T,
     TakeOver,
 )
+from madrob_console.engine.sensors import RecentReadings
 from madrob_console.engine.snapshot import (
     DoorView,
     ExportView,
@@ -71,6 +73,7 @@ from scoring.protocol import (
     PASSAGE_SENSORS,
     BenchmarkType,
     Condition,
+    Event,
     EventName,
     LockDetection,
     Outcome,
@@ -95,6 +98,13 @@ TOPICS = (
     "/madrob/passage/ccw_left",
     "/madrob/passage/ccw_right",
 )
+MARKED = {
+    Step.TOUCH: EventName.HANDLE_IS_TOUCHED,
+    Step.OPEN: EventName.DOOR_OPENS,
+    Step.CROSS: EventName.MOVES_TO_CW,
+    Step.CLOSE: EventName.DOOR_CLOSES,
+}
+SAMPLING, GAP = 0.02, 0.5  # s
 DISK_FREE = 41_000_000_000
 FOLDER = "/results/subject_001_cond_001_run_001_20231114_221320"
 
@@ -111,6 +121,9 @@ class FakeEngine:
     angle: float | None = 0.0
     force: float | None = 0.4
     maximum: float | None = None
+    angles: RecentReadings = field(default_factory=RecentReadings)
+    forces: RecentReadings = field(default_factory=RecentReadings)
+    events: tuple[Event, ...] = ()
     freshness: Freshness = Freshness.FRESH
     occupied: set[tuple[Side, int]] = field(default_factory=set)
     steps: tuple[StepRecord, ...] = NO_STEPS
@@ -184,9 +197,7 @@ class FakeEngine:
             steps=self.steps,
             ask_referee=self.ask_referee,
             door=self._door(),
-            handle=HandleView(
-                self.force, self.run.handle_zero, 1.96133, self.maximum, self.freshness
-            ),
+            handle=self._handle(),
             latch=LatchView(None, Freshness.NEVER),
             passage=tuple(self._sensor(s.side, s.index) for s in PASSAGE_SENSORS),
             topics=tuple(
@@ -197,6 +208,7 @@ class FakeEngine:
             disk_free=DISK_FREE,
             faults=self.faults,
             log=self.log,
+            events=self.events,
             provisional=self.provisional,
             provisional_doubts=self.provisional_doubts,
             result=self.result,
@@ -305,8 +317,19 @@ class FakeEngine:
             self.run = begin_run(self.run)
             self.recorder = RecorderView("recording", 12345, 3_400_000)
 
+    def move(
+        self, duration: float, angle: Callable[[float], float], force: Callable[[float], float]
+    ) -> None:
+        """Let time pass, in which panel and force are such functions of it."""
+        for number in range(1, round(duration / SAMPLING) + 1):
+            self.tick(SAMPLING)
+            self.angle, self.force = angle(number * SAMPLING), force(number * SAMPLING)
+            self._door(), self._handle()
+
     def do_step(self, step: Step) -> None:
         """A step is done now."""
+        if step in MARKED:
+            self.events = (*self.events, Event(self.now, MARKED[step]))
         done = StepRecord(step, step.text, self.now, None, self.now)
         self.steps = tuple(done if record.step is step else record for record in self.steps)
 
@@ -401,7 +424,16 @@ class FakeEngine:
 
     def _door(self) -> DoorView:
         is_open = None if self.angle is None else abs(self.angle) >= 0.03
-        return DoorView(self.angle, is_open, self.freshness, 0.03)
+        if self.angle is not None and self.freshness is Freshness.FRESH:
+            self.angles.add(self.now, self.angle)
+        recent = self.angles.stretches(self.now, GAP)
+        return DoorView(self.angle, is_open, self.freshness, 0.03, recent)
+
+    def _handle(self) -> HandleView:
+        if self.force is not None and self.freshness is Freshness.FRESH:
+            self.forces.add(self.now, self.force)
+        recent, zero = self.forces.stretches(self.now, GAP), self.run.handle_zero
+        return HandleView(self.force, zero, 1.96133, self.maximum, self.freshness, recent)
 
     def _sensor(self, side: Side, index: int) -> SensorView:
         masked = self.angle is not None and Thresholds().masked(side, index, self.angle)
@@ -426,18 +458,21 @@ class MovingEngine(FakeEngine):
         self.do_step(Step.TOUCH)
 
     def snapshot(self) -> Snapshot:
-        elapsed = time.monotonic() - self._began
-        self.now = EPOCH + elapsed
+        before, elapsed = self.now - EPOCH, time.monotonic() - self._began
         if self.run.active and self._ends.exists():
             self.finish()
         if self.run.active:
-            self.angle = 0.6 + 0.5 * math.sin(elapsed)
-            self.force = 8 * math.sin(3 * elapsed)
+            self.move(
+                elapsed - before,
+                lambda since: 0.6 + 0.5 * math.sin(before + since),
+                lambda since: 8 * math.sin(3 * (before + since)),
+            )
             self.maximum = 9.5
             self.occupied = {(Side.CCW, int(elapsed) % 5)}
             self.recorder = RecorderView("recording", int(elapsed * 350), int(elapsed * 60_000))
             if int(elapsed) > len(self.log):
                 self.say(f"event number {int(elapsed)}")
+        self.now = EPOCH + elapsed
         return super().snapshot()
 
 

@@ -23,7 +23,6 @@ from madrob_console.ui.cells.lines import (
     Span,
     Tone,
     changed_cells,
-    column,
     line,
     plain,
     scale,
@@ -200,7 +199,6 @@ async def test_markup_and_control_characters_are_only_text() -> None:
 
 
 def test_a_scale_clips_at_its_ends() -> None:
-    assert [column(v, 10.0, 21) for v in (-99.0, -10.0, 0.0, 10.0, 99.0)] == [0, 0, 10, 20, 20]
     drawn = scale("-----", [(0, "a", Tone.GOOD), (4, "b", Tone.GOOD), (9, "c", Tone.BAD)])
     assert plain([drawn]) == "a---b"
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -86,6 +87,17 @@ def test_quitting_a_run_asks_and_then_restores_the_terminal(running: Terminal) -
 
 
 @pytest.mark.machine
+def test_the_error_output_may_go_elsewhere(tmp_path: Path) -> None:
+    errors = tmp_path / "errors"
+    command = f"exec {shlex.join(PROGRAM)} 2>{shlex.quote(str(errors))}"
+    with console(["sh", "-c", command]) as terminal:
+        terminal.send(F10)
+        assert terminal.wait_exit() == 0
+        assert LEAVE_SCREEN in terminal.output
+    assert errors.read_bytes() == b""
+
+
+@pytest.mark.machine
 @pytest.mark.parametrize("term", ["dumb", "", "unknown"])
 def test_a_terminal_that_cannot_show_screens_is_refused(term: str) -> None:
     with pytest.raises(MadrobError, match="`madrob run` prints plain lines"):
@@ -113,8 +125,8 @@ def test_the_screens_import_nothing_slow(module: str) -> None:
     ("argv", "columns", "lines", "most"),
     [
         (CONSOLE, 80, 24, 4_500),
-        (CONSOLE, 120, 36, 5_000),
-        (CONSOLE, 160, 50, 5_500),
+        (CONSOLE, 120, 36, 8_000),
+        (CONSOLE, 160, 50, 12_000),
         (PROGRAM, 80, 24, 1_000),
     ],
     ids=["a live run", "a larger one", "a very large one", "at rest"],

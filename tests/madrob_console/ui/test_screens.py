@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path, PurePath
@@ -97,6 +98,20 @@ LISTED = (
     summary(2, run_number=2, hour=3, final=True, team_word="acknowledged"),
 )
 TWO_EACH = Plan((PlanLine(Task(1, 7), 2), PlanLine(Task(2, 7), 2)))
+
+
+def opens_the_door(driver: Driver) -> None:
+    """A robot pulls at the handle; 5 s later the door is open."""
+    engine = driver.engine
+    engine.move(4.0, lambda _: 0.001, lambda at: 0.4 + 3.1 * at)
+    engine.do_step(Step.TOUCH)
+    engine.move(1.0, lambda at: 0.03 * at, lambda at: 12.4 - 8 * at)
+    engine.do_step(Step.UNLOCK)
+    engine.do_step(Step.OPEN)
+    engine.move(4.0, lambda at: 0.03 + 1.17 * math.sin(at * math.pi / 8), lambda _: 4.4)
+    engine.move(2.0, lambda _: 1.2, lambda _: 0.4)
+
+
 SCREENS: Mapping[str, tuple[tuple[int, int], Sequence[tuple[Item, str]]]] = {
     "a run from its set-up to its result": (
         (160, 50),
@@ -119,6 +134,17 @@ SCREENS: Mapping[str, tuple[tuple[int, int], Sequence[tuple[Item, str]]]] = {
             (Driver.finish, ""),
             (Driver.settle, "results"),
             ("f1", "help"),
+        ],
+    ),
+    "the course of a run": (
+        LARGE,
+        [
+            ("f2 enter f6 f5", ""),
+            (passes(6.0), ""),
+            (opens_the_door, ""),
+            (sets(occupied={(Side.CCW, 1), (Side.CCW, 2)}, maximum=12.4), ""),
+            *[(Driver.settle, "")] * 14,
+            (Driver.settle, "course"),
         ],
     ),
     "a large plan": ((160, 50), [(has(**LARGE_PLAN), ""), (answered("f3 p"), "plan")]),

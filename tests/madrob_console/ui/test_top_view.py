@@ -25,6 +25,7 @@ from madrob_console.engine.requests import (
     Skip,
     Slower,
 )
+from madrob_console.referee.checks import Freshness
 from madrob_console.ui.cells.lines import plain
 from madrob_console.ui.frame.frame_lines import (
     KeyLine,
@@ -34,8 +35,8 @@ from madrob_console.ui.frame.frame_lines import (
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS
 from madrob_console.ui.look.themes import to_ascii
 from madrob_console.ui.panes.result_pane import ResultHead
-from madrob_console.ui.panes.top_view import top_view
-from scoring.protocol import BenchmarkType, Condition, Side, StartPose
+from madrob_console.ui.panes.top_view import doorway, top_view
+from scoring.protocol import BenchmarkType, Condition, Side, StartPose, Step
 from tests.madrob_console.ui.driver import (
     Driver,
     Stories,
@@ -46,7 +47,7 @@ from tests.madrob_console.ui.driver import (
     says,
     sets,
 )
-from tests.madrob_console.ui.fake_engine import FakeEngine, finished
+from tests.madrob_console.ui.fake_engine import FakeEngine, finished, prepared
 
 ARROWS = "↑↖←↙↓↘→↗"
 SMALL, ROOMY = (15, 7), (30, 13)
@@ -160,6 +161,52 @@ def test_the_scale_grows_with_the_pose_until_the_robot_is_out_of_sight(
 def test_a_pose_that_is_no_number_is_no_pose() -> None:
     for pose in (StartPose(math.nan, 0, 0), StartPose(1, math.inf, 0), StartPose(1, 0, math.nan)):
         assert any("no pose" in row for row in drawn(starting(Side.CCW), pose))
+
+
+def live(engine: FakeEngine, size: tuple[int, int] = (30, 17)) -> list[str]:
+    return ["".join(span.text for span in line) for line in doorway(engine.snapshot(), *size)]
+
+
+def panel(rows: list[str]) -> list[tuple[int, int]]:
+    """The cells of the panel: how far up and right of the hinge, in columns."""
+    hinge = place(rows, "●")
+    dotted = (
+        (y, x) for y, row in enumerate(rows) for x, c in enumerate(row) if "\u2800" < c <= "\u28ff"
+    )
+    return [(2 * (hinge[0] - y), x - hinge[1]) for y, x in dotted]
+
+
+@given(st.floats(-1.6, 1.6), st.sampled_from([(28, 10), (30, 17), (30, 24), (40, 40)]))
+def test_the_live_panel_stands_at_its_measured_angle(angle: float, size: tuple[int, int]) -> None:
+    """A cell is twice as high as it is wide; the sensors may hide a part of the panel."""
+    rows = live(FakeEngine(angle=angle), size)
+    assert len(rows) == min(size[1], size[0] + 2)
+    assert {cell_len(row) for row in rows[:10]} == {size[0]}
+    for up, right in panel(rows):
+        off = math.remainder(math.atan2(up, right) - angle, math.tau)
+        assert abs(off) * math.hypot(up, right) <= 2.5
+    wide = max(row.count("─") for row in live(FakeEngine(angle=1.5), size))
+    assert max(math.hypot(*cell) for cell in panel(rows)) >= 0.8 * wide - 2  # as long as that
+
+
+@pytest.mark.parametrize("freshness", [Freshness.STALE, Freshness.LOST, Freshness.NEVER])
+def test_a_panel_that_is_not_measured_now_is_not_drawn(freshness: Freshness) -> None:
+    rows = live(FakeEngine(angle=0.4, freshness=freshness))
+    assert panel(rows) == []
+    assert any(f"no angle: {freshness}" in row for row in rows)
+
+
+def test_the_live_door_shows_what_the_sensors_see_and_on_which_side_the_robot_is() -> None:
+    engine = prepared()
+    engine.occupied = {(Side.CCW, 0), (Side.CW, 4)}
+    rows = live(engine)
+    wall = next(y for y, row in enumerate(rows) if "━" in row)
+    assert [char for char in rows[wall - 1] if char in "O."] == [*"....O"]
+    assert [char for char in rows[wall + 1] if char in "O."] == [*"O...."]
+    assert rows[0].startswith("CCW robot")
+    engine.do_step(Step.CROSS)
+    rows = live(engine)
+    assert [row.split()[:2] for row in (rows[0], rows[-3])] == [["CCW", "+1.2"], ["CW", "robot"]]
 
 
 VIEW = PlaybackView(12.34, -5.0, 65.0, 1.0, paused=False, ended=False)
