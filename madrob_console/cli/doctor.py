@@ -9,6 +9,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -80,6 +81,10 @@ def look_at_python() -> Iterator[Finding]:
     if missing := [name for name, module in _OF_REPORTS.items() if find_spec(module) is None]:
         text = f"no {' and '.join(missing)}: reports lack figures or pictures of cameras"
         yield Finding(Severity.WARNING, "python", f"{text}; install the extra `report`")
+    try:
+        import_module("madrob_console.ui.cells.compositor")
+    except ImportError as error:
+        yield Finding(Severity.WARNING, "textual", str(error))
 
 
 def look_at_results(folder: Path, disk_space: int) -> Iterator[Finding]:

@@ -54,6 +54,10 @@ def run_console(
         from madrob_console.ui.wall import WallApp
 
         kind = WallApp
+    error, output = sys.__stderr__, sys.__stdout__
+    if output is not None and not (error is not None and error.isatty()):
+        output.reconfigure(errors="backslashreplace")  # as the error output has it
+        vars(sys)["__stderr__"] = output  # textual draws on it
     app = kind(connected, defaults, look)
     try:
         with leaving_on_signals(app):

@@ -25,13 +25,13 @@ WIDGETS = (*BARE, "--widgets")
 OURS = (sys.executable, "-m", "tests.madrob_console.ui.fake_engine", "--running")
 TEXTUAL_S = """
 import runpy, sys
-from textual._compositor import Compositor
-from madrob_console.ui.frame import console_screen
-console_screen.CellCompositor = Compositor
+sys.modules["madrob_console.ui.cells.compositor"] = None
 runpy.run_module("tests.madrob_console.ui.fake_engine", run_name="__main__")
 """
 """Our screens by Textual's compositor."""
 OTHER_COMPOSITOR = (sys.executable, "-c", TEXTUAL_S, "--running")
+Size = tuple[int, int]
+SMALL, USUAL, LARGE = (80, 24), (120, 36), (160, 50)
 LIVE, CLOCK = b"ruling (sensors)", b"clock"
 """What only the live pane says, and what the bare app says."""
 
@@ -39,9 +39,11 @@ LIVE, CLOCK = b"ruling (sensors)", b"clock"
 class Wire(Terminal):
     """A terminal that takes what comes and does not draw it."""
 
-    def __init__(self, argv: Sequence[str], env: dict[str, str] | None = None) -> None:
+    def __init__(
+        self, argv: Sequence[str], env: dict[str, str] | None = None, size: Size = SMALL
+    ) -> None:
         self.began = time.monotonic()
-        super().__init__(argv, env=env, cwd=ROOT)
+        super().__init__(argv, *size, env, ROOT)
 
     def arrival(self, text: bytes) -> float:
         """How long after the launch `text` is written, s."""
@@ -56,13 +58,15 @@ class Wire(Terminal):
             self._read(left)
 
 
-def _costs(programs: Sequence[Sequence[str]], repeats: int) -> list[tuple[list[float], ...]]:
+def _costs(
+    programs: Sequence[Sequence[str]], repeats: int, size: Size = SMALL
+) -> list[tuple[list[float], ...]]:
     """Of each program kB/s on the line, and the share of a core, %; they take turns."""
     costs: list[tuple[list[float], ...]] = [([], []) for _ in programs]
     for _ in range(min(repeats, MOST)):
         for argv, (kilobytes, shares) in zip(programs, costs, strict=True):
-            with Wire(argv) as wire:
-                wire.arrival(CLOCK if argv is WIDGETS else LIVE)
+            with Wire(argv, size=size) as wire:
+                wire.arrival(LIVE if argv in (OURS, OTHER_COMPOSITOR) else CLOCK)
                 wire.read_for(SETTLING)
                 written, used, began = len(wire.output), _cpu_time(wire.pid), time.monotonic()
                 wire.read_for(SAMPLE)
@@ -85,12 +89,24 @@ def lines(repeats: int) -> list[Figure]:
 
 
 def compositor(repeats: int) -> list[Figure]:
-    """A live run by our compositor and by Textual's."""
-    (ours, cpu), (others, other_cpu) = _costs((OURS, OTHER_COMPOSITOR), repeats)
-    return [
-        Figure("changed cells over SSH", "kB/s", ours, "Textual's compositor", others, 0.6),
-        Figure("changed cells", "% core", cpu, "Textual's compositor", other_cpu, 0.8),
-    ]
+    """A live run by our compositor and by Textual's, in a small terminal and in a large one."""
+    figures = []
+    for size in (SMALL, LARGE):
+        (ours, cpu), (others, other_cpu) = _costs((OURS, OTHER_COMPOSITOR), repeats, size)
+        figures += [
+            Figure(f"changed cells, {size}", "kB/s", ours, "Textual's compositor", others, 0.8),
+            Figure(f"changed cells, {size}", "% core", cpu, "Textual's compositor", other_cpu, 1.0),
+        ]
+    return figures
+
+
+def live(repeats: int) -> list[Figure]:
+    """A live run with the course of door and handle, beside the least that Textual can do."""
+    figures = []
+    for size in (SMALL, USUAL, LARGE):
+        (_, ours), (_, bare) = _costs((OURS, BARE), repeats, size)
+        figures.append(Figure(f"a live run, {size}", "% core", ours, "bare app", bare, 2.0))
+    return figures
 
 
 def first_paint(repeats: int) -> list[Figure]:

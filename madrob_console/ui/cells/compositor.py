@@ -1,11 +1,13 @@
 """A compositor that renders and writes changed cells only.
 
 Textual's own renders every visible widget whenever a cell of any of them changes, and writes a
-changed row from the left edge of its widget on.
+changed row from the left edge of its widget on. It draws where this module cannot be imported:
+private parts are known of one minor version only.
 """
 
 from __future__ import annotations
 
+import importlib.metadata
 from typing import TYPE_CHECKING
 
 from rich.control import Control
@@ -17,6 +19,13 @@ if TYPE_CHECKING:
     from textual.geometry import Size
     from textual.strip import Strip
     from textual.widget import Widget
+
+
+KNOWN = "8.2."
+"""Begin of the versions of Textual whose private parts are used here."""
+
+if not (_found := importlib.metadata.version("textual")).startswith(KNOWN):
+    raise ImportError(f"version {_found} writes twice the bytes over SSH that {KNOWN}x does")
 
 
 class CellsUpdate(ChopsUpdate):

@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from textual import events
+from textual.binding import Binding
 from textual.message import Message
 from textual.widgets import Input
 
 from madrob_console.common.names import terminal_safe
 
-_EDITING = ("cursor_", "home", "end", "delete_")
+_EDITING = {
+    binding.key: binding.action
+    for binding in Binding.make_bindings(Input.BINDINGS)
+    if binding.action.startswith(("cursor_", "home", "end", "delete_"))
+}
 _OF_NUMBERS = "0123456789.,+-eE "
 
 
@@ -21,22 +26,19 @@ class Field(Input):
         super().__init__(id=id, select_on_focus=select_on_focus, compact=True)
         self.cursor_blink = False
 
-    async def _on_key(self, event: events.Key) -> None:
+    async def on_key(self, event: events.Key) -> None:
         # textual lets the screen see these keys first: a letter typed meanwhile would overtake them
-        for binding in self._bindings.key_to_bindings.get(event.key, ()):
-            if binding.action.startswith(_EDITING):
-                event.prevent_default()
-                event.stop()
-                await self.run_action(binding.action)
-                return
-        await super()._on_key(event)
+        if (action := _EDITING.get(event.key)) is not None:
+            event.prevent_default()
+            event.stop()
+            await self.run_action(action)
 
     def on_blur(self) -> None:
         """Shows the beginning of a long text; coming back selects it all."""
         if self.select_on_focus:
             self.cursor_position = 0
 
-    def _on_paste(self, event: events.Paste) -> None:
+    def on_paste(self, event: events.Paste) -> None:
         # Input itself keeps only the first line: what follows would be lost without a word
         text = terminal_safe(event.text.strip())
         if text:
@@ -55,11 +57,9 @@ class NumberField(Field):
         field: str
         letter: str
 
-    async def _on_key(self, event: events.Key) -> None:
+    async def on_key(self, event: events.Key) -> None:
         char = event.character
         if event.is_printable and char is not None and char not in _OF_NUMBERS:
             event.prevent_default()
             event.stop()
             self.post_message(self.Refused((self.id or "").replace("-", " "), char))
-            return
-        await super()._on_key(event)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar, cast
 
@@ -31,7 +32,6 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.competition_plan import plan_remarks
 from madrob_console.referee.records import cause_of
 from madrob_console.referee.run import Phase
-from madrob_console.ui.cells.compositor import CellCompositor
 from madrob_console.ui.cells.dialog import Drafts
 from madrob_console.ui.cells.lines import TONE_CLASSES, Label, Tone, View
 from madrob_console.ui.frame.frame_lines import (
@@ -129,7 +129,10 @@ class ConsoleScreen(Screen[None]):
         wall: Callable[[], float],
     ) -> None:
         super().__init__()
-        self._compositor = CellCompositor()
+        with suppress(ImportError):  # of another Textual its own draws; `madrob doctor` says so
+            from madrob_console.ui.cells.compositor import CellCompositor
+
+            self._compositor = CellCompositor()
         self._link = link
         self._ahead = ahead
         self._defaults = defaults

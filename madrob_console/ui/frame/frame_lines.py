@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 
 from rich.cells import cell_len
 from textual import events
-from textual.keys import _character_to_key
+from textual.keys import key_to_character
 
 from madrob_console.common.formatting import format_duration, format_size, time_of_day
 from madrob_console.common.names import SourceKind
@@ -197,10 +197,10 @@ class KeyLine(View):
             return
         key = KEYS[hit[0]]
         pressed = key.keys.split(",")
-        under = _character_to_key(hit[1])
+        under = next((name for name in pressed if key_to_character(name) == hit[1]), None)
         which = len(pressed) > 1 and all(len(name) == 1 for name in pressed)  # as of the steps
-        if under in pressed or not which:
-            name = under if under in pressed else pressed[0]
+        if under or not which:
+            name = under or pressed[0]
             self.app.call_later(cast("ConsoleApp", self.app).action_press, key.name, name)
 
     def lines(self, width: int) -> Sequence[Line]:

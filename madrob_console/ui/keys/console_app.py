@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import os
-import sys
 import time
 from codecs import getincrementaldecoder
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from io import TextIOWrapper
 from selectors import EVENT_READ, DefaultSelector
 from threading import Thread
 from typing import TYPE_CHECKING, Protocol, cast
@@ -83,18 +81,13 @@ class ConsoleDriver(LinuxDriver):
         mouse: bool = True,
         size: tuple[int, int] | None = None,
     ) -> None:
-        """As any driver; if the error output goes elsewhere, draws on the output."""
+        """As any driver."""
         super().__init__(app, debug=debug, mouse=mouse, size=size)
         self._filter = InputFilter(
             escape_patience(os.environ),
             lambda: app.message_queue_size,
             lambda: self.send_message(KeysDropped()),
         )
-        error, output = sys.__stderr__, sys.__stdout__
-        if output is not None and not (error is not None and error.isatty()):
-            if isinstance(output, TextIOWrapper):
-                output.reconfigure(errors="backslashreplace")  # as the error output has it
-            self._file = output
 
     def run_input_thread(self) -> None:
         """Textual's, on a pipe."""

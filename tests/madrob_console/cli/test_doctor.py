@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import importlib.metadata
 import os
 import re
 import subprocess
@@ -17,6 +18,7 @@ from madrob_console.cli.doctor import (
     doctor,
     look_at_evidence,
     look_at_lists,
+    look_at_python,
     look_at_results,
     look_at_state_folder,
     look_at_terminal,
@@ -50,6 +52,17 @@ ROOT = Path(__file__).parents[3]
 
 def by_subject(findings: Iterable[Finding]) -> dict[str, Finding]:
     return {f.subject: f for f in findings}
+
+
+def test_another_textual_than_the_known_is_named_with_what_it_costs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert "textual" not in by_subject(look_at_python())
+    monkeypatch.delitem(sys.modules, "madrob_console.ui.cells.compositor")
+    monkeypatch.setattr(importlib.metadata, "version", lambda _: "8.4.0")
+    finding = by_subject(look_at_python())["textual"]
+    assert finding.severity is Severity.WARNING
+    assert "8.4.0 writes twice the bytes over SSH" in finding.text
 
 
 @pytest.mark.machine

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path, PurePath
@@ -197,7 +198,12 @@ async def test_the_screens_are_as_they_were_looked_at(
             assert not name or driver.text + "\n" == path.read_text(), path.name
 
 
-async def test_changed_cells_add_up_to_the_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("known", [True, False])
+async def test_changed_cells_add_up_to_the_screen_also_by_textuals_own_compositor(
+    monkeypatch: pytest.MonkeyPatch, *, known: bool
+) -> None:
+    if not known:
+        monkeypatch.setitem(sys.modules, "madrob_console.ui.cells.compositor", None)
     terminal = pyte.Screen(*SMALL)
     stream = pyte.Stream(terminal)
     display = MadrobApp._display
