@@ -8,7 +8,7 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path, PurePath
@@ -201,7 +201,14 @@ class MadrobApp(App[None], inherit_bindings=False):
     def close_link(self) -> None:
         self._link.close()
 
-    def set_theme(self, name: ThemeName) -> None:
+    @property
+    def theme_names(self) -> Iterable[str]:
+        """The console's own, whose contrast is measured; where there are colours Textual's, too."""
+        full = not self.current_theme.ansi
+        others = [name for name, theme in self.available_themes.items() if full and not theme.ansi]
+        return dict.fromkeys((*ThemeName, *others))
+
+    def set_theme(self, name: str) -> None:
         self.theme = theme_for(name, self._environ)
         if self.is_running:
             self._console.say(f"Theme: {name}.")

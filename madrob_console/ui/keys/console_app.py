@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from codecs import getincrementaldecoder
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -19,7 +19,6 @@ from textual.content import Content
 from textual.drivers.linux_driver import LinuxDriver
 from textual.message import Message
 
-from madrob_console.common.names import ThemeName
 from madrob_console.ui.keys.key_table import KEYS
 from madrob_console.ui.keys.terminal_input import InputFilter, escape_patience
 from scoring.protocol import Step
@@ -39,7 +38,10 @@ class ConsoleApp(Protocol):
 
     def toggle_bell(self) -> None: ...
 
-    def set_theme(self, name: ThemeName) -> None: ...
+    @property
+    def theme_names(self) -> Iterable[str]: ...
+
+    def set_theme(self, name: str) -> None: ...
 
     def has_key(self, key: Key) -> bool:
         """Whether the key exists now: keys of a replay do so on a replay only."""
@@ -274,7 +276,7 @@ def _commands(app: ConsoleApp) -> Iterator[_Command]:
         for each, text in texts.items():
             press = partial(app.action_press, key.name, each)
             yield text, press, help_text, refused is None
-    for name in ThemeName:
+    for name in app.theme_names:
         yield f"Theme: {name}", partial(app.set_theme, name), "colours of the screens", True
     state = "off" if app.rings else "on"
     yield f"Bell: switch {state}", app.toggle_bell, "rings on start, stop and fault", True

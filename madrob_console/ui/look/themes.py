@@ -59,8 +59,8 @@ _COLOURS_OF_16 = {
 }
 
 
-def theme_for(name: ThemeName, environ: Mapping[str, str]) -> str:
-    """Which of `THEMES` to use, by TERM, COLORTERM and NO_COLOR, which counts unless empty."""
+def theme_for(name: str, environ: Mapping[str, str]) -> str:
+    """Which theme to use for a name, by TERM, COLORTERM and NO_COLOR, which counts unless empty."""
     if environ.get("NO_COLOR") or environ.get("TERM", "").startswith("vt"):
         return COLOURLESS  # a VT100 and its kin have no colours either
     colours = environ.get("TEXTUAL_COLOR_SYSTEM", "auto")
@@ -69,7 +69,7 @@ def theme_for(name: ThemeName, environ: Mapping[str, str]) -> str:
             color_system="auto", force_terminal=True, legacy_windows=False, _environ=environ
         )
         colours = console.color_system or ""
-    return f"{name}{_OF_16}" if colours == "standard" else name.value
+    return f"{name}{_OF_16}" if colours == "standard" else str(name)
 
 
 class NoColours(LineFilter):

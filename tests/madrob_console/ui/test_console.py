@@ -268,6 +268,10 @@ STORIES: Stories = {
         ("ctrl+p",),
         ("f8 1 y", Abort("robot unsafe")),
     ],
+    "Textual's own themes are commands, too": [
+        ("ctrl+p =nord enter", lambda d: d.app.theme == "nord"),
+        (Driver.settle, "SIMULATED", says("Theme: nord.")),
+    ],
     "the theme changes at once": [
         (lambda d: d.app.set_theme(ThemeName.HIGH_CONTRAST),),
         (Driver.settle, lambda d: d.app.theme == "high-contrast", "SIMULATED"),
