@@ -30,7 +30,7 @@ from madrob_console import archive
 from madrob_console.archive import score
 from madrob_console.cli.guide_command import PAGES
 from madrob_console.cli.main import COMMANDS, build_parser, main
-from madrob_console.common.names import Scenario
+from madrob_console.common.names import REHEARSAL, Scenario, is_rehearsal
 from madrob_console.common.version import RELEASE
 from madrob_console.config import Settings
 from madrob_console.config.settings import parse_settings
@@ -50,7 +50,7 @@ from scoring.indicator_table import IndicatorName
 from scoring.protocol import BenchmarkType, Condition, EventName, Outcome, Side, Step, Thresholds
 from scoring.result import Result
 from scoring.rulesets import RulesetName
-from tests.madrob_console.engine.drive import Drive, Rehearsal, make_setup
+from tests.madrob_console.engine.drive import Drive, OfficialDrive, make_setup
 from tests.madrob_console.recorded_runs import completed
 from tests.madrob_console.run_folders import summary, write
 
@@ -247,8 +247,19 @@ def test_the_settings_of_the_papers_are_settings(block: str) -> None:
     assert parse_settings(block) != Settings()
 
 
-def test_the_commands_of_a_competition_day_do_what_they_are_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("chapter", "competition"),
+    [
+        ("## A competition day in ten commands", "Euro Door Cup"),
+        ("**5. Rehearse a whole day.**", "REHEARSAL Euro Door Cup"),
+    ],
+)
+def test_the_commands_of_a_day_do_what_they_are_for(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    chapter: str,
+    competition: str,
 ) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / ".config"))
@@ -259,10 +270,13 @@ def test_the_commands_of_a_competition_day_do_what_they_are_for(
     settings.write_text(fenced(readme, "toml")[0])
     Path("teams.csv").write_text("3,Delft\n4,Ghent\n")
     Path("plan.csv").write_text(fenced(read("madrob_console/guide/organiser.md"), "text")[0])
-    hall = Rehearsal(tmp_path / "madrob_runs")  # nobody there says that it is simulated
+    rehearsed = is_rehearsal(competition)
+    end = "_rehearsal" if rehearsed else ""
+    kind = Drive if rehearsed else OfficialDrive  # the first says that it is simulated
+    hall = kind(tmp_path / f"madrob_runs{end}", competition=competition)
     hall.whole_run(make_setup())
     hall.engine.close()
-    day = readme.partition("## A competition day in ten commands")[2].partition("\n## ")[0]
+    day = readme.partition(chapter)[2].partition("\n## ")[0]
     every = commands(fenced(day, "sh"))
     assert len(every) == 10
     said = {}
@@ -273,9 +287,12 @@ def test_the_commands_of_a_competition_day_do_what_they_are_for(
     assert "Delft" in said["plan"]
     assert "Delft" in said["standings"]
     assert "same digits" in said["score"]
-    assert Path("site", "index.html").is_file()
-    assert Path(said["export"].splitlines()[-1]).is_file()
+    page = Path(f"site{end}", "index.html").read_text()
+    zipped = Path(said["export"].splitlines()[-1])
+    assert zipped.is_file()
     assert said["tidy"].startswith("evidence of 0 runs")
+    marked = [REHEARSAL in text for text in (said["standings"], said["plan"], page, zipped.name)]
+    assert marked == [rehearsed] * 4
 
 
 def test_the_guide_has_every_key() -> None:

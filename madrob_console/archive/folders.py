@@ -3,7 +3,8 @@
 A results folder holds one folder a run and `run_numbers.jsonl`, the numbers ever given out: a run
 number is never used again, even when its folder is gone. Its sub-folder `practice` has the same
 for practice runs (section 2), with numbers of their own. A run is named by its folder as seen
-from the results folder: `subject_...` or `practice/subject_...`.
+from the results folder: `subject_...` or `practice/subject_...`. A folder whose name ends in
+`rehearsal` holds the runs of rehearsals and no others.
 """
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ PRACTICE_FOLDER = "practice"
 
 _LARGEST = 16_000_000  # bytes of the numbers file: some 300,000 runs
 _TIME_FORMAT = "%Y%m%d_%H%M%S"
+_OF_REHEARSALS = "rehearsal"
 _IN_PRACTICE = f"{PRACTICE_FOLDER}/"
 _FOLDER = re.compile(r"subject_([0-9]{3})_cond_([0-9]{3})_run_([0-9]{3})_([0-9]{8}_[0-9]{6})")
 
@@ -71,6 +73,16 @@ class RunName:
         local = datetime.fromtimestamp(start_time, tz=UTC).astimezone()
         series = series_prefix(self.subject, self.condition)
         return f"{series}{self.run:03d}_{local.strftime(_TIME_FORMAT)}"
+
+
+def holds_rehearsals(root: Path) -> bool:
+    """Whether a results folder is for a rehearsal; no other folder is (protocol section 2)."""
+    return root.resolve().name.endswith(_OF_REHEARSALS)
+
+
+def rehearsal_folder(root: Path) -> Path:
+    """The folder for a rehearsal beside another one."""
+    return root if holds_rehearsals(root) else root.with_name(f"{root.name}_{_OF_REHEARSALS}")
 
 
 def series_folder(root: Path, *, practice: bool) -> Path:

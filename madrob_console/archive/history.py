@@ -16,6 +16,7 @@ from madrob_console.archive.folders import (
     RESULT_FILE,
     RunName,
     RunPlace,
+    holds_rehearsals,
     lies_in_practice,
     parse_folder_name,
     places_that_count,
@@ -37,6 +38,7 @@ from madrob_console.archive.run_journal import (
     read_run_journal,
 )
 from madrob_console.common.files import Stamp, stamp_of
+from madrob_console.common.names import is_rehearsal
 from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName
@@ -53,6 +55,7 @@ class History:
     def __init__(self, root: Path) -> None:
         self._root = root
         self._place = str(root)
+        self._rehearsal = holds_rehearsals(root)
         self._lock = threading.Lock()
         self._known: dict[str, tuple[_Stamps, RunSummary]] = {}
 
@@ -95,7 +98,7 @@ class History:
         )
         try:
             result = read_result(folder)
-            if (why := misplaced(result, named)) is not None:
+            if (why := misplaced(result, named) or self._mixed(result.competition)) is not None:
                 return _unusable(unread, folder, why)
             if (why := disagreement(result, Path(folder))) is not None:
                 if is_held(Path(folder, JOURNAL_FILE)):
@@ -103,6 +106,8 @@ class History:
                 return _unusable(unread, folder, out_of_date(why), repairable=True)
         except FileNotFoundError:
             run = _of_journal(unread, Path(folder))
+            if run.competition is not None and (why := self._mixed(run.competition)) is not None:
+                run = replace(run, problem=why)
             self._known[name] = (stamps, run)
             return run
         except (UnusableResultError, UnusableJournalError) as problem:
@@ -111,6 +116,14 @@ class History:
         run = self._told(unread, result)
         self._known[name] = (stamps, run)
         return run
+
+    def _mixed(self, competition: str) -> str | None:
+        """Why a run may not stand among the others: rehearsals and official runs never mix."""
+        if is_rehearsal(competition) is self._rehearsal:
+            return None
+        if self._rehearsal:
+            return "is not of a rehearsal: move it out of this rehearsal's results folder"
+        return "is of a rehearsal: move it into a results folder whose name ends in `rehearsal`"
 
     def _told(self, unread: RunSummary, result: ResultDocument) -> RunSummary:
         """Adds the result; an earlier issue of it may have been protested."""

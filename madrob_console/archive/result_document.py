@@ -17,7 +17,7 @@ from msgspec import UNSET, UnsetType
 
 from madrob_console.archive.file_digests import FileDigest
 from madrob_console.archive.folders import RESULT_FORMAT
-from madrob_console.common.names import SourceKind
+from madrob_console.common.names import SourceKind, is_rehearsal
 from madrob_console.messages.topic_mapping import TopicMapping
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.flags import Flag
@@ -184,8 +184,9 @@ class ResultDocument(Result, Heading):
 
     @property
     def practice(self) -> bool:
-        """Whether it counts for nothing; all runs of a simulated testbed do."""
-        return self.setup.practice or self.source is SourceKind.SIMULATED
+        """Whether it counts for nothing; of a simulated testbed only a rehearsal's runs count."""
+        simulated = self.source is SourceKind.SIMULATED and not is_rehearsal(self.competition)
+        return self.setup.practice or simulated
 
 
 def result_schema() -> dict[str, Any]:

@@ -18,7 +18,7 @@ import msgspec
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import seconds_of
-from madrob_console.common.names import SourceKind, terminal_safe
+from madrob_console.common.names import SourceKind, is_rehearsal, terminal_safe
 from madrob_console.messages.topic_mapping import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.flags import RECORD_LOST
 from madrob_console.referee.journal import Entry
@@ -51,6 +51,10 @@ class RunLabel:
     run_id: str = ""
     testbed: str = ""
     competition: str = ""
+
+    @property
+    def rehearsal(self) -> bool:
+        return is_rehearsal(self.competition)
 
 
 @dataclass(frozen=True, slots=True)

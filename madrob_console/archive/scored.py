@@ -150,7 +150,8 @@ def _flags_told(published: EurobenchRun) -> tuple[Flag, ...]:
     if not isinstance(settings, dict):
         return ()
     source = next((kind for kind in SourceKind if kind == settings.get("source")), None)
-    return tuple(practice_flags(source, practice=settings.get("practice") is True))
+    competition = str(settings.get("competition"))
+    return tuple(practice_flags(source, competition, practice=settings.get("practice") is True))
 
 
 def score_recording(path: Path, rules: Sequence[RulesetName | None] = (None,)) -> list[Scored]:

@@ -146,7 +146,10 @@ _ENDING = (
     _number("stop", "likewise; empty: it was cut off", "run.result.stop", "s"),
     _since_start("run.result.stop", "duration", "from start to stop; empty: likewise"),
 )
-_PRACTICE = _flag("practice", "whether it was practice", "run.practice")
+_KIND = (
+    _flag("practice", "whether it was practice", "run.practice"),
+    _flag("rehearsal", "whether it was of a rehearsal", "run.label.rehearsal"),
+)
 _RULESET = _text("ruleset", "the rules of its result", "run.result.ruleset")
 _VALID = _flag("valid", "completed or timeout, and not void", "run.result.valid")
 
@@ -158,7 +161,7 @@ RUNS = TidyTable(
         _text("folder", "name of its folder; tables of samples call it run", "run.folder.name"),
         _text("place", "path of its folder", "run.folder"),
         _text("source", "ros, simulated or replay", "run.source"),
-        _PRACTICE,
+        *_KIND,
         _RULESET,
         *_TASK,
         *_ENDING,
@@ -220,7 +223,7 @@ INDICATORS = TidyTable(
     "one row for each run and indicator",
     (
         *WHOSE,
-        _PRACTICE,
+        *_KIND,
         _RULESET,
         _OUTCOME,
         _VALID,
@@ -311,7 +314,7 @@ RUN = TidyTable(
     (
         _NAME,
         *(replace(one, name="run_number") if one.name == "run" else one for one in WHOSE),
-        _PRACTICE,
+        *_KIND,
         *_TASK,
         replace(_RULESET, meaning="by which rules the tables are made"),
         *_ENDING,

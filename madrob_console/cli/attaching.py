@@ -194,8 +194,8 @@ def option_words(arguments: argparse.Namespace, names: Iterable[str]) -> Iterato
 
 
 def engine_options(arguments: argparse.Namespace) -> list[str]:
-    names = (*options.SIMULATION, "domain", "results", "settings", "teams", "plan", "idle_time")
-    words = [*option_words(arguments, (*names, "use_sim_time"))]
+    names = ("domain", "results", "rehearsal", "settings", "teams", "plan", "idle_time")
+    words = [*option_words(arguments, (*options.SIMULATION, *names, "use_sim_time"))]
     if arguments.testbed is not None:
         words += ["--testbed", *arguments.testbed]
     return [*words, "--ros-args", *arguments.ros_args] if arguments.ros_args else words

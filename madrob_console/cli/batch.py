@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from madrob_console.cli import options
 from madrob_console.cli.command_line import Argument
-from madrob_console.cli.options import results_folder
+from madrob_console.cli.options import results_folder, settings_of
 from madrob_console.cli.output import Complaints, complain, progress
 from madrob_console.cli.parsing import whole_within
 from madrob_console.cli.sharing import in_order
@@ -201,9 +201,8 @@ def _found(named: Path, arguments: argparse.Namespace) -> Path:
     named = named.expanduser()
     if parse_folder_name(str(named)) is None or named.exists():
         return named
-    from madrob_console.config import load_settings
 
-    settings = load_settings(getattr(arguments, "settings", None))
+    settings = settings_of(arguments)
     results = results_folder(arguments, settings)
     official, practice = results / named, results / PRACTICE_FOLDER / named
     if official.exists() and practice.exists():

@@ -90,21 +90,20 @@ def show(arguments: argparse.Namespace, role: Role, shown: Shown = Shown.SCREENS
     with imports_kept():
         from madrob_console.cli.attaching import attach, demand_engine, owned_testbed
         from madrob_console.cli.running_engines import ask_which, engines_meant, mean
-        from madrob_console.config import load_settings
         from madrob_console.engine.requests import Role
         from madrob_console.ui.terminal import check_terminal, run_console
 
     if shown not in _LINES:
         instead = "run" if role is Role.REFEREE else "watch --plain"
         check_terminal(os.environ, (sys.__stdin__, sys.__stdout__), instead)
-    own = options.results_folder(arguments, load_settings(arguments.settings)).resolve()
+    own = options.results_folder(arguments, options.settings_of(arguments)).resolve()
     engines = engines_meant(arguments, own)
     elsewhere = role is Role.REFEREE and any(one.results != own for one in engines)
     if len(engines) > 1 or elsewhere:
         return ask_which(engines, "console" if role is Role.REFEREE else "watch", own)
     if engines:
         mean(arguments, engines[0])
-    settings = load_settings(arguments.settings)
+    settings = options.settings_of(arguments)
     results = options.results_folder(arguments, settings)
     owned_testbed(arguments, settings)  # what cannot be is said before anything is painted
     at = _check_replay(arguments) if _replays(arguments) else None

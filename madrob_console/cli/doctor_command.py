@@ -32,7 +32,7 @@ OFF = 1
         options.JSON,
         options.TEAMS,
         options.PLAN,
-        options.RESULTS,
+        *options.RESULTS,
         options.SETTINGS,
         options.DOMAIN,
     ),
@@ -67,9 +67,8 @@ def doctor(arguments: argparse.Namespace) -> int:
 
 def _look(arguments: argparse.Namespace, tell: Callable[[Finding], None]) -> tuple[str, int]:
     from madrob_console.cli.doctor import doctor, look_at_lists, usable, verdict
-    from madrob_console.config import load_settings
 
-    settings = load_settings(arguments.settings)
+    settings = options.settings_of(arguments)
     teams = options.team_source(arguments, settings)
     plan = options.plan_source(arguments, settings)
     findings = []

@@ -103,13 +103,12 @@ def _serve(arguments: argparse.Namespace) -> int:
 
     from madrob_console.cli.attaching import TAKEN, owned_testbed
     from madrob_console.cli.running_engines import owning, run_words
-    from madrob_console.config import load_settings
     from madrob_console.engine import wire
     from madrob_console.engine.engine_lock import HeldError
     from madrob_console.engine.service import ServiceManager, keep_told
 
     manager = ServiceManager(os.environ)
-    settings = load_settings(arguments.settings)
+    settings = options.settings_of(arguments)
     owned = owned_testbed(arguments, settings)
     with ExitStack() as stack:
         try:

@@ -12,11 +12,11 @@ from importlib import resources
 from pathlib import Path
 from string import Template
 
+from madrob_console.cli import options
 from madrob_console.cli.attaching import TAKEN, engine_options, owned_testbed
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
-from madrob_console.config import load_settings
 from madrob_console.engine.engine_lock import state_folder
 
 _ROS_ENVIRONMENT = (
@@ -48,7 +48,7 @@ CapabilityBoundingSet="""
 
 def print_unit(arguments: argparse.Namespace) -> int:
     """Print `engine.service`, filled in; makes the folders that a system service writes to."""
-    settings = load_settings(arguments.settings)
+    settings = options.settings_of(arguments)
     owned = owned_testbed(arguments, settings)
     if owned.kind is SourceKind.REPLAY:
         raise MadrobError("a replay needs no service: use --testbed ros or simulated")

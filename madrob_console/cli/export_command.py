@@ -75,7 +75,6 @@ def export(arguments: argparse.Namespace) -> int:
     """Make the zip; name what could not be packed. The last line is the path of the zip."""
     check_options(arguments)
     with imports_kept():
-        from madrob_console.config import load_settings
         from madrob_console.export.dossier import export_dossier
         from madrob_console.export.pack import BagParts
         from madrob_console.export.team import export_team
@@ -86,7 +85,7 @@ def export(arguments: argparse.Namespace) -> int:
     if arguments.dossier:
         run, target = arguments.run.absolute(), arguments.output
         return _told(export_dossier(run, target, report=report, parts=parts, tell_size=_tell_size))
-    settings = load_settings(arguments.settings)
+    settings = options.settings_of(arguments)
     found = options.collection(arguments, settings)
     teams = options.team_names(arguments, settings, found)
     with progress("runs") as tell:

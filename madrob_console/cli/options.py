@@ -18,7 +18,13 @@ from madrob_console.cli.parsing import (
     whole_within,
 )
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.names import Scenario, SourceKind
+from madrob_console.common.names import (
+    LONGEST_NAME,
+    REHEARSAL,
+    Scenario,
+    SourceKind,
+    is_rehearsal,
+)
 from madrob_console.testbeds.ros_domain import domain_number
 from scoring.protocol import BenchmarkType, Condition, Side
 
@@ -54,11 +60,18 @@ SETTINGS = Argument(
     metavar="FILE",
     help="settings file (TOML); else ~/.config/madrob/madrob.toml",
 )
-RESULTS = Argument(
-    "--results",
-    type=as_path,
-    metavar="FOLDER",
-    help="results folder; else setting `results.folder`",
+RESULTS = (
+    Argument(
+        "--results",
+        type=as_path,
+        metavar="FOLDER",
+        help="results folder; else setting `results.folder`",
+    ),
+    Argument(
+        "--rehearsal",
+        action="store_true",
+        help="the rehearsal of the competition, in the folder of this name with `_rehearsal`",
+    ),
 )
 PATHS = Argument(
     "paths",
@@ -82,7 +95,7 @@ COLLECTION = (
         metavar="PATH",
         help="folders with runs, at any depth, each run once; else the results folder",
     ),
-    RESULTS,
+    *RESULTS,
     Argument(
         "--testbed-name",
         metavar="NAME",
@@ -209,7 +222,7 @@ TESTBED = (
         help="follow `/clock` of a simulation over ROS, every run is practice; else setting "
         "`testbed.use_sim_time`",
     ),
-    RESULTS,
+    *RESULTS,
     SETTINGS,
     ROS_ARGS,
 )
@@ -222,6 +235,34 @@ IDLE_TIME = Argument(
 )
 
 # What they come to with the settings.
+
+
+def settings_of(arguments: argparse.Namespace) -> Settings:
+    """The settings; those of the rehearsal where that is meant (protocol section 2).
+
+    A rehearsal has a name, a results folder and pages of its own, so that nothing mixes.
+    """
+    from msgspec.structs import replace
+
+    from madrob_console.archive.folders import holds_rehearsals, rehearsal_folder
+    from madrob_console.config import load_settings
+
+    settings = load_settings(getattr(arguments, "settings", None))
+    competition, results = settings.competition, settings.results
+    named: Path | None = getattr(arguments, "results", None)
+    read = getattr(arguments, "paths", None) or [named or results.root]
+    meant = getattr(arguments, "rehearsal", False) or is_rehearsal(competition.name)
+    if not (meant or any(map(holds_rehearsals, read))):
+        return settings
+    if named is not None:
+        arguments.results = rehearsal_folder(named)
+    name = competition.name if is_rehearsal(competition.name) else f"{REHEARSAL} {competition.name}"
+    site = results.publish and str(rehearsal_folder(Path(results.publish).expanduser()))
+    return replace(
+        settings,
+        competition=replace(competition, name=name[:LONGEST_NAME].rstrip()),
+        results=replace(results, folder=str(rehearsal_folder(results.root)), publish=site),
+    )
 
 
 def ros_domain(arguments: argparse.Namespace, settings: Settings) -> int | None:

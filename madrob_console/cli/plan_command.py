@@ -40,14 +40,13 @@ from scoring.imports import imports_kept
 def plan(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.common.version import software_version
-        from madrob_console.config import load_settings
         from madrob_console.pages.competition import condition_lines, plan_json, plan_lines
         from madrob_console.referee.competition_plan import plan_progress, plan_remarks
 
     if arguments.conditions:
         print("\n".join(condition_lines()))
         return 0
-    settings = load_settings(arguments.settings)
+    settings = options.settings_of(arguments)
     listed = options.plan_list(arguments, settings)
     if not listed.lines and (listed.problems or not listed.file):
         raise MadrobError("no plan: name a file in [plan] of the settings, or with --plan")

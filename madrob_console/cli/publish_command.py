@@ -11,7 +11,7 @@ from madrob_console.cli import batch, options
 from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, complain, name_some, progress
 from madrob_console.cli.parsing import as_path
-from madrob_console.common.names import terminal_safe
+from madrob_console.common.names import is_rehearsal, terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
@@ -49,8 +49,7 @@ if TYPE_CHECKING:
 )
 def publish(arguments: argparse.Namespace) -> int:
     with imports_kept():
-        from madrob_console.archive.folders import INDEX_PAGE
-        from madrob_console.config import load_settings
+        from madrob_console.archive.folders import INDEX_PAGE, rehearsal_folder
         from madrob_console.pages.publish import (
             SiteNotWrittenError,
             runs_without_report,
@@ -59,13 +58,15 @@ def publish(arguments: argparse.Namespace) -> int:
             write_site,
         )
 
-    settings = load_settings(arguments.settings)
+    settings = options.settings_of(arguments)
     batch.demand_results(arguments, settings)
     site: Path = arguments.site
+    if is_rehearsal(settings.competition.name):
+        site = rehearsal_folder(site)
     try:
         with site_held(site):  # before the runs are read: nobody's older pages come after newer
             found = options.collection(arguments, settings)
-            content = _content(arguments, settings, found)
+            content = _content(arguments, settings, found, site)
             with progress("files") as tell:
                 written = write_site(site, site_files(content), tell)
     except SiteNotWrittenError as error:
@@ -85,7 +86,9 @@ def publish(arguments: argparse.Namespace) -> int:
     return BAD_INPUT if complaints.count else 0
 
 
-def _content(arguments: argparse.Namespace, settings: Settings, found: Collection) -> SiteContent:
+def _content(
+    arguments: argparse.Namespace, settings: Settings, found: Collection, site: Path
+) -> SiteContent:
     from madrob_console.common.version import software_version
     from madrob_console.pages.competition import entering_runs
     from madrob_console.pages.site_content import SiteContent, zip_place
@@ -103,7 +106,5 @@ def _content(arguments: argparse.Namespace, settings: Settings, found: Collectio
         plan=plan_progress(plan, found.runs, name) if plan.lines else None,
         names=teams,
         software=software_version(),
-        zips=frozenset(
-            run.subject for run in runs if (arguments.site / zip_place(run.subject)).is_file()
-        ),
+        zips=frozenset(run.subject for run in runs if (site / zip_place(run.subject)).is_file()),
     )

@@ -10,7 +10,7 @@ from madrob_console.cli import options
 from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.cli.parsing import as_setting, number, number_within
-from madrob_console.common.names import clean_name, terminal_safe
+from madrob_console.common.names import clean_name, is_rehearsal, terminal_safe
 from scoring.imports import imports_kept
 from scoring.protocol import LockDetection, Outcome, StartPose
 from scoring.rulesets import RulesetName
@@ -126,11 +126,10 @@ def run(arguments: argparse.Namespace) -> int:
             reporting_of,
         )
         from madrob_console.common.version import software_version
-        from madrob_console.config import load_settings
         from madrob_console.engine.snapshot import label_of
         from madrob_console.engine.supervisor import Supervisor
 
-    settings = load_settings(arguments.settings)
+    settings = options.settings_of(arguments)
     owned = owned_testbed(arguments, settings)
     engine = open_engine(arguments, settings)
     if engine.replay is not None:
@@ -143,6 +142,7 @@ def run(arguments: argparse.Namespace) -> int:
     reporting = None
     if reports or settings.results.publish or settings.results.command_words:
         reporting = reporting_of(arguments, settings, engine, reports=reports)
+    rehearsal = is_rehearsal(settings.competition.name)
     unattended = UnattendedRun(engine, reporting)
     with ExitStack() as stack:
         more = () if reporting is None else reporting.workers
@@ -151,12 +151,14 @@ def run(arguments: argparse.Namespace) -> int:
         known = replace(known, version=software_version())
         server.describe = lambda: replace(
             known.with_run(engine.run, busy=engine.busy),
-            testbed=label_of(engine.source.label, practice=engine.run.practice),
+            testbed=label_of(
+                engine.source.label, practice=engine.run.practice, rehearsal=rehearsal
+            ),
         )
         stack.enter_context(unattended.stopping_on_signals())
 
         def setup(*, simulated: bool) -> RunSetup:
-            practice = simulated or arguments.practice
+            practice = (simulated and not rehearsal) or arguments.practice
             return _setup(arguments, settings, engine, teams, plan, practice=practice)
 
         outcome = unattended.go(

@@ -18,7 +18,6 @@ from madrob_console.cli.output import BAD_INPUT, complain, print_json, says_yes
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import RELEASE
-from madrob_console.config import load_settings
 from madrob_console.engine import wire
 from madrob_console.engine.discovery import (
     FoundEngine,
@@ -142,10 +141,12 @@ def _wanted(arguments: argparse.Namespace) -> dict[str, object]:
     """What the command line says of the engine that it names; empty where it names none."""
     wanted: dict[str, object] = {}
     results = arguments.results
+    if arguments.rehearsal:
+        results = options.results_folder(arguments, options.settings_of(arguments))
     if arguments.pid is not None:
         wanted["pid"] = arguments.pid
     if arguments.testbed is not None:
-        settings = load_settings(arguments.settings)
+        settings = options.settings_of(arguments)
         owned = owned_testbed(arguments, settings)
         if owned.kind is SourceKind.SIMULATED:  # whatever is simulated in its results folder
             wanted["kind"] = owned.kind.value
@@ -253,7 +254,7 @@ def _console_options(arguments: argparse.Namespace, owned: Owned) -> tuple[str, 
 # A command line without a testbed: it means the engine that runs.
 
 
-_NAMING = ("testbed", "domain", "results", "settings", *options.SIMULATION)
+_NAMING = ("testbed", "domain", "results", "rehearsal", "settings", *options.SIMULATION)
 """Options that name an engine; any one of them is enough."""
 
 

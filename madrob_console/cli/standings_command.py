@@ -59,7 +59,6 @@ def standings(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.common.files import atomic_write
         from madrob_console.common.version import software_version
-        from madrob_console.config import load_settings
         from madrob_console.pages.outputs import (
             standings_csv,
             standings_details,
@@ -76,7 +75,7 @@ def standings(arguments: argparse.Namespace) -> int:
     file, output = arguments.file, arguments.output
     if output is not None and file is None:
         raise MadrobError("--output: say what goes there with --csv, --json or --html")
-    settings = load_settings(arguments.settings)
+    settings = options.settings_of(arguments)
     batch.demand_results(arguments, settings)
     collection = options.collection(arguments, settings)
     details = arguments.details or arguments.best is not None

@@ -81,11 +81,10 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
     from madrob_console.archive.result_files import stored_run
     from madrob_console.archive.table_rows import TableWriter
     from madrob_console.common.files import whole_file
-    from madrob_console.config import load_settings
 
     output: Path = arguments.output
     to_terminal = output == _STDOUT
-    settings = load_settings(arguments.settings)
+    settings = options.settings_of(arguments)
     demand_results(arguments, settings)
     found = options.collection(arguments, settings)
     wanted = arguments.competition

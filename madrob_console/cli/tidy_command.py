@@ -57,7 +57,7 @@ NOT_REMOVED = 1
         ),
         Argument("--dry-run", action="store_true", help="only say what would go"),
         Argument("--yes", action="store_true", help="do not ask"),
-        options.RESULTS,
+        *options.RESULTS,
         options.SETTINGS,
     ),
     examples=(
@@ -68,9 +68,8 @@ NOT_REMOVED = 1
 def tidy(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.archive.evidence import evidence_at, run_going_on
-        from madrob_console.config import load_settings
 
-    settings = load_settings(arguments.settings)
+    settings = options.settings_of(arguments)
     limits = _limits(arguments)
     root = options.results_folder(arguments, settings)
     if not root.is_dir():

@@ -95,6 +95,15 @@ class ThemeName(StrEnum):
     HIGH_CONTRAST = "high-contrast"
 
 
+REHEARSAL = "REHEARSAL"
+"""First word of the name of a competition that is a rehearsal (protocol section 2)."""
+
+
+def is_rehearsal(competition: str | None) -> bool:
+    """Whether a competition is a rehearsal: each run records its competition's name for good."""
+    return f"{competition} ".startswith(f"{REHEARSAL} ")
+
+
 class SourceKind(StrEnum):
     """Where the messages come from."""
 

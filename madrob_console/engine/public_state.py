@@ -160,6 +160,7 @@ class SpectatorState(PublishedState, frozen=True, kw_only=True):
         engine: `silent` and `ended`: the rest is the last that was heard.
         source: what the run is measured on, in words.
         practice: whether the run counts nowhere; before the set-up: the next one.
+        rehearsal: whether it is of a rehearsal, where it counts as an official one would.
         elapsed: s since the start; negative in the countdown, the time of the run once stopped.
         remaining: s to the timeout, in the countdown to the start; else null.
         steps: the six, in order.
@@ -171,6 +172,7 @@ class SpectatorState(PublishedState, frozen=True, kw_only=True):
     engine: EngineState
     source: str
     practice: bool
+    rehearsal: bool
     elapsed: float | None
     remaining: float | None
     steps: tuple[PublicStep, ...]
@@ -186,6 +188,7 @@ class SpectatorState(PublishedState, frozen=True, kw_only=True):
             engine=EngineState.of(snapshot.pulse),
             source=snapshot.label,
             practice=snapshot.practice,
+            rehearsal=snapshot.rehearsal,
             elapsed=_rounded(snapshot.elapsed),
             remaining=_rounded(snapshot.remaining),
             steps=tuple(

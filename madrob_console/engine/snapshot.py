@@ -9,7 +9,7 @@ from enum import StrEnum
 import msgspec
 
 from madrob_console.archive.run_journal import Unfinished
-from madrob_console.common.names import SourceKind
+from madrob_console.common.names import REHEARSAL, SourceKind, is_rehearsal
 from madrob_console.engine.requests import PlaybackView, Role, TakeOver
 from madrob_console.referee.acts import Abort
 from madrob_console.referee.checks import Check, Freshness
@@ -297,10 +297,12 @@ class Pulse:
         return None
 
 
-def label_of(source: str, *, practice: bool) -> str:
+def label_of(source: str, *, practice: bool, rehearsal: bool) -> str:
     """A source's label with the kind of run: `LIVE ros domain 0`, or `PRACTICE ros domain 0`."""
     rest = source.removeprefix("LIVE ")
-    return f"PRACTICE {rest}" if practice and rest != source else source
+    kind = "PRACTICE" if practice and (rest != source or rehearsal) else ""
+    words = (REHEARSAL if rehearsal else "", kind, rest if rehearsal or kind else source)
+    return " ".join(filter(None, words))
 
 
 @dataclass(frozen=True, slots=True)
@@ -310,8 +312,7 @@ class Snapshot:
     Attributes:
         time: steady time, s since the epoch.
         source_kind, source_label: `LIVE ros domain 0`, `SIMULATED nominal`, `REPLAY <name>`.
-        simulated: what the simulated testbed plays: every run on it is practice; None = a real
-            one, or a replay.
+        simulated: what the simulated testbed plays; None = a real one, or a replay.
         sides_problem: why the sides must be set by hand; None = the testbed confirmed them.
         elapsed: s since the start; negative in the countdown; the execution time once stopped;
             None outside a run.
@@ -381,17 +382,29 @@ class Snapshot:
     pulse: Pulse = Pulse()
 
     @property
+    def rehearsal(self) -> bool:
+        """Whether the engine's competition, or the current run's, is a rehearsal (section 2)."""
+        of_run = "" if self.run.setup is None else self.run.setup.competition
+        return is_rehearsal(self.competition) or is_rehearsal(of_run)
+
+    @property
+    def only_practice(self) -> bool:
+        """Whether every run that is set up now is practice."""
+        return self.simulated is not None and not is_rehearsal(self.competition)
+
+    @property
     def practice(self) -> bool:
         """Whether the current run is practice, or the next one will be (protocol section 2)."""
         setup = self.run.setup
         if setup is None:
-            return self.simulated is not None
-        return setup.practice or self.result_source is SourceKind.SIMULATED
+            return self.only_practice
+        simulated = self.result_source is SourceKind.SIMULATED and not self.rehearsal
+        return setup.practice or simulated
 
     @property
     def label(self) -> str:
-        """The source of the messages, for people; practice on a real testbed is named so."""
-        return label_of(self.source_label, practice=self.practice)
+        """The source of the messages, for people; a rehearsal and practice are named so."""
+        return label_of(self.source_label, practice=self.practice, rehearsal=self.rehearsal)
 
     def refusal(self, name: str) -> str | None:
         refused = self.pulse.gone or self.right.refusal

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from madrob_console.archive.run_journal import Unfinished
+from madrob_console.common.names import is_rehearsal
 from madrob_console.engine.current_run import Acting, CurrentRun
 from madrob_console.engine.observation import NEWEST, Backlog, Observation
 from madrob_console.engine.replay import NO_ACTS, EngineContext
@@ -152,7 +153,8 @@ def disk_problem(checks: Iterable[Check]) -> str | None:
 
 def testbed_problem(told: Announcement, run: Run) -> str | None:
     official = run.active and run.setup is not None and not run.setup.practice
-    if official and told.simulated is not None:
+    rehearsal = run.setup is not None and is_rehearsal(run.setup.competition)
+    if official and told.simulated is not None and not rehearsal:
         return f"the testbed is simulated ({told.simulated}): void this run after its stop"
     return told.problem
 

@@ -16,7 +16,7 @@ from madrob_console.archive.run_journal import UnusableJournalError, is_held, re
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import stamp_of
 from madrob_console.common.formatting import utc_text
-from madrob_console.common.names import terminal_safe
+from madrob_console.common.names import REHEARSAL, is_rehearsal, terminal_safe
 from madrob_console.export.pack import (
     EXPORTS_FOLDER,
     PROTESTS_FILE,
@@ -33,9 +33,10 @@ from madrob_console.referee.run_summary import RunSummary
 
 
 def dossier_target(run: Path) -> Path:
-    """Default zip: `exports/dossier_RUN.zip`; of practice `exports/dossier_practice_RUN.zip`."""
+    """Default zip: `exports/dossier_RUN.zip`; a rehearsal and practice are named before RUN."""
     run = run.absolute()
-    kind = "practice_" if _summary(run).practice else ""
+    known = _summary(run)
+    kind = f"{REHEARSAL}_" * is_rehearsal(known.competition) + "practice_" * known.practice
     return results_folder_of(run) / EXPORTS_FOLDER / f"dossier_{kind}{run.name}.zip"
 
 
@@ -68,7 +69,8 @@ def export_dossier(
     if is_held(run / JOURNAL_FILE) and stamp_of(str(run / RESULT_FILE)) is None:
         raise MadrobError(f"{run}: this run goes on: make the dossier after it")
     known = _summary(run)
-    kind = "the PRACTICE run " if known.practice else ""
+    kind = f"{REHEARSAL} " * is_rehearsal(known.competition)
+    kind += "the PRACTICE run " if known.practice else ""
     problems: list[str] = []
     protests = _protests(run, problems)
     what = Contents(

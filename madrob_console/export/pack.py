@@ -24,7 +24,7 @@ from madrob_console.archive.table_columns import SAMPLE_TABLES
 from madrob_console.archive.table_rows import SampledRun, TableWriter
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import stamp_of, whole_file
-from madrob_console.common.names import SourceKind, terminal_safe
+from madrob_console.common.names import REHEARSAL, SourceKind, is_rehearsal, terminal_safe
 from madrob_console.export.foxglove_layout import LAYOUT_FILE
 from madrob_console.export.zip_file import SUMS_FILE, Archive
 from madrob_console.referee.flags import FlagKind, weighty
@@ -354,5 +354,7 @@ def _run_words(run: RunSummary) -> str:
     flagged = [flag.words for flag in weighty(run.flags) if flag.kind not in told]
     ended = f"condition {run.condition}, run {run.run_number}: {run.outcome}"
     unofficial = next((told for kind, told in _UNOFFICIAL.items() if run.source == kind), practice)
+    if is_rehearsal(run.competition):
+        unofficial = f"{REHEARSAL} {practice}".rstrip()
     words = ", ".join(filter(None, (ended, void, final, unofficial, *flagged)))
     return "; ".join(filter(None, (words, run.testbed, run.run_id)))

@@ -16,7 +16,7 @@ from madrob_console.archive.run_journal import is_held
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import stamp_of
 from madrob_console.common.formatting import listed
-from madrob_console.common.names import terminal_safe
+from madrob_console.common.names import REHEARSAL, is_rehearsal, terminal_safe
 from madrob_console.export.foxglove_layout import LAYOUT_FILE, HandleZero, foxglove_layout
 from madrob_console.export.pack import (
     EXPORTS_FOLDER,
@@ -75,7 +75,8 @@ def export_team(  # noqa: PLR0913  what is packed, and how
     called = TeamName.of(team, (one.team for one in runs.values()))
     zero = next(filter(None, map(_zero, reversed(runs))), None)
     layout = foxglove_layout(mappings, thresholds, zero)
-    kind = "PRACTICE runs" if practice else "runs"
+    rehearsal = any(is_rehearsal(one.competition) for one in runs.values())
+    kind = f"{REHEARSAL} " * rehearsal + ("PRACTICE runs" if practice else "runs")
     title = terminal_safe(f"MADROB: {kind} of subject {subject} {called.name}".rstrip())
     as_of = time.strftime("As of %Y-%m-%d %H:%M:%S UTC: all decisions until then", time.gmtime(now))
     named = (
@@ -90,7 +91,7 @@ def export_team(  # noqa: PLR0913  what is packed, and how
         other_names=[terminal_safe(f"{one}: {listed(where)}") for one, where in named],
         last={LAYOUT_FILE: msgspec.json.format(msgspec.json.encode(layout), indent=2) + b"\n"},
     )
-    name = file_name(subject, called.name, now, practice=practice)
+    name = f"{REHEARSAL}_" * rehearsal + file_name(subject, called.name, now, practice=practice)
     path = target or found.root / EXPORTS_FOLDER / name
     return pack(runs, what, path, report, tell=tell, tell_size=tell_size)
 

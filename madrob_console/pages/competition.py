@@ -18,7 +18,8 @@ from madrob_console.archive.collection import the_competition
 from madrob_console.archive.history import of_competition
 from madrob_console.common.formatting import format_span
 from madrob_console.common.formatting import listed as first_of
-from madrob_console.common.names import terminal_safe
+from madrob_console.common.names import is_rehearsal, terminal_safe
+from madrob_console.pages.notes import PRACTICE_STANDINGS, REHEARSED
 from madrob_console.pages.tally import ALIKE, Aggregate, Overall, Standing, overall, standings
 from madrob_console.referee.competition_plan import (
     Attempts,
@@ -106,7 +107,7 @@ class CompetitionStandings:
     Attributes:
         made: s since the epoch.
         title: the competition's name; empty = none was set.
-        official: official runs; else practice runs, which count for nothing.
+        official: runs that count, of a rehearsal in it only; else practice runs.
         best: how many runs of each team in each condition enter; 0 = all.
         groups: one a ruleset, by its name; their numbers do not compare.
         left_out: invalid, interrupted, unfinished and damaged runs, oldest first.
@@ -130,6 +131,18 @@ class CompetitionStandings:
     open_protests: tuple[RunSummary, ...] = ()
     apart: str = ""
     renamed: tuple[str, ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """`official`, `rehearsal` or `practice`."""
+        counting = "rehearsal" if is_rehearsal(self.title) else "official"
+        return counting if self.official else "practice"
+
+    @property
+    def banner(self) -> str:
+        """What stands above everything else; empty = it is official."""
+        rehearsal = REHEARSED if is_rehearsal(self.title) else ""
+        return " ".join(filter(None, (rehearsal, "" if self.official else PRACTICE_STANDINGS)))
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -157,12 +170,12 @@ class CompetitionStandings:
 
     @property
     def basis(self) -> str:
-        kind = "official" if self.official else "practice"
         if not self.best:
-            return f"Over all valid {kind} runs."
+            return f"Over all valid {self.kind} runs."
         return (
-            f"Over the best {self.best} valid {kind} runs of each team in each condition: highest "
-            "capability level, completed before timed out, least execution time of completed ones."
+            f"Over the best {self.best} valid {self.kind} runs of each team in each condition: "
+            "highest capability level, completed before timed out, least execution time of "
+            "completed ones."
         )
 
 

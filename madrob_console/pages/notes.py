@@ -52,6 +52,8 @@ UNOFFICIAL: Mapping[SourceKind, str] = {
 
 PRACTICE = "PRACTICE: not an official result."
 
+REHEARSED = "REHEARSAL: not an official result."
+
 PRACTICE_STANDINGS = "PRACTICE: not official. Rehearsals, and runs of a simulated testbed."
 
 TEAM_WORDS: Mapping[TeamWord, str] = {

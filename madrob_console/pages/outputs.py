@@ -28,7 +28,7 @@ from madrob_console.pages.competition import (
     statistics_of,
     statistics_text,
 )
-from madrob_console.pages.notes import MANUAL_START_NOTE, PRACTICE_STANDINGS
+from madrob_console.pages.notes import MANUAL_START_NOTE
 from madrob_console.pages.tally import (
     ALIKE,
     Overall,
@@ -107,8 +107,8 @@ def standings_document(found: CompetitionStandings, software: str) -> dict[str, 
         "software": f"madrob-console {software}",
         "made": found.made,
         "competition": found.title,
-        "source": _source(found),
-        "official": found.official,
+        "source": found.kind,
+        "official": found.kind == "official",
         "best_runs": found.best or None,
         "provisional": found.provisional,
         "protested": found.protested,
@@ -123,7 +123,7 @@ def standings_document(found: CompetitionStandings, software: str) -> dict[str, 
             }
             for run in found.open_protests
         ],
-        "remarks": (*_warning(found), *found.remarks, found.basis, *NOTES),
+        "remarks": (*filter(None, [found.banner]), *found.remarks, found.basis, *NOTES),
         "units": {name: name.spec.unit for name in IndicatorName},
         "rulesets": [
             {
@@ -178,7 +178,7 @@ def _rows(
         "testbed": table_cell("; ".join(tally.testbeds)),
         "competition": table_cell(found.title),
     }
-    told = {**_tally(tally), "source": _source(found), **names, **condition}
+    told = {**_tally(tally), "source": found.kind, **names, **condition}
     for indicator, numbers in told["indicators"].items():
         alike = " ".join(map(str, numbers["not_distinguishable_from"]))
         yield {**told, "indicator": indicator, **numbers, "not_distinguishable_from": alike}
@@ -223,14 +223,6 @@ def _tally(tally: Tally) -> dict[str, Any]:
             for known in [aggregate.uncertainty if aggregate else None]
         },
     }
-
-
-def _source(found: CompetitionStandings) -> str:
-    return "official" if found.official else "practice"
-
-
-def _warning(found: CompetitionStandings) -> tuple[str, ...]:
-    return () if found.official else (PRACTICE_STANDINGS,)
 
 
 # A competition's standings as one HTML page without scripts or outside files.
@@ -287,7 +279,6 @@ _BOLD = (
 )
 
 NOTES_OF_PAGES = {
-    "PRACTICE_STANDINGS": PRACTICE_STANDINGS,
     "BY_NUMBER": BY_NUMBER,
     "SIGNS": SIGNS,
     "HOW_TO_READ": (
@@ -340,8 +331,8 @@ def standings_lines(found: CompetitionStandings) -> Iterator[str]:
 
 
 def _heading(found: CompetitionStandings, basis: str) -> Iterator[str]:
-    if not found.official:
-        yield PRACTICE_STANDINGS
+    if found.banner:
+        yield found.banner
     yield f"MADROB standings {found.title}".rstrip()
     yield from found.remarks
     yield basis

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.run_pictures import NO_PICTURES, RunPictures
 from madrob_console.archive.scored import Scored
+from madrob_console.common.names import is_rehearsal
 from madrob_console.pages.camera_pictures import Anchors, anchors, definitions_of, pictures
 from madrob_console.pages.notes import (
     BIAS_NOTE,
@@ -15,6 +16,7 @@ from madrob_console.pages.notes import (
     MANUAL_START_NOTE,
     NO_UNCERTAINTY_NOTE,
     PRACTICE,
+    REHEARSED,
     SOURCES,
     TEAM_WORDS,
     UNCERTAINTY_NOTE,
@@ -179,6 +181,7 @@ def _top(scored: Scored) -> dict[str, object]:
     record, result, run = scored.record, scored.result, scored.run
     waiting = undecided(scored.flags)
     banners = (
+        REHEARSED if is_rehearsal(record.competition) else None,
         UNOFFICIAL.get(record.source, PRACTICE if record.setup.practice else None),
         INVALID.get(result.outcome),
         VOIDED if run.voided else None,

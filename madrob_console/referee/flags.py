@@ -26,7 +26,7 @@ from typing import Annotated, TypeAlias
 from msgspec import Meta
 
 from madrob_console.common.formatting import counted
-from madrob_console.common.names import SourceKind
+from madrob_console.common.names import REHEARSAL, SourceKind, is_rehearsal
 from madrob_console.referee.records import (
     AcceptedDoubts,
     CheckName,
@@ -277,7 +277,8 @@ def _decisions(run: Run, source: SourceKind | None) -> Iterator[Flag]:
     if run.voided is not None:
         words = f"VOID, counts nowhere ({run.voided.reason})"
         yield Flag(FlagKind.VOID, words, FlagWeight.CAUTION)
-    yield from practice_flags(source, practice=run.practice)
+    competition = "" if run.setup is None else run.setup.competition
+    yield from practice_flags(source, competition, practice=run.practice)
     if run.out_of_plan:
         words = "out of plan: more than the competition planned"
         yield Flag(FlagKind.OUT_OF_PLAN, words, FlagWeight.CAUTION)
@@ -288,10 +289,14 @@ def _decisions(run: Run, source: SourceKind | None) -> Iterator[Flag]:
         yield Flag(FlagKind.CORRECTION, words, FlagWeight.CAUTION)
 
 
-def practice_flags(source: SourceKind | None, *, practice: bool) -> Iterator[Flag]:
-    """Flags a run that is not official: simulated, replayed or set up as practice."""
-    kind = FlagKind.PRACTICE if source in (None, SourceKind.ROS) else source
-    if practice or kind is source:
+def practice_flags(
+    source: SourceKind | None, competition: str, *, practice: bool
+) -> Iterator[Flag]:
+    """Flags a run that is not official: of a rehearsal, simulated, replayed, set up as practice."""
+    kind: str = FlagKind.PRACTICE if source in (None, SourceKind.ROS) else source
+    if is_rehearsal(competition):
+        kind = REHEARSAL
+    if practice or kind is not FlagKind.PRACTICE:
         words = f"{kind.upper()}: not an official result"
         yield Flag(FlagKind.PRACTICE, words, FlagWeight.REMARK)
 

@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Meta
 
 from madrob_console.common.formatting import time_words
-from madrob_console.common.names import SourceKind
+from madrob_console.common.names import SourceKind, is_rehearsal
 from madrob_console.referee.flags import Flag
 from madrob_console.referee.run import VALID_OUTCOMES
 from scoring.indicator_table import IndicatorName
@@ -134,8 +134,10 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
     @property
     def official(self) -> bool:
-        """Whether it was meant to count, on a real testbed."""
-        return self.source == SourceKind.ROS and not self.practice
+        """Whether it was meant to count, on a real testbed or in a rehearsal."""
+        measured = self.source == SourceKind.ROS
+        rehearsed = self.source == SourceKind.SIMULATED and is_rehearsal(self.competition)
+        return (measured or rehearsed) and not self.practice
 
     def sign(self, name: str) -> str:
         """As `Indicator.sign`."""
@@ -181,7 +183,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
                 self.competition or "",
                 self.testbed,
                 self.problem or "",
-                "practice" if self.practice else "",
+                "practice" if self.practice else "official" if self.official else "",
             ),
             *(flag.words for flag in self.flags),
         )

@@ -13,6 +13,7 @@ from typing import ClassVar, Generic, Protocol, TypeAlias, TypeVar
 
 import msgspec
 
+from madrob_console.common.names import is_rehearsal
 from madrob_console.referee.checks import Check
 from madrob_console.referee.flags import Flag, flags
 from madrob_console.referee.lists import NO_TEAMS, TeamList
@@ -160,6 +161,11 @@ class Situation:
     competition: str = ""
     new_id: Callable[[], str] = str
     refused: str = ""
+
+    @property
+    def only_practice(self) -> bool:
+        """Whether every run is practice: on a simulated testbed, but in a rehearsal."""
+        return self.simulated is not None and not is_rehearsal(self.competition)
 
     @cached_property
     def checks(self) -> tuple[Check, ...]:

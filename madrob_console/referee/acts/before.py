@@ -41,8 +41,8 @@ class SetUp(Act):
         return self.setup.problem() or situation.teams.problem(self.setup)
 
     def settled(self, situation: Situation) -> Act:
-        """Adds the identity; on a simulated testbed every run is practice (protocol section 2)."""
-        practice = self.setup.practice or situation.simulated is not None
+        """Adds the identity and whether it is practice (protocol section 2)."""
+        practice = self.setup.practice or situation.only_practice
         return SetUp(
             replace(
                 self.setup,
@@ -95,7 +95,7 @@ class Start(Act):
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
         setup = situation.run.setup
-        if situation.simulated is not None and setup is not None and not setup.practice:
+        if situation.only_practice and setup is not None and not setup.practice:
             return "the testbed is simulated, a run on it is practice: set it up again"
         blocks = blocking(situation.checks)
         if not blocks:

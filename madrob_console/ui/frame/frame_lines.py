@@ -12,7 +12,7 @@ from textual import events
 from textual.keys import key_to_character
 
 from madrob_console.common.formatting import format_duration, format_size, time_of_day
-from madrob_console.common.names import SourceKind
+from madrob_console.common.names import REHEARSAL, SourceKind
 from madrob_console.referee.acts import Abort
 from madrob_console.referee.checks import Freshness
 from madrob_console.referee.run import Phase
@@ -105,7 +105,7 @@ def _old(snapshot: Snapshot, width: int) -> Line:
 def source_badge(snapshot: Snapshot, room: int) -> Span:
     """The source's label in at most `room` cells: LIVE and others differ in word and mark."""
     label = snapshot.label
-    may_count = not snapshot.practice and snapshot.simulated is None
+    may_count = not (snapshot.practice or snapshot.rehearsal) and snapshot.simulated is None
     if snapshot.source_kind is SourceKind.ROS and may_count:
         return Span(f" {shortened(label, max(1, room - 2))} ", Tone.LIVE)
     return Span(f" ~~ {shortened(label, max(1, room - 8))} ~~ ", Tone.NOTICE)
@@ -411,6 +411,7 @@ def tiny_lines(snapshot: Snapshot, width: int) -> list[Line]:
         clock_span(snapshot),
         _abort(snapshot),
         Span(text if urgent else "", tone),
+        Span(REHEARSAL if snapshot.rehearsal else "", Tone.NOTICE),
         Span("PRACTICE" if snapshot.practice else "", Tone.NOTICE),
         Span(next(iter(snapshot.all_faults), snapshot.notice or ""), Tone.BAD),
         Span(f"{minutes_text(left or 0.0)} left" if run.phase is Phase.RUNNING else ""),

@@ -338,7 +338,7 @@ class RunFilter(StrEnum):
 
 _TAKES: Mapping[RunFilter, Callable[[RunSummary], bool]] = {
     RunFilter.ALL: lambda _run: True,
-    RunFilter.OFFICIAL: lambda run: not run.practice and run.source in (None, SourceKind.ROS),
+    RunFilter.OFFICIAL: lambda run: run.official or (run.source is None and not run.practice),
     RunFilter.PRACTICE: lambda run: run.practice,
     RunFilter.OPEN: lambda run: not run.final,
 }

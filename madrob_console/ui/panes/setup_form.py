@@ -13,8 +13,9 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Input, Static
 
+from madrob_console.archive.folders import holds_rehearsals
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.names import clean_name
+from madrob_console.common.names import REHEARSAL, clean_name
 from madrob_console.config.tables import start_pose_on
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.pages.competition import task_words
@@ -136,7 +137,8 @@ class SetupForm(Horizontal):
         self.subject = NumberField(id="subject")
         self.team = Field(id="team")
         self.run_number = NumberField(id=_NEXT)
-        self.practice = Choice([("official", False), ("PRACTICE", True)], False, id="practice")
+        counting = REHEARSAL if holds_rehearsals(defaults.results) else "official"
+        self.practice = Choice([(counting, False), ("PRACTICE", True)], False, id="practice")
         self.starting = _choice(Side, "starting", str.upper)
         self.preset = Choice(
             [(name, name) for name in (_OWN_POSE, *self._presets)], "", id="preset"

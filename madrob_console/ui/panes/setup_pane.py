@@ -213,9 +213,8 @@ class SetupPane(Vertical):
             self._chosen = False
         if snapshot.run.phase in _NEXT and (before is None or before.run.phase not in _NEXT):
             self._form.take_settings()  # what was changed for one run is not for the next one
-        simulated = snapshot.simulated is not None  # its runs are never official
-        self._form.practice.value |= simulated
-        self._form.practice.disabled = simulated
+        self._form.practice.value |= snapshot.only_practice
+        self._form.practice.disabled = snapshot.only_practice
         if self._plan.is_old(snapshot):
             self.run_worker(self.propose_planned(), group="plan", exclusive=True)
 

@@ -393,6 +393,7 @@ class FakeEngine:
             teams=self.teams,
             steps=self.steps if self.result is None else self.result.steps,
             simulated=self.simulated,
+            competition=self.competition,
             indicators={} if self.result is None else self.result.indicators,
         )
 

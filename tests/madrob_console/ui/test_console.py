@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable, Coroutine
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -28,6 +30,7 @@ from madrob_console.ui.keys.key_table import FINDS_BY_ITSELF, KEYS
 from madrob_console.ui.link import LOOKING_PERIOD
 from tests.madrob_console.run_folders import summary
 from tests.madrob_console.ui.driver import (
+    DEFAULTS,
     LARGE,
     Driver,
     Stories,
@@ -631,3 +634,21 @@ STORIES: Stories = {
 @pytest.mark.parametrize("story", STORIES)
 async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
     await play(FakeEngine, STORIES[story])
+
+
+async def test_every_screen_of_a_rehearsal_says_so() -> None:
+    def named(driver: Driver) -> object:
+        return "REHEARSAL" in driver.rows()[0]
+
+    rehearsal = replace(DEFAULTS, results=Path("/results_rehearsal"))
+    story: Story = [
+        (opened(defaults=rehearsal),),
+        (on_engine(competition="REHEARSAL Cup", simulated="nominal"),),
+        ("f2", "< REHEARSAL >", named),
+        (Driver.run,),
+        ("f3", named),
+        (Driver.finish,),
+        *((key, named) for key in ("f4", "f1", "h", "p", "s")),
+        (resized(50, 12), "REHEARSAL"),
+    ]
+    await play(FakeEngine, story)
