@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
-from itertools import product
-from typing import ClassVar
+from functools import partial
+from typing import ClassVar, cast
 
 from rich.cells import cell_len
+from rich.segment import Segment
+from rich.style import Style
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
+from textual.geometry import Size
+from textual.renderables.digits import Digits
 from textual.screen import Screen
 
 from madrob_console.archive.history import History, of_competition
@@ -19,7 +22,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import time_of_day
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.pages.competition import late_words
+from madrob_console.pages.competition import best_text, late_words
 from madrob_console.pages.tally import Standing, leaders_first, standings
 from madrob_console.referee.competition_plan import (
     PlannedAttempt,
@@ -30,12 +33,11 @@ from madrob_console.referee.flags import FlagWeight
 from madrob_console.referee.run import Phase
 from madrob_console.referee.run_summary import RunSummary, condition_words
 from madrob_console.ui.app import MadrobApp
-from madrob_console.ui.cells.large_text import large_text
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Span, Tone, View, line, width_of
 from madrob_console.ui.frame.console_screen import BUSY_PERIOD
 from madrob_console.ui.frame.frame_lines import WATCHING, source_badge
 from madrob_console.ui.link import ConsoleDefaults, OpenClient
-from madrob_console.ui.look.words import fitted, shortened
+from madrob_console.ui.look.words import fitted, minutes_text, shortened
 from madrob_console.ui.panes.run_status import (
     banner,
     clock_span,
@@ -47,14 +49,14 @@ from madrob_console.ui.panes.run_status import (
 )
 from madrob_console.ui.panes.runs_pane import number_text
 from scoring.indicator_table import IndicatorName
-from scoring.procedure import UNSETTLED
+from scoring.procedure import UNSETTLED, StepRecord
 from scoring.result import DOUBTED, Uncertainty, uncertainty_text
 
 PAGE_TIME = 10.0
 """While nothing runs another page comes after so long, s."""
 
-_BLANK_SHARE = 8
-"""One row of so many stays blank, between the blocks."""
+PAUSED = "PAUSED - technical problem"
+"""What the hall reads while the engine is away."""
 
 _BANDS = {
     Tone.GOOD: Tone.LIVE,
@@ -62,103 +64,138 @@ _BANDS = {
     Tone.BAD: Tone.ALARM,
     Tone.STRONG: Tone.CAP,
 }
-_WAITING = "the engine has ended: what you see is old; waiting for the next one"
+_FILLED = (*_BANDS.values(),)
 _INDICATORS = (IndicatorName.CAPABILITY_LEVEL, IndicatorName.EXECUTION_TIME)
 
-# A page is made of blocks, each as large as the others leave it room.
+_ROWS_A_BAND, _ROWS_A_BOX = 20, 9
+"""With so many rows of the screen a band is higher by one above and below, a box by one."""
+
+_FRAMED = 16
+"""With fewer rows the boxes have no frames."""
+
+_LEAST_BOX = 12
+"""Cells of a box: with fewer there are two rows of them."""
+
+_ROWS_AROUND = 9
+"""Of a page with a table: band, titles, and what is below it."""
+
+_BLANK = Span(" ")
+
+
+# A page, and its parts as rows of the whole width.
+
+
+PageRows = list[Line]
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
-    """Cells of one size; dim ones are always in ordinary letters.
+class Page:
+    """What the hall sees at a time, from top to bottom; what is empty takes no room.
 
     Attributes:
-        cells: row by row.
-        columns: how many cells may be in a row, the most first.
-        left: how many columns begin at their left; the others end at their right.
-        ahead: by how much its size is ahead of that of other blocks; one that is behind (below 0)
-            stops growing with the last of those that are not.
-        names: whether the first column may stay in ordinary letters beside the smallest large ones.
+        state: in the coloured band.
+        who: the team on a row of its own, in any script, and what it does.
+        figures: in large digits, each with what it is.
+        boxes: the six steps, each with its time or how it stands.
+        table: cells by row; all but those of the first column end at their right.
+        told: rows of text.
     """
 
-    cells: tuple[Span, ...]
-    columns: tuple[int, ...] = (1,)
-    left: int = 9
-    ahead: float = 0.0
-    names: bool = False
+    state: Span
+    who: Sequence[Span] = ()
+    figures: Sequence[tuple[Span, str]] = ()
+    boxes: Sequence[tuple[Span, str]] = ()
+    table: Sequence[Sequence[Span]] = ()
+    told: Sequence[Span] = ()
+
+    def drawn(self, size: Size, *, ascii_only: bool) -> PageRows:
+        width, tone = size.width, _BANDS[self.state.tone]
+        above = [_row(width, Span(" ", tone))] * min(2, size.height // _ROWS_A_BAND)
+        every = (
+            [*above, *_texts([Span(self.state.text, tone)], width), *above],
+            _texts(self.who, width),
+            _figures(self.figures, width, ascii_only=ascii_only),
+            _boxes(self.boxes, size),
+            _table(self.table, width),
+            _texts(self.told, width),
+        )
+        parts = [part for part in every if part]
+        spare = max(0, size.height - sum(map(len, parts)))
+        between = [line()] * (spare // len(parts))
+        return [row for part in parts for row in (*part, *between)][: size.height]
 
 
-@lru_cache(maxsize=256)
-def draw_block(block: Block, size: int, width: int) -> Sequence[Line]:
-    """Its rows in ordinary letters (size 0) or in large ones; none if those do not fit."""
-    lines: Sequence[Line] = ()
-    for columns, ordinary in product(block.columns, (0, 1)[: 1 + (block.names and size == 1)]):
-        drawn = [
-            _letters(cell, size if at % columns >= ordinary else 0)
-            for at, cell in enumerate(block.cells)
+def _row(width: int, *spans: Span) -> Line:
+    """Spans in the middle; a band fills the width."""
+    blank = max(0, width - width_of(spans))
+    tone = spans[0].tone if spans[0].tone in _FILLED else Tone.PLAIN
+    return line(Span(" " * (blank // 2), tone), *spans, Span(" " * (blank - blank // 2), tone))
+
+
+def _texts(spans: Iterable[Span], width: int) -> PageRows:
+    """A row each; a long one is cut, whatever its script."""
+    return [_row(width, Span(shortened(text, width), tone)) for text, tone in spans if text]
+
+
+def digit_rows(text: str) -> list[str]:
+    """A number in Textual's large digits."""
+    drawn = Digits(text).render(Style(bold=True))
+    return [row.text for row in drawn if isinstance(row, Segment) and row.text != "\n"]
+
+
+def _figures(shown: Sequence[tuple[Span, str]], width: int, *, ascii_only: bool) -> PageRows:
+    """Numbers in large digits beside each other; plain ones where digits cannot be drawn."""
+    groups = []
+    for (text, tone), caption in shown:
+        rows = [text] if ascii_only else digit_rows(text)
+        cells = max(len(row) for row in (*rows, caption))
+        told = (*((row, tone) for row in rows), (caption, Tone.DIM))
+        groups.append([Span(f"   {row:^{cells}}   ", of) for row, of in told])
+    return [_row(width, *spans) for spans in zip(*groups, strict=True)]
+
+
+def _boxes(shown: Sequence[tuple[Span, str]], size: Size) -> PageRows:
+    """The steps in a row of boxes, or in two; what is done is filled."""
+    columns = 6 if size.width >= 6 * _LEAST_BOX else 3
+    width, inner = size.width // columns - 1, size.height // _ROWS_A_BOX
+    rows: PageRows = []
+    for begin in range(0, len(shown), columns):
+        boxes = [
+            _box(name, told, width, inner)
+            if size.height >= _FRAMED
+            else [Span(fitted(f"{name.text[2:]} {told}", width), name.tone)]
+            for name, told in shown[begin : begin + columns]
         ]
-        lines = [*_rows(block, drawn, columns, " " * max(2, 2 * size))]
-        grown = len(lines) * columns > len(block.cells)
-        if width_of(lines[0]) <= width and (grown or not size):
-            return lines
-    return () if size else lines
+        rows += [
+            _row(size.width, *(part for span in spans for part in (_BLANK, span)))
+            for spans in zip(*boxes, strict=True)
+        ]
+    return rows
 
 
-def _rows(block: Block, drawn: Sequence[Sequence[str]], columns: int, gap: str) -> Iterator[Line]:
-    widths = [max(cell_len(cell[0]) for cell in drawn[at::columns]) for at in range(columns)]
-    for begin in range(0, len(drawn), columns):
-        row = drawn[begin : begin + columns]
-        for at in range(height := max(map(len, row))):
-            texts = [
-                cell[at] if len(cell) == height else cell[0] * (at == height // 2) for cell in row
-            ]
-            yield tuple(
-                Span(
-                    gap * (column > 0)
-                    + (fitted(text, width) if column < block.left else text.rjust(width)),
-                    block.cells[begin + column].tone,
-                )
-                for column, (text, width) in enumerate(zip(texts, widths, strict=True))
-            )
+def _box(name: Span, told: str, width: int, inner: int) -> Sequence[Span]:
+    above = (inner - 2) // 2
+    texts = [*[""] * above, name.text, told, *[""] * (inner - 2 - above)]
+    upper, side, lower = ("   ", " ", "   ") if name.tone in _FILLED else ("┌─┐", "│", "└─┘")
+    framed = [f"{side}{text:^{width - 2}}{side}" for text in texts]
+    ends = [f"{end[0]}{end[1] * (width - 2)}{end[2]}" for end in (upper, lower)]
+    return [Span(row, name.tone) for row in (ends[0], *framed, ends[1])]
 
 
-def _letters(cell: Span, size: int) -> Sequence[str]:
-    large = large_text(cell.text, size) if size and cell.tone is not Tone.DIM else None
-    return large or [cell.text]
-
-
-def lay_out(blocks: Sequence[Block], width: int, height: int) -> list[Line]:
-    """The blocks one below the other; the smallest one grows first, until none has room."""
-    drawn = [draw_block(block, 0, width) for block in blocks]
-    sizes = dict.fromkeys(range(len(blocks)), 0)
-    while any(blocks[at].ahead >= 0 for at in sizes):
-        at = min(sizes, key=lambda at: sizes[at] - blocks[at].ahead)
-        larger = draw_block(blocks[at], sizes[at] + 1, width)
-        rows = sum(map(len, drawn)) - len(drawn[at]) + len(larger)
-        if larger and rows <= height - height // _BLANK_SHARE:
-            drawn[at], sizes[at] = larger, sizes[at] + 1
-        else:
-            del sizes[at]
-    lines: list[Line] = []
-    for at, block in enumerate(drawn):
-        spare = height - len(lines) - sum(map(len, drawn[at:]))
-        lines += [line()] * (spare // (len(drawn) - at)) + [_centred(row, width) for row in block]
-    return lines[:height]
-
-
-def _centred(row: Line, width: int) -> Line:
-    """A row in the middle; a band fills the width."""
-    blank = max(0, width - width_of(row))
-    tone = row[0].tone if row[0].tone in _BANDS.values() else Tone.PLAIN
-    return line(Span(" " * (blank // 2), tone), *row, Span(" " * (blank - blank // 2), tone))
-
-
-def _band(text: str, tone: Tone, ahead: float = 0.0) -> Block:
-    return Block((Span(text, _BANDS[tone]),), ahead=ahead)
-
-
-def _text(text: str, width: int, tone: Tone = Tone.PLAIN, ahead: float = -0.5) -> list[Block]:
-    return [Block((Span(shortened(text, width), tone),), ahead=ahead)] if text else []
+def _table(cells: Sequence[Sequence[Span]], width: int) -> PageRows:
+    columns = [max(cell_len(text) for text, _ in column) for column in zip(*cells, strict=True)]
+    first = min(columns[0], width - sum(columns[1:]) - 3 * len(columns)) if columns else 0
+    return [
+        _row(
+            width,
+            Span(fitted(name.text, first), name.tone),
+            *(
+                Span(f"   {text:>{room}}", tone)
+                for (text, tone), room in zip(others, columns[1:], strict=True)
+            ),
+        )
+        for name, *others in cells
+    ]
 
 
 # The pages.
@@ -173,85 +210,97 @@ class Wall(View):
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         head = _head(snapshot, width)
-        room = max(0, self.room.height - len(head))
+        size = Size(width, max(1, self.room.height - len(head)))
         latest, standing = self.runs
-        pages = [run_page(snapshot, width)]
+        pages = [run_page(snapshot)]
         if not snapshot.run.active:
             if latest is not None:
-                pages.append(result_page(latest, snapshot, width))
+                pages.append(result_page(latest, snapshot))
             if self.plan.next is not None and not snapshot.practice:
-                pages.append(next_page(self.plan.next, snapshot, width))
-            pages += standings_pages(standing, width, room)
+                pages.append(next_page(self.plan.next, snapshot))
+            pages += standings_pages(standing, size.height)
             if snapshot.run.setup is None:
                 pages = pages[1:] or pages
-        return [*head, *lay_out(pages[self.page % len(pages)], width, room)]
+        ascii_only = cast("WallApp", self.app).ascii
+        return [*head, *pages[self.page % len(pages)].drawn(size, ascii_only=ascii_only)]
 
 
-def _head(snapshot: Snapshot, width: int) -> list[Line]:
+def _head(snapshot: Snapshot, width: int) -> PageRows:
     head = line(source_badge(snapshot, max(4, width - 22)), Span(WATCHING, Tone.STRONG))
     clock = time_of_day(snapshot.time).rjust(max(0, width - width_of(head) - 1))
-    words = _WAITING if snapshot.pulse.gone else snapshot.pulse.words
+    words = snapshot.pulse.words
+    if snapshot.pulse.stale:
+        words = f"{PAUSED}. What you see is of {time_of_day(snapshot.time)}."
     fault = [line(Span(fitted(f" {words}", width), Tone.ALARM))] if words else []
     return [line(*head, Span(clock, Tone.DIM)), *fault]
 
 
-def run_page(snapshot: Snapshot, width: int) -> list[Block]:
-    run = snapshot.run
-    what = f"run {run.setup.run_number}, {condition_text(run)}" if run.setup else who_text(run)
+def run_page(snapshot: Snapshot) -> Page:
+    run, result = snapshot.run, snapshot.result
     text, tone = banner(snapshot)
-    stands = (
-        Span("NO ENGINE", Tone.BAD) if snapshot.pulse.gone else phase_span(run, snapshot.result)
+    clock = clock_span(snapshot)
+    level: float | None = sum(record.done for record in snapshot.steps)
+    if result is not None:
+        level = result.indicators[IndicatorName.CAPABILITY_LEVEL].value
+    what = f"run {run.setup.run_number}, {condition_text(run)}" if run.setup else who_text(run)
+    return Page(
+        Span(PAUSED, Tone.BAD) if snapshot.pulse.stale else phase_span(run, result),
+        (Span(team_text(run), Tone.STRONG), Span(what)),
+        (
+            (Span(clock.text.removesuffix(".?"), clock.tone), _clock_words(snapshot)),
+            (Span("-" if level is None else f"{level:.0f}", Tone.STRONG), "of 6 steps"),
+        ),
+        tuple(map(partial(_step, snapshot), snapshot.steps)),
+        told=[Span(text if tone is not Tone.PLAIN else "", tone)],
     )
-    return [
-        _band(*stands),
-        Block((clock_span(snapshot),), ahead=1.5),
-        *_text(team_text(run), width, Tone.STRONG, 0.5),
-        *_text(what, width),
-        *_text(text if tone is not Tone.PLAIN else "", width, tone),
-        Block((*step_cells(snapshot),), (6, 3, 2, 1), ahead=0.4),
-    ]
 
 
-def step_cells(snapshot: Snapshot) -> Iterator[Span]:
-    """The six steps: of what is done the time, s from the start, which is marked if rough."""
-    running = snapshot.run.phase is Phase.RUNNING
-    pending = next((record.step for record in snapshot.steps if not record.done), None)
-    for record in snapshot.steps:
-        step = record.step
-        if record.done:
-            rough = snapshot.result is None and step in UNSETTLED
-            at = step_time(record.final, snapshot.run.start, rough=rough)
-            yield Span(f"✓{step} {at}", Tone.GOOD)
-        elif running and step is pending:
-            yield Span(f">{step} {step.name}", Tone.WARN)
-        else:
-            yield Span(f"{'✗' if record.denied else '□'}{step} {step.name}")
+def _clock_words(snapshot: Snapshot) -> str:
+    if snapshot.remaining is None:
+        return "time"
+    if snapshot.run.phase is Phase.COUNTDOWN:
+        return "to the start"
+    return f"{minutes_text(snapshot.remaining)} left"
 
 
-def result_page(run: RunSummary, snapshot: Snapshot, width: int) -> list[Block]:
+def _step(snapshot: Snapshot, record: StepRecord) -> tuple[Span, str]:
+    """A step's name, and its time, s from the start, which is marked if it may still change."""
+    name = f"{record.step} {record.step.name.lower()}"
+    pending = next((other.step for other in snapshot.steps if not other.done), None)
+    if record.done:
+        rough = snapshot.result is None and record.step in UNSETTLED
+        return Span(name, Tone.LIVE), step_time(record.final, snapshot.run.start, rough=rough)
+    if record.denied:
+        return Span(name, Tone.ALARM), "denied"
+    if snapshot.run.phase is Phase.RUNNING and record.step is pending:
+        return Span(name, Tone.WARN), "next"
+    return Span(name, Tone.DIM), ""
+
+
+def result_page(run: RunSummary, snapshot: Snapshot) -> Page:
     tone = Tone.GOOD if run.valid and not run.reason else Tone.BAD
     team = snapshot.teams.names.get(run.subject) or run.team
     task = ", ".join(filter(None, condition_words(run.condition)))
-    told = [flag.words for flag in run.flags if flag.weight is not FlagWeight.REMARK]
-    values, counts = [], []
+    flags = "; ".join(flag.words for flag in run.flags if flag.weight is not FlagWeight.REMARK)
+    values: list[Sequence[Span]] = []
+    large: list[tuple[Span, str]] = []
     for name in IndicatorName:
         known = run.uncertainties.get(name)
         number = _number(name, run.values.get(name), known, run.sign(name))
-        counts += [Span(f"{number} {name.spec.unit}", Tone.STRONG)] if name in _INDICATORS else []
-        values += [
-            Span(name.words),
-            Span(number),
-            Span(f"{uncertainty_text(known)} {name.spec.unit}".strip()),
-        ]
-    return [
-        _band(f"LAST RUN: {run.outcome_word.upper()}", tone),
-        *_text(f"{run.subject} {team}".rstrip(), width, Tone.STRONG, 0.5),
-        *_text(f"run {run.run_number}, condition {run.condition}: {task}", width),
-        *([Block((*counts[::-1],), (2, 1), ahead=1.5)] if run.valid else []),
-        Block((*values,), (3,)),
-        *_text("; ".join(told), width, Tone.WARN),
-        *_text(run.closing if run.valid else "", width),
-    ]
+        if name in _INDICATORS and run.valid:
+            large.insert(0, (Span(number, Tone.STRONG), f"{name.words}, {name.spec.unit}"))
+        unit = f"{uncertainty_text(known)} {name.spec.unit}".strip()
+        values.append((Span(name.words), Span(number), Span(unit)))
+    return Page(
+        Span(f"LAST RUN: {run.outcome_word.upper()}", tone),
+        (
+            Span(f"{run.subject} {team}".rstrip(), Tone.STRONG),
+            Span(f"run {run.run_number}, condition {run.condition}: {task}"),
+        ),
+        large,
+        table=values,
+        told=(Span(flags, Tone.WARN), Span(run.closing if run.valid else "")),
+    )
 
 
 def _number(name: IndicatorName, value: float | None, known: Uncertainty | None, sign: str) -> str:
@@ -259,44 +308,45 @@ def _number(name: IndicatorName, value: float | None, known: Uncertainty | None,
     return f"{text}{sign}"
 
 
-def next_page(attempt: PlannedAttempt, snapshot: Snapshot, width: int) -> list[Block]:
+def next_page(attempt: PlannedAttempt, snapshot: Snapshot) -> Page:
     """What the plan has next, when, and how late it is."""
     subject, condition = attempt.task
-    team = snapshot.teams.names.get(subject, "")
     late = late_words(attempt.time, snapshot.time).removeprefix(", ")
-    return [
-        _band("NEXT", Tone.STRONG),
-        *_text(f"{subject} {team}".rstrip(), width, Tone.STRONG, 0.5),
-        *_text(f"condition {condition}: {', '.join(condition_words(condition))}", width),
-        *([Block((Span(attempt.time, Tone.STRONG),), ahead=1.5)] if attempt.time else []),
-        *_text(late, width, Tone.WARN, 0.5),
-    ]
+    return Page(
+        Span("NEXT", Tone.STRONG),
+        (
+            Span(f"{subject} {snapshot.teams.names.get(subject, '')}".rstrip(), Tone.STRONG),
+            Span(f"condition {condition}: {', '.join(condition_words(condition))}"),
+        ),
+        [(Span(attempt.time, Tone.STRONG), "planned")] if attempt.time else (),
+        told=[Span(late, Tone.WARN)],
+    )
 
 
-def standings_pages(rows: Sequence[Standing], width: int, height: int) -> Iterator[list[Block]]:
-    room = max(1, height - height // _BLANK_SHARE - 5)
+def standings_pages(rows: Sequence[Standing], height: int) -> Iterator[Page]:
+    room = max(1, height - _ROWS_AROUND)
     titles = ("team", "condition", "runs", *(name.spec.column for name in _INDICATORS))
     signs = any(row.signs(name) for row in rows for name in _INDICATORS)
     for begin in range(0, len(rows), room):
         part = f" {begin // room + 1} of {-(-len(rows) // room)}" if len(rows) > room else ""
         shown = rows[begin : begin + room]
-        cells = [cell for row in shown for cell in _standing(row)]
         tasks = {f"{row.condition}: {', '.join(condition_words(row.condition))}" for row in shown}
-        yield [
-            _band(f"STANDINGS{part}", Tone.STRONG, -0.5),
-            *_text("each team's best run by level, then time; no ranking", width, Tone.DIM),
-            Block((*(Span(title, Tone.DIM) for title in titles), *cells), (5,), 1, names=True),
-            *_text("; ".join(sorted(tasks)), width, Tone.DIM),
-            *_text(f"{DOUBTED} doubted" if signs else "", width, Tone.DIM),
-        ]
+        below = (
+            "; ".join(sorted(tasks)),
+            "each team's best run by level, then time; no ranking",
+            f"{DOUBTED} doubted" if signs else "",
+        )
+        yield Page(
+            Span(f"STANDINGS{part}", Tone.STRONG),
+            table=[[Span(title, Tone.DIM) for title in titles], *map(_standing, shown)],
+            told=[Span(text, Tone.DIM) for text in below],
+        )
 
 
-def _standing(row: Standing) -> Iterator[Span]:
-    yield from (Span(row.who), Span(f"{row.condition}"), Span(f"{row.counted}"))
-    for name in _INDICATORS:
-        found = row.aggregates.get(name)
-        mean, known = (None, None) if found is None else (found.mean, found.uncertainty)
-        yield Span(_number(name, mean, known, row.signs(name)), Tone.STRONG)
+def _standing(row: Standing) -> Sequence[Span]:
+    cells = [Span(row.who, Tone.STRONG), Span(f"{row.condition}"), Span(f"{row.counted}")]
+    values = (f"{best_text(row, name)}{row.signs(name)}" for name in _INDICATORS)
+    return [*cells, *(Span(text, Tone.STRONG) for text in values)]
 
 
 # `madrob watch --big`: the app around the wall display.

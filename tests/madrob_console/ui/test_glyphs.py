@@ -140,7 +140,7 @@ async def test_on_no_screen_is_anything_but_ascii() -> None:
 
 
 DIGITS = "0123456789:.-?"
-SIGNS = f"ABCDEFGHIJKLMNPQRTUVWXYZ&+/'(),_~>✓✗□{DIGITS}"
+SIGNS = f"ABCDEFGHIJKLMNPQRTUVWXYZ&+/'(),_{DIGITS}"
 """All but O and S, which look like 0 and 5."""
 
 

@@ -33,7 +33,7 @@ from madrob_console.ui.look.words import ROUGH
 from madrob_console.ui.panes.gauges import SPAN, DoorGauge, HandleGauge, strip_chart
 from madrob_console.ui.panes.live_pane import Provisional
 from madrob_console.ui.panes.run_status import EvidenceLine, clock_span, step_lines
-from madrob_console.ui.wall import step_cells
+from madrob_console.ui.wall import run_page
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling, StepRecord
 from scoring.protocol import Condition, Side, Step
@@ -276,10 +276,9 @@ def shown(snapshot: Snapshot) -> dict[str, str]:
     table = step_lines(snapshot.steps, snapshot.run.start, NARROW, settled=settled)
     for text in texts(table):
         found |= {f"step {number}": time for number, time in _STEP.findall(text)}
-    for cell in step_cells(snapshot):
-        if cell.text.startswith("✓"):
-            number, time = cell.text[1:].split()
-            found[f"wall {number}"] = time
+    for (name, tone), time in run_page(snapshot).boxes:
+        if tone is Tone.LIVE:
+            found[f"wall {name[0]}"] = time
     return found
 
 
