@@ -197,7 +197,7 @@ class NextIssue:
         if self.others:
             parts.append(f"{self.others} {'others' if parts else 'beside the values'}")
         signed = "" if self.signed is None else f" (was final, {self.signed}: not final any more)"
-        return f"issue {self.number}{signed}: {', '.join(parts)}"
+        return f"version {self.number}{signed}: {', '.join(parts)}"
 
 
 def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextIssue | None:

@@ -244,7 +244,7 @@ class RightToAct:
         if self.only_watches:
             return "`madrob console` can act, this screen only watches"
         return (
-            f"{self.holder} has the right to act: an act here takes it over, after y"
+            f"{self.holder} has the right to act; here an act asks before it takes it over"
             if self.holder
             else None
         )

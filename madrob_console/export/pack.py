@@ -272,7 +272,7 @@ _ABOUT: Mapping[str, str] = {
     PROTESTS_FILE: "the protests and what was decided: begin here",
     f"/{REPORT_FILE}": "the report: open it in any browser, also on a phone; it prints well",
     f"/{RESULT_FILE}": f"the result that counts; {SCHEMA_FILE} describes every key",
-    "/result_issue_": "an earlier issue of the result",
+    "/result_issue_": "an earlier version of the result",
     f"/{JOURNAL_FILE}": "all that was done and said, a line each",
     f"/{PICTURES_FOLDER}/": "what the cameras saw at each event, larger than in the report",
     f"/{FRAMES_FOLDER}/": "what the cameras saw at an instant that somebody asked for",

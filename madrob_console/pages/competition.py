@@ -179,7 +179,7 @@ class CompetitionStandings:
         )
 
 
-SIGNS = f"{DOUBTED} doubted   {ALIKE} not distinguishable from another team: unrounded +- overlap"
+SIGNS = f"{DOUBTED} doubted   {ALIKE} a tie with another team: unrounded +- overlap"
 
 FLAG_SIGNS = "P protest open   !! the referee has to decide   ! a flag changes a score"
 

@@ -111,8 +111,8 @@ def _median_note(place: PagePlace) -> str:
     latest = date_text(max(run.summary.started for run in place.field))
     return (
         f"Median: of each phase over the {runs} of {_counted(teams, 'team')} in this condition, "
-        "of those that brought it to its end. Its sum is no run's. Compared with what was known "
-        f"when this page was made; the latest started {latest}."
+        "of those that brought it to its end. The medians do not add up to one run. Compared with "
+        f"what was known when this page was made; the latest started {latest}."
     )
 
 
@@ -154,7 +154,7 @@ def _beside_best(scored: Scored, place: PagePlace, best: ComparedRun) -> str:
     if own.value is not None and theirs is not None:
         known = own.uncertainty, there.uncertainties.get(name)
         if not distinguishable(own.value, theirs, *known):
-            words += " Their execution times are not distinguishable: the uncertainties overlap."
+            words += " Their execution times are a tie within the uncertainty."
     return words
 
 

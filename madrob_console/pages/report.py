@@ -198,5 +198,5 @@ def _top(scored: Scored) -> dict[str, object]:
         "heavy": "; ".join(flag.words for flag in heavy),
         "light": "; ".join(flag.words for flag in others if flag not in heavy),
         "denied": ", ".join(one.step.text for one in result.steps if one.denied),
-        "issue": f", issue {run.issue}" if run.issue > 1 else "",
+        "issue": f", version {run.issue}" if run.issue > 1 else "",
     }

@@ -167,7 +167,7 @@ def _verdict(name: CheckName, ok: bool, finding: str, remedy: str) -> Check:
 
 def _no_data(name: CheckName, what: str) -> Check:
     words = f"no {what} comes now"
-    return Check(name, CheckState.NO_DATA, words, remedy="look at the topic")
+    return Check(name, CheckState.NO_DATA, words, remedy="look whether its driver runs")
 
 
 def _team(r: Readings, setup: RunSetup | None) -> Iterator[Check]:
@@ -245,7 +245,7 @@ def _zero(r: Readings) -> Iterator[Check]:
 def _doorway(r: Readings) -> Check:
     if r.occupied is None:
         words = "no reading of some passage sensor comes now"
-        remedy = "look at the topic, or set its `no_echo`"
+        remedy = "look whether its driver runs, or set its `no_echo`"
         return Check(CheckName.DOORWAY, CheckState.NO_DATA, words, remedy=remedy)
     found = f"something under {', '.join(r.occupied)}" if r.occupied else "sensors clear"
     return _verdict(CheckName.DOORWAY, not r.occupied, found, "clear the doorway")

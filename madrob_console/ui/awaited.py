@@ -132,7 +132,7 @@ class PendingRequests:
     def _tell_wait(self, what: str) -> bool:
         if not self._link.asking:
             return False
-        words = "no answer of the engine yet; the keys work"
+        words = "working ..., the keys go on"
         if (for_the_disk := self._for_the_disk) is not None:
             what, words = for_the_disk, "waiting for the disk; F8 or Escape withdraws it"
         self._console.say(f"{what}: {words}", Tone.WARN)

@@ -32,7 +32,7 @@ runpy.run_module("tests.madrob_console.ui.fake_engine", run_name="__main__")
 OTHER_COMPOSITOR = (sys.executable, "-c", TEXTUAL_S, "--running")
 Size = tuple[int, int]
 SMALL, USUAL, LARGE = (80, 24), (120, 36), (160, 50)
-LIVE, CLOCK = b"ruling (sensors)", b"clock"
+LIVE, CLOCK = b"referee (sensor)", b"clock"
 """What only the live pane says, and what the bare app says."""
 
 

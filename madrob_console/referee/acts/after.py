@@ -32,15 +32,16 @@ from madrob_console.referee.records import (
     TeamWord,
 )
 from madrob_console.referee.run import Phase, Run
+from scoring.indicator_table import IndicatorName
 
 _TEAM = Pick(
     "What does the team say?",
     (
-        Option("n", "nothing yet: do not finalise", None),
+        Option("n", "nothing yet: do not sign", None),
         Option("a", "acknowledged", TeamWord.ACKNOWLEDGED),
         Option("b", "absent", TeamWord.ABSENT),
-        Option("p", "it protests: close this, then P files it", None),
     ),
+    below=("If it protests: Escape, then Enter P files the protest.",),
 )
 _SIGN = "sign"
 _SO = (
@@ -48,7 +49,7 @@ _SO = (
     Option("y", "yes, sign it as it is: that stays on record", _SIGN),
 )
 _NOTE = Write("Note (Enter for none):")
-_NAMELESS = "finalising needs the referee's name"
+_NAMELESS = "signing needs the referee's name"
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,10 +121,10 @@ class Finalise(Act):
 
 def _checklist(view: RunView) -> tuple[str, ...]:
     found, unchanged = view.flags, _without_effect(view.run)
-    if not (found or unchanged):
-        return ()
     steps = ", ".join(f"{record.step:d}" for record in view.steps if record.done)
-    rows = [f"Before it is final: {view.run.outcome}, steps that count: {steps or 'none'}"]
+    told = (IndicatorName.CAPABILITY_LEVEL, IndicatorName.EXECUTION_TIME)
+    values = [f"{n.words} {one.text}" for n, one in view.indicators.items() if n in told]
+    rows = ["; ".join((f"{view.run.outcome}, steps {steps or 'none'}", *values))]
     rows += [f"! {flag.words}" for flag in undecided(found)]
     rows += [f"! {one.title} was upheld: nothing was changed since" for one in unchanged]
     if others := [flag.words for flag in found if not flag.undecided]:
@@ -239,7 +240,7 @@ class Reissue(Act):
     at_once = False
     elsewhere = "only a final result is re-issued"
     missing = "a re-issue needs a reason"
-    title = "Re-issue the final result; the old issue stays"
+    title = "Re-issue the final result; the old version stays"
     questions = (
         Pick("Why?", reasons("a step was ruled wrongly", "found out later")),
         Sure("Re-issue the result?"),

@@ -289,7 +289,7 @@ class Dialog(Vertical):
         letter = event.character or ""
         if letter.isalpha():
             self._ahead.mistyped(letter)
-        words = f"'{letter}' is no answer here" if event.is_printable else _ANSWER_FIRST
+        words = f"{letter} is not possible here" if event.is_printable else _ANSWER_FIRST
         self.complain(words)
 
     def _choose(self, chosen: Option) -> None:

@@ -94,7 +94,7 @@ _ABOUT_NO_RUN = ("menu", "leave", "unfinished", "other name", "copy", "take")
 """Questions that are not about the current run."""
 
 _STARTING = "Looking for the engine; one is started where none runs ..."
-_WRITTEN = "The result is written: Enter decides, x next run, v details."
+_WRITTEN = "The result is written. Enter: what next. x: next run. v: details."
 _WRITTEN_FOR_WATCHERS = "The result is written; v shows the details."
 _NOT_ON_DISK = "The result is NOT ON DISK yet: the engine has it and goes on trying."
 _AT_THE_END = "The recording is at its end: < goes back, j jumps to a time, v details."

@@ -66,7 +66,7 @@ ROOMY = 100
 _LEAST_WHO = 24
 """Cells of testbed and run that a long label leaves to them."""
 
-_STATES = {"finished": "done"}
+_STATES = {"finished": "saved"}
 
 
 class TopLine(View):
@@ -113,10 +113,10 @@ def source_badge(snapshot: Snapshot, room: int) -> Span:
 
 def recorder_spans(recorder: RecorderView) -> Line:
     if recorder.state == "closed":
-        return line(Span(" rec closed", Tone.DIM))
+        return line(Span(" not recording", Tone.DIM))
     recording = recorder.state == "recording"
     tone = Tone.BAD if recorder.problem or recorder.state == "failed" else Tone.PLAIN
-    name = "REC" if recording else f"rec {_STATES.get(recorder.state, recorder.state)}"
+    name = "REC" if recording else _STATES.get(recorder.state, f"rec {recorder.state}")
     dropped = f" {recorder.dropped} dropped" if recorder.dropped else ""
     return line(
         Span(f" {name}", Tone.GOOD if recording and tone is Tone.PLAIN else tone),
@@ -207,7 +207,7 @@ class KeyLine(View):
         if self._snapshot is not None and self._snapshot.pulse.gone:
             return [_without_engine(self._snapshot)]
         keys = self._possible(self._snapshot)[:MOST_KEYS]
-        told = "letters type" if self.typing else "a question is open" if self.asks else ""
+        told = "typing; Esc: keys" if self.typing else "a question is open" if self.asks else ""
         head = line(Span(told, Tone.STRONG), "  ") if told else ()
         tail = () if self.asks else (KEYS["help"],)
         while width_of(row := (*head, *self._row((*keys, *tail)))) > width and keys:

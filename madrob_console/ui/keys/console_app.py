@@ -187,7 +187,7 @@ class TypeAhead:
 
     def mistyped(self, letter: str) -> None:
         """A letter answered nothing: it may begin a text."""
-        self._take_letters(f"it follows '{letter}', which is no answer here", MISTYPED)
+        self._take_letters(f"it follows {letter}, which is not possible here", MISTYPED)
 
     def refused(self, cap: str, why: str, *, answered: bool) -> None:
         """A key was refused; its question would have been `answered` by letters."""

@@ -179,11 +179,11 @@ MENU = (
         acts.RestartCountdown.name, acts.RestartCountdown.ask_questions, where=_LIVE,
     ),
     Key(
-        "accept", "", "a", "Accept", "the false start may pass",
+        "accept", "", "a", "Accept", "accept the false start",
         acts.AcceptFalseStart.name, acts.AcceptFalseStart.ask_questions, where=_RUN,
     ),
     Key(
-        "finalise", "", "f", "Sign", "sign the result; it is final then",
+        "finalise", "", "f", "Sign", "sign the result with the team's word",
         acts.Finalise.name, acts.Finalise.ask_questions, where=_RESULTS,
     ),
     Key(
@@ -199,7 +199,7 @@ MENU = (
         acts.FileProtest.name, acts.FileProtest.ask_questions, where=_RESULTS,
     ),
     Key(
-        "reissue", "", "u", "Re-issue", "change a final result; the old issue stays",
+        "reissue", "", "u", "Re-issue", "change a signed result; the old version stays",
         acts.Reissue.name, acts.Reissue.ask_questions, where=_RESULTS,
     ),
     Key(

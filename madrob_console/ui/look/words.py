@@ -23,7 +23,7 @@ OUTCOMES = {
     Outcome.COMPLETED: "COMPLETED",
     Outcome.TIMEOUT: "TIMEOUT",
     Outcome.ABORTED: "ABORTED: the run is invalid",
-    Outcome.INTERRUPTED: "INTERRUPTED: the machine failed, left out of every aggregate",
+    Outcome.INTERRUPTED: "INTERRUPTED: the machine failed, does not count",
 }
 
 PHASES = {

@@ -30,7 +30,7 @@ from scoring.result import value_text
 # The figures of the protocol document, drawn into cells (protocol section 6).
 
 
-KEYS = "left right: in time   up down: zoom   0: all   Tab: next figure"
+KEYS = "left right: in time   up down: zoom   0: all   Space: next figure"
 
 _LEAST_ROWS = 3
 _ROWS_WITH_LEGEND = 15
@@ -163,8 +163,8 @@ class FiguresPane(Lines, can_focus=True):
         Binding("up,plus,equals_sign", "zoom(1)", show=False),
         Binding("down,minus", "zoom(-1)", show=False),
         Binding("0,home", "show_all", show=False),
-        Binding("tab,space,right_square_bracket", "turn(1)", show=False),
-        Binding("shift+tab,left_square_bracket", "turn(-1)", show=False),
+        Binding("space,right_square_bracket", "turn(1)", show=False),
+        Binding("left_square_bracket", "turn(-1)", show=False),
     ]
 
     def __init__(self, load: Callable[[], Awaitable[Curves | None]]) -> None:

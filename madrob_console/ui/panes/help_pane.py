@@ -30,9 +30,9 @@ in the list; another name than the list's needs a reason. "+ More" opens what se
 Failing checks stand on top, each with the key that helps. Enter on one waives it, with a reason.
 Live: the steps as the sensors, the referee and the rules have them. ~ marks a time that may still \
 change.
-Figures: left and right move in time, + and - zoom, 0 shows all, Tab goes to the next figure.
-Top line: rec is the recording with its messages, size and drops; age is that of the newest \
-message of the most silent topic; then the free space of the disk and the time.
+Figures: left and right move in time, + and - zoom, 0 shows all, Space goes to the next figure.
+Top line: REC is the recording with its size and what it dropped, saved once it is closed; age is \
+that of the newest message of the most silent topic; then free space of the disk and the time.
 Letters are text in a text field; function keys and Ctrl+P work everywhere. Keys pressed within \
 0.3 s of a change are ignored, except F8 and Escape.
 The mouse clicks on keys, answers, rows and heads of columns. Shift and drag selects text. Copying \

@@ -111,18 +111,18 @@ def _flags(snapshot: Snapshot) -> Iterator[Span]:
 def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
     run, playback = snapshot.run, snapshot.playback
     other_rules = result.ruleset != RulesetName.PROTOCOL
-    issue = f"issue {run.issue}" + (f" by ruleset {result.ruleset}" if other_rules else "")
+    version = f"version {run.issue}" + (f" by ruleset {result.ruleset}" if other_rules else "")
     if (closure := run.closure) is not None:
         note = f" ({closure.note})" if closure.note else ""
-        text = f"{issue}, final: {closure.team_word.told}{note}, signed {closure.referee}"
+        text = f"{version}, final: {closure.team_word.told}{note}, signed {closure.referee}"
         tone = Tone.GOOD
         if undecided(snapshot.flags):
             text, tone = f"{text} with what is undecided", Tone.WARN
     else:
-        text, tone = f"{issue}, {'not final' if run.valid else 'counts nowhere'}", Tone.WARN
+        text, tone = f"{version}, {'not final' if run.valid else 'counts nowhere'}", Tone.WARN
     if todo := _what_to_do(snapshot):
-        text += f": {todo}"
-    lines = paragraph(f"{text}; v details", width, tone)
+        text += f". {todo}"
+    lines = paragraph(f"{text}. v: details", width, tone)
     if snapshot.pulse.unsaved:
         lines = [*paragraph(_UNSAVED, width, Tone.BAD), *lines]
     if playback is not None:
@@ -140,7 +140,7 @@ def _what_to_do(snapshot: Snapshot) -> str:
         return ""
     if undecided(snapshot.flags):
         return "Enter decides"
-    return "Enter signs, rules, corrects" if snapshot.run.valid else "x is the next run"
+    return "Enter: what next" if snapshot.run.valid else "x is the next run"
 
 
 # The indicators: a value with its uncertainty and its unit, or the reason why there is none.
@@ -276,7 +276,7 @@ def mark_words(run: Run, result: Result) -> list[tuple[str, str]]:
         *((void.time, "void", void.reason) for void in (run.voided,) if void is not None),
         *((one.time, f"protest {one.number}", _protest(one, run)) for one in run.protests),
         *(
-            (one.time, f"issue {one.issue}", f"{one.what}: {one.reason} ({one.referee})")
+            (one.time, f"version {one.issue}", f"{one.what}: {one.reason} ({one.referee})")
             for one in run.reissues
         ),
         *((gone.time, "evidence removed", gone.words) for gone in run.removed_evidence),
@@ -305,14 +305,14 @@ def _protest(one: Protest, run: Run) -> str:
     return f"{words}; {answer.end}: {answer.reason} ({answer.referee})"
 
 
-_NAMES = ("samples", "Hz", "gap", "gaps", "jitter", "skew", "drop", "shift", "none")
-_WIDTHS = (7, 6, 8, 5, 7, 7, 5, 6, 5)
+_NAMES = ("samples", "Hz", "gap", "gaps", "jitter", "delay", "lost", "fixed", "unread")
+_WIDTHS = (7, 6, 8, 5, 7, 7, 5, 6, 7)
 
 
 def quality_lines(result: Result, run: Run, width: int) -> Iterator[Line]:
     """Rates, gaps, jitter, skew, dropped and shifted stamps; what was recorded beside them."""
     head = Span(f"{'data quality':<{_KIND}}", Tone.STRONG)
-    yield line(head, Span("largest gap, jitter and skew in ms", Tone.DIM))
+    yield line(head, Span("largest gap, jitter and delay in ms", Tone.DIM))
     yield _quality_row("", _NAMES, Tone.DIM)
     for one in result.quality.signals:
         poor = one.gaps or one.dropped or one.shifted or not one.samples

@@ -207,7 +207,7 @@ def step_lines(
     cells = max(0, min(_TIME, width - _STEP))
     room = width - _STEP - cells - 2
     pending = None if settled else next((one.step for one in steps if not one.done), None)
-    head = f"{'    step':<{_STEP}}{'counts' if settled else 'so far':>{cells}}  ruling (sensors)"
+    head = f"{'    step':<{_STEP}}{'official' if settled else 'live':>{cells}}  referee (sensor)"
     rows = [line(Span(fitted(head, width), Tone.DIM))]
     for record in steps:
         rough = not settled and record.step in UNSETTLED

@@ -290,7 +290,7 @@ def columns(name: Callable[[RunSummary], str] = attrgetter("team")) -> list[Colu
         text_column("task", "task", lambda r: condition_words(r.condition).way, 20),
         *indicators.values(),
         text_column("door", "benchmark type", lambda r: condition_words(r.condition).door, 14),
-        number_column("issue", "issue of the result", lambda r: r.issue or None, 6),
+        number_column("vers", "version of the result", lambda r: r.issue or None, 6),
         Column("result", "whether the result is final", _closing, lambda r: r.closing, 9),
         text_column("ruleset", "ruleset", lambda r: r.ruleset, 14),
         text_column("testbed", "testbed", lambda r: r.testbed, 12),
@@ -445,7 +445,7 @@ def about(run: RunSummary, name: str | None = None) -> str:
     recorded = f" (recorded as {run.team})" if run.team and run.team != name else ""
     task = ", ".join(filter(None, condition_words(run.condition)))
     task = task or f"condition {run.condition} does not exist"
-    ended = (f"issue {run.issue}", run.closing, run.ruleset)
+    ended = (f"version {run.issue}", run.closing, run.ruleset)
     told = (
         *(flag.words for flag in waiting),
         *(flag.words for flag in weighty(run.flags) if flag not in waiting),

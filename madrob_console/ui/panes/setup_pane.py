@@ -91,7 +91,7 @@ class CheckList(View, can_focus=True):
             return [line(title, Span(f"old: of {time_of_day(snapshot.time)}", Tone.WARN))]
         verdict, how = Span("all passed or waived", Tone.GOOD), ""
         if blocking := sum(check.blocks for check in told):
-            verdict = Span(f"{blocking} of {len(snapshot.checks)} in the way of a start", Tone.BAD)
+            verdict = Span(f"{blocking} of {len(snapshot.checks)} checks fail", Tone.BAD)
             how = "" if snapshot.refusal(Waive.name) else "   Tab, then Enter on one waives it"
         rows = [line(title, verdict, Span(how, Tone.DIM))]
         for check in told:

@@ -40,7 +40,7 @@ from scoring.result import DOUBTED
 
 PRACTICE_BANNER = "PRACTICE runs: not official"
 FLAGS = "P protest  !! decide  ! scored otherwise"
-SIGNS = f"{DOUBTED} doubted  {ALIKE} not distinguishable"
+SIGNS = f"{DOUBTED} doubted  {ALIKE} a tie"
 
 _WIDTH = 9
 """Cells of an indicator with its signs."""

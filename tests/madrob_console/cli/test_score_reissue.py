@@ -79,7 +79,7 @@ def test_a_result_that_is_another_one_gets_its_next_issue_and_a_line_in_the_jour
     settings = tmp_path / "settings.toml"
     settings.write_text('[competition]\nreferee = "O. Rganiser"\n')
     first, counts = madrob(OTHER, folder, "--settings", settings).splitlines()
-    assert first.startswith(f"{folder}: issue 2: ")
+    assert first.startswith(f"{folder}: version 2: ")
     assert "capability level 6 -> 4" in first
     assert counts == "1 of 1 result re-issued"
     after = result(folder)
@@ -99,7 +99,7 @@ def test_a_final_result_is_to_be_signed_again_and_what_was_decided_stays(
 ) -> None:
     folder = copy(appealed(), tmp_path)
     before = result(folder)
-    assert "issue 3 (was final, acknowledged: not final any more): " in madrob(OTHER, folder)
+    assert "version 3 (was final, acknowledged: not final any more): " in madrob(OTHER, folder)
     after = result(folder)
     assert after["closure"] is None
     assert [after[key] for key in ("rulings", "incidents")] == [
@@ -325,7 +325,7 @@ def test_the_report_of_a_run_that_a_console_works_on_is_left_to_it_and_else_made
         madrob(OTHER, folder, code=2)
     assert digest(folder) == before
     madrob(OTHER, folder)
-    assert "issue 2" in (folder / "report.html").read_text()
+    assert "version 2" in (folder / "report.html").read_text()
 
 
 TABLES = [table.name for table in RUN_TABLES]

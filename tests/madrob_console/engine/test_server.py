@@ -78,11 +78,11 @@ def test_a_second_console_may_act_only_after_a_take_over_that_the_first_one_sees
     with closing(served.attach(who="ada@hall")) as ada, closing(served.attach(who="bo@tent")) as bo:
         assert act(ada, SetUp(make_setup())) is None
         assert act(bo, AddNote("mine")) == "ada@hall has the right to act"
-        refused = "ada@hall has the right to act: an act here takes it over, after y"
+        refused = "ada@hall has the right to act; here an act asks before it takes it over"
         assert bo.snapshot().refusal("note") == refused
         assert bo.send_request(TakeOver()) is None
         assert act(bo, AddNote("mine")) is None
-        taken = "bo@tent has the right to act: an act here takes it over, after y"
+        taken = "bo@tent has the right to act; here an act asks before it takes it over"
         until(lambda: ada.snapshot().notice == taken)
         assert act(ada, AddNote("no")) == "bo@tent has the right to act"
         bo.close()  # the right is free again

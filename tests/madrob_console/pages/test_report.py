@@ -445,7 +445,7 @@ OTHERWISE: dict[str, Otherwise] = {
     },
     "not final": Otherwise(
         lambda s: ended(of_run(s, closure=None, issue=2)),
-        {"The team's word": ("NOT FINAL",), "header": ("not final, issue 2",)},
+        {"The team's word": ("NOT FINAL",), "header": ("not final, version 2",)},
     ),
     "a door that flickers": Otherwise(
         lambda s: ended(

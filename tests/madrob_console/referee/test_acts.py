@@ -643,12 +643,12 @@ REJECTED = replace(OUTDATED, answer=replace(ANSWER, end=ProtestEnd.REJECTED))
         ),
         (
             lambda: Finalise.ask_questions(View(STOPPED, steps=CROSSED, flags=(UNDECIDED,)), "f"),
-            "Before it is final: completed, steps that count: 4\n! doubted: all",
+            "completed, steps 4\n! doubted: all",
             True,
         ),
         (
             lambda: Finalise.ask_questions(View(STOPPED, flags=(UNDECIDED,)), "f"),
-            "Before it is final: completed, steps that count: none\n",
+            "completed, steps none\n",
             True,
         ),
         (

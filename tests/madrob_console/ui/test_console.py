@@ -320,7 +320,7 @@ STORIES: Stories = {
         (slows,),
         (waits("i", "Which?"),),
         ("c",),
-        (waits("", says("no answer of the engine yet; the keys work")),),
+        (waits("", says("working ..., the keys go on")),),
         (lambda d: d.engine.say("the door opens"),),
         (Driver.look_thrice, "the door opens"),
         (waits("i", "Which?"),),
@@ -531,7 +531,7 @@ STORIES: Stories = {
     "a spectator sees only what there is to see": [
         (in_sizes((80, 24), (160, 50)),),
         (on_engine(right=RightToAct(Role.WATCH), teams=BROKEN),),
-        ("f2 tab", "s Standings", "F10 Leave", no("letters type"), no("waives")),
+        ("f2 tab", "s Standings", "F10 Leave", no("typing; Esc"), no("waives")),
         (
             "",
             no("teams.csv"),
@@ -552,8 +552,8 @@ STORIES: Stories = {
         )
     },
     "the footer says that letters type while they do": [
-        ("f2", lambda d: d.rows()[-1].startswith("letters type  F7 Zero  Enter Set up")),
-        ("f3", lambda d: "letters type" not in d.rows()[-1]),
+        ("f2", lambda d: d.rows()[-1].startswith("typing; Esc: keys  F7 Zero  Enter Set up")),
+        ("f3", lambda d: "typing; Esc" not in d.rows()[-1]),
     ],
     "a teams file with broken lines says so at the set up": [
         (
@@ -572,7 +572,8 @@ STORIES: Stories = {
         (
             has(right=RightToAct(holder="bo@tent")),
             lambda d: (
-                "bo@tent has the right to act: an act here takes it over, after y" in d.rows()[1]
+                "bo@tent has the right to act; here an act asks before it takes it over"
+                in d.rows()[1]
             ),
         ),
         (types_every(0.35),),
@@ -604,7 +605,7 @@ STORIES: Stories = {
             for key in ("f2", "f3", "f4", "h", "p", "s", "f1")
             for row in (
                 (key,),
-                (has(right=HELD), "an act here takes it over, after y"),
+                (has(right=HELD), "here an act asks before it takes it over"),
                 ("f6 y", says_only("This console has the right to act now.")),
             )
         ),

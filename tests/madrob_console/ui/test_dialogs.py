@@ -359,7 +359,7 @@ STORIES: Stories = {
         ("tab*7 enter shift+tab backspace",),
         (Driver.run,),
         (Driver.finish,),
-        ("enter f a enter enter", "finalising needs the referee's name"),
+        ("enter f a enter enter", "signing needs the referee's name"),
         (
             "=Bo enter",
             lambda d: (closure := d.engine.run.closure) and closure.referee == "Bo",
@@ -370,7 +370,7 @@ STORIES: Stories = {
         *WITH_A_FALSE_START,
         (
             "enter f",
-            "Before it is final: completed, steps that count: 1, 2, 3, 4, 5, 6",
+            "completed, steps 1, 2, 3, 4, 5, 6;",
             f"! {SIGNED_SO}",
             "1 incident (fall)",
             "> n no: decide first",
@@ -384,11 +384,11 @@ STORIES: Stories = {
         *WITH_A_FALSE_START,
         (
             "enter a 1 5 d enter f",
-            "Before it is final: completed, steps that count:",
+            "completed, steps",
             "- step 5 denied; 1 false start accepted; SIMULATED: not an official result;",
             "1 incident (fall)",
             "What does the team say?",
-            "> n nothing yet: do not finalise",
+            "> n nothing yet: do not sign",
             "b absent",
         ),
         ("a enter", Finalise(TeamWord.ACKNOWLEDGED, "Ada")),
@@ -397,7 +397,7 @@ STORIES: Stories = {
         (sets(kind=SourceKind.ROS),),
         (Driver.run,),
         (Driver.finish,),
-        ("enter f", no("Before it is final"), "What does the team say?"),
+        ("enter f", "completed, steps 1, 2, 3, 4, 5, 6;", "What does the team say?"),
     ],
     "another subject is shown with its team before it is corrected": [
         (Driver.run,),

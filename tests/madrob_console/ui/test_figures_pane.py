@@ -66,7 +66,7 @@ KEYS = [
     *(
         (key, titled(f"figure {number} of {COUNT}"))
         for number, key in zip(
-            (*range(2, COUNT + 1), 1), cycle(("tab", "right_square_bracket", "space")), strict=False
+            (*range(2, COUNT + 1), 1), cycle(("space", "right_square_bracket")), strict=False
         )
     ),
     ("left_square_bracket", titled(f"figure {COUNT} of {COUNT}")),

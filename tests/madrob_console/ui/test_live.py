@@ -404,7 +404,7 @@ STORIES: Stories = {
     ],
     **{
         f"the top line never loses recorder and clock: {label[:9]}": [
-            (on_engine(label=label), lambda d: "rec closed" in d.rows()[0]),
+            (on_engine(label=label), lambda d: "not recording" in d.rows()[0]),
             (has(recorder=RECORDING), top_line(label, " 988 MB ", " 1234 dropped")),
             (has(recorder=RecorderView("finished", 9, 12_345_678)), top_line(label, " 12.3 MB ")),
             ("", lambda d: "dropped" not in d.rows()[0]),

@@ -352,7 +352,7 @@ STORIES: Stories = {
             pages(
                 "COMPLETED, valid (step 6 is done)",
                 "run 1 of subject 1 Door Bots, condition 1: pull, from CCW to CW, No Force",
-                "issue 1, not final: Enter signs, rules, corrects; v details",
+                "version 1, not final. Enter: what next. v: details",
                 "SIMULATED: not an official result",
                 "execution time, manual start   17.4320  s",
                 "smoothness of door actuation    0.0625  s^3/rad",
@@ -388,7 +388,7 @@ STORIES: Stories = {
             shows(without("run aborted: invalid")),
             lambda d: d.text.count("run aborted: invalid") == 1,
             "values            none: run aborted: invalid",
-            "issue 1, counts nowhere: x is the next run; v details",
+            "version 1, counts nowhere. x is the next run. v: details",
         ),
     ],
     "the headline has the colour of the heaviest flag": [
@@ -426,7 +426,7 @@ STORIES: Stories = {
         (
             pages(
                 "doubted: time to handle, passage time (2 doubts UNDECIDED)",
-                "not final: Enter decides",
+                "not final. Enter decides",
                 "17.43 +- 0.02 s",
                 "3.21? +- 0.02 s",
                 "none: door never closed?",
@@ -466,13 +466,13 @@ STORIES: Stories = {
             Driver.finish,
             "NOT ON DISK YET: only the engine has it, and goes on trying",
             says("The result is NOT ON DISK yet"),
-            no("Enter signs"),
+            no("Enter: what next"),
         ),
         ("f10", "only the engine has it"),
         ("escape f3", "NOT ON DISK YET"),
         (sets(pulse=Pulse()),),
         ("f4",),
-        (Driver.settle, no("NOT ON DISK"), "Enter signs"),
+        (Driver.settle, no("NOT ON DISK"), "Enter: what next"),
         (has(pulse=Pulse(waiting=1)), no("NOT ON DISK")),
         ("f10", "A run is NOT ON DISK yet"),
     ],
@@ -492,7 +492,7 @@ STORIES: Stories = {
         ]
         for outcome, words in [
             (Outcome.ABORTED, "ABORTED: the run is invalid (because)"),
-            (Outcome.INTERRUPTED, "INTERRUPTED: the machine failed, left out of every aggregate"),
+            (Outcome.INTERRUPTED, "INTERRUPTED: the machine failed, does not count"),
         ]
     },
     "a live result is not marked as simulated": [
@@ -524,7 +524,7 @@ STORIES: Stories = {
             "1 testbed fault",
             no("1 incident (fall)"),
             lambda d: d.text.index("UNDECIDED") < d.text.index("run 1 of subject 1"),
-            "not final: Enter decides; v details",
+            "not final. Enter decides. v: details",
             no("all six steps done"),
         ),
         ("f3", no("all six steps done")),
@@ -655,7 +655,7 @@ def teams(shown: Alone) -> list[str]:
 def test_the_line_below_says_what_does_not_fit() -> None:
     assert about(RUNS[5]) == (
         "1 false start UNDECIDED (handle touched); "
-        "Ghent: pull, from CW to CCW, Wind Ramp; completed; issue 2; protested; protocol; "
+        "Ghent: pull, from CW to CCW, Wind Ramp; completed; version 2; protested; protocol; "
         + RUNS[5].folder
     )
     assert "it goes on, or it was cut off" in about(RUNS[7])

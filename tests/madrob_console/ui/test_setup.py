@@ -373,7 +373,7 @@ STORIES: Stories = {
         (Driver.finish,),
         (
             "f2",
-            "Checks  2 of 9 in the way of a start",
+            "Checks  2 of 9 checks fail",
             "x close the door: angle +0.200 rad, closed below 0.03",
             "x F6 confirms the start pose",
         ),

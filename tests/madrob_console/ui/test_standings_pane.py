@@ -190,7 +190,7 @@ STORIES = {
             ("", lambda shown: shown.marked.split()[:5] == [">", "7", "1", "Team", "1"]),
             ("", "17.43 ", "17.44? ", "19.00 "),  # best runs
             ("v", "17.43~ ", "17.44?~ ", "19.00 "),  # means
-            ("", "? doubted ~ not distinguishable", "execution time ~ 2"),
+            ("", "? doubted ~ a tie", "execution time ~ 2"),
         ],
     ),
     "without a sign no row is lost to their meaning": Case([summary()], rows=[("", no("doubted"))]),

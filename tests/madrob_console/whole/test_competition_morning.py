@@ -115,7 +115,7 @@ class Referee:
         done = f"Run 1 of subject {planned.subject} is set up"
         if before is None:
             self.press("Enter", done)
-            self.press("F7", "Done: zero the handle", "1 of 9 in the way of a start")
+            self.press("F7", "Done: zero the handle", "1 of 9 checks fail")
         else:
             self.press("F2", "Draft for subject")
             self._window.write(str(planned.subject))
@@ -123,7 +123,7 @@ class Referee:
             if planned.condition != before.condition:
                 self._window.press("Tab", "Tab")  # over the run number
                 self.press("Right", f"{planned.condition}: push")
-            self.press("F3", "ruling (sensors)")
+            self.press("F3", "referee (sensor)")
             self.press("x", done, TEAMS[planned.subject], f"{planned.condition}: pu")
         self.press("F6", "Done: confirm the start pose", "all passed or waived")
 
@@ -169,7 +169,7 @@ class Referee:
             self.press("Enter", "What do you want to do")
             self.press("u", "Re-issue the final result")
             self.press("2", "Re-issue the result?")
-            self.press("y", f"issue {issue}, not final")
+            self.press("y", f"version {issue}, not final")
             self.finalise(planned.word)
 
     def look_back(self) -> None:
