@@ -298,7 +298,7 @@ def test_the_commands_of_a_day_do_what_they_are_for(
 def test_the_guide_has_every_key() -> None:
     told = [cell for row in rows(section("referee", "Keys")) for cell in row[0].split(", ")]
     caps = [key.cap.replace("^", "Ctrl+") for key in (*FUNCTION_KEYS, *LETTER_KEYS, *MENU)]
-    assert sorted(told) == sorted([*caps, "?", "/", "v"])
+    assert sorted(told) == sorted([*caps, "?", "/", "v", "<", ">"])
 
 
 def test_the_guide_has_the_keys_and_words_that_the_referee_publishes() -> None:

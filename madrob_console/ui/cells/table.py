@@ -114,13 +114,13 @@ _WHEEL = 3
 
 
 class Table(Lines, Generic[Row], can_focus=True):
-    """Rows under a header; arrows move, left and right bring more columns, `o` sorts.
+    """Rows under a header; arrows move, left and right bring more columns, `<` and `>` sort.
 
     The columns come in the order of their importance. `key` names a row: the marked row stays
     marked when rows change. `fixed` columns stay in view on the left. With `marks_cells` left
     and right mark a cell of the others, in brackets, so that it can be seen without colours.
     `empty` is shown if there are no rows, `legend` where there is room; rows with a `strong` key
-    stand out.
+    stand out. `passes` says which rows a filter shows: those with all its words, if not given.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -132,7 +132,9 @@ class Table(Lines, Generic[Row], can_focus=True):
         Binding("end", "end(True)", show=False),
         Binding("left", "columns(-1)", show=False),
         Binding("right", "columns(1)", show=False),
-        Binding("o", "sort", show=False),
+        Binding("o", "turn", show=False),
+        Binding("less_than_sign", "sort(-1)", show=False),
+        Binding("greater_than_sign", "sort(1)", show=False),
         Binding("enter", "choose", show=False),
     ]
 
@@ -152,12 +154,15 @@ class Table(Lines, Generic[Row], can_focus=True):
         *,
         fixed: int = 1,
         marks_cells: bool = False,
+        passes: Callable[[Row, str], bool] | None = None,
     ) -> None:
         super().__init__()
+        self._passes = passes or self._has_words
+        self._filter, self._none = "", ""
         self.columns = columns
         self._key = key
         self._fixed, self._place = fixed, min(fixed, len(columns) - 1)
-        self._marks_cells = marks_cells
+        self.marks_cells = marks_cells
         self.empty = self.legend = ""
         self.strong: Collection[str] = ()
         self._given: Sequence[Row] = ()
@@ -188,6 +193,15 @@ class Table(Lines, Generic[Row], can_focus=True):
         self._given = rows
         self._arrange(from_top=from_top)
 
+    def narrow(self, text: str, none: str = "nothing passes the filter") -> None:
+        """Shows the rows that pass a filter, else why there is `none`; an empty text shows all."""
+        self._filter, self._none = text, none
+        self._arrange(from_top=True)
+
+    def _has_words(self, row: Row, text: str) -> bool:
+        words = " ".join(column.cell(row).text for column in self.columns).casefold()
+        return all(word in words for word in text.casefold().split())
+
     def mark(self, row: int, column: int | None = None) -> None:
         """Marks a row, as they are sorted now, and one of its cells."""
         self._cursor = min(max(0, row), max(0, len(self.rows) - 1))
@@ -210,7 +224,7 @@ class Table(Lines, Generic[Row], can_focus=True):
             for number, row in enumerate(in_view, self._top)
         ]
         if not body:
-            body = [line(Span(f"  {self.empty}", Tone.DIM))]
+            body = [line(Span(f"  {self._none if self._given else self.empty}", Tone.DIM))]
         blank: list[Line] = [()] * (room - len(body))
         return [self._header(layout), *body, *blank, self._foot(layout, len(in_view), width)]
 
@@ -232,20 +246,20 @@ class Table(Lines, Generic[Row], can_focus=True):
         self.mark(len(self.rows) if last else 0)
 
     def action_columns(self, step: int) -> None:
-        if self._marks_cells:
+        if self.marks_cells:
             self.mark(self._cursor, self._place + step)
             return
         self._first = self._layout(self.room.width).before + step
         self.redraw()
 
-    def action_sort(self) -> None:
-        """Turns the order of a column, then sorts by the next one in view."""
-        shown = [column for column, _ in self._layout(self.room.width).shown]
-        place = shown.index(self._by) if self._by in shown else -1
-        if place >= 0 and self._falling is self._by.falling:
-            self.sort_by(self._by, falling=not self._falling)
-        else:
-            self.sort_by(shown[(place + 1) % len(shown)])
+    def action_turn(self) -> None:
+        self.sort_by(self._by, falling=not self._falling)
+
+    def action_sort(self, step: int) -> None:
+        """Sorts by the column beside, and shows it."""
+        place = (self.columns.index(self._by) + step) % len(self.columns)
+        self._first = max(0, place - self._fixed)
+        self.sort_by(self.columns[place])
 
     def sort_by(self, column: Column[Row], *, falling: bool | None = None) -> None:
         """Sorts by a column, from the top; without `falling`, the way that is usual for it."""
@@ -282,22 +296,24 @@ class Table(Lines, Generic[Row], can_focus=True):
 
     def _arrange(self, *, from_top: bool) -> None:
         marked = None if self.selected is None else self._key(self.selected)
-        value = self._by.value
-        valued = [(found, row) for row in self._given if (found := value(row)) is not None]
+        value, given = self._by.value, self._given
+        if self._filter:
+            given = [row for row in given if self._passes(row, self._filter)]
+        valued = [(found, row) for row in given if (found := value(row)) is not None]
         valued.sort(key=lambda pair: pair[0], reverse=self._falling)
-        missing = [row for row in self._given if value(row) is None]
+        missing = [row for row in given if value(row) is None]
         self.rows = [*(row for _, row in valued), *missing]
         keys = (number for number, row in enumerate(self.rows) if self._key(row) == marked)
         self.mark(0 if from_top else next(keys, self._cursor))
 
     def _layout(self, width: int) -> ColumnLayout[Row]:
         """The columns in view: those of before, or the next that show the marked cell."""
-        room = width - 2 * GAP - self._marks_cells  # mark or opening bracket; closing bracket
+        room = width - 2 * GAP - self.marks_cells  # mark or opening bracket; closing bracket
         first = self._first
-        if self._marks_cells:
+        if self.marks_cells:
             first = max(0, min(first, self._place - self._fixed))
         layout = lay_out(self.columns, self._fixed, first, room)
-        while self._marks_cells and all(column is not self.marked for column, _ in layout.shown):
+        while self.marks_cells and all(column is not self.marked for column, _ in layout.shown):
             layout = lay_out(self.columns, self._fixed, layout.before + 1, room)
         self._first = layout.before
         return layout
@@ -313,8 +329,8 @@ class Table(Lines, Generic[Row], can_focus=True):
         return tuple(spans)
 
     def _row(self, row: Row, layout: ColumnLayout[Row], *, marked: bool) -> Line:
-        here = self.marked if marked and self._marks_cells else None
-        whole = marked and not self._marks_cells
+        here = self.marked if marked and self.marks_cells else None
+        whole = marked and not self.marks_cells
         spans = [Span(">" if whole else " ", Tone.STRONG)]
         gap_tone = Tone.CURSOR if whole and self.has_focus else Tone.PLAIN
         closing, strong = " ", self._key(row) in self.strong
@@ -331,6 +347,8 @@ class Table(Lines, Generic[Row], can_focus=True):
 
     def _foot(self, layout: ColumnLayout[Row], shown: int, width: int) -> Line:
         where = f"{self._top + 1}-{self._top + shown} of {len(self.rows)}" if shown else "none"
+        if self._filter:
+            where += f", filtered from {len(self._given)} (Escape shows all)"
         left = f"<- {layout.before} " if layout.before else ""
         right = f" {layout.after} ->" if layout.after else ""
         more = f"{left}columns{right}" if left or right else ""

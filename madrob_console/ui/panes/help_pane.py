@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from textual.containers import VerticalScroll
 
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, Unmarked, line, paragraph
+from madrob_console.ui.cells.lines import (
+    Line,
+    Lines,
+    Span,
+    Tone,
+    Unmarked,
+    line,
+    paragraph,
+    plain,
+)
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, MENU, PLAYBACK_KEYS
+from madrob_console.ui.panes.runs_pane import Filtered
 from madrob_console.ui.panes.top_view import LEGEND
 
 _FIRST = """\
@@ -17,7 +27,7 @@ F8 y aborts, F9 declares a timeout: it asks why, then for y; the clock runs.
 1-6, then c or d, rules on a step. i marks an incident. z takes it back.
 Enter on a result or a run: the menu to sign, correct, void or protest.
 x sets up the next run. h lists all runs, p the plan, s the standings.
-In lists: v the other view, o sorts, / filters (team:delft cond:5).
+In lists: < > o sort, / filters (team:delft cond:5); v: other standings.
 !! the referee has to decide, ! changes the score, ? is a doubted value.
 A key that is not possible now says why, on the line above the keys.
 Escape closes a question or goes back, and never does more.
@@ -38,48 +48,55 @@ Letters are text in a text field; function keys and Ctrl+P work everywhere. Keys
 The mouse clicks on keys, answers, rows and heads of columns. Shift and drag selects text. Copying \
 uses OSC 52: tmux needs `set -g set-clipboard on`."""
 
-_KEY_WIDTH = 25
-
 
 class HelpText(Lines):
-    """All keys, those of a replay if `of_replay`, and the main lines; then all the rest."""
+    """The main lines, all keys, those of a replay if `of_replay`, then all the rest."""
 
     of_replay = False
+    filter = ""
 
     def lines(self, width: int) -> Sequence[Line]:
-        keys = (PLAYBACK_KEYS if self.of_replay else ()) + FUNCTION_KEYS + LETTER_KEYS
-        cells = [
-            span
-            for key in keys
-            for span in (Span(f"{key.cap:>5} ", Tone.CAP), Span(f" {key.label:<{_KEY_WIDTH - 7}}"))
-        ]
-        across = 2 * max(1, width // _KEY_WIDTH)
-        rows = [line(*cells[at : at + across]) for at in range(0, len(cells), across)]
+        words = self.filter.casefold().split()
+        found = (
+            rows
+            for rows in self._entries(width)
+            if all(word in plain(rows).casefold() for word in words)
+        )
+        return [row for rows in found for row in rows]
+
+    def _entries(self, width: int) -> Iterator[list[Line]]:
         for text in _FIRST.splitlines():
-            rows += paragraph(text, width)
-        rows.append(line())
+            yield paragraph(text, width)
+        yield [line()]
+        keys = (PLAYBACK_KEYS if self.of_replay else ()) + FUNCTION_KEYS + LETTER_KEYS
         for key in keys + MENU:
             cap = Span(f"{key.cap if key.keys else f'Enter {key.cap}':>7}", Tone.CAP)
-            rows.append(line(cap, f"  {key.label:<13}", Span(key.help, Tone.DIM)))
+            yield paragraph(key.help, width, Tone.DIM, line(cap, f"  {key.label:<14}"))
         for text in _MORE.splitlines():
-            rows += [line(), *paragraph(text, width)]
-        rows += [line(), line(Span("Passage sensors", Tone.STRONG))]
-        rows += [line(Span(f"{mark:>4}  ", Tone.STRONG), meaning) for mark, meaning in LEGEND]
-        rows.append(
-            line("The hinge is on the left: sensor 4 is next to it, sensor 0 farthest away.")
-        )
-        return rows
+            yield [line(), *paragraph(text, width)]
+        yield [line(), line(Span("Passage sensors", Tone.STRONG))]
+        for mark, meaning in LEGEND:
+            yield [line(Span(f"{mark:>4}  ", Tone.STRONG), meaning)]
+        yield [line("The hinge is on the left: sensor 4 is next to it, sensor 0 farthest away.")]
 
 
-class HelpPane(VerticalScroll, Unmarked):
+class HelpScroll(VerticalScroll, Unmarked):
     """Arrows scroll."""
+
+
+class HelpPane(Filtered):
+    """All keys; `/` looks for some of it."""
 
     def __init__(self) -> None:
         self._text = HelpText()
-        super().__init__(self._text, id="help")
+        super().__init__(HelpScroll(self._text), id="help")
 
     def enter(self) -> None:
-        self.screen.set_focus(self)
+        self.screen.set_focus(self._listed)
+
+    def narrow(self, text: str) -> None:
+        self._text.filter = text
+        self._text.redraw()
 
     def show(self, snapshot: Snapshot) -> None:
         self._text.of_replay = snapshot.playback is not None

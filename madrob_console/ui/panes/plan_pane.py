@@ -31,7 +31,7 @@ from madrob_console.ui.cells.table import Column, Table
 from madrob_console.ui.link import EngineLink
 from madrob_console.ui.panes.runs_pane import ListPane, number_column, results_state, text_column
 
-KEYS = "Enter proposes the marked team and condition, o sorts the teams"
+KEYS = "Enter proposes the marked team and condition, < > o sort, / filters"
 LEGEND = "> next  1/2 one of two done  + out of plan  P protest"
 NO_PLAN_WORDS = "no plan: name a file with lines `subject,condition,attempts` in [plan]"
 

@@ -7,17 +7,17 @@ from asyncio import to_thread
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from operator import attrgetter
 from typing import ClassVar, Generic, TypeVar
 
 from msgspec.structs import replace
-from textual import work
+from textual import events, work
 from textual.actions import SkipAction
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical
+from textual.containers import Container, Vertical
 from textual.message import Message
+from textual.widget import Widget
 
 from madrob_console.archive.collection import filter_problem, matches
 from madrob_console.common.errors import MadrobError
@@ -28,7 +28,7 @@ from madrob_console.pages.tally import Standing
 from madrob_console.referee.flags import undecided, weighty
 from madrob_console.referee.run_summary import PROTEST_OPEN, RunSummary, condition_words
 from madrob_console.ui.cells.field import Field
-from madrob_console.ui.cells.lines import Label, Span, Tone
+from madrob_console.ui.cells.lines import Label, Line, Span, Tone, line, paragraph
 from madrob_console.ui.cells.table import Column, Row, Table
 from madrob_console.ui.look.words import shortened
 from scoring.indicator_table import IndicatorName
@@ -36,25 +36,106 @@ from scoring.protocol import Outcome
 from scoring.result import Uncertainty, value_text
 
 Content = TypeVar("Content")
-_View = TypeVar("_View", bound=StrEnum)
 _Row = TypeVar("_Row", bound="RunSummary | Standing")
 
 Load = Callable[[], Sequence[RunSummary]]
 """Reads all runs; may take a while and may raise `MadrobError`."""
 
 
-class ListPane(Vertical, Generic[Row]):
-    """A table; the line above says what it shows, the one below what its marked row means."""
+# What all lists have: a filter, and the marked row in words, below the table or beside it.
 
-    def __init__(self, table: Table[Row], *, id: str) -> None:  # noqa: A002 - textual's name
+
+LIST_KEYS = "< > o sort, / filters, <- -> columns"
+
+BESIDE = 114
+"""From so many cells of a list on, in a terminal of 120, the marked row stands beside it."""
+
+
+class Filtered(Vertical):
+    """`/` opens a field above what is listed, Escape shows all again."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("slash", "filter", show=False),
+        Binding("escape", "unfilter", show=False),
+    ]
+
+    def __init__(self, listed: Widget, *, id: str, examples: str = "") -> None:  # noqa: A002 - textual's name
         super().__init__(id=id)
+        self.filter = Field(id=f"{id}-filter")
+        self.filter.placeholder = examples or "words that it has; Enter goes to the list"
+        self.filter.display = False
+        self._listed = listed
+
+    def compose(self) -> ComposeResult:
+        yield from (self.filter, self._listed)
+
+    @abstractmethod
+    def narrow(self, text: str) -> None:
+        """Shows what passes the filter."""
+
+    def look_for(self, text: str) -> None:
+        self.filter.value, self.filter.display = text, bool(text)
+        self.narrow(text)
+
+    def action_filter(self) -> None:
+        self.filter.display = True
+        self.screen.set_focus(self.filter)
+
+    def action_unfilter(self) -> None:
+        """Shows all again; SkipAction if all is shown, so that the key goes on."""
+        if not self.filter.display:
+            raise SkipAction
+        self.look_for("")
+        self.screen.set_focus(self._listed)
+
+    def on_input_changed(self, event: Field.Changed) -> None:
+        event.stop()
+        self.narrow(self.filter.value)
+
+    def on_input_submitted(self, event: Field.Submitted) -> None:
+        event.stop()
+        self.filter.display = bool(self.filter.value)
+        self.screen.set_focus(self._listed)
+
+
+class About(Label):
+    """The marked row: what does not fit into it below the table, all of it beside that."""
+
+    cells: Sequence[tuple[str, Span]] = ()
+    beside = False
+
+    def lines(self, width: int) -> Sequence[Line]:
+        if not self.beside:
+            return super().lines(width)
+        rows = [row for part in self.text.split("; ") for row in paragraph(part, width, self.tone)]
+        return [
+            *rows,
+            line(),
+            *(line(Span(f"{name:<9} ", Tone.DIM), cell) for name, cell in self.cells),
+        ]
+
+
+class ListPane(Filtered, Generic[Row]):
+    """A table; the line above says what it shows, `about` what its marked row means."""
+
+    def __init__(self, table: Table[Row], *, id: str, examples: str = "") -> None:  # noqa: A002 - textual's name
+        super().__init__(table, id=id, examples=examples)
         self.table = table
         self.head = Label(id=f"{id}-head")
-        self.about = Label(id=f"{id}-about")
+        self.about = About(id=f"{id}-about")
         self.keys = Label()
 
     def compose(self) -> ComposeResult:
-        yield from (self.head, self.table, self.about, self.keys)
+        yield from (self.filter, self.head)
+        yield Container(self.table, self.about)
+        yield self.keys
+
+    def narrow(self, text: str) -> None:
+        self.table.narrow(text)
+
+    def on_resize(self, event: events.Resize) -> None:
+        self.about.beside = event.size.width >= BESIDE and not self.table.marks_cells
+        self.set_class(self.about.beside, "-beside")
 
     @abstractmethod
     def words_about(self, row: Row) -> tuple[str, Tone]:
@@ -62,18 +143,13 @@ class ListPane(Vertical, Generic[Row]):
 
     def on_table_marked(self, event: Table.Marked) -> None:
         event.stop()
-        row = self.table.selected
+        row, columns = self.table.selected, self.table.columns
+        self.about.cells = [] if row is None else [(one.title, one.cell(row)) for one in columns]
         self.about.say(*("", Tone.DIM) if row is None else self.words_about(row))
 
 
-class RunsPane(ListPane[_Row], Generic[Content, _Row, _View]):
-    """Reads all runs in a thread when it comes into view and whenever a result changes.
-
-    `v` goes through the views, which the line of `KEYS` names.
-    """
-
-    KEYS: ClassVar[str]
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("v", "view", show=False)]
+class RunsPane(ListPane[_Row], Generic[Content, _Row]):
+    """Reads all runs in a thread when it comes into view and whenever a result changes."""
 
     @dataclass
     class Opened(Message):
@@ -82,12 +158,11 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row, _View]):
         row: RunSummary | Standing
 
     def __init__(
-        self, load: Load, table: Table[_Row], content: Content, view: _View, name: str
+        self, load: Load, table: Table[_Row], content: Content, name: str, examples: str = ""
     ) -> None:
-        super().__init__(table, id=name)
+        super().__init__(table, id=name, examples=examples)
         self._load = load
         self.content = content
-        self.view = view
         self._reading = False
         self._seen: object = None
         self.teams: Mapping[int, str] = {}
@@ -99,16 +174,12 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row, _View]):
 
     @abstractmethod
     def show_rows(self, *, from_top: bool = True) -> None:
-        """Shows what was prepared, in the view; `from_top` marks the first row."""
+        """Shows what was prepared; `from_top` marks the first row."""
 
     def on_table_chosen(self, event: Table.Chosen) -> None:
         event.stop()
         if (row := self.table.selected) is not None:
             self.post_message(self.Opened(row))
-
-    def action_view(self) -> None:
-        self.view = self._following
-        self.show_rows()
 
     def enter(self) -> None:
         self.screen.set_focus(self.table)
@@ -129,15 +200,9 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row, _View]):
         self._seen = seen
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
-        """Says what is shown, if no other runs are on their way, and what `v` shows next."""
-        self.keys.say(self.KEYS.format(self._following), Tone.DIM)
+        """Says what is shown, if no other runs are on their way."""
         if not self._reading:
             self.head.say(text, tone)
-
-    @property
-    def _following(self) -> _View:
-        views = list(type(self.view))
-        return views[(views.index(self.view) + 1) % len(views)]
 
     @work(exclusive=True)
     async def _read(self) -> None:
@@ -324,50 +389,21 @@ def _closing(run: RunSummary) -> Span:
 # The history pane: all runs, filtered and sorted, open to be looked at again.
 
 
-EXAMPLES = "/ filters: delft, cond:7, not final, undecided, 14 Nov"
+EXAMPLES = "delft, cond:7, official, not final, undecided, 14 Nov; Enter: to the list"
 
 
-class RunFilter(StrEnum):
-    """Which runs are shown."""
-
-    ALL = "all runs"
-    OFFICIAL = "official only"
-    PRACTICE = "practice only"
-    OPEN = "not final"
-
-
-_TAKES: Mapping[RunFilter, Callable[[RunSummary], bool]] = {
-    RunFilter.ALL: lambda _run: True,
-    RunFilter.OFFICIAL: lambda run: run.official or (run.source is None and not run.practice),
-    RunFilter.PRACTICE: lambda run: run.practice,
-    RunFilter.OPEN: lambda run: not run.final,
-}
-
-
-class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary, RunFilter]):
-    """Newest first; a filter and `v` choose. Teams of the competition are called as in the list."""
-
-    KEYS = "Enter opens its menu, v {}, o sorts, / filters, <- -> columns"
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("slash", "filter", show=False),
-        Binding("escape", "unfilter", show=False),
-    ]
+class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
+    """Newest first. Teams of the competition are called as in the list."""
 
     def __init__(self, load: Load) -> None:
-        table = Table(columns(self._called), lambda run: run.folder, fixed=5)
-        table.legend = LEGEND
-        super().__init__(load, table, (), RunFilter.ALL, "history")
-        self._field = Field(id="history-filter")
-        self._field.placeholder = EXAMPLES
+        cells = columns(self._called)
+        table = Table(cells, lambda run: run.folder, fixed=5, passes=self._passes)
+        table.legend, table.empty = LEGEND, "no runs yet"
+        super().__init__(load, table, (), "history", EXAMPLES)
+        self.keys.say(f"Enter opens its menu, {LIST_KEYS}", Tone.DIM)
 
-    def compose(self) -> ComposeResult:
-        yield self._field
-        yield from super().compose()
-
-    def look_for(self, text: str) -> None:
-        self._field.value = text
-        self.view = RunFilter.ALL
-        self.show_rows()
+    def narrow(self, text: str) -> None:
+        self.table.narrow(text, filter_problem(text) or "no run passes the filter")
 
     def _called(self, run: RunSummary) -> str:
         """The team as listed; as recorded for other competitions and teams that are not listed."""
@@ -376,22 +412,6 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary, RunFilter]):
 
     def prepare(self, runs: Sequence[RunSummary]) -> Sequence[RunSummary]:
         return runs[::-1]
-
-    def action_filter(self) -> None:
-        self.screen.set_focus(self._field)
-
-    def action_unfilter(self) -> None:
-        """Shows all runs again; SkipAction if all are shown, so that the key goes on."""
-        if self.table.has_focus and self.view is RunFilter.ALL and not self._field.value:
-            raise SkipAction
-        self.look_for("")
-        self.screen.set_focus(self.table)
-
-    def on_input_changed(self) -> None:
-        self.show_rows()
-
-    def on_input_submitted(self) -> None:
-        self.screen.set_focus(self.table)
 
     def words_about(self, row: RunSummary) -> tuple[str, Tone]:
         odd = row.problem is not None or row.outcome is None or undecided(row.flags)
@@ -405,17 +425,8 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary, RunFilter]):
         return name != run.team and matches(replace(run, team=name), text)
 
     def show_rows(self, *, from_top: bool = True) -> None:
-        text, takes, runs = self._field.value, _TAKES[self.view], self.content
-        shown = [run for run in runs if takes(run) and self._passes(run, text)]
-        none = "no run passes the filter" if runs else "no runs yet"
-        self.table.empty = filter_problem(text) or none
-        self.table.set_rows(shown, from_top=from_top)
-        if len(shown) == len(runs):
-            self.say(summary(runs))
-            return
-        which = "filtered" if self.view is RunFilter.ALL else str(self.view)
-        text = f"{len(shown)} of {len(runs)} runs: {which} (Escape shows all)"
-        self.say(text, Tone.STRONG)
+        self.table.set_rows(self.content, from_top=from_top)
+        self.say(summary(self.content))
 
 
 def summary(runs: Sequence[RunSummary]) -> str:

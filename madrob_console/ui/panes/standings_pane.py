@@ -6,6 +6,9 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache, partial
+from typing import ClassVar
+
+from textual.binding import Binding, BindingType
 
 from madrob_console.archive.history import of_competition
 from madrob_console.pages.competition import (
@@ -28,6 +31,7 @@ from madrob_console.referee.run_summary import RunSummary, condition_words
 from madrob_console.ui.cells.lines import Span, Tone
 from madrob_console.ui.cells.table import Column, Table
 from madrob_console.ui.panes.runs_pane import (
+    LIST_KEYS,
     MISSING,
     Load,
     RunsPane,
@@ -71,24 +75,34 @@ class Tables:
     notes: Sequence[str] = ()
 
 
-class StandingsPane(RunsPane[Tables, Standing, StandingsView]):
+class StandingsPane(RunsPane[Tables, Standing]):
     """Official runs, or practice runs where there are no others.
 
     `best` runs of a team in a condition enter its statistics; 0 = all. Only runs of the
-    competition enter: others have other teams of the same numbers.
+    competition enter: others have other teams of the same numbers. `v` goes through the views.
     """
 
-    KEYS = "Enter shows its runs, v {}, o sorts, <- -> columns"
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("v", "view", show=False)]
 
     def __init__(self, load: Load, best: int) -> None:
         self._best = best
         self._signs = 0
         table = Table([number_column("cond", "condition", _condition, 5)], _key, fixed=3)
-        super().__init__(load, table, Tables(), StandingsView.BEST, "standings")
+        self.view = StandingsView.BEST
+        super().__init__(load, table, Tables(), "standings")
 
     @property
     def official(self) -> bool:
         return self.content.official
+
+    @property
+    def _following(self) -> StandingsView:
+        views = list(StandingsView)
+        return views[(views.index(self.view) + 1) % len(views)]
+
+    def action_view(self) -> None:
+        self.view = self._following
+        self.show_rows()
 
     def prepare(self, runs: Sequence[RunSummary]) -> Tables:
         every, runs = len(runs), of_competition(runs, self.competition)
@@ -127,6 +141,7 @@ class StandingsPane(RunsPane[Tables, Standing, StandingsView]):
         self.table.strong = tables.leaders if by_best else ()
         self.table.set_columns(self._columns())
         self.table.set_rows(rows, from_top=from_top)
+        self.keys.say(f"Enter shows its runs, v {self._following}, {LIST_KEYS}", Tone.DIM)
         which = f"the best {self._best}" if self._best else "all"
         over = f"{self.view} over {which} valid runs (exec s: completed ones)."
         notes = "".join(f" {note}." for note in tables.notes)

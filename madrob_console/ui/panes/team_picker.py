@@ -13,7 +13,6 @@ from textual.message import Message
 from textual.widgets import Input
 
 from madrob_console.referee.lists import NO_TEAMS, TeamList
-from madrob_console.ui.cells.field import Field
 from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.cells.table import Column, Table
 from madrob_console.ui.panes.runs_pane import ListPane, number_column, text_column
@@ -41,7 +40,6 @@ class TeamPicker(ListPane[PickRow]):
         Binding("down", "move(1)", show=False),
         Binding("pageup", "page(-1)", show=False),
         Binding("pagedown", "page(1)", show=False),
-        Binding("escape", "close", show=False),
     ]
 
     @dataclass
@@ -57,15 +55,16 @@ class TeamPicker(ListPane[PickRow]):
             text_column("team", "team", lambda team: team.name, 49, ample=90),
         ]
         super().__init__(
-            Table(columns, lambda team: str(team.subject or ""), fixed=2), id="team-list"
+            Table(columns, lambda team: str(team.subject or ""), fixed=2),
+            id="team-list",
+            examples=KEYS,
         )
         self._teams = NO_TEAMS
         self._subject = 0
-        self._field = Field(id="team-search", select_on_focus=False)
-        self._field.placeholder = KEYS
+        self.filter.select_on_focus, self.filter.display = False, True
 
     def compose(self) -> ComposeResult:
-        yield from (self.head, self._field, self.table, self.about)
+        yield from (self.head, self.filter, self.table, self.about)
 
     def words_about(self, row: PickRow) -> tuple[str, Tone]:
         """The whole name."""
@@ -73,11 +72,11 @@ class TeamPicker(ListPane[PickRow]):
 
     def open(self, teams: TeamList, subject: int) -> None:
         """`subject` is the set-up's team, which may have another name; 0 = none."""
-        self._teams, self._subject, self._field.value = teams, subject, ""
+        self._teams, self._subject, self.filter.value = teams, subject, ""
         self._show_rows()
-        self.screen.set_focus(self._field)
+        self.screen.set_focus(self.filter)
 
-    def action_close(self) -> None:
+    def action_unfilter(self) -> None:
         self.post_message(self.Picked())
 
     def action_move(self, step: int) -> None:
@@ -86,8 +85,7 @@ class TeamPicker(ListPane[PickRow]):
     def action_page(self, step: int) -> None:
         self.table.action_page(step)
 
-    def on_input_changed(self, event: Input.Changed) -> None:
-        event.stop()
+    def narrow(self, text: str) -> None:
         self._show_rows()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
@@ -103,7 +101,7 @@ class TeamPicker(ListPane[PickRow]):
 
     @property
     def _searched(self) -> str:
-        return " ".join(self._field.value.split())
+        return " ".join(self.filter.value.split())
 
     def _show_rows(self) -> None:
         names, searched = self._teams.names, self._searched

@@ -319,11 +319,11 @@ IN_ORDER = [
 ]
 
 STORIES: Stories = {
-    "the first page of the help has every key and the main lines": [
-        (
-            "escape f1",
-            *(f"{key.cap} {key.label}" for key in (*FUNCTION_KEYS, *LETTER_KEYS)),
-            *("F8 y aborts", "z takes it back", "Practice never counts"),
+    "the help begins with the main lines and has every key once": [
+        ("escape f1", "F8 y aborts", "z takes it back", "Practice never counts"),
+        *(
+            (f"slash '={key.help[:40]}' enter", f"{key.cap} {key.label} {key.help[:40]}")
+            for key in (*FUNCTION_KEYS, *LETTER_KEYS)
         ),
     ],
     "rows are marked and opened and heads sort": [

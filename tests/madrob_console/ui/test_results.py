@@ -761,7 +761,7 @@ async def test_a_team_has_its_name_in_the_list_and_what_was_recorded_is_a_remark
             )
         ),
     ]
-    await play_alone(pane, *rows, size=WIDE)
+    await play_alone(pane, *rows, size=PANE)
 
 
 @pytest.mark.parametrize(
@@ -798,7 +798,6 @@ def one_simulated(shown: Alone) -> object:
     return [" 1 Delft " in row for row in shown.rows() if " SIM " in row] == [True]
 
 
-OF_WIDE = ("pull, from CW to CCW", "P protest  * not final")
 COLUMNS = {column.title for column in columns()}
 OF_COLUMNS = ("12.25", "1.875", "0.062", "14.75", "protested", "protocol", "Wind Ramp")
 
@@ -822,35 +821,43 @@ HISTORY: dict[str, tuple[Sequence[RunSummary], tuple[int, int], Story]] = {
                 ("", numbered(*ALL), lambda shown: "unfinished" in shown.marked),
                 ("", "DAMAGED", "INVALID", "INTERRUPTED", "timeout", "completed !!"),
                 ("", one_simulated, "6 17.43", "門の騎士"),
-                ("", *(seen if size == WIDE else no(seen) for seen in OF_WIDE)),
             ],
         )
         for size in (PANE, WIDE)
     },
-    "v shows official runs, then practice, then those that are not final": (
+    **{
+        f"{words} finds such runs": (RUNS, PANE, [(f"slash '={words}'", numbered(*found))])
+        for words, found in (
+            ("official", ("4", "1", "3", "2")),
+            ("practice", ("1",)),
+        )
+    },
+    "in a terminal of 120 columns the marked run stands beside the list": (
+        RUNS,
+        WIDE,
+        [
+            ("end", lambda shown: "exec s    17.43" in shown.text),
+            ("", lambda shown: len(shown.rows()[2]) > 76, "ruleset   protocol"),
+        ],
+    ),
+    "the columns are sorted by one after the other": (
         RUNS,
         PANE,
         [
-            ("", "v official only"),
-            (
-                "v",
-                numbered("5", "2", "4", "1", "3", "2"),
-                "6 of 8 runs: official only",
-                "v practice",
-            ),
-            ("v", numbered("1"), "1 of 8 runs: practice only (Escape shows all)", "v not final"),
-            ("v", numbered("5", "2", "1", "1", "2", "1"), "6 of 8 runs: not final", "v all runs"),
-            ("v", numbered(*ALL)),
+            ("greater_than_sign", "by subject", numbered("1", "1", "1", "2", "2", "3", "4", "5")),
+            ("less_than_sign", "by start", numbered(*ALL)),
+            ("o", numbered(*reversed(ALL))),
         ],
     ),
     "a filter is typed, kept with Enter and cleared with Escape": (
         RUNS,
         PANE,
         [
-            ("", "/ filters: delft, cond:7"),
-            ("slash =delft", numbered("1", "1", "1")),
+            ("", "/ filters", no("delft, cond:7")),
+            ("slash", "delft, cond:7"),
+            ("=delft", numbered("1", "1", "1")),
             ("space =inval enter", numbered("1"), "delft inval"),
-            ("", "1 of 8 runs: filtered (Escape shows all)"),
+            ("", "1-1 of 1, filtered from 8 (Escape shows all)"),
             ("slash v o", "no run passes the filter", numbered()),
             ("escape slash =foo:", "no field foo: there are subject, sub, cond, run, team"),
             ("escape", numbered(*ALL)),
@@ -878,19 +885,18 @@ HISTORY: dict[str, tuple[Sequence[RunSummary], tuple[int, int], Story]] = {
                 values={name: value for name, value in VALUES.items() if name != PASSAGE},
             )
         ],
-        (180, 24),
+        (220, 24),
         [("", " 6 17.43? 3.21 push, from CCW to CW 4.50 -? 1.88 0.0625 14.8")],
     ),
     "runs of a team can be asked for": (
         RUNS,
         PANE,
         [
-            ("v",),
             (
-                "escape slash '=subject:1 cond:1' enter",
+                "slash '=subject:1 cond:1' enter",
                 numbered("1", "1", "1"),
                 " subject:1 cond:1",
-                "3 of 8 runs: filtered",
+                "filtered from 8",
             ),
         ],
     ),
