@@ -10,12 +10,17 @@ from pathlib import Path
 
 import pytest
 
+from madrob_console.ui.keys.key_table import CALLED
+
 ROOT = Path(__file__).parents[2]
 SAID = sorted((ROOT / "madrob_console").rglob("*.py"))
 """Whose texts people may read, on screens, pages and the command line."""
 
-FOR_PROGRAMS = {("outputs.py", "provisional"), ("check.py", "recomputed"), ("collection.py", "sub")}
-"""Keys of files, and what a filter understands beside the right word."""
+FOR_PROGRAMS = {
+    *(("outputs.py", "provisional"), ("check.py", "recomputed"), ("collection.py", "sub")),
+    *(("key_table.py", words) for words in CALLED.values()),
+}
+"""Keys of files, and what a filter and the palette understand beside the right word."""
 
 WRONG = {
     r"\bredo\b": "re-issue",

@@ -404,6 +404,14 @@ class Label(Lines):
         return paragraph(self._text, width, self.tone)
 
 
+class Said(NamedTuple):
+    """A message; `at` is in s since the epoch."""
+
+    at: float
+    text: str
+    tone: Tone
+
+
 # A button on one line.
 
 

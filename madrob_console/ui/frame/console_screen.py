@@ -58,6 +58,7 @@ from madrob_console.ui.panes.run_status import who_text
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from textual import events
     from textual.geometry import Offset
     from textual.widget import Widget
 
@@ -292,7 +293,7 @@ class ConsoleScreen(Screen[None]):
     async def begin_polling(self) -> None:
         from madrob_console.ui.panes.all_panes import Panes
 
-        panes = Panes(self._link, self._defaults)
+        panes = Panes(self._link, self._defaults, self._status.said)
         for pane in panes:
             pane.display = False
         with self.app.batch_update():
@@ -458,6 +459,17 @@ class ConsoleScreen(Screen[None]):
             self.dialogs[-1].complain(words)
         else:
             self.say(words, Tone.WARN)
+
+    def on_key(self, event: events.Key) -> None:
+        """A letter that only the menu has says how to press it, or why it is not possible."""
+        now, pane = self._latest, {self.pane}
+        if now is None or event.key in self.active_bindings:
+            return
+        menu = pane | {"live", "results"} if pane & {"live", "results"} else pane
+        for key in [key for key in MENU if key.cap == event.character and menu & key.where]:
+            refused = key.refusal(now)
+            why = f"press Enter, then {key.cap}" if refused is None else f"not now: {refused}"
+            self.say(f"{key.label}: {why}", Tone.WARN)
 
     def end_typing(self) -> None:
         if self._types and not self.dialogs:

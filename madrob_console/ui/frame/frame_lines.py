@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, cast
@@ -19,6 +20,7 @@ from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import (
     Line,
     Lines,
+    Said,
     Span,
     Target,
     Tone,
@@ -180,7 +182,9 @@ _FOOTER = (
     *("start", "abort", "timeout", "pose", "zero", "menu", "next", "rule", "incident"),
     *("take_back", "history", "plan", "standings", "setup", "live", "results", "leave"),
 )
-_ENTER = {"setup": "Set up", "plan": "Set up", "standings": "Runs", "figures": "", "help": ""}
+_ENTER = {"setup": "Set up", "plan": "Set up", "standings": "Runs"} | dict.fromkeys(
+    ("figures", "help", "messages"), ""
+)
 """What Enter does where it opens no menu."""
 
 
@@ -336,7 +340,7 @@ _GRAVE = (Tone.BAD, Tone.WARN)
 
 
 class StatusLine(Lines):
-    """A message; if there is none, the hint.
+    """A message; if there is none, the hint. `said` has the last fifty.
 
     `monotonic` is for the age of a message, s; `wall` in s since the epoch.
     """
@@ -348,6 +352,7 @@ class StatusLine(Lines):
         self._monotonic = monotonic
         self._wall = wall
         self._said = ""
+        self.said: deque[Said] = deque(maxlen=50)
         self._at = self._shown_at = 0.0
         self._faded = False
         self.hint = hint
@@ -366,6 +371,8 @@ class StatusLine(Lines):
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
         self._said, self.tone = text, tone if text else Tone.DIM
         self._at, self._shown_at, self._faded = self._wall(), self._monotonic(), False
+        if text:
+            self.said.append(Said(self._at, text, tone))
         self.redraw()
 
     def age(self) -> None:

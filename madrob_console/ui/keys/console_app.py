@@ -19,7 +19,7 @@ from textual.content import Content
 from textual.drivers.linux_driver import LinuxDriver
 from textual.message import Message
 
-from madrob_console.ui.keys.key_table import KEYS
+from madrob_console.ui.keys.key_table import CALLED, KEYS
 from madrob_console.ui.keys.terminal_input import InputFilter, escape_patience
 from scoring.protocol import Step
 
@@ -250,8 +250,8 @@ class ConsoleCommands(Provider):
 
     async def search(self, query: str) -> Hits:
         matcher = self.matcher(query)
-        for text, command, help_text, possible in _commands(cast("ConsoleApp", self.app)):
-            score = max(matcher.match(text), matcher.match(help_text) / 2) if query else 1.0
+        for text, command, help_text, words, possible in _commands(cast("ConsoleApp", self.app)):
+            score = max(matcher.match(text), matcher.match(words) / 2) if query else 1.0
             if score > 0:
                 shown = matcher.highlight(text) if query else Content(text)
                 blank = max(1, _TEXT - shown.cell_length)
@@ -259,8 +259,8 @@ class ConsoleCommands(Provider):
                 yield Hit(score if possible else score / 4, row, command, text)
 
 
-_Command = tuple[str, Callable[[], object], str, bool]
-"""A command's text, what it does, what that means, whether it is possible."""
+_Command = tuple[str, Callable[[], object], str, str, bool]
+"""A command's text, what it does, what that means, what people call it, whether it is possible."""
 
 
 def _commands(app: ConsoleApp) -> Iterator[_Command]:
@@ -275,8 +275,10 @@ def _commands(app: ConsoleApp) -> Iterator[_Command]:
             texts = {str(int(step)): f"{int(step)}  step {int(step)}: {step.text}" for step in Step}
         for each, text in texts.items():
             press = partial(app.action_press, key.name, each)
-            yield text, press, help_text, refused is None
+            yield text, press, help_text, f"{CALLED.get(key.name)} {key.help}", refused is None
     for name in app.theme_names:
-        yield f"Theme: {name}", partial(app.set_theme, name), "colours of the screens", True
+        look = "colours of the screens"
+        yield f"Theme: {name}", partial(app.set_theme, name), look, look, True
     state = "off" if app.rings else "on"
-    yield f"Bell: switch {state}", app.toggle_bell, "rings on start, stop and fault", True
+    rings = "rings on start, stop and fault"
+    yield f"Bell: switch {state}", app.toggle_bell, rings, rings, True

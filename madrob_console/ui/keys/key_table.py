@@ -7,7 +7,7 @@ those that act.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -150,6 +150,7 @@ LETTER_KEYS = (
     ),
     Key("history", "h", "h", "History", "all runs", pane="history"),
     Key("plan", "p", "p", "Plan", "the competition's plan: done, next and left", pane="plan"),
+    Key("messages", "m", "m", "Messages", "the last fifty messages", pane="messages"),
     Key("standings", "s", "s", "Standings", "teams and conditions compared", pane="standings"),
     Key("palette", "ctrl+p", "^P", "Commands", "every command by name; themes"),
     Key(
@@ -304,6 +305,41 @@ def _skip(pressed: str, duration: float) -> Skip:
 
 
 KEYS = {key.name: key for key in (*FUNCTION_KEYS, *LETTER_KEYS, *PLAYBACK_KEYS, *MENU)}
+
+CALLED: Mapping[str, str] = {
+    "setup": "team condition practice",
+    "start": "go begin countdown",
+    "pose": "robot ready",
+    "zero": "tare calibrate force",
+    "abort": "stop cancel emergency interrupt",
+    "timeout": "gave up end",
+    "next": "following team",
+    "rule": "confirm deny ruling",
+    "incident": "collision fall human help",
+    "take_back": "undo",
+    "doubts": "question mark unsure",
+    "restart": "false start repeat countdown",
+    "accept": "false start",
+    "finalise": "final signature acknowledge",
+    "correct": "wrong team wrong side mistake",
+    "void": "invalid annul delete",
+    "protest": "complaint appeal",
+    "reissue": "change signed version",
+    "waive": "ignore skip check",
+    "note": "comment remark",
+    "again": "repeat once more",
+    "figures": "plot curves graph",
+    "replay": "recording video",
+    "export": "download share files",
+    "dossier": "evidence",
+    "take": "control",
+    "engine": "restart reconnect",
+    "leave": "quit exit close",
+    "plan": "schedule order",
+    "standings": "ranking",
+    "messages": "log errors",
+}
+"""What people call a command, by its name: the palette finds it by these words, too."""
 
 
 def bindings() -> list[Binding]:

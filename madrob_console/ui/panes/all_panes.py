@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from madrob_console.archive.history import History
 from madrob_console.engine.requests import GiveCurves
+from madrob_console.ui.cells.lines import Said
 from madrob_console.ui.link import ConsoleDefaults, EngineLink
 from madrob_console.ui.panes.figures_pane import FiguresPane
 from madrob_console.ui.panes.help_pane import HelpPane
 from madrob_console.ui.panes.live_pane import LivePane
+from madrob_console.ui.panes.messages_pane import MessagesPane
 from madrob_console.ui.panes.plan_pane import PlanPane, PlanReader
 from madrob_console.ui.panes.result_pane import ResultsPane
 from madrob_console.ui.panes.runs_pane import HistoryPane
@@ -24,6 +26,7 @@ Pane = (
     | HistoryPane
     | PlanPane
     | StandingsPane
+    | MessagesPane
     | HelpPane
 )
 
@@ -31,7 +34,7 @@ Pane = (
 class Panes:
     """One of each, by name."""
 
-    def __init__(self, link: EngineLink, defaults: ConsoleDefaults) -> None:
+    def __init__(self, link: EngineLink, defaults: ConsoleDefaults, said: Sequence[Said]) -> None:
         history = History(defaults.results)
         plan = PlanReader(link)
         self.setup = SetupPane(link, defaults, plan)
@@ -41,6 +44,7 @@ class Panes:
         self.history = HistoryPane(history.refresh)
         self.plan = PlanPane(plan)
         self.standings = StandingsPane(history.refresh, defaults.best_runs)
+        self.messages = MessagesPane(said)
         self.help = HelpPane()
 
     def __getitem__(self, name: str) -> Pane:

@@ -92,10 +92,6 @@ class StandingsPane(RunsPane[Tables, Standing]):
         super().__init__(load, table, Tables(), "standings")
 
     @property
-    def official(self) -> bool:
-        return self.content.official
-
-    @property
     def _following(self) -> StandingsView:
         views = list(StandingsView)
         return views[(views.index(self.view) + 1) % len(views)]

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import getpass
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,11 +13,13 @@ from textual.widgets import Input
 from madrob_console.archive.folders import pictures_in
 from madrob_console.engine.snapshot import ExportView, Pulse
 from madrob_console.referee.acts import (
+    ACTS,
     Abort,
     AcceptFalseStart,
     Act,
     AddNote,
     ConfirmPose,
+    DecideProtest,
     DeclareTimeout,
     Finalise,
     MarkIncident,
@@ -26,9 +29,11 @@ from madrob_console.referee.acts import (
     SetUp,
     Start,
     Waive,
+    WithdrawProtest,
     ZeroHandle,
 )
 from madrob_console.referee.acts.act import NO_REASON
+from madrob_console.referee.competition_plan import Plan, PlanLine, Task
 from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase, stop
 from madrob_console.ui.cells.lines import plain
@@ -55,6 +60,8 @@ from tests.madrob_console.ui.driver import (
     follow,
     has,
     in_sizes,
+    no,
+    on_engine,
     opened,
     pane,
     passes,
@@ -322,7 +329,10 @@ STORIES: Stories = {
     "the help begins with the main lines and has every key once": [
         ("escape f1", "F8 y aborts", "z takes it back", "Practice never counts"),
         *(
-            (f"slash '={key.help[:40]}' enter", f"{key.cap} {key.label} {key.help[:40]}")
+            (
+                f"slash {shlex.quote('=' + key.help[:40])} enter",
+                f"{key.cap} {key.label} {key.help[:40]}",
+            )
             for key in (*FUNCTION_KEYS, *LETTER_KEYS)
         ),
     ],
@@ -444,3 +454,67 @@ STORIES: Stories = {
 @pytest.mark.parametrize("story", STORIES)
 async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
     await play(FakeEngine, STORIES[story])
+
+
+@pytest.mark.parametrize(
+    ("pane", "printed", "keys"),
+    [
+        ("h", "< > o sort, / filters", "greater_than_sign less_than_sign o slash"),
+        ("s", "< > o sort, / filters", "greater_than_sign less_than_sign o v slash"),
+        ("p", "< > o sort, / filters", "greater_than_sign less_than_sign o slash"),
+        ("m", "< > o sort, / filters", "greater_than_sign less_than_sign o slash"),
+    ],
+)
+async def test_each_key_that_a_list_names_does_something(
+    pane: str, printed: str, keys: str
+) -> None:
+    seen = [""]
+
+    def looks(driver: Driver) -> None:
+        seen[0] = driver.text
+
+    def changed(driver: Driver) -> object:
+        return driver.text != seen[0]
+
+    cup = {"plan": Plan((PlanLine(Task(1, 1), 2), PlanLine(Task(2, 7), 1)))}
+    story: Story = [
+        (opened(LARGE, runs=[summary(number) for number in (1, 2, 3)]),),
+        (on_engine(**cup),),
+        (Driver.run,),
+        (Driver.finish,),
+        (answered(f"f4 {pane}"), printed),
+        *(row for key in keys.split() for row in ((looks,), (answered(key), changed))),
+    ]
+    await play(FakeEngine, story)
+
+
+async def test_letters_of_the_menu_say_how_to_press_them_and_messages_are_kept() -> None:
+    story: Story = [
+        (Driver.run,),
+        (Driver.finish,),
+        ("f4 f", says("Sign: press Enter, then f")),
+        ("u", says("Re-issue: not now: only a final result is re-issued")),
+        ("v", lambda driver: "Void" not in driver.console.status),  # a key of the result itself
+        ("m", "Sign: press Enter, then f", "Re-issue: not now"),
+        ("slash =sign enter", no("Re-issue: not now")),
+    ]
+    await play(FakeEngine, story)
+
+
+@pytest.mark.parametrize(
+    ("typed", "command"),
+    [
+        ("wrong team", "Enter c Correct"),
+        ("repeat", "Enter X Again"),
+        ("lock", "6 step 6: lock the door"),
+        ("undo", "z Take back"),
+        ("gave up", "F9 Timeout"),
+    ],
+)
+async def test_a_command_is_found_by_what_people_call_it(typed: str, command: str) -> None:
+    await play(FakeEngine, [(f"f3 ctrl+p '={typed}'",), (Driver.settle, command)])
+
+
+def test_every_act_is_a_command_or_asked_behind_one() -> None:
+    asked = {DecideProtest.name, WithdrawProtest.name}  # by Protest
+    assert {act.name for act in ACTS} - {key.act for key in KEYS.values()} == asked
