@@ -9,12 +9,9 @@ from functools import partial
 from typing import ClassVar, cast
 
 from rich.cells import cell_len
-from rich.segment import Segment
-from rich.style import Style
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.geometry import Size
-from textual.renderables.digits import Digits
 from textual.screen import Screen
 
 from madrob_console.archive.history import History, of_competition
@@ -33,6 +30,7 @@ from madrob_console.referee.flags import FlagWeight
 from madrob_console.referee.run import Phase
 from madrob_console.referee.run_summary import RunSummary, condition_words
 from madrob_console.ui.app import MadrobApp
+from madrob_console.ui.cells.digits import digit_rows
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Span, Tone, View, line, width_of
 from madrob_console.ui.frame.console_screen import BUSY_PERIOD
 from madrob_console.ui.frame.frame_lines import WATCHING, source_badge
@@ -135,12 +133,6 @@ def _row(width: int, *spans: Span) -> Line:
 def _texts(spans: Iterable[Span], width: int) -> PageRows:
     """A row each; a long one is cut, whatever its script."""
     return [_row(width, Span(shortened(text, width), tone)) for text, tone in spans if text]
-
-
-def digit_rows(text: str) -> list[str]:
-    """A number in Textual's large digits."""
-    drawn = Digits(text).render(Style(bold=True))
-    return [row.text for row in drawn if isinstance(row, Segment) and row.text != "\n"]
 
 
 def _figures(shown: Sequence[tuple[Span, str]], width: int, *, ascii_only: bool) -> PageRows:

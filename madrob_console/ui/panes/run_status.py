@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from rich.cells import cell_len
@@ -14,7 +13,7 @@ from madrob_console.referee.acts import Abort, Start
 from madrob_console.referee.acts.during import RULED
 from madrob_console.referee.flags import FlagWeight
 from madrob_console.referee.run import Phase, Run
-from madrob_console.ui.cells.large_text import HEIGHT, large_text, rows_of
+from madrob_console.ui.cells.digits import digit_rows
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph, width_of
 from madrob_console.ui.look.words import (
     OUTCOMES,
@@ -39,15 +38,6 @@ if TYPE_CHECKING:
 _LARGEST_TIME = "-00:00"
 """What there is room for, whatever the time: nothing moves when a run goes on for long."""
 
-_FEWEST = (50, 16)
-"""Columns and rows of the terminal for each size of the clock."""
-
-
-def clock_size(terminal: Size) -> int:
-    """How large the clock is: it grows with the terminal and with nothing else."""
-    width, height = _FEWEST
-    return max(1, min(terminal.width // width, terminal.height // height))
-
 
 class RunClock(View):
     """Minutes and seconds since the start, negative in the countdown; once stopped those it took.
@@ -56,27 +46,19 @@ class RunClock(View):
     """
 
     def get_content_width(self, container: Size, viewport: Size) -> int:
-        largest = large_text(_LARGEST_TIME, clock_size(viewport)) or [""]
-        return len(largest[0]) + 1
+        return len(digit_rows(_LARGEST_TIME)[0]) + 1
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         text, tone = clock_span(snapshot)
-        size = clock_size(self.app.size)
-        rows = large_text(text[:-2], size)
-        if rows is None or len(rows[0]) > width:
-            rows = ["", text[:-2], *[""] * (rows_of(size) - 2)]
-        return [line(Span(f"{row:>{width}}", tone)) for row in rows]
+        return [line(Span(f"{row:>{width}}", tone)) for row in digit_rows(text[:-2])]
 
 
 class Tenths(View):
-    """Small, at the foot of the clock's digits."""
+    """In the same digits."""
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         text, tone = clock_span(snapshot)
-        size = clock_size(self.app.size)
-        rows = large_text(text[-2:], 1) or ["", text[-2:], ""]
-        above = rows_of(size) - len(rows) - (size > 1 and HEIGHT * size % 2 == 0)
-        return [*[()] * above, *(line(Span(f" {row}", tone)) for row in rows)]
+        return [line(Span(row, tone)) for row in digit_rows(text[-2:])]
 
 
 def clock_span(snapshot: Snapshot) -> Span:
@@ -96,31 +78,15 @@ TONES = {
 }
 
 
-_LARGE_TEAM = 3
-"""From this size of the clock on there is room for the team in large letters."""
-
-
 class RunStatus(View):
-    """Phase or outcome with the time left, who, and in which condition; large if the clock is."""
+    """Phase or outcome with the time left, who, and in which condition."""
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        run, size = snapshot.run, clock_size(self.app.size)
+        run = snapshot.run
         phase = phase_span(run, snapshot.result)
         unsaved = Span("  NOT ON DISK YET" if snapshot.pulse.unsaved else "", Tone.WARN)
         stands = line(phase, unsaved, *_time_left(snapshot))
-        who, condition = line(who_text(run)), line(Span(condition_text(run), Tone.DIM))
-        if size == 1:
-            return [stands, who, condition]
-        large = partial(in_large, width=width, size=size // 2)
-        team = Span(team_text(run) if size >= _LARGE_TEAM else "", Tone.STRONG)
-        return [*large(phase), stands, *large(team), who, condition]
-
-
-def in_large(span: Span, width: int, size: int) -> list[Line]:
-    """A text in the largest letters up to a size that fit; no row if none do."""
-    sizes = (large_text(span.text, at) for at in range(size, 0, -1))
-    fitting = (rows for rows in sizes if rows and len(rows[0]) <= width)
-    return [line(Span(row, span.tone)) for row in next(fitting, ())]
+        return [stands, line(who_text(run)), line(Span(condition_text(run), Tone.DIM))]
 
 
 def phase_span(run: Run, result: Result | None = None) -> Span:

@@ -140,7 +140,7 @@ LEFT_OUT = says("is left out: the result has just come")
 def clock_reads(text: str) -> Callable[[Driver], object]:
     return lambda driver: (
         clock_span(driver.engine.snapshot()).text == text
-        and any({"█", "▀"} & {*row} for row in driver.rows()[2:5])
+        and all({"┃", "┏", "┗"} & {*row} for row in driver.rows()[2:5])
     )
 
 

@@ -20,7 +20,8 @@ from madrob_console.referee.competition_plan import Plan, PlanLine, Task
 from madrob_console.referee.lists import TeamList
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.run_summary import RunSummary
-from madrob_console.ui.wall import PAGE_TIME, PAUSED, WallApp, digit_rows
+from madrob_console.ui.cells.digits import digit_rows
+from madrob_console.ui.wall import PAGE_TIME, PAUSED, WallApp
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.run_folders import summary, write
 from tests.madrob_console.ui.driver import (
