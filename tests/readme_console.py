@@ -20,7 +20,7 @@ INSTALLING = 900.0
 LONGEST_RUN = 120.0
 
 SCRIPT: tuple[tuple[str, float, str], ...] = (
-    ("2 of 9 in the way", INSTALLING, ENTER),
+    ("2 of 9 checks fail", INSTALLING, ENTER),
     ("Run 1 of subject 1 is set up", 10.0, F7),
     ("Done: zero the handle", 10.0, F6),
     ("all passed or waived", 10.0, F5),

@@ -132,7 +132,7 @@ READING = 1.0
 
 def make_ready(terminal: Terminal) -> None:
     """From the first screen, or the result of a run, to all that a start needs, by keys."""
-    ready, done = "2 of 9 in the way", "is set up"
+    ready, done = "2 of 9 checks fail", "is set up"
     ended = "not final: Enter", "counts nowhere: x is the next run"
     if terminal.wait_for(ready, *ended, timeout=STARTING) in ended:
         terminal.send("x")
@@ -142,7 +142,7 @@ def make_ready(terminal: Terminal) -> None:
     else:
         terminal.send(ENTER)
     terminal.wait_for(done, timeout=STARTING)
-    if terminal.wait_for(ready, "1 of 9 in the way", timeout=STARTING) == ready:
+    if terminal.wait_for(ready, "1 of 9 checks fail", timeout=STARTING) == ready:
         terminal.send(F7)
         terminal.wait_for("Done: zero the handle", timeout=STARTING)
     terminal.send(F6)

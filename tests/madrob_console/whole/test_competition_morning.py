@@ -222,7 +222,7 @@ def test_a_competition_morning(tmp_path: Path) -> None:
     options = ("--speed=4", f"--settings={settings}", f"--teams={teams}")
     with console(*named, settings=options) as window:
         referee = Referee(window)
-        referee.see("2 of 9 in the way")
+        referee.see("2 of 9 checks fail")
         before: Planned | None = None
         for planned in MORNING:
             referee.set_up(planned, before)

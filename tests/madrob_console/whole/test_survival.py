@@ -83,7 +83,7 @@ def test_spectators_find_the_engine_that_is_started_again(hall: Hall) -> None:
     """And a second console does; two consoles that start at once have one engine."""
     with hall.console() as terminal, hall.console() as other:
         for console in (terminal, other):
-            console.wait_for("2 of 9 in the way", timeout=STARTING)
+            console.wait_for("2 of 9 checks fail", timeout=STARTING)
         assert len(hall.status()) == 1
         with hall.console("watch") as small, hall.console("watch", "--big") as big:
             for spectator in (small, big):
