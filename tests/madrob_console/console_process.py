@@ -133,7 +133,7 @@ READING = 1.0
 def make_ready(terminal: Terminal) -> None:
     """From the first screen, or the result of a run, to all that a start needs, by keys."""
     ready, done = "2 of 9 checks fail", "is set up"
-    ended = "not final: Enter", "counts nowhere: x is the next run"
+    ended = "not final. Enter", "x is the next run"
     if terminal.wait_for(ready, *ended, timeout=STARTING) in ended:
         terminal.send("x")
         if terminal.wait_for(done, "is left out: ", timeout=STARTING) != done:
