@@ -191,6 +191,13 @@ class RecorderStats:
         return sum(self.counts.values())
 
 
+def _missing_words(stats: RecorderStats) -> str:
+    """Which messages are not in the bag, and why; empty if all are."""
+    missing = ", ".join(f"{topic} {n}" for topic, n in sorted(stats.dropped.items()) if n)
+    reasons = ", ".join(reason.value for reason in stats.drop_reasons)
+    return missing and f"{stats.folder}: messages are not in the bag: {missing} ({reasons})"
+
+
 class Account:
     """The fate of every message handed in: received = saved + dropped + on its way."""
 
@@ -323,7 +330,9 @@ class BagWriter:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self.close()
+        stats = self.close()
+        if kind is None and (problem := stats.error or _missing_words(stats)):
+            raise RecorderError(problem)
 
     def put_message(self, message: RawMessage) -> bool:
         """Queue a message; False = it is dropped and counted. Never raises, never waits.

@@ -98,8 +98,22 @@ def evaluate(  # noqa: PLR0913  a signal is an argument
     Raises:
         ScoringError: an argument cannot be used; names it and the remedy.
     """
-    if not (math.isfinite(start) and 0 < timeout < math.inf):
-        raise ScoringError(f"start {start}, timeout {timeout}: give both in s")
+    for name, value, unit in (
+        ("start", start, "s"),
+        ("timeout", timeout, "s"),
+        ("handle_zero", handle_zero, "N"),
+    ):
+        if not _is_number(value):
+            raise ScoringError(f"{name} {value!r}: give a finite number, {unit}")
+    if timeout <= 0:
+        raise ScoringError(f"timeout {timeout!r}: give more than 0 s")
+    for name, given, kind in (
+        ("condition", condition, Condition),
+        ("passage", passage, Mapping),
+        ("thresholds", thresholds or Thresholds(), Thresholds),
+    ):
+        if not isinstance(given, kind):
+            raise ScoringError(f"{name}: give a {kind.__name__}, not {type(given).__name__}")
     samples = [
         *_samples(DoorSample, "door", door),
         *_samples(HandleSample, "handle", handle),
@@ -116,6 +130,13 @@ def evaluate(  # noqa: PLR0913  a signal is an argument
     )
     ending = _feed(assessment, samples, float(timeout))
     return Evaluation.of(*assessment.result(ending), condition)
+
+
+def _is_number(value: object) -> bool:
+    try:
+        return isinstance(value, (int, float, np.number)) and math.isfinite(float(value))
+    except (TypeError, OverflowError):
+        return False
 
 
 def _feed(assessment: Assessment, samples: Iterable[Sample], timeout: float) -> Ending:
@@ -161,11 +182,11 @@ def _passage_samples(name: str, data: object) -> Iterator[Sample]:
 def _columns(name: str, data: Any, width: int) -> tuple[Array, Array]:  # noqa: ANN401
     """Times of shape (n,), values of shape (n, `width`)."""
     wanted = "a value" if width == 1 else f"{width} ranges"
-    if hasattr(data, "iloc"):
-        data = data.iloc[:, 0], data.iloc[:, 1:]
     try:
+        if hasattr(data, "columns"):
+            data = data.iloc[:, 0], data.iloc[:, 1:]
         times, values = (_numbers(part) for part in data)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, IndexError):
         raise ScoringError(f"{name}: give times in s, and {wanted} for each, as numbers") from None
     if not times.size:
         raise ScoringError(f"{name}: no samples: give those of the whole run")

@@ -12,7 +12,7 @@ from madrob_console.archive.folders import JOURNAL_FILE, REPORT_FILE, run_folder
 from madrob_console.archive.history import History
 from madrob_console.archive.run_journal import is_held
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import atomic_write, stamp_of
+from madrob_console.common.files import OpenFolder, atomic_write, stamp_of
 from madrob_console.pages.surroundings import Surroundings, has_report, report_is_old
 from recorder.bag import METADATA_FILE
 
@@ -54,7 +54,11 @@ def write_report(folder: Path, scored: Scored, around: Surroundings) -> None:
 
     seen = renewed_pictures(folder, scored)
     page = report_html(scored, software_version(), around.place_of(folder, scored), seen)
-    atomic_write(folder / REPORT_FILE, page.encode())
+    try:
+        with OpenFolder(folder) as opened:
+            atomic_write(opened.inside / REPORT_FILE, page.encode())
+    except OSError as error:
+        raise MadrobError(f"{folder}: no folder of a run ({error.strerror})") from None
 
 
 def repair_all(root: Path) -> Iterator[str]:

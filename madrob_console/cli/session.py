@@ -8,6 +8,7 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from socket import gethostname
@@ -79,7 +80,9 @@ def open_engine(
     match kind:
         case SourceKind.REPLAY:
             assert replayed is not None
-            return Engine.of_recording(Replay(replayed, types, arguments.speed), config, types)
+            replay = Replay(replayed, types, arguments.speed)
+            config = replace(config, competition=replay.recorded.record.competition)
+            return Engine.of_recording(replay, config, types)
         case SourceKind.SIMULATED:
             clock: Clock = VirtualClock(time.time_ns())
             if arguments.speed > 0:

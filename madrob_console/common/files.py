@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple, Self
 
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
 
 
 def atomic_write(path: Path, data: bytes | memoryview) -> None:
@@ -257,20 +258,24 @@ class OpenFolder:
         self._number = os.open(self.path, _FOLDER | os.O_NOFOLLOW)
         self.inside = Path(f"/proc/{os.getpid()}/fd/{self._number}")
 
+    @property
+    def is_deleted(self) -> bool:
+        return os.fstat(self._number).st_nlink == 0
+
     def problem(self) -> str | None:
         """Why its files are not where its name says, or that it takes none, with the remedy."""
-        name = str(self.inside.readlink())
-        if name.endswith(_DELETED):
+        if self.is_deleted:
             return f"{self.path} was deleted"
         if not _names(self.path, self._number):
-            return f"{self.path} was renamed, its files are in {name}: rename it back"
+            name = terminal_safe(str(self.inside.readlink()))
+            return f"rename {name} back to {self.path.name}: that is the folder in use"
         if not os.access(self.inside, os.W_OK | os.X_OK):
             return f"{self.path} cannot be written: make it yours"
         return None
 
     def restore(self) -> None:
         """Make it again if it was deleted; FileExistsError if something else has its name."""
-        if str(self.inside.readlink()).endswith(_DELETED):
+        if self.is_deleted:
             self.path.mkdir(parents=True)
             os.close(self._number)
             self._open()
@@ -283,10 +288,6 @@ class OpenFolder:
 
     def __exit__(self, *_error: object) -> None:
         self.close()
-
-
-_DELETED = " (deleted)"
-"""What Linux puts behind the name of a folder that was deleted."""
 
 
 @contextmanager

@@ -74,7 +74,7 @@ _WORDS = {SourceKind.SIMULATED: "this simulated testbed", SourceKind.REPLAY: "th
 def owned_by(kind: SourceKind, *what: object, results: Path | None) -> Owned:
     if kind is SourceKind.ROS:
         return Owned(kind, f"domain_{what[0]}", results)
-    digest = hashlib.blake2s("\n".join(map(str, what)).encode(), digest_size=4).hexdigest()
+    digest = hashlib.blake2s(os.fsencode("\n".join(map(str, what))), digest_size=4).hexdigest()
     return Owned(kind, digest, results)
 
 

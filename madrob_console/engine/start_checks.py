@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import weakref
+from contextlib import suppress
 from dataclasses import dataclass
 
 from madrob_console.archive.folders import recording_problem
-from madrob_console.common.files import free_space
+from madrob_console.common.files import OpenFolder, free_space
 from madrob_console.engine.disk import RepeatedReading
 from madrob_console.engine.replay import EngineContext
 from madrob_console.engine.sensors import Sensors
@@ -27,6 +29,7 @@ class PreStart:
         self._evidence_client = engine_context.evidence_client
         self._room = engine_context.room
         self._starts_next = self._practice = False
+        self._results: OpenFolder | None = None
         disk = engine_context.keepers.own  # whose silence is the disk's
         self._disk = RepeatedReading(
             self._look_at_disk, disk.submit_job, _DISK_PERIOD, _UNKNOWN, forgets=True
@@ -96,7 +99,18 @@ class PreStart:
         """In the thread of the disk: it may hang."""
         results = self._config.results
         problem = recording_problem(results, attempt=self._starts_next, practice=self._practice)
-        return _Disk(free_space(results), problem or "")
+        return _Disk(free_space(results), problem or self._moved() or "")
+
+    def _moved(self) -> str | None:
+        """Whether the results folder is another one than before: it has other run numbers."""
+        if self._results is not None and self._results.is_deleted:
+            self._results.close()
+            self._results = None
+        if self._results is None:
+            with suppress(OSError):  # there is none yet
+                self._results = OpenFolder(self._config.results.resolve())
+                weakref.finalize(self, self._results.close)
+        return None if self._results is None else self._results.problem()
 
 
 @dataclass(frozen=True, slots=True)

@@ -138,7 +138,10 @@ def test_a_disk_that_does_not_answer_ends_neither_the_run_nor_the_close(
 
 
 def test_a_bag_deleted_while_recording_is_reported(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "bag", [talk()], {}, flush_period=0.02) as writer:
+    with (  # noqa: PT012  the end of the block raises
+        pytest.raises(RecorderError, match="the file was deleted"),
+        BagWriter(tmp_path / "bag", [talk()], {}, flush_period=0.02) as writer,
+    ):
         assert not writer.put_message(replace(strings(["odd"])[0], receive_ns=-1))
         shutil.rmtree(tmp_path / "bag")
         wait_for(writer, RecorderState.FAILED)
@@ -168,7 +171,11 @@ def test_what_does_not_fit_the_bag_is_counted_with_its_reason(tmp_path: Path) ->
         replace(good, receive_ns=-1): DropReason.BAD_TIME,
         replace(good, publish_ns=MAX_NS): DropReason.BAD_TIME,
     }
-    with BagWriter(tmp_path / "bag", [talk()], {}) as writer:
+    words = r"not in the bag: /talk 3, /unknown 1 \(topic not registered, type differs"
+    with (  # noqa: PT012  the end of the block raises
+        pytest.raises(RecorderError, match=words),
+        BagWriter(tmp_path / "bag", [talk()], {}) as writer,
+    ):
         for message, reason in odd.items():
             before = writer.stats().drop_reasons.get(reason, 0)
             assert not writer.put_message(message)
@@ -328,7 +335,10 @@ def test_evidence_without_room_ends_in_a_whole_file_and_counts_what_it_has_not(
 ) -> None:
     sent = frames(20)
     BagWriter(tmp_path / "bag", [talk()], {}).__enter__().close()
-    with evidence(tmp_path / "bag", limit=4_100_000) as camera:
+    with (  # noqa: PT012  the end of the block raises
+        pytest.raises(RecorderError, match="the budget is used up"),
+        evidence(tmp_path / "bag", limit=4_100_000) as camera,
+    ):
         for message in sent:
             camera.put_message(message)
         until(lambda: camera.stats().error is not None)
@@ -353,7 +363,10 @@ def test_large_messages_of_evidence_take_no_more_memory_than_the_queue_may(tmp_p
         go_on.wait()
 
     place = FurtherFile(tmp_path / "bag", 0, wait)
-    with BagWriter(place, [CAMERA], {}, queue_bytes=3_000_000) as camera:
+    with (  # noqa: PT012  the end of the block raises
+        pytest.raises(RecorderError, match=r"not in the bag: /camera 3 \(queue full\)"),
+        BagWriter(place, [CAMERA], {}, queue_bytes=3_000_000) as camera,
+    ):
         assert [camera.put_message(message) for message in frames(8)] == [True] * 5 + [False] * 3
         assert camera.stats().queued_bytes <= 3_000_000
         go_on.set()

@@ -139,7 +139,15 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
         r"passage\['cw_left'\]: 2 times, but 2 x 3 values: give 4 ranges for each",
     ),
     "unknown latch": ({"latch": (T, [1.0, np.nan])}, "latch: a state is nan: leave that"),
-    "no start": ({"start": np.nan}, "start nan, timeout 300.0: give both in s"),
+    "no start": ({"start": np.nan}, "start nan: give a finite number, s"),
+    "a start in words": ({"start": "0"}, "start '0': give a finite number, s"),
+    "no timeout": ({"timeout": 0}, "timeout 0: give more than 0 s"),
+    "no zero": ({"handle_zero": np.inf}, "handle_zero inf: give a finite number, N"),
+    "a number": ({"condition": 7}, "condition: give a Condition, not int"),
+    "limits by name": ({"thresholds": {"touch_force": 2}}, "thresholds: give a Thresholds, not d"),
+    "no strips": ({"passage": [(T, RANGES)]}, "passage: give a Mapping, not list"),
+    "a series": ({"door": pd.Series(V, T)}, "door: give times in s, and a value for each, as n"),
+    "an empty frame": ({"door": pd.DataFrame()}, "door: give times in s, and a value for each"),
     "no ruleset": ({"ruleset": "mine"}, "ruleset 'mine' is not known"),
 }
 
@@ -150,5 +158,5 @@ def test_what_cannot_be_used_is_one_line_that_names_the_argument_and_the_remedy(
     passage = {"cw_left": (T, RANGES)}
     given: dict[str, Any] = {"start": 0.0, "door": (T, V), "handle": (T, V), "passage": passage}
     with pytest.raises(ScoringError, match=words) as refusal:
-        evaluate(CONDITION, **given | changed)
+        evaluate(**{"condition": CONDITION} | given | changed)
     assert "\n" not in str(refusal.value)

@@ -26,6 +26,7 @@ from madrob_console.common.names import SourceKind
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.pages.tally import Standing
 from madrob_console.referee.flags import undecided, weighty
+from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run_summary import PROTEST_OPEN, RunSummary, condition_words
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.cells.lines import Label, Line, Span, Tone, line, paragraph
@@ -223,7 +224,8 @@ def results_state(snapshot: Snapshot) -> tuple[object, ...]:
         *(run.closure, run.rulings, run.voided, run.corrections),
         *(run.accepted_doubts, run.protests),
     )
-    return (run.start, run.issue, said, snapshot.result is not None)
+    written = [entry.number for entry in snapshot.log if entry.text == Change.RESULT_WRITTEN]
+    return (run.start, run.issue, said, snapshot.result is not None, written[-1:])
 
 
 # Columns that the history and the standings share: numbers, names, indicators.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import re
 import shutil
@@ -328,21 +329,22 @@ def test_a_run_stays_in_the_folder_where_it_began(
     drive.start(setup_of(Stop.ELAPSED, 2))
     if moment == "before the signature":
         drive.finish()
-    folder, away = drive.folder, tmp_path / "away"
+    folder, away = drive.folder, tmp_path / os.fsdecode(b"away\xe9 (deleted)")
     folder.rename(away)
     if named is Named.LINK:
         folder.symlink_to(other)
     elif named is Named.FOLDER:
         shutil.copytree(other, folder)
     drive.wait(NAMED_WITHIN)
-    assert f"{folder} was renamed, its files are in {away}: rename it back" in drive.faults
+    words = f"rename {tmp_path}/away? (deleted) back to {folder.name}: that is the folder in use"
+    assert words.replace("?", "\N{REPLACEMENT CHARACTER}") in drive.faults
     if moment == "in the run":
         drive.finish()
     drive.act(AddNote("somebody tidies up"))
     drive.wait(NAMED_WITHIN)
     refused = drive.engine.perform(Finalise(TeamWord.ABSENT, "Ada"))
     assert refused is not None
-    assert "was renamed" in refused
+    assert "back to" in refused
     assert contents(other) == files
     if named is Named.LINK:
         folder.unlink()
