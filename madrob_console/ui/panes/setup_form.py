@@ -46,7 +46,8 @@ def state_words(
     """What becomes of the fields, which say `setup` or what is wrong with them."""
     run = now.run
     if (refused := now.refusal(SetUp.name)) is not None:
-        return f"Nothing is set up now: {refused}.", Tone.WARN
+        what = "be set up here" if now.right.only_watches else "be set up now"
+        return f"No run can {what}: {refused}.", Tone.WARN
     if problem or isinstance(setup, str):
         return f"x {problem or setup}", Tone.BAD
     why = setup.team_reason

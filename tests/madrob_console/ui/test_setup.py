@@ -348,7 +348,7 @@ STORIES: Stories = {
     ],
     "nothing is editable once the countdown runs": [
         (Driver.set_up,),
-        ("f5 f2", "Nothing is set up now: the countdown is running."),
+        ("f5 f2", "No run can be set up now: the countdown is running."),
         (remember,),
         ("9 tab right enter escape", did_nothing),
     ],
