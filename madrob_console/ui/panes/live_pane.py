@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from textual.containers import Horizontal, VerticalScroll
@@ -115,12 +116,12 @@ class Provisional(View):
         return rows
 
 
-_EVERY: Mapping[type[View], int] = {
-    **dict.fromkeys((Provisional, EvidenceLine, LogView), 3),
-    Doorway: 5,
-    StripChart: 10,
+_PERIODS: Mapping[type[View], float] = {
+    **dict.fromkeys((Provisional, EvidenceLine, LogView), 0.3),
+    Doorway: 0.5,
+    StripChart: 1.0,
 }
-"""They cost bytes and need not be quick: they take the first of so many snapshots, 10 a second."""
+"""They cost bytes and need not be quick, s: while time stands still they show every snapshot."""
 
 
 class LivePane(VerticalScroll, Unmarked):
@@ -146,18 +147,22 @@ class LivePane(VerticalScroll, Unmarked):
             id="live",
         )
         self._views: Sequence[View] = (*stands, banner, *steps, *gauges, *below, *course, log)
-        self._count = 0
+        self._drawn: dict[View, float] = {}
+        self._time = -math.inf
 
     def enter(self) -> None:
         """Takes the focus, and shows all at once with the next snapshot."""
-        self._count = 0
+        self._drawn = {}
         self.scroll_home(animate=False)
         self.screen.set_focus(self)
 
     def show(self, snapshot: Snapshot) -> None:
+        stands, self._time = snapshot.time == self._time, snapshot.time
         for view in self._views:
+            age = snapshot.time - self._drawn.get(view, -math.inf)
             if not view.display:
                 view.forget()
-            elif self._count % _EVERY.get(type(view), 1) == 0:
+                self._drawn.pop(view, None)
+            elif stands or not 0 <= age < _PERIODS.get(type(view), 0.0):
+                self._drawn[view] = snapshot.time
                 view.show(snapshot)
-        self._count += 1
