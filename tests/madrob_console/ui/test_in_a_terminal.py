@@ -25,7 +25,7 @@ from tests.madrob_console.ui.driver import DEFAULTS, Shown
 from tests.madrob_console.ui.fake_engine import FOLDER
 from tests.terminal import Terminal
 from tests.tmux import Tmux
-from tests.watching import Stutter, until
+from tests.watching import until
 
 ROOT = Path(__file__).parents[3]
 PROGRAM = [sys.executable, "-m", "tests.madrob_console.ui.fake_engine"]
@@ -219,8 +219,10 @@ def test_y_copies_into_a_tmux_that_lets_it(ends: Path, end: list[str]) -> None:
 
 
 FIRST = "ada@hall (1)"
-PROMPT = 2.0
-"""From the first key to the end of the run, s."""
+PROMPT = 1.0
+"""From the first key to the end of the run, s of this process's work, engine and console."""
+SURELY = 10.0
+"""On the clock, s: other processes may have the processor."""
 
 
 @pytest.fixture
@@ -250,7 +252,7 @@ async def test_two_keys_of_a_second_console_abort_the_run(
     served: Served, first: str, size: tuple[int, int]
 ) -> None:
     gone = first == "gone"
-    with ExitStack() as stack, Stutter() as stutter:
+    with ExitStack() as stack:
         close = first_console(served, first, stack)
         start(served.local)
         second = served.attach(who="bo@tent (2)")
@@ -261,12 +263,13 @@ async def test_two_keys_of_a_second_console_abort_the_run(
             if gone:
                 close()
             await shown.until(lambda _: second.snapshot().right.free == gone)
-            began = time.monotonic()
+            began, worked = time.monotonic(), time.process_time()
             app.simulate_key("f8")
             await shown.until("y ABORT now" if size[0] > 60 else "Abort now?")
             app.simulate_key("y")
             await shown.until(lambda _: served.local.snapshot().run.phase is Phase.STOPPED)
-            took = time.monotonic() - began
+            took, worked = time.monotonic() - began, time.process_time() - worked
             await app.workers.wait_for_complete()
     assert served.local.snapshot().run.outcome is Outcome.ABORTED
-    assert took < PROMPT + stutter.allowance
+    assert worked < PROMPT
+    assert took < SURELY
