@@ -252,10 +252,7 @@ class OpenFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._open()
-
-    def _open(self) -> None:
-        self._number = os.open(self.path, _FOLDER | os.O_NOFOLLOW)
+        self._number = os.open(path, _FOLDER | os.O_NOFOLLOW)
         self.inside = Path(f"/proc/{os.getpid()}/fd/{self._number}")
 
     @property
@@ -273,15 +270,36 @@ class OpenFolder:
             return f"{self.path} cannot be written: make it yours"
         return None
 
+    def open_again(self) -> None:
+        """Open it by its name, if that has the same folder: its disk may have come back.
+
+        OSError where it cannot be opened.
+        """
+        number = os.open(self.path, _FOLDER | os.O_NOFOLLOW)
+        try:
+            if os.fstat(number).st_ino == os.fstat(self._number).st_ino:
+                os.dup2(number, self._number, inheritable=False)
+        finally:
+            os.close(number)
+
     def restore(self) -> None:
-        """Make it again if it was deleted; FileExistsError if something else has its name."""
-        if self.is_deleted:
-            self.path.mkdir(parents=True)
-            os.close(self._number)
-            self._open()
+        """Open it again; make it again if it was deleted.
+
+        FileExistsError if something else has the name of a deleted one.
+        """
+        if not self.is_deleted:
+            with suppress(OSError):  # it has another name, and its files are where they were
+                self.open_again()
+            return
+        self.path.mkdir(parents=True)
+        number = os.open(self.path, _FOLDER | os.O_NOFOLLOW)
+        os.dup2(number, self._number, inheritable=False)
+        os.close(number)
 
     def close(self) -> None:
-        os.close(self._number)
+        number, self._number = self._number, -1
+        if number >= 0:
+            os.close(number)
 
     def __enter__(self) -> Self:
         return self

@@ -133,6 +133,8 @@ class OpenJournal:
         problem = None if (error := self._journal.refused) is None else refusal_words(error)
         deleted = not os.path.lexists(self._path)
         if deleted or (problem is not None and again):
+            with suppress(OSError):  # what is written below says why
+                self.folder.open_again()
             try:
                 journal = up_to_date(self._path, (*self._lines, *lines), self._journal)
             except (OSError, MadrobError) as refused:

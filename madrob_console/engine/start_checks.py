@@ -104,13 +104,16 @@ class PreStart:
     def _moved(self) -> str | None:
         """Whether the results folder is another one than before: it has other run numbers."""
         if self._results is not None and self._results.is_deleted:
-            self._results.close()
             self._results = None
         if self._results is None:
             with suppress(OSError):  # there is none yet
                 self._results = OpenFolder(self._config.results.resolve())
                 weakref.finalize(self, self._results.close)
-        return None if self._results is None else self._results.problem()
+        if self._results is None:
+            return None
+        with suppress(OSError):  # else its words say why
+            self._results.open_again()
+        return self._results.problem()
 
 
 @dataclass(frozen=True, slots=True)

@@ -215,4 +215,5 @@ def test_a_fault_at_any_call_of_a_command_loses_nothing_and_is_mended_by_the_nex
             wrong.append((call, f"left or missing after the next go: {more}"))
     print(f"\n{name}, {fault}: {came} of {count} calls")
     assert wrong == []
-    assert came > 0.5 * len(chosen)  # a temporary name may be of another length
+    if len(chosen) == count:  # of one alone the temporary name may be of another length
+        assert came > 0.5 * count

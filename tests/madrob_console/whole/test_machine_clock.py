@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
+from dataclasses import fields
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -244,7 +245,9 @@ def events_of_a_run(folder: Path, name: str) -> dict[str, float]:
         said = [words for words in told if " behind: " not in words]
         assert [words for words in said if name != "stalled disk" or "disk" not in words] == []
         assert (dropped, Bag(run).complete) == (0, True)
-        rescored = msgspec.json.decode(msgspec.json.encode(next(score(run)).result))
+        again = next(score(run)).result
+        parts = {each.name: getattr(again, each.name) for each in fields(Result)}
+        rescored = msgspec.json.decode(msgspec.json.encode(parts))
         for part in ("indicators", "events", "steps", "quality", "outcome", "stop"):
             assert rescored[part] == document[part]
         check_log_times(run)
