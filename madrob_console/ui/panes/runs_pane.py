@@ -458,7 +458,8 @@ def about(run: RunSummary, name: str | None = None) -> str:
     recorded = f" (recorded as {run.team})" if run.team and run.team != name else ""
     task = ", ".join(filter(None, condition_words(run.condition)))
     task = task or f"condition {run.condition} does not exist"
-    ended = (f"version {run.issue}", run.closing, run.ruleset)
+    version = f"{'PRACTICE, ' if run.practice else ''}version {run.issue}"
+    ended = (version, run.closing, run.ruleset)
     told = (
         *(flag.words for flag in waiting),
         *(flag.words for flag in weighty(run.flags) if flag not in waiting),

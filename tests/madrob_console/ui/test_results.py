@@ -912,3 +912,8 @@ HISTORY: dict[str, tuple[Sequence[RunSummary], tuple[int, int], Story]] = {
 async def test_what_keys_do_in_the_history(story: str) -> None:
     runs, size, rows = HISTORY[story]
     await play_alone(HistoryPane(Results(runs).load), *rows, size=size)
+
+
+def test_the_words_about_a_run_say_that_it_was_practice() -> None:
+    assert "PRACTICE, version" in about(summary(practice=True))
+    assert "PRACTICE" not in about(summary())
