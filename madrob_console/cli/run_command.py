@@ -10,7 +10,8 @@ from madrob_console.cli import options
 from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.cli.parsing import as_setting, number, number_within
-from madrob_console.common.names import clean_name, is_rehearsal, terminal_safe
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind, clean_name, is_rehearsal, terminal_safe
 from scoring.imports import imports_kept
 from scoring.protocol import LockDetection, Outcome, StartPose
 from scoring.rulesets import RulesetName
@@ -122,7 +123,6 @@ def run(arguments: argparse.Namespace) -> int:
         from madrob_console.cli.session import (
             UnattendedRun,
             open_engine,
-            print_replay,
             reporting_of,
         )
         from madrob_console.common.version import software_version
@@ -131,9 +131,12 @@ def run(arguments: argparse.Namespace) -> int:
 
     settings = options.settings_of(arguments)
     owned = owned_testbed(arguments, settings)
+    if owned.kind is SourceKind.REPLAY:
+        raise MadrobError(
+            "a recorded run is not made again: `madrob score --check RUN` compares its result, "
+            "`madrob console --testbed replay RUN` shows it"
+        )
     engine = open_engine(arguments, settings)
-    if engine.replay is not None:
-        return EXIT_CODES[print_replay(engine, engine.replay)]
     teams = options.team_list(arguments, settings)
     plan = options.plan_list(arguments, settings)
     engine.hear_of_teams(teams)

@@ -228,7 +228,7 @@ def _find_testbed(arguments: argparse.Namespace, settings: Settings) -> SourceKi
     )
 
 
-# A run or a replay without screens: one plain line for each event.
+# A run without screens: one plain line for each event.
 
 
 STEP = 0.02
@@ -256,27 +256,6 @@ class _LogPrinter:
             self._printed = line.number + 1
             clock = "" if line.relative is None else f"{line.relative:+.3f} s"
             print(f"{clock:>12}  {line.origin:<8}  {line.text}", flush=True)
-
-
-def print_replay(engine: Engine, replay: Replay) -> Outcome:
-    log = _LogPrinter(engine.log)
-    engine.open()
-    try:
-        print(f"testbed: {engine.source.label}", flush=True)
-        for problem in replay.problems:
-            print(f"note: {terminal_safe(problem)}", flush=True)
-        log.print_new()
-        while engine.scored is None:
-            engine.step(STEP)
-            log.print_new()
-    finally:
-        engine.close()
-    result = engine.scored.result
-    for line in result_lines(result, engine.scored.flags):
-        print(line)
-    print(f"replay: {replay.view(result).comparison}; nothing was recorded")
-    print(f"run folder: {engine.folder}", flush=True)
-    return result.outcome
 
 
 class UnattendedRun:

@@ -141,7 +141,6 @@ COMMANDS = (
     "export --dossier --run {}",
     "table samples --output tables {}",
     "table runs {}",
-    "run --speed 0 --testbed replay {}",
 )
 
 

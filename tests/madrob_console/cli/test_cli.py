@@ -1,4 +1,4 @@
-"""The `madrob` command as people and scripts use it: runs, replays, and what a console hands on."""
+"""The `madrob` command as people and scripts use it: runs, and what a console hands on."""
 
 from __future__ import annotations
 
@@ -15,11 +15,9 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import Scenario
 from madrob_console.config import Settings
 from madrob_console.config.tables import PlanSettings
-from madrob_console.referee.acts import Abort
 from madrob_console.referee.competition_plan import Plan
 from madrob_console.referee.lists import TeamList
 from tests.madrob_console.cli.typed import Madrob
-from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.ui.fake_engine import FakeEngine
 
 RUN = "run --testbed simulated --countdown 1 --no-report --speed 0 --subject 3 --results"
@@ -81,46 +79,6 @@ def test_a_refused_run_names_each_reason_on_a_line(tmp_path: Path, madrob: Madro
         "clock skew",
         "disk space",
     ]
-
-
-@pytest.fixture(scope="module")
-def aborted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run that was aborted after two seconds."""
-    drive = Drive(tmp_path_factory.mktemp("results"))
-    drive.start(make_setup(countdown=1.0))
-    drive.wait(2.0)
-    drive.act(Abort("robot on fire"))
-    drive.finish()
-    drive.engine.close()
-    return drive.folder
-
-
-REPLAY = "run --speed 0 --testbed replay"
-
-
-def test_a_replay_without_screens_prints_the_run_and_records_nothing(
-    aborted: Path, tmp_path: Path, madrob: Madrob
-) -> None:
-    before = sorted(aborted.parent.rglob("*"))
-    output = madrob(REPLAY, aborted, "--results", tmp_path / "results", code=4).splitlines()
-    assert output[0] == f"testbed: REPLAY {aborted.name}"
-    assert any("referee   abort: robot on fire" in line for line in output)
-    assert output[-2:] == [
-        "replay: equals the stored result to the last digit; nothing was recorded",
-        f"run folder: {aborted}",
-    ]
-    assert sorted(aborted.parent.rglob("*")) == before
-    assert not (tmp_path / "results").exists()
-
-
-def test_a_replay_of_a_torn_bag_says_where_it_ends(
-    aborted: Path, tmp_path: Path, madrob: Madrob
-) -> None:
-    data, torn = next(aborted.glob("*.mcap")).read_bytes(), tmp_path / "torn.mcap"
-    torn.write_bytes(data[: len(data) * 2 // 3])
-    said = madrob.say(REPLAY, torn)
-    assert said.code in (4, 5)
-    assert f"note: {torn}" in said.out
 
 
 REMAPPED = ["-r", "__ns:=/hall2", "--remap", "door/angle:=/lab/angle"]
