@@ -108,8 +108,6 @@ class DoorNode:
         self._say = say
         self._condition = condition or _DEFAULT_CONDITION
         self._phase = ""
-        self._heeded: RefereeState | None = None
-        self._unheeded: RefereeState | None = None
         self._start: float | None = None
         self._runs = 0
         self._over_at = 0.0
@@ -160,8 +158,6 @@ class DoorNode:
         return self._phase != "stopped" or time.monotonic() > self._over_at + _POST_ROLL
 
     def publish(self) -> None:
-        if self._unheeded is not None and self._alone():
-            self._heed(self._unheeded)  # who had the run is gone
         for message in self._source.take_messages(0):
             self._publishers[message.topic].publish(message.data)
             self.published[message.topic] += 1
@@ -173,8 +169,6 @@ class DoorNode:
 
     def _on_parameters(self, parameters: Sequence[RosObject]) -> RosObject:
         result = load_module("rcl_interfaces.msg").SetParametersResult
-        if self._in_run and not self._alone():  # whoever asks: the run's own referee has no need
-            return result(successful=False, reason="a run goes on, and there are two referees")
         for parameter in parameters:
             reason = refusal(parameter.name, parameter.value)
             if reason is not None:
@@ -202,29 +196,6 @@ class DoorNode:
         except MadrobError as error:
             self._say(str(error))
             return
-        if self._is_strange(state):
-            if self._unheeded is None:
-                self._say("another referee is here: not heeded while the run goes on")
-            self._unheeded = state
-            return
-        self._heed(state)
-
-    def _is_strange(self, state: RefereeState) -> bool:
-        before = self._heeded
-        if before is None or not self._in_run or self._alone():
-            return False
-        return not state.goes_on_with(before)
-
-    @property
-    def _in_run(self) -> bool:
-        return self._phase in ("countdown", "running")
-
-    def _alone(self) -> bool:
-        place = in_namespace(REFEREE_STATE_TOPIC)
-        return len(self._node.get_publishers_info_by_topic(place)) < 2
-
-    def _heed(self, state: RefereeState) -> None:
-        self._heeded, self._unheeded = state, None
         before, self._phase = self._phase, state.phase
         self._start = self._start_of(state, before)
         if state.condition is not None and state.condition != self._condition:

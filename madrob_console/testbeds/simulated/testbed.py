@@ -10,7 +10,6 @@ from dataclasses import replace
 from random import Random
 
 import msgspec
-from msgspec import structs
 
 from madrob_console.common.clock import NS
 from madrob_console.common.errors import MadrobError
@@ -120,8 +119,6 @@ class RefereeState(msgspec.Struct, frozen=True):
     phase: str
     condition_number: int | None = None
     start_time: float | None = None
-    subject: int | None = None
-    run_number: int | None = None
 
     @property
     def condition(self) -> Condition | None:
@@ -132,14 +129,6 @@ class RefereeState(msgspec.Struct, frozen=True):
     def held(self) -> bool:
         """Whether a false start holds the countdown."""
         return self.phase == "countdown" and self.start_time is None
-
-    def goes_on_with(self, before: RefereeState) -> bool:
-        if self.phase not in ("countdown", "running", "stopped"):
-            return False
-        start = before.start_time if before.phase != "countdown" else self.start_time
-        return structs.replace(self, phase=before.phase) == structs.replace(
-            before, start_time=start
-        )
 
 
 _states = msgspec.json.Decoder(RefereeState)

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, REFEREE_STATE_TOPIC, Decoder
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.ros.connection import load_module
@@ -25,7 +25,7 @@ from recorder.bag import RawMessage
 from scoring.protocol import BenchmarkType, Condition, Side, Signal, StartPose
 from scoring.signals import HandleSample, Sample
 from tests.madrob_console import said
-from tests.madrob_console.ros_peer import KEPT, Peer, Taker, source
+from tests.madrob_console.ros_peer import Peer, Taker, source
 from tests.watching import PATIENCE, until
 
 pytestmark = pytest.mark.machine
@@ -157,31 +157,6 @@ def test_it_ends_after_the_runs_it_was_asked_for() -> None:
             console.until(lambda: testbed.plan is None or "messages on" in console.lines[-1])
         console.until(lambda: "messages on" in console.lines[-1])
     assert console.lines.count("robot sets out") == 2
-
-
-def test_a_second_referee_ends_no_run_and_is_heeded_once_the_first_is_gone(peer: Peer) -> None:
-    stated = peer.publisher(REFEREE_STATE_TOPIC, "std_msgs/msg/String", KEPT)
-
-    def say(phase: str, start: float | None) -> None:
-        stated.publish(stated.msg_type(data=said.state_text(phase, start, CW)))
-
-    with console_and_node(SimulatedTestbed(), CW, repeat=2) as console:
-        start = time.time()
-        console.count_down(start)
-        console.run(start)
-        for phase, at in (("idle", None), ("running", start + 5.0), ("stopped", start + 5.0)):
-            say(phase, at)
-        console.until(lambda: "not heeded while the run goes on" in console.lines[-1])
-        console.source.configure(Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW))
-        console.until(lambda: "two referees" in str(console.source.sides_problem))
-        assert "run over" not in console.lines
-        console.stop(start)
-        say("running", start + 9.0)
-        console.until(lambda: console.lines.count("robot sets out") == 2)
-        console.source.publish(state("final", start))
-        console.until(lambda: console.lines.count(console.lines[-1]) == 2)
-        peer.own.destroy_publisher(stated)  # the second one's run is over when it is gone
-        console.until(lambda: console.lines.count("run over") == 2)
 
 
 @pytest.mark.usefixtures("ros_domain")
