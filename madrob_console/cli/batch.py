@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 from madrob_console.cli import options
 from madrob_console.cli.command_line import Argument
 from madrob_console.cli.options import results_folder, settings_of
-from madrob_console.cli.output import Complaints, complain, progress
+from madrob_console.cli.output import Complaints, complain, counted_off
 from madrob_console.cli.parsing import whole_within
 from madrob_console.cli.sharing import in_order
 from madrob_console.common.errors import MadrobError
@@ -95,13 +95,11 @@ def each_run(
         named = [*(path.absolute() for path in arguments.paths), runs[0].path, runs[-1].path]
         there = [path for path in named if path.exists()]
         made = on_cluster(work_on, runs, scheduler, there, _lost, at_once=at_once)
-    with closing(made), progress("runs") as tell:
-        tell(0, len(runs))
-        for number, (run, one) in enumerate(zip(runs, made, strict=True), start=1):
+    with closing(made), closing(counted_off(runs, "runs")) as counted:
+        for run, one in zip(counted, made, strict=True):
             if one.problem:
                 bad.add_complaint(one.problem, run.name)
             yield run, one.done
-            tell(number, len(runs))
 
 
 def _lost(run: RunPath, why: str) -> Tried[Any]:

@@ -9,13 +9,15 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import FrameType, TracebackType
-from typing import Self, TextIO, TypeAlias, cast
+from typing import Self, TextIO, TypeAlias, TypeVar, cast
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
+
+_Item = TypeVar("_Item")
 
 BAD_INPUT = 2
 """Exit code of bad input and of refusals; also argparse's."""
@@ -276,25 +278,6 @@ def interruptible() -> Iterator[Interruption]:
             signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-@contextmanager
-def children_spared() -> Iterator[None]:
-    """Keep Ctrl+C from processes started while inside; it takes effect here afterwards.
-
-    A terminal sends it to all processes, and each of them would print a traceback of its own.
-    """
-    interruption = signal.getsignal(signal.SIGINT)
-    if not (_is_main_thread() and isinstance(interruption, Interruption)):
-        yield
-        return
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # what comes meanwhile waits
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # they inherit it
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, interruption)
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-
-
 def _importing(frame: FrameType | None) -> bool:
     while frame is not None:
         if frame.f_code.co_filename == _IMPORTING:
@@ -307,11 +290,8 @@ def _is_main_thread() -> bool:
     return threading.current_thread() is threading.main_thread()
 
 
-# A progress bar on a terminal, a line now and then elsewhere.
+# A progress bar on a terminal.
 
-
-_EVERY = 60.0
-"""Interval of the lines that tell the progress where there is no terminal, s."""
 
 Tell: TypeAlias = Callable[[int, int], None]
 """Takes how many are done, and of how many."""
@@ -322,10 +302,10 @@ def progress(what: str) -> Iterator[Tell]:
     """Show a progress bar below the output while inside, if the error output is a terminal.
 
     `what` names what is counted: `runs`. Until the first count, and where there is only one, the
-    bar shows that work goes on. Elsewhere a line a minute says how many are done.
+    bar shows that work goes on.
     """
     if not sys.stderr.isatty():
-        yield _told_in_lines(what)
+        yield lambda _done, _total: None
         return
     from rich import progress as rich
     from rich.console import Console
@@ -348,13 +328,10 @@ def progress(what: str) -> Iterator[Tell]:
         )
 
 
-def _told_in_lines(what: str) -> Tell:
-    due = time.monotonic() + _EVERY
-
-    def tell(done: int, total: int) -> None:
-        nonlocal due
-        if (now := time.monotonic()) >= due:
-            complain(f"note: {done} of {total} {what}")
-            due = now + _EVERY
-
-    return tell
+def counted_off(items: Sequence[_Item], what: str) -> Generator[_Item, None, None]:
+    """Yield the items one by one, with a progress bar."""
+    with progress(what) as tell:
+        for number, item in enumerate(items):
+            tell(number, len(items))
+            yield item
+        tell(len(items), len(items))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
 from madrob_console.cli.command_line import command
-from madrob_console.cli.output import BAD_INPUT, Complaints, progress
+from madrob_console.cli.output import BAD_INPUT, Complaints, counted_off
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from recorder.errors import RecorderError
@@ -37,14 +37,12 @@ def recover(arguments: argparse.Namespace) -> int:
         from madrob_console.archive.folders import all_runs_at
 
     runs = all_runs_at(arguments.paths)
-    with progress("recordings") as tell, Complaints() as bad:
-        tell(0, len(runs))
-        for number, run in enumerate(runs, start=1):
+    with Complaints() as bad:
+        for run in counted_off(runs, "recordings"):
             try:
                 _recover(run)
             except (MadrobError, RecorderError) as error:
                 bad.add_complaint(error, run.name)
-            tell(number, len(runs))
     return BAD_INPUT if bad.count else 0
 
 

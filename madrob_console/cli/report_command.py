@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from madrob_console.cli import options
 from madrob_console.cli.command_line import Argument, command
-from madrob_console.cli.output import BAD_INPUT, Complaints, complain, progress
+from madrob_console.cli.output import BAD_INPUT, Complaints, complain, counted_off
 from madrob_console.cli.parsing import as_path
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
@@ -49,12 +49,10 @@ def report(arguments: argparse.Namespace) -> int:
     around = Surroundings()
     written: set[Path] = set()
     runs = list(dict.fromkeys(run.path for run in all_runs_at(arguments.paths)))
-    with progress("pages" if arguments.figures is None else "runs") as tell, Complaints() as bad:
-        tell(0, len(runs))
-        for number, run in enumerate(runs, start=1):
+    with Complaints() as bad:
+        for run in counted_off(runs, "runs"):
             with bad.complaining(run):
                 _make(run, arguments.figures, arguments.output, written, around)
-            tell(number, len(runs))
     return BAD_INPUT if bad.count else 0
 
 

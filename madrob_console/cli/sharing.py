@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import suppress
+import signal
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
-from madrob_console.cli.output import children_spared, complain
+from madrob_console.cli.output import complain
 
 if TYPE_CHECKING:
     from concurrent.futures import Future, ProcessPoolExecutor
@@ -136,7 +137,7 @@ class _Processes(Generic[_Item, _Done]):
     def hand_out(self, item: _Item) -> Future[_Done]:
         from concurrent.futures.process import BrokenProcessPool
 
-        with children_spared():
+        with _children_spared():
             with suppress(BrokenProcessPool):
                 return self._pool.submit(self._work, item)
             self._pool = self._new_pool()
@@ -161,3 +162,19 @@ class _Processes(Generic[_Item, _Done]):
         self._pool.shutdown(wait=False, cancel_futures=True)
         for process in multiprocessing.active_children():
             process.kill()  # one that just begins would complain of its end
+
+
+@contextmanager
+def _children_spared() -> Iterator[None]:
+    """Keep Ctrl+C from processes started while inside; it takes effect here afterwards.
+
+    A terminal sends it to all processes, and each of them would print a traceback of its own.
+    """
+    from multiprocessing.resource_tracker import ensure_running
+
+    ensure_running()  # starting it would unblock the signal
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # they inherit this for good
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

@@ -19,7 +19,7 @@ from madrob_console.archive.table_columns import (
 from madrob_console.cli import options
 from madrob_console.cli.batch import demand_results, each_run
 from madrob_console.cli.command_line import Argument, MadrobCommand, TellAction, command
-from madrob_console.cli.output import BAD_INPUT, Complaints, name_twins, progress, put_bytes
+from madrob_console.cli.output import BAD_INPUT, Complaints, counted_off, name_twins, put_bytes
 from madrob_console.cli.parsing import as_path
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
@@ -94,10 +94,7 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
         file: Sink = _StandardOutput() if to_terminal else stack.enter_context(whole_file(output))
         writer = stack.enter_context(closing(TableWriter(file, table)))
         rows_are_seen = to_terminal and sys.stdout.isatty()  # a bar among them would spoil them
-        tell = None if rows_are_seen else stack.enter_context(progress("runs"))
-        for number, one in enumerate(found.runs):
-            if tell is not None:
-                tell(number, len(found.runs))
+        for one in found.runs if rows_are_seen else counted_off(found.runs, "runs"):
             run = RunPath(found.root / one.folder)
             if not one.twin and wanted in (None, one.competition):
                 with bad.complaining(run.name):

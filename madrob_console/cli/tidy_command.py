@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
 from madrob_console.cli.command_line import Argument, command
-from madrob_console.cli.output import BAD_INPUT, Complaints, progress, says_yes, somebody_there
+from madrob_console.cli.output import BAD_INPUT, Complaints, counted_off, says_yes, somebody_there
 from madrob_console.cli.parsing import period, size, whole_within
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import free_space
@@ -146,12 +146,10 @@ def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int
 
     removed: list[RunEvidence] = []
     with Complaints() as bad:
-        with progress("runs") as tell:
-            for number, one in enumerate(going):
-                tell(number, len(going))
-                with bad.complaining(one.folder):
-                    remove_evidence(one, time.time())
-                    removed.append(one)
+        for one in counted_off(going, "runs"):
+            with bad.complaining(one.folder):
+                remove_evidence(one, time.time())
+                removed.append(one)
         reported = filter(has_report, (one.folder for one in removed))
         for problem in renew_reports(reported, Surroundings()):
             bad.add_complaint(problem, problem.partition(":")[0])

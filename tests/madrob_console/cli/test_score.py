@@ -151,15 +151,6 @@ def test_a_bar_shows_how_far_work_is_where_somebody_looks(
     assert ("and 2 more like it" in told) is (runs == 5)
 
 
-def test_lines_tell_how_far_work_is_where_there_is_no_terminal(
-    results: Path, monkeypatch: pytest.MonkeyPatch, madrob: Madrob
-) -> None:
-    before = madrob.say("score", results).err.splitlines()
-    monkeypatch.setattr("madrob_console.cli.output._EVERY", 0.0)
-    told = [f"madrob: note: {done} of 3 runs" for done in range(4)]
-    assert madrob.say("score", results).err.splitlines() == [*told, *before]
-
-
 def test_all_rulesets_stand_side_by_side_with_their_differences(madrob: Madrob) -> None:
     runs = recorded(Scenario.NOMINAL), recorded(Scenario.TOUCH_ONLY)
     beside = scored(madrob, "--ruleset", "all", *runs)
