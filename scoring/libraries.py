@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from functools import cache
 from importlib import import_module
 from typing import Annotated
@@ -11,6 +11,9 @@ from typing import Annotated
 from msgspec import Meta
 
 from scoring.imports import imports_kept
+
+NAMES = {"python": "Python", "numpy": "NumPy", "scipy": "SciPy", "pandas": "pandas"}
+"""Of the libraries, as people write them."""
 
 VersionText = Annotated[str, Meta(max_length=100)]
 
@@ -30,6 +33,10 @@ class Libraries:
     numpy: VersionText
     scipy: VersionText
     pandas: VersionText
+
+    @property
+    def words(self) -> str:
+        return ", ".join(f"{NAMES[key]} {version}" for key, version in asdict(self).items())
 
 
 @cache

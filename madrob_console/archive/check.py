@@ -6,7 +6,7 @@ import dataclasses
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from recorder.bag import METADATA_FILE
 from scoring.indicator_table import IndicatorName
-from scoring.libraries import Libraries, libraries_here
+from scoring.libraries import NAMES, Libraries, libraries_here
 from scoring.result import Result
 
 # Grades of agreement between two computations of one result (section 11).
@@ -31,8 +31,6 @@ from scoring.result import Result
 
 CLOSEST = 1e-9
 """Relative; the rounding differences of libraries stay far below it."""
-
-_NAMES = {"python": "Python", "numpy": "NumPy", "scipy": "SciPy", "pandas": "pandas"}
 
 
 class Grade(StrEnum):
@@ -58,15 +56,13 @@ class Grade(StrEnum):
 
 
 def libraries_told(stored: Libraries | None, now: Libraries) -> str:
-    names = [(each.name, _NAMES[each.name]) for each in fields(Libraries)]
-    here = ", ".join(f"{name} {getattr(now, key)}" for key, name in names)
     if stored is None:
-        return f"the stored result does not name its libraries, now {here}"
+        return f"the stored result does not name its libraries, now {now.words}"
     if stored == now:
-        return f"the same libraries ({here}): another processor, or a changed file"
+        return f"the same libraries ({now.words}): another processor, or a changed file"
     changed = (
         f"{name} {getattr(stored, key)} stored, {getattr(now, key)} now"
-        for key, name in names
+        for key, name in NAMES.items()
         if getattr(stored, key) != getattr(now, key)
     )
     return f"libraries differ: {'; '.join(changed)}"

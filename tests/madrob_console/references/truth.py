@@ -30,7 +30,6 @@ def reference(run: ReferenceRun) -> Reference:
     """All that a run must score to."""
     return Reference(
         recording=f"{run.name}.mcap",
-        sha256="",
         about=run.about,
         outcome=Outcome.COMPLETED if run.timeout is None else Outcome.TIMEOUT,
         steps=_steps(facts(run, PROTOCOL)),
