@@ -13,8 +13,6 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from madrob_console.archive.nearest_frames import PICTURE_TYPES, SIDE
@@ -153,7 +151,7 @@ def _check_size(width: int, height: int) -> None:
         raise PictureError(f"it claims {width} x {height} pixels, more than {most} megapixels")
 
 
-# ---------------------------------------------------------------------- raw pictures
+# Raw pictures.
 
 
 def _raw(message: Message) -> Image.Image:
@@ -170,26 +168,9 @@ def _raw(message: Message) -> Image.Image:
             f"{len(message.data)} bytes"
         )
     data = bytes(message.data[: step * height])
-    if raw_mode in _YUV:
-        rows = np.frombuffer(data, np.uint8).reshape(height, step)[:, : width * size]
-        return _of_yuv(rows, *_YUV[raw_mode])
     mode = "L" if size == 1 else "RGB"
     return Image.frombytes(mode, (width, height), data, "raw", raw_mode, step)
 
-
-def _of_yuv(rows: NDArray[np.uint8], luma: int, blue: int, red: int) -> Image.Image:
-    """Two pixels in four bytes; the places of the first brightness and of both colours."""
-    height, size = rows.shape
-    if size % 4:
-        raise PictureError("an odd number of pixels in a row")
-    width, pairs = size // 2, rows.reshape(height, size // 4, 4)
-    bright = pairs[:, :, [luma, luma + 2]].reshape(height, width)
-    colours = [np.repeat(pairs[:, :, place], 2, axis=1) for place in (blue, red)]
-    pixels = np.dstack([bright, *colours]).tobytes()
-    return Image.frombytes("YCbCr", (width, height), pixels).convert("RGB")
-
-
-_YUV = {"UYVY": (1, 0, 2), "YUYV": (0, 1, 3)}
 
 _ENCODINGS = {
     "rgb8": (3, "RGB"),
@@ -200,9 +181,5 @@ _ENCODINGS = {
     "8UC4": (4, "BGRX"),
     "mono8": (1, "L"),
     "8UC1": (1, "L"),
-    "yuv422": (2, "UYVY"),
-    "uyvy": (2, "UYVY"),
-    "yuv422_yuy2": (2, "YUYV"),
-    "yuyv": (2, "YUYV"),
 }
-"""By the names of `sensor_msgs/image_encodings.hpp`: bytes a pixel, Pillow's raw mode or YUV."""
+"""By the names of `sensor_msgs/image_encodings.hpp`: bytes a pixel, Pillow's raw mode."""
