@@ -27,7 +27,6 @@ from madrob_console.archive.result_reader import (
     DamagedResultError,
     UnusableResultError,
     read_result,
-    read_setup,
 )
 from madrob_console.archive.run_journal import (
     UnusableJournalError,
@@ -36,6 +35,7 @@ from madrob_console.archive.run_journal import (
     is_held,
     out_of_date,
     read_run_journal,
+    recorded_competition,
 )
 from madrob_console.common.files import Stamp, stamp_of
 from madrob_console.common.names import is_rehearsal
@@ -188,21 +188,22 @@ def rank(run: RunSummary) -> tuple[float, bool, float, float]:
 
 
 def _unusable(unread: RunSummary, folder: str, why: str, *, repairable: bool = False) -> RunSummary:
-    setup = read_setup(f"{folder}/{JOURNAL_FILE}")
-    competition = None if setup is None else setup.competition
-    return replace(unread, problem=why, repairable=repairable, competition=competition)
+    return replace(
+        unread,
+        problem=why,
+        repairable=repairable,
+        competition=recorded_competition(Path(folder)),
+    )
 
 
 def _of_journal(unread: RunSummary, folder: Path) -> RunSummary:
-    problem, never_ran = None, ""
     try:
-        never_ran = read_run_journal(folder).never_ran
+        journal = read_run_journal(folder)
     except FileNotFoundError:
         return unread
     except UnusableJournalError as error:
-        problem = str(error)
-    unread = replace(unread, problem=problem, never_ran=never_ran)
-    setup = read_setup(f"{folder}/{JOURNAL_FILE}")
+        return replace(unread, problem=str(error))
+    unread, setup = replace(unread, never_ran=journal.never_ran), journal.run.setup
     if setup is None:
         return unread
     practice = unread.practice or setup.practice

@@ -12,13 +12,16 @@ from msgspec import Meta
 
 from madrob_console.archive.folders import (
     ISSUE_FILE,
-    JOURNAL_FILE,
     LARGEST_NUMBER,
     RESULT_FILE,
     RESULT_FORMAT,
 )
 from madrob_console.archive.result_document import ResultDocument
-from madrob_console.archive.run_journal import is_noted, was_changed
+from madrob_console.archive.run_journal import (
+    is_noted,
+    recorded_competition,
+    was_changed,
+)
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import read_bounded, refusal
 from madrob_console.referee.records import Reissuing, StoredRuleset
@@ -33,7 +36,6 @@ _Item = TypeVar("_Item")
 
 _AGAIN = "`madrob recover` makes it again"
 
-_FIRST_LINE = 65_536
 _DAMAGED = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, ScoringError, MadrobError)
 
 Number = Annotated[int, Meta(ge=1, le=LARGEST_NUMBER)]
@@ -81,31 +83,10 @@ class _Bounds(msgspec.Struct):
     libraries: Libraries | None = None
 
 
-class SetupPart(msgspec.Struct, frozen=True):
-    """The part of a set-up that is read from the journal."""
-
-    subject: Number
-    team: Name
-    ruleset: StoredRuleset
-    practice: bool = False
-    run_id: Name = ""
-    testbed: Name = ""
-    competition: Name | None = None
-
-
-class _Details(msgspec.Struct):
-    setup: SetupPart
-
-
-class _FirstEntry(msgspec.Struct):
-    details: _Details
-
-
 _formats = msgspec.json.Decoder(_Format)
 _anything: msgspec.json.Decoder[Any] = msgspec.json.Decoder()
 _bounds = msgspec.json.Decoder(_Bounds)
 _documents = msgspec.json.Decoder(ResultDocument)
-_first_entries = msgspec.json.Decoder(_FirstEntry)
 
 
 class UnusableResultError(MadrobError):
@@ -199,18 +180,8 @@ def _decoded(decoder: msgspec.json.Decoder[_Item], data: bytes) -> _Item:
         raise DamagedResultError(f"{RESULT_FILE} is damaged ({why}): {_AGAIN}") from None
 
 
-def read_setup(journal: str) -> SetupPart | None:
-    """From the first line of the journal."""
-    try:
-        data, _ = read_bounded(journal, _FIRST_LINE)
-        return _first_entries.decode(data.partition(b"\n")[0]).details.setup
-    except (OSError, *_DAMAGED):
-        return None
-
-
-def competition_of(folder: str) -> str | None:
+def competition_of(folder: Path) -> str | None:
     """From the result, else the journal; None = neither says."""
-    if (result := read_sound_result(folder)) is not None:
+    if (result := read_sound_result(str(folder))) is not None:
         return result.competition
-    setup = read_setup(f"{folder}/{JOURNAL_FILE}")
-    return None if setup is None else setup.competition
+    return recorded_competition(folder)

@@ -72,6 +72,15 @@ def read_run_journal(folder: Path) -> RunJournal:
         raise _unusable(f"is damaged ({type(error).__name__})") from None
 
 
+def recorded_competition(folder: Path) -> str | None:
+    """The competition of a run by its journal; None = that does not say."""
+    try:
+        setup = read_run_journal(folder).run.setup
+    except (OSError, UnusableJournalError):
+        return None
+    return None if setup is None else setup.competition
+
+
 @contextmanager
 def journal_held(folder: Path) -> Iterator[Journal]:
     """Opens a run's journal to append, under its lock.

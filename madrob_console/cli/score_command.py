@@ -143,7 +143,7 @@ def _chosen(runs: list[RunPath], arguments: argparse.Namespace) -> list[RunPath]
     from madrob_console.archive.collection import demand_competition
     from madrob_console.archive.result_reader import competition_of
 
-    found = [(run, competition_of(str(run.path))) for run in runs]
+    found = [(run, competition_of(run.path)) for run in runs]
     for run, competition in found:
         if competition is None:
             complain(f"note: {run.name}: does not say of which competition it is, left out")
