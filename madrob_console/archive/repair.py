@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,7 +26,7 @@ from madrob_console.common.files import Hold, OpenFolder, stamp_of
 from madrob_console.common.formatting import counted
 from madrob_console.referee.journal import HOLD_FILE, Entry, Journal, Origin, read_journal
 from madrob_console.referee.rebuild import Change, after, mark_of
-from madrob_console.referee.records import JournalMark, TeamWord
+from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from recorder.bag import METADATA_FILE
 from scoring.indicator_table import IndicatorName
@@ -175,7 +174,7 @@ class NextIssue:
         values: the indicators that the rule change changes.
         others: the number of differences beside `values`.
         signed: the team's word on the issue before; None = that was not final.
-        made_of: the journal that it was made of, with all its lines.
+        made_of: the lines of the journal that it was made of.
         entry: the journal's next line.
     """
 
@@ -184,7 +183,7 @@ class NextIssue:
     values: Mapping[IndicatorName, Difference]
     others: int
     signed: TeamWord | None
-    made_of: JournalMark
+    made_of: tuple[Entry, ...]
     entry: Entry
     files: Mapping[str, bytes] = field(default_factory=dict)
 
@@ -241,7 +240,7 @@ def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextI
         values,
         len(found) - len(values),
         None if before.closure is None else before.closure.team_word,
-        _whole(recorded.entries),
+        recorded.entries,
         entry,
         {name: data[name] for name in data if not has_content(folder / name, data[name])},
     )
@@ -262,7 +261,7 @@ def write_next_issue(made: NextIssue, now: float) -> None:
     try:
         with journal_held(folder) as journal:
             entries, _ = read_journal(path)
-            if _whole(entries) != made.made_of:
+            if entries != made.made_of:
                 raise MadrobError(f"{folder}: the referee went on meanwhile: re-issue it once more")
             _issue_in(folder, made.files, entries, journal, now, made.entry)
     except BlockingIOError:
@@ -271,14 +270,6 @@ def write_next_issue(made: NextIssue, now: float) -> None:
         raise MadrobError(
             f"{path}: cannot be written ({error.strerror}): nothing was re-issued"
         ) from None
-
-
-def _whole(entries: Sequence[Entry]) -> JournalMark:
-    """The mark of every line, also of those that change no result: a note on a final one."""
-    digest = hashlib.sha256()
-    for entry in entries:
-        digest.update(f"{entry.to_json()}\n".encode())
-    return JournalMark(len(entries), digest.hexdigest())
 
 
 def _busy(folder: Path) -> MadrobError:
