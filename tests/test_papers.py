@@ -52,6 +52,7 @@ from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, OfficialDrive, make_setup
 from tests.madrob_console.recorded_runs import completed
+from tests.madrob_console.robots import Played, Robot
 from tests.madrob_console.run_folders import summary, write
 
 ROOT = Path(__file__).parents[1]
@@ -442,12 +443,12 @@ def test_the_guide_s_lines_for_pandas_give_the_mean_of_each_team(
     ("scenario", "condition", "timeout", "outcome", "level"),
     [
         (Scenario.NOMINAL, 11, 60.0, Outcome.COMPLETED, 6),  # push
-        (Scenario.CLOSES_UNDER_SENSORS, 1, 8.2, Outcome.TIMEOUT, 4),  # under the sensors then
+        (Robot.CLOSES_UNDER_SENSORS, 1, 8.2, Outcome.TIMEOUT, 4),  # under the sensors then
         (Scenario.NO_TOUCH, 17, 20.0, Outcome.TIMEOUT, 0),
     ],
 )
 def test_the_guide_s_program_computes_the_indicators_from_the_tables_alone(
-    scenario: Scenario,
+    scenario: Played,
     condition: int,
     timeout: float,
     outcome: Outcome,
@@ -472,7 +473,7 @@ def test_the_guide_s_program_computes_the_indicators_of_any_run(
     for seed in range(request.config.getoption("--runs")):
         folder = tmp_path_factory.mktemp(f"seed_{seed}")
         monkeypatch.chdir(folder)
-        drive = Drive(folder / "results", Scenario.RANDOM, seed)
+        drive = Drive(folder / "results", Robot.RANDOM, seed)
         run_as_in_the_guide(drive, random.randint(1, 20), random.uniform(5.0, 30.0))
 
 

@@ -8,9 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from random import Random
 
-from madrob_console.testbeds.simulated import Scenario
 from madrob_console.testbeds.simulated.geometry import DoorGeometry, MotionPlan
-from madrob_console.testbeds.simulated.scenarios import plan_run
 from madrob_console.testbeds.simulated.sensor_model import (
     Reading,
     Scene,
@@ -23,6 +21,7 @@ from scoring.protocol import Condition, LockDetection, Outcome, Signal, Strip, T
 from scoring.result import Ending, Result
 from scoring.rulesets import PROTOCOL, Ruleset
 from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
+from tests.madrob_console.robots import Played, plan_run
 
 START = 1_700_000_000.0
 PRE_ROLL, POST_ROLL, ZEROED = 4.0, 6.0, 2.5  # s; the handle is zeroed until so long before
@@ -40,7 +39,7 @@ class Network:
 
 
 @cache
-def plan_of(scenario: Scenario, condition: int = 6, seed: int = 1) -> MotionPlan:
+def plan_of(scenario: Played, condition: int = 6, seed: int = 1) -> MotionPlan:
     return plan_run(scenario, Condition.from_number(condition), DoorGeometry(), Random(f"{seed}"))
 
 

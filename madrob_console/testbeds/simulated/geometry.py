@@ -22,7 +22,6 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from madrob_console.common.names import Scenario
 from scoring.kinematics import Array
 from scoring.protocol import (
     GRAM_FORCE,
@@ -273,14 +272,6 @@ class Tremor:
         swing = math.sin(math.tau * self.frequency * (time - self.start))
         return self.amplitude * grip * hold * swing
 
-    def over(self, times: Array, angle: Array) -> Array:
-        """As `at`, of arrays of one shape."""
-        grip = (np.minimum(times - self.start, self.end - times) / 0.2).clip(0.0, 1.0)
-        hold = ((angle - self.still) / (self.full - self.still)).clip(0.0, 1.0)
-        swing = np.sin(math.tau * self.frequency * (times - self.start))
-        shake: Array = self.amplitude * grip * hold * swing
-        return shake
-
 
 # The plan of a simulated robot for one run: functions of the time since the start.
 
@@ -304,14 +295,13 @@ _RELAXATION = 1.0
 
 @dataclass(frozen=True, slots=True)
 class MotionPlan:
-    """One run, in s since its start; `scenario` is never `RANDOM`.
+    """One run, in s since its start.
 
     `robot` is x of the body's middle in the frame `madrob_door`, m, and `panel` abs(panel angle)
     without tremor, rad. `grip` is in N, positive = pushes towards CCW. At `knock` the latch of the
     closing door hits the frame, s; None = never. `latch` is engaged at first; None = no sensor.
     """
 
-    scenario: Scenario
     condition: Condition
     body: RobotBody
     robot: Motion
@@ -329,10 +319,6 @@ class MotionPlan:
     def opening(self, time: float) -> float:
         angle = self.panel.at(time)
         return angle + sum(tremor.at(time, angle) for tremor in self.tremors)
-
-    def openings(self, times: Array) -> Array:
-        angle = self.panel.over(times)
-        return sum((tremor.over(times, angle) for tremor in self.tremors), angle)
 
     def angle(self, time: float) -> float:
         return self.condition.opening_side.sign * self.opening(time)

@@ -1,4 +1,4 @@
-"""What the simulated sensors read, and whether samples can tell a plan."""
+"""What the simulated sensors read."""
 
 from __future__ import annotations
 
@@ -6,17 +6,12 @@ from dataclasses import dataclass
 from math import cos, sin
 from random import Random
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 from madrob_console.testbeds.simulated.geometry import (
-    STEP,
     DoorGeometry,
     MotionPlan,
     RobotBody,
-    changes,
 )
-from scoring.protocol import PASSAGE_SENSORS, POST_ROLL, Side, Signal, Strip
+from scoring.protocol import Signal, Strip
 
 RANGE_MIN = 0.02
 """m; nearer things are too close for the simulated range finders."""
@@ -113,60 +108,3 @@ class SensorModel:
             distance = geometry.lintel_height - height + gauss(0.0, self.settings.range_noise)
             ranges.append(max(RANGE_MIN, distance))
         return tuple(ranges)
-
-
-_MARGIN = 0.06
-"""s between two events whose order matters, at least: two samples, their jitter, and more."""
-
-_HEIGHT_MARGIN = 0.03
-"""m by which a body must be taller or smaller than the limit for a robot."""
-
-
-def is_clear_cut(plan: MotionPlan, geometry: DoorGeometry, timeout: float | None = None) -> bool:
-    """Whether samples taken 20 ms apart cannot tell another story than the plan.
-
-    False where two events whose order matters lie too close together, or a state is too short to be
-    sampled. `timeout` (s since the start) and the end of the recording after it count as events.
-    """
-    thresholds, body, opening_side = geometry.thresholds, plan.body, plan.condition.opening_side
-    if abs(body.height - thresholds.present_height) < _HEIGHT_MARGIN:
-        return False
-    times = np.arange(0.0, plan.end + 1.0, STEP)
-    opening, x = plan.openings(times), plan.robot.over(times)
-    reading = np.rint(opening / thresholds.encoder_count) * thresholds.encoder_count
-    door = changes(reading >= thresholds.closed_angle)
-    # the brake resists only a hand that holds the handle already, so the grip alone decides
-    touch = changes(np.abs(plan.grip.over(times)) > thresholds.touch_force)[:1]
-    latched = [time for time, _ in plan.latch or ()]
-    sides: dict[Side, list[float]] = {side: [] for side in Side}
-    clear = body.height > thresholds.present_height
-    for sensor in PASSAGE_SENSORS:
-        mount, (low, high) = geometry.mount(sensor), geometry.mask(sensor)
-        seen = clear and geometry.covers(body, mount)
-        present = (np.abs(x - mount.x) < geometry.half_view(body)) & seen
-        masked = (low < reading) & (reading < high) & (sensor.side is opening_side)
-        looked = np.maximum.accumulate(np.where(masked, 0, np.arange(times.size)))
-        occupied, mask = changes(present[looked]), changes(masked)
-        unmasked = zip(mask[1::2], mask[2::2], strict=False)
-        if (
-            not _apart(changes(present), mask)
-            or any(until - since <= _MARGIN for since, until in unmasked if since in occupied)
-            or (np.diff(occupied) <= _MARGIN).any()
-        ):
-            return False
-        sides[sensor.side] += occupied.tolist()
-    passages = [*sides[Side.CW], *sides[Side.CCW]]
-    ends = [] if timeout is None else [timeout, timeout + POST_ROLL]
-    closed = door[2::2] - door[1:-1:2]
-    return bool(
-        _apart(sides[Side.CW], sides[Side.CCW])
-        and _apart(door, [*passages, *latched, *touch])
-        and _apart(ends, [*passages, *door, *touch, *latched])
-        and (np.diff(door) > _MARGIN).all()
-        and (np.abs(closed - thresholds.settle_time) >= 2 * _MARGIN).all()
-    )
-
-
-def _apart(one: ArrayLike, other: ArrayLike) -> bool:
-    between = np.abs(np.subtract.outer(one, other))
-    return bool(between.min(initial=np.inf) > _MARGIN)

@@ -259,7 +259,6 @@ class SimulatedSource(Source):
             *referee_topics(types),
         )
         self._types = types
-        self._problem: str | None = None
         self._announcement = Announcement(str(self.testbed.scenario))
         self._opened = False
         self._closed = False
@@ -291,9 +290,7 @@ class SimulatedSource(Source):
 
     def status(self) -> Sequence[TopicStatus]:
         publishers = int(self._opened and not self._closed)
-        return tuple(
-            TopicStatus(m.topic, m.type, publishers, problem=self._problem) for m in self._mappings
-        )
+        return tuple(TopicStatus(m.topic, m.type, publishers) for m in self._mappings)
 
     def configure(self, condition: Condition) -> None:
         self.testbed.set_condition(condition)
@@ -315,17 +312,10 @@ class SimulatedSource(Source):
         if state.condition is not None:
             self.testbed.set_condition(state.condition)
         if state.phase in ("countdown", "running") and state.start_time is not None:
-            self._start(nanoseconds(state.start_time))
+            self.testbed.start(nanoseconds(state.start_time))
 
     def close(self) -> None:
         self._closed = True
-
-    def _start(self, start_ns: int) -> None:
-        try:
-            self.testbed.start(start_ns)
-            self._problem = None
-        except MadrobError as error:
-            self._problem = str(error)
 
     def _switch_on(self) -> None:
         now = self._clock.now_ns()

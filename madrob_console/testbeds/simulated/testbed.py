@@ -6,7 +6,9 @@ both drive it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from enum import StrEnum
 from random import Random
 
 import msgspec
@@ -34,17 +36,19 @@ class SimulatedTestbed:
     """A testbed in which a robot plays one scenario over and over.
 
     The n-th run of a `seed` is always the same. Where the panel would pass under sensors that the
-    protocol does not mask, it raises MadrobError.
+    protocol does not mask, it raises MadrobError. `plan` plans a run as `plan_run` does.
     """
 
     def __init__(
         self,
-        scenario: Scenario = Scenario.NOMINAL,
+        scenario: StrEnum = Scenario.NOMINAL,
         seed: int = 0,
         geometry: DoorGeometry | None = None,
         sensors: SensorSettings | None = None,
+        plan: Callable[..., MotionPlan] = plan_run,
     ) -> None:
         self.scenario = scenario
+        self._plan_run = plan
         self.seed = seed
         self.geometry = geometry or DoorGeometry()
         self.sensors = sensors or SensorSettings()
@@ -81,7 +85,7 @@ class SimulatedTestbed:
     def start(self, start_ns: int) -> None:
         """Starts a run at an instant, ns since the epoch; another instant moves it."""
         if self.plan is None:
-            self.plan = plan_run(
+            self.plan = self._plan_run(
                 self.scenario,
                 self.condition,
                 self.geometry,

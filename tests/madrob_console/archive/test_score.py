@@ -47,6 +47,7 @@ from tests.madrob_console.recorded_runs import (
     recorded,
     without_digests,
 )
+from tests.madrob_console.robots import EVERY, Robot
 
 
 def remarks_on(result: Result, about: str) -> list[str]:
@@ -70,7 +71,7 @@ def test_files_with_an_event_after_the_stop_score_as_the_recording_does_or_say_w
     tmp_path: Path,
 ) -> None:
     """By the published rules; the robot is under the sensors when its time is over."""
-    drive = Drive(tmp_path / "results", Scenario.CLOSES_UNDER_SENSORS)
+    drive = Drive(tmp_path / "results", Robot.CLOSES_UNDER_SENSORS)
     drive.whole_run(make_setup(timeout=7.9, ruleset=RulesetName.EUROBENCH_2020))
     drive.engine.close()
     publish(drive.folder, tmp_path / "files")
@@ -643,7 +644,7 @@ def test_a_result_that_hides_damage_where_lists_do_not_look_is_named(
 @pytest.mark.slow
 def test_every_simulated_run_agrees(tmp_path: Path, pytestconfig: pytest.Config) -> None:
     count = pytestconfig.getoption("--runs")
-    scenarios, rulesets = list(Scenario), list(RulesetName)
+    scenarios, rulesets = (*EVERY, Scenario.WORN, Robot.RANDOM), list(RulesetName)
     for number in range(count):
         drive = Drive(tmp_path, scenarios[number % len(scenarios)], number, latch=number % 3 == 0)
         setup = make_setup(

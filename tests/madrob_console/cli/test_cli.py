@@ -29,9 +29,7 @@ def folder_in(output: str) -> Path:
     return Path(last.removeprefix("run folder: "))
 
 
-@pytest.mark.parametrize(
-    ("scenario", "code"), [("nominal", 0), ("touch-only", 3), ("turns-back", 3)]
-)
+@pytest.mark.parametrize(("scenario", "code"), [("nominal", 0), ("touch-only", 3)])
 def test_the_exit_code_says_how_the_run_ended(
     scenario: str, code: int, tmp_path: Path, madrob: Madrob
 ) -> None:

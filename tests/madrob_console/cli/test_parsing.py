@@ -47,7 +47,7 @@ def test_a_help_has_an_example_that_works_and_no_empty_default(
         ("run", "s to wait for the pre-start checks; `inf`: without an end (default: 20)"),
         ("console", "setting `engine.idle_time`, 600 by default"),
         ("console", "setting `console.theme`, dark by default"),
-        ("run", "nominal, jerky, slam"),
+        ("run", "nominal, slam, slow"),
         ("run", "No Force, Constant Force"),
         ("testbed", "(default: 0)"),
         ("standings", "setting `competition.best_runs`, 0 by default"),

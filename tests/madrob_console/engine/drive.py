@@ -29,7 +29,7 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.flags import undecided
 from madrob_console.referee.records import CheckName, RunSetup, TeamWord
 from madrob_console.referee.run import Phase
-from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
+from madrob_console.testbeds.simulated import Scenario
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, Announcement
@@ -37,6 +37,7 @@ from recorder.bag import Topic
 from recorder.reader import Bag
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
+from tests.madrob_console.robots import Played, any_testbed
 from tests.watching import until
 
 EPOCH_NS = 1_700_000_000_000_000_000
@@ -55,7 +56,7 @@ class Drive:
     def __init__(
         self,
         results: Path,
-        scenario: Scenario = Scenario.NOMINAL,
+        scenario: Played = Scenario.NOMINAL,
         seed: int = 0,
         *,
         latch: bool = False,
@@ -71,7 +72,7 @@ class Drive:
     ) -> None:
         self.clock = clock or VirtualClock(EPOCH_NS)
         types = MessageTypes()
-        simulated = SimulatedTestbed(scenario, seed, sensors=SensorSettings(latch=latch))
+        simulated = any_testbed(scenario, seed, sensors=SensorSettings(latch=latch))
         self.source = self.SOURCE(simulated, self.clock, types, mappings)
         config = EngineConfig(
             results,

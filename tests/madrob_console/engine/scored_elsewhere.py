@@ -15,6 +15,7 @@ from madrob_console.engine.supervisor import Supervisor
 from madrob_console.referee.acts import Act
 from madrob_console.testbeds.simulated import Scenario
 from tests.madrob_console.engine.drive import Drive
+from tests.madrob_console.robots import Played
 from tests.watching import until
 
 
@@ -25,7 +26,7 @@ class Referee(Drive):
         self,
         results: Path,
         scorer: ScoringProcess,
-        scenario: Scenario = Scenario.NOMINAL,
+        scenario: Played = Scenario.NOMINAL,
         keepers: DiskThreads | None = None,
     ) -> None:
         super().__init__(results, scenario, scorer=scorer, keepers=keepers)

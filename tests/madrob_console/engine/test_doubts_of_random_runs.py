@@ -30,6 +30,7 @@ from scoring.protocol import BenchmarkType, Condition, Event, EventName, Outcome
 from scoring.result import Ending, EventRecord, Result
 from scoring.signals import DoorSample, HandleSample, Sample
 from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.robots import EVERY, Played, Robot, openings
 from tests.madrob_console.testbeds.truth import truth_of_testbed
 from tests.scoring.clean_run import Fault, door_fault, force_fault, late, lost, passage_fault
 from tests.scoring.runs import START
@@ -70,7 +71,7 @@ class Recorded:
 
 def record(results: Path, seed: int) -> Recorded:
     """A run of the robot with that seed."""
-    scored, folder, _ = played(results, Scenario.RANDOM, seed, Condition.from_number(1 + seed % 20))
+    scored, folder, _ = played(results, Robot.RANDOM, seed, Condition.from_number(1 + seed % 20))
     recorded = read_recorded_run(folder)
     shift = scored.result.start - START
     samples = [
@@ -83,7 +84,7 @@ def record(results: Path, seed: int) -> Recorded:
 
 
 def played(
-    results: Path, scenario: Scenario, seed: int, condition: Condition
+    results: Path, scenario: Played, seed: int, condition: Condition
 ) -> tuple[RenderedResult, Path, SimulatedTestbed]:
     """A whole run: what came of it, its folder and its testbed."""
     drive = Drive(results, scenario, seed)
@@ -248,7 +249,7 @@ SIGNALS = {
 Stamps = dict[Signal, list[float]]
 
 
-def errors_of(results: Path, scenario: Scenario, seed: int, condition: Condition) -> list[float]:
+def errors_of(results: Path, scenario: Played, seed: int, condition: Condition) -> list[float]:
     """How far off the events of a run are, in samples; what else was found is what truly was.
 
     The noise of load cell and encoder blurs touches and edges of the door: that much is no error.
@@ -287,7 +288,7 @@ def door_blur(testbed: SimulatedTestbed) -> float:
     """How long the panel takes, at its slowest edge, through the encoder's noise on one side, s."""
     plan, thresholds = testbed.plan, testbed.geometry.thresholds
     assert plan is not None
-    opening = plan.openings(np.arange(0.0, plan.end, 1e-4))
+    opening = openings(plan, np.arange(0.0, plan.end, 1e-4))
     level = thresholds.closed_angle - thresholds.encoder_count / 2  # a reading is rounded
     near = np.abs(opening - level) < 4 * thresholds.encoder_noise
     edges = np.flatnonzero(near[1:] != near[:-1])
@@ -322,12 +323,12 @@ CONDITIONS = [
 @pytest.mark.parametrize(
     "scenario",
     slow_but_for(
-        [s for s in Scenario if s not in (Scenario.RANDOM, Scenario.WORN)],  # its zeros move
-        *(Scenario.NOMINAL, Scenario.CLOSES_UNDER_SENSORS, Scenario.BOUNCES, Scenario.SLAM),
+        EVERY,
+        *(Scenario.NOMINAL, Robot.CLOSES_UNDER_SENSORS, Robot.BOUNCES, Scenario.SLAM),
     ),
 )
-def test_every_scenario_is_found_as_it_truly_is(scenario: Scenario, tmp_path: Path) -> None:
-    condition = CONDITIONS[list(Scenario).index(scenario) % 4]
+def test_every_scenario_is_found_as_it_truly_is(scenario: Played, tmp_path: Path) -> None:
+    condition = CONDITIONS[EVERY.index(scenario) % 4]
     assert max(errors_of(tmp_path, scenario, 1, condition)) <= 1
 
 
@@ -338,7 +339,7 @@ def test_random_runs_are_found_as_they_truly_are(
 ) -> None:
     runs = request.config.getoption("--runs")
     found = {
-        n: max(errors_of(tmp_path / str(n), Scenario.RANDOM, n, Condition.from_number(1 + n % 20)))
+        n: max(errors_of(tmp_path / str(n), Robot.RANDOM, n, Condition.from_number(1 + n % 20)))
         for n in range(part, runs, 4)
     }
     worst = max(found.values())

@@ -53,6 +53,7 @@ from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.reporting import no_reporting
 from tests.madrob_console.engine.scored_elsewhere import kept_running
 from tests.madrob_console.engine.served import act, simulated, start
+from tests.madrob_console.robots import Played, Robot
 from tests.slowly import slow_but_for
 from tests.watching import until
 
@@ -60,10 +61,10 @@ from tests.watching import until
 @pytest.mark.parametrize("ruleset", list(RulesetName))
 @pytest.mark.parametrize(
     "scenario",
-    slow_but_for([Scenario.NOMINAL, Scenario.BOUNCES, Scenario.OPEN_ONLY], Scenario.BOUNCES),
+    slow_but_for([Scenario.NOMINAL, Robot.BOUNCES, Robot.OPEN_ONLY], Robot.BOUNCES),
 )
 def test_bag_replay_and_live_run_give_the_same_digits(
-    scenario: Scenario, ruleset: RulesetName, tmp_path: Path
+    scenario: Played, ruleset: RulesetName, tmp_path: Path
 ) -> None:
     drive = Drive(tmp_path, scenario, seed=5)
     drive.whole_run(make_setup(ruleset=ruleset, timeout=30.0))

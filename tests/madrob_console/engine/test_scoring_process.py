@@ -51,6 +51,7 @@ from tests.madrob_console.engine.scored_elsewhere import (
     pid_of,
 )
 from tests.madrob_console.engine_process import EngineProcess
+from tests.madrob_console.robots import Robot
 from tests.watching import Stutter, until
 
 pytestmark = pytest.mark.machine
@@ -209,7 +210,7 @@ def test_a_run_of_three_hours_makes_nobody_wait_for_its_scoring(
 ) -> None:
     """Two sensors at 100 Hz: their samples are fed, for the recording is not what is measured."""
     hours, rate = 3.0, 100.0
-    drive = Referee(tmp_path, scorer, Scenario.NO_CLOSE, DiskThreads.threads())
+    drive = Referee(tmp_path, scorer, Robot.NO_CLOSE, DiskThreads.threads())
     drive.prepare(make_setup(timeout=86_400.0))
 
     def ready() -> bool:

@@ -11,18 +11,16 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.testbeds.simulated import (
     DoorGeometry,
     MotionPlan,
-    Scenario,
     SimulatedTestbed,
-    plan_run,
 )
 from madrob_console.testbeds.simulated.geometry import LOAD_CELL_LIMIT
-from madrob_console.testbeds.simulated.sensor_model import is_clear_cut
 from scoring.protocol import (
     PASSAGE_SENSORS,
     PassageSensor,
     Side,
     Thresholds,
 )
+from tests.madrob_console.robots import Robot, is_clear_cut, plan_run
 
 GEOMETRY = DoorGeometry()
 
@@ -49,7 +47,7 @@ def test_a_doorway_that_does_not_fit_the_masks_is_refused() -> None:
 
 @cache
 def any_plan(seed: int) -> MotionPlan:
-    return plan_run(Scenario.RANDOM, None, GEOMETRY, Random(seed))
+    return plan_run(Robot.RANDOM, None, GEOMETRY, Random(seed))
 
 
 @pytest.mark.parametrize("seed", range(30))

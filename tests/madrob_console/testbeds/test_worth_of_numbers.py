@@ -23,6 +23,7 @@ from scoring.protocol import Signal, Thresholds
 from scoring.result import Indicator, Result
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
 from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
+from tests.madrob_console.robots import Played, Robot
 from tests.madrob_console.sampled_runs import (
     EXACT,
     EXACT_ANGLE,
@@ -40,10 +41,10 @@ COUNT = Thresholds().encoder_count
 SUDDEN_RAMP = (4, 9, 14, 19)
 SCENARIOS = (
     Scenario.NOMINAL,
-    Scenario.JERKY,
+    Robot.JERKY,
     Scenario.SLAM,
-    Scenario.BOUNCES,
-    Scenario.CLOSES_UNDER_SENSORS,
+    Robot.BOUNCES,
+    Robot.CLOSES_UNDER_SENSORS,
     Scenario.SLOW,
 )
 
@@ -199,7 +200,7 @@ def test_one_bad_sample_that_moves_a_value_is_doubted(request: pytest.FixtureReq
 # ------------------------------------------------------------------------------ the truth
 
 
-def truths(scenario: Scenario, rules: Ruleset) -> dict[Name, float | None]:
+def truths(scenario: Played, rules: Ruleset) -> dict[Name, float | None]:
     """What happened, by a scorer without noise: times at 2 kHz, motion by the ruleset's filters."""
     plan = plan_of(scenario)
     dense = scored(

@@ -41,6 +41,7 @@ from scoring.protocol import Condition, Side, Step
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup
+from tests.madrob_console.robots import Played, Robot
 from tests.madrob_console.ui.driver import (
     DEFAULTS,
     LARGE,
@@ -296,7 +297,7 @@ def final(result: Result) -> dict[str, str]:
 
 
 def shown_in_run(
-    results: Path, scenario: Scenario, seed: int, ruleset: RulesetName, *, latch: bool
+    results: Path, scenario: Played, seed: int, ruleset: RulesetName, *, latch: bool
 ) -> Counter[bool]:
     """Of how many times the screens showed another text, with the mark of one that may change.
 
@@ -321,16 +322,16 @@ def shown_in_run(
     ("scenario", "ruleset", "latch"),
     [
         (Scenario.NOMINAL, RulesetName.PROTOCOL, False),
-        (Scenario.BOUNCES, RulesetName.EUROBENCH_2020, True),
-        (Scenario.TURNS_BACK, RulesetName.EUROBENCH_2020, False),
+        (Robot.BOUNCES, RulesetName.EUROBENCH_2020, True),
+        (Robot.TURNS_BACK, RulesetName.EUROBENCH_2020, False),
     ],
 )
 def test_a_time_without_a_mark_is_the_one_of_the_result(
-    scenario: Scenario, ruleset: RulesetName, latch: bool, tmp_path: Path
+    scenario: Played, ruleset: RulesetName, latch: bool, tmp_path: Path
 ) -> None:
     found = shown_in_run(tmp_path, scenario, 3, ruleset, latch=latch)
     assert found[False]
-    assert found[True] or scenario is Scenario.TURNS_BACK
+    assert found[True] or scenario is Robot.TURNS_BACK
 
 
 CLOCK = [f"{left}{right}" for left, right in zip(*map(digit_rows, ("1:04", ".0")), strict=True)]

@@ -55,6 +55,7 @@ from scoring.result import Result
 from tests.madrob_console.engine.drive import Drive, make_setup, signed
 from tests.madrob_console.engine.machine_time import Machine
 from tests.madrob_console.engine_process import EngineProcess, WallClock
+from tests.madrob_console.robots import Robot
 from tests.madrob_console.small_disk import disk_image
 from tests.slowly import slow_but_for
 
@@ -332,7 +333,7 @@ def test_memory_threads_and_handles_stay_flat_over_a_day_of_runs(
 ) -> None:
     """1200 runs are ten hours."""
     count, rng = max(20, request.config.getoption("--runs")), random.Random(13)
-    drive, kept = Drive(tmp_path / "results", Scenario.RANDOM), None
+    drive, kept = Drive(tmp_path / "results", Robot.RANDOM), None
     threads, used, objects = threading.active_count(), [], [live_objects()]
     for number in range(count):
         folder = a_run_of_the_day(drive, number, rng)
