@@ -96,12 +96,8 @@ def collected_in(results: Path, testbed: str | None = None) -> Collection:
 
 def of_testbed(runs: Iterable[RunSummary], name: str) -> list[RunSummary]:
     every = list(runs)
-    demand_testbed(name, {run.testbed for run in every})
+    _demand_known("--testbed-name", name, {run.testbed for run in every})
     return [run for run in every if run.testbed == name]
-
-
-def demand_testbed(name: str, testbeds: Iterable[str]) -> None:
-    _demand_known("--testbed-name", name, testbeds)
 
 
 def demand_competition(name: str, competitions: Iterable[str]) -> None:

@@ -41,7 +41,7 @@ def digests_of(
     `run` names the recording; by default it is called like the folder.
     """
     digests, left_out, new = {}, [], new or {}
-    names = {f"{run or folder.name}_0.mcap", _METADATA, *_data_files(folder), *new}
+    names = {f"{run or folder.name}_0.mcap", _METADATA, *filter(_is_data, _names(folder)), *new}
     if lists_evidence(folder):
         names.discard(_METADATA)
     for name in sorted(names):
@@ -72,10 +72,6 @@ def listed_in(folder: Path) -> list[str]:
         return listed_names(bag_information(folder))
     except (DamageError, OSError, *YAML_PROBLEMS):
         return []
-
-
-def _data_files(folder: Path) -> list[str]:
-    return [name for name in _names(folder) if _is_data(name)]
 
 
 def _names(folder: Path) -> list[str]:

@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import msgspec
 from msgspec import UNSET
@@ -37,9 +36,6 @@ from scoring.libraries import libraries_here
 from scoring.protocol import Condition, Event, Outcome, ScoringError, StartPose
 from scoring.result import Result
 from scoring.rulesets import RulesetName
-
-if TYPE_CHECKING:
-    pass
 
 _SHORT = 16
 """Digits of a digest that people compare."""

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from shutil import get_terminal_size
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
@@ -125,14 +123,10 @@ def _lines(found: Sequence[RunEvidence], now: float) -> list[str]:
         for one in found
     ]
     longest = max((len(row[0]) for row in rows), default=0)
-    width = get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
-    lines: list[str] = []
-    for folder, age, amount, kept in rows:
-        head = f"{folder:<{longest}}  {age:>6}  {amount:>7}"
-        words = f"stays: {kept}" if kept else "goes"
-        fits = len(head) + 2 + len(words) <= width
-        lines += [f"{head}  {words}"] if fits else [head, f"  {words}"]
-    return lines
+    return [
+        f"{folder:<{longest}}  {age:>6}  {amount:>7}  {f'stays: {kept}' if kept else 'goes'}"
+        for folder, age, amount, kept in rows
+    ]
 
 
 def _age(seconds: float) -> str:

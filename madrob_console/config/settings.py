@@ -307,10 +307,7 @@ def _tables(name: str, table: msgspec.Struct) -> Iterator[str]:
 
 def _tables_in(kind: inspect.Type) -> bool:
     """Whether it is a list of tables, which the example explains at its end."""
-    match kind:
-        case inspect.VarTupleType(item_type=inspect.StructType()):
-            return True
-    return False
+    return isinstance(kind, inspect.VarTupleType) and isinstance(kind.item_type, inspect.StructType)
 
 
 def toml_value(value: object) -> str:

@@ -188,7 +188,7 @@ class DoorNode:
             self._say(f"{name.replace('_', ' ')} set to {value}")
 
     def _on_pose(self, message: RosObject) -> None:
-        self._source.testbed.set_start_distance(abs(message.pose.position.x))
+        self._source.testbed.start_distance = abs(message.pose.position.x)
 
     def _on_state(self, message: RosObject) -> None:
         try:

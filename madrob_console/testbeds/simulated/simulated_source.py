@@ -293,7 +293,7 @@ class SimulatedSource(Source):
         return tuple(TopicStatus(m.topic, m.type, publishers) for m in self._mappings)
 
     def configure(self, condition: Condition) -> None:
-        self.testbed.set_condition(condition)
+        self.testbed.condition = condition
 
     @property
     def announcement(self) -> Announcement:
@@ -304,13 +304,13 @@ class SimulatedSource(Source):
             self.heed(parse_state(decode_text(self._types, message.data)))
         elif message.topic == REFEREE_START_POSE_TOPIC:
             pose = self._types.decode(message.type, message.data).pose
-            self.testbed.set_start_distance(abs(pose.position.x))
+            self.testbed.start_distance = abs(pose.position.x)
 
     def heed(self, state: RefereeState) -> None:
         if state.phase in ("idle", "ready") or state.held:
             self.testbed.reset()
         if state.condition is not None:
-            self.testbed.set_condition(state.condition)
+            self.testbed.condition = state.condition
         if state.phase in ("countdown", "running") and state.start_time is not None:
             self.testbed.start(nanoseconds(state.start_time))
 

@@ -37,6 +37,10 @@ class SimulatedTestbed:
 
     The n-th run of a `seed` is always the same. Where the panel would pass under sensors that the
     protocol does not mask, it raises MadrobError. `plan` plans a run as `plan_run` does.
+
+    Attributes:
+        condition: of later runs; None = each run draws one.
+        start_distance: of the robot from the threshold, m; None = the usual one.
     """
 
     def __init__(
@@ -73,14 +77,6 @@ class SimulatedTestbed:
     def signals(self) -> tuple[Signal, ...]:
         latch = (Signal.LATCH,) if self.sensors.latch else ()
         return (*(signal for signal in Signal if not signal.optional), *latch)
-
-    def set_condition(self, condition: Condition) -> None:
-        """Sets the condition of later runs; before the first call each run draws one."""
-        self.condition = condition
-
-    def set_start_distance(self, distance: float) -> None:
-        """Sets the robot's start distance from the threshold, m; at least clear of the sensors."""
-        self.start_distance = distance
 
     def start(self, start_ns: int) -> None:
         """Starts a run at an instant, ns since the epoch; another instant moves it."""
