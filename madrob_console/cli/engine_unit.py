@@ -16,6 +16,7 @@ from madrob_console.cli import options
 from madrob_console.cli.attaching import TAKEN, engine_options, owned_testbed
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import make_folder
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.engine_lock import state_folder
 
@@ -60,7 +61,7 @@ def print_unit(arguments: argparse.Namespace) -> int:
     if settings.results.publish:
         writable.append(Path(settings.results.publish).expanduser())
     for folder in writable if system else ():
-        _make_folder(folder)
+        make_folder(folder, "make it, then print the unit again")  # else it does not start
     names = _ROS_ENVIRONMENT if owned.kind is SourceKind.ROS else ()
     template = resources.files("madrob_console") / "cli" / "engine.service"
     filled = Template(template.read_text(encoding="utf-8")).substitute(
@@ -82,16 +83,6 @@ def print_unit(arguments: argparse.Namespace) -> int:
     )
     print(filled, end="")
     return 0
-
-
-def _make_folder(folder: Path) -> None:
-    """A service that may write to a folder does not start without it."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MadrobError(
-            f"{folder}: cannot be made ({error.strerror}): make it, then print the unit again"
-        ) from None
 
 
 def _command_line() -> list[str]:

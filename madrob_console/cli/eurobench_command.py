@@ -7,7 +7,6 @@ from pathlib import Path
 
 from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.parsing import as_path
-from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 
 
@@ -36,7 +35,7 @@ from madrob_console.common.names import terminal_safe
 def eurobench(arguments: argparse.Namespace) -> int:
     """Score the files, then write the indicators, each file atomically."""
     from madrob_console.cli.score_output import result_lines
-    from madrob_console.common.files import atomic_writes
+    from madrob_console.common.files import atomic_writes, make_folder
     from scoring.eurobench.published import evaluate_published
     from scoring.eurobench.run_files import indicator_files, read_files
     from scoring.rulesets import EUROBENCH_2020
@@ -44,10 +43,7 @@ def eurobench(arguments: argparse.Namespace) -> int:
     inputs = (arguments.event, arguments.wrench, arguments.joint_state, arguments.condition)
     result, _ = evaluate_published(read_files(inputs), EUROBENCH_2020)
     folder: Path = arguments.folder
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MadrobError(f"{folder}: cannot be made ({error.strerror}): name another") from None
+    make_folder(folder, "name another")
     atomic_writes(folder, indicator_files(result.indicators, EUROBENCH_2020))
     for line in result_lines(result):
         print(line)

@@ -63,18 +63,13 @@ def _make(
     written: set[Path],
     around: Surroundings,
 ) -> None:
-    from madrob_console.common.files import atomic_write
+    from madrob_console.common.files import atomic_write, make_folder
 
     files = _page(path, output, around) if pictures is None else _pictures(path, pictures, output)
     for target, data in files:
         if target in written:
             raise MadrobError(f"{path}: {target} is another run's already: choose another --output")
-        try:
-            target.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise MadrobError(
-                f"{target.parent}: cannot be made ({error.strerror}): choose another --output"
-            ) from None
+        make_folder(target.parent, "choose another --output")
         atomic_write(target, data)
         written.add(target)
         print(terminal_safe(str(target)))

@@ -160,7 +160,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
         stack.enter_context(unattended.stopping_on_signals())
 
-        def setup(*, simulated: bool) -> RunSetup:
+        def setup(simulated: bool) -> RunSetup:
             practice = (simulated and not rehearsal) or arguments.practice
             return _setup(arguments, settings, engine, teams, plan, practice=practice)
 

@@ -6,14 +6,14 @@ import argparse
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from socket import gethostname
 from types import FrameType
-from typing import Protocol, assert_never
+from typing import TypeAlias, assert_never
 
 from madrob_console.cli import aside, options
 from madrob_console.cli.batch import named_places, site_arguments
@@ -234,14 +234,11 @@ def _find_testbed(arguments: argparse.Namespace, settings: Settings) -> SourceKi
 STEP = 0.02
 """Interval at which the engine receives messages, s of its clock."""
 
+SetupMaker: TypeAlias = Callable[[bool], RunSetup]
+"""Makes the set-up of a run, which is simulated or not."""
+
 _LOOK_PERIOD = 0.5
 _REST = 1.5
-
-
-class SetupMaker(Protocol):
-    """Makes the set-up of a run."""
-
-    def __call__(self, *, simulated: bool) -> RunSetup: ...
 
 
 class _LogPrinter:
@@ -322,7 +319,7 @@ class UnattendedRun:
     def _set_up(self, setup: SetupMaker) -> bool:
         """Set the run up and print the testbed; returns whether it is known to be simulated."""
         simulated = self._engine.source.announcement.simulated is not None
-        self._do(SetUp(setup(simulated=simulated)))
+        self._do(SetUp(setup(simulated)))
         print(f"testbed: {self._engine.snapshot().label}", flush=True)
         return simulated
 

@@ -21,7 +21,6 @@ from madrob_console.cli.batch import demand_results, each_run
 from madrob_console.cli.command_line import Argument, MadrobCommand, TellAction, command
 from madrob_console.cli.output import BAD_INPUT, Complaints, counted_off, name_twins, put_bytes
 from madrob_console.cli.parsing import as_path
-from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from scoring.rulesets import RulesetName
 
@@ -167,14 +166,10 @@ table = MadrobCommand(
 def write_samples(run: RunPath, *, output: Path, rules: RulesetName | None) -> list[Path]:
     """Write the tables of one run, which alone is in memory; MadrobError if it cannot be."""
     from madrob_console.archive.table_rows import SampledRun, write_table
+    from madrob_console.common.files import make_folder
 
     sampled = SampledRun.of(run, rules)
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MadrobError(
-            f"{output}: cannot be made ({error.strerror}): choose another --output"
-        ) from None
+    make_folder(output, "choose another --output")
     files = [output / f"{run.own_name}_{table.name}.csv" for table in SAMPLE_TABLES]
     for path, table in zip(files, SAMPLE_TABLES, strict=True):
         write_table(path, table, sampled.columns_of(table))

@@ -47,6 +47,14 @@ def atomic_write_in(folder: int, name: str, parts: Iterable[bytes]) -> None:
         file.writelines(parts)
 
 
+def make_folder(path: Path, remedy: str) -> None:
+    """Make a folder and those above it, where they are missing."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise MadrobError(f"{path}: cannot be made ({error.strerror}): {remedy}") from None
+
+
 def write_new_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> None:
     with new_folder(path) as part:
         atomic_writes(part, files)

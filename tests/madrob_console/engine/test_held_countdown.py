@@ -212,7 +212,7 @@ def test_a_run_without_screens_goes_on_after_a_false_start_only_if_told_so(
     hall.faulty.fake(HANDLE, pulled)
     run = UnattendedRun(hall.engine, None)
     practice = replace(make_setup(), practice=True)
-    outcome = run.go(lambda *, simulated: practice, 20.0, None, accept)
+    outcome = run.go(lambda simulated: practice, 20.0, None, accept)
     assert outcome is (Outcome.ABORTED if accept is None else Outcome.COMPLETED)
     (mark,) = hall.engine.run.false_starts
     assert mark.accepted == accept

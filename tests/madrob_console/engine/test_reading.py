@@ -223,7 +223,7 @@ def test_a_run_without_screens_waits_for_no_team_and_takes_the_waiver(
     monkeypatch.setattr(hall.engine, "open", lambda: None)  # it is open
     hall.engine.hear_of_teams(TeamList({3: "Delft Walkers"}))
     run, began = UnattendedRun(hall.engine, None), hall.engine.now()
-    go = partial(run.go, lambda *, simulated: NINE, 20.0, waive)
+    go = partial(run.go, lambda simulated: NINE, 20.0, waive)
     if waive is None:
         with pytest.raises(MadrobError, match=re.escape(f"start refused: {UNLISTED}")):
             go()
