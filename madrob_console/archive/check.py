@@ -178,8 +178,7 @@ def check_run(run: RunPath) -> CheckedRun:
     the data quality (messages lost on their way) may be stored beside those of the recording.
     """
     folder = run.path
-    if run.prefix:
-        raise MadrobError(f"{run.name}: holds no recording: put the bag back beside the results")
+    run.demand_recording()
     try:
         stored = read_whole_result(str(folder)) if folder.is_dir() else None
     except FileNotFoundError:

@@ -346,6 +346,11 @@ class RunPath:
         whole = Path(os.path.abspath(self.path))  # noqa: PTH100  `..` has a name, too
         return self.prefix or (whole.name if whole.is_dir() else whole.stem)
 
+    def demand_recording(self) -> None:
+        """Refuse published files, which can be scored and nothing else."""
+        if self.prefix:
+            raise MadrobError(f"{self.name}: files without a recording: give the run's bag")
+
     @property
     def place(self) -> tuple[Path, str]:
         """The results folder of a run folder, and the run's folder as seen from there."""

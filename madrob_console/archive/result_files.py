@@ -25,15 +25,13 @@ from madrob_console.archive.result_document import MANUAL_START, ResultDocument
 from madrob_console.archive.result_reader import UnusableResultError, read_result
 from madrob_console.archive.run_journal import UnusableJournalError, disagreement, out_of_date
 from madrob_console.archive.run_record import RunLabel
-from madrob_console.archive.scored import Scored, ScoredPath, score_recording, score_run
+from madrob_console.archive.scored import Scored, score_recording
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.names import SourceKind
-from madrob_console.referee.flags import FlagKind, undecided
-from madrob_console.referee.records import RunSetup
+from madrob_console.referee.flags import undecided
 from scoring.eurobench.run_files import Wrench, run_files
 from scoring.eurobench.run_info import RunInfo
 from scoring.libraries import libraries_here
-from scoring.protocol import Condition, Event, Outcome, ScoringError, StartPose
+from scoring.protocol import Condition, Event, Outcome, ScoringError
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 
@@ -145,14 +143,10 @@ def eurobench_files(name: str, scored: Scored) -> dict[str, bytes]:
 
 @dataclass(frozen=True, slots=True)
 class StoredRun:
-    """A run with its result, as stored or freshly scored; `folder` may be a bag file.
-
-    `published`: it was scored from EUROBENCH's files, which do not tell its source.
-    """
+    """A run with its result, as stored or freshly scored; `folder` may be a bag file."""
 
     folder: Path
     result: ResultDocument
-    published: bool = False
 
     @property
     def label(self) -> RunLabel:
@@ -170,10 +164,6 @@ class StoredRun:
     @property
     def practice(self) -> bool:
         return self.result.practice or self.folder.parent.name == PRACTICE_FOLDER
-
-    @property
-    def source(self) -> str:
-        return "" if self.published else self.result.source
 
     @property
     def condition(self) -> Condition:
@@ -251,49 +241,7 @@ def stored_run(run: RunPath) -> StoredRun:
 
 
 def fresh_runs(run: RunPath, rules: Sequence[RulesetName | None]) -> list[StoredRun]:
-    """A run scored now by each ruleset, as for `score_run`; it is read only once."""
-    if run.prefix:
-        found = (_published_document(one) for one in score_run(run, rules))
-        return [StoredRun(run.path, document, published=True) for document in found]
+    """A recorded run scored now by each ruleset; it is read only once."""
+    run.demand_recording()
     scored = score_recording(run.path, rules)
     return [StoredRun(run.path, document_of(one, run.path, {})) for one in scored]
-
-
-def _published_document(scored: ScoredPath) -> ResultDocument:
-    """What EUROBENCH's files tell of a run; the rest of its set-up is empty."""
-    label, result = scored.label, scored.result
-    subject, number = label.subject or 0, label.run or 0
-    setup = RunSetup(
-        subject=subject,
-        team=label.team,
-        run_number=number,
-        condition=result.condition,
-        start_pose=StartPose(0.0, 0.0, 0.0),
-        referee="",
-        timeout=0.0,
-        countdown=0.0,
-        ruleset=result.ruleset,
-        lock_detection=result.lock_detection,
-        practice=any(flag.kind == FlagKind.PRACTICE for flag in scored.flags),
-    )
-    return ResultDocument(
-        format=RESULT_FORMAT,
-        software="",
-        competition="",
-        source=SourceKind.ROS,
-        issue=0,
-        subject=subject,
-        team=label.team,
-        run_number=number,
-        condition_number=label.condition,
-        setup=setup,
-        **{each.name: getattr(result, each.name) for each in fields(Result)},
-        waivers=(),
-        false_starts=(),
-        incidents=(),
-        rulings=(),
-        notes=(),
-        closure=None,
-        remark="",
-        flags=scored.flags,
-    )

@@ -160,7 +160,7 @@ RUNS = TidyTable(
         *WHOSE,
         _text("folder", "name of its folder; tables of samples call it run", "run.folder.name"),
         _text("place", "path of its folder", "run.folder"),
-        _text("source", "ros, simulated or replay", "run.source"),
+        _text("source", "ros, simulated or replay", "run.result.source"),
         *_KIND,
         _RULESET,
         *_TASK,

@@ -131,8 +131,7 @@ class SampledRun:
     @classmethod
     def of(cls, run: RunPath, rules: RulesetName | None = None) -> Self:
         """Scores a run by `rules` (None = its own); MadrobError if it cannot be."""
-        if run.prefix:
-            raise MadrobError(f"{run.name}: files without a recording: give the run's bag")
+        run.demand_recording()
         scored, series = score_with_series(run.path, rules)
         return cls(run.own_name, scored, series, scored.record.label)
 

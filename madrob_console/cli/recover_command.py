@@ -51,8 +51,7 @@ def _recover(run: RunPath) -> None:
     from madrob_console.cli.repairing import repair_run
     from recorder.recovery import recover as recover_recording
 
-    if run.prefix:
-        raise MadrobError(f"{run.name}: files without a recording: give the run's bag")
+    run.demand_recording()
     with _journal_held(run.path):
         recovered = recover_recording(run.path)
     line = _line(run.path, recovered)  # a run that is held would be taken for one going on

@@ -328,11 +328,7 @@ def _written(run: RunPath, target: Path, rules: RulesetName | None, *, as_json: 
     from madrob_console.archive.scored import score_recording
     from madrob_console.common.files import write_new_folder
 
-    if run.prefix:
-        raise MadrobError(
-            f"{run.name}: files without a recording can be scored, not made by other rules: give "
-            "the run's bag"
-        )
+    run.demand_recording()
     (scored,) = score_recording(run.path, (rules,))
     folder, used = target / run.own_name, scored.result.ruleset
     write_new_folder(folder, eurobench_files(run.own_name, scored))

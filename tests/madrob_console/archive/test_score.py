@@ -613,7 +613,7 @@ def test_without_a_result_or_a_recording_there_is_nothing_to_check(
     errors = capsys.readouterr().err.splitlines()
     nothing = "has no result.json to check: name a run folder with a result"
     assert errors[::2] == [f"madrob: {path}: {nothing}" for path in (bag, run)]
-    assert "holds no recording" in errors[1]
+    assert "files without a recording" in errors[1]
     with pytest.raises(SystemExit):
         check(run, flags=("--ruleset", "protocol"))
     assert "not allowed with" in capsys.readouterr().err
