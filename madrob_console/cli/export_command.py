@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 @command(
     "export",
     "a team's runs, or all about one run, in one zip",
-    "Official runs, with checksums. The last line is the path of the zip. Exit code 2 when "
-    "something could not be packed: it is named, the rest is there.",
+    "Official runs, with reports, tables, a page of them all and checksums. The last line is the "
+    "path of the zip. Exit code 2 when something could not be packed: it is named, the rest is "
+    "there.",
     options=(
         options.subject(),
         Argument(
@@ -75,45 +76,45 @@ def export(arguments: argparse.Namespace) -> int:
     """Make the zip; name what could not be packed. The last line is the path of the zip."""
     check_options(arguments)
     with imports_kept():
-        from madrob_console.export.dossier import export_dossier
-        from madrob_console.export.pack import BagParts
-        from madrob_console.export.team import export_team
+        from madrob_console.export.contents import dossier_contents, team_contents
+        from madrob_console.export.pack import BagParts, pack
         from madrob_console.pages.surroundings import Surroundings
 
-    parts = BagParts(not arguments.without_bags, not arguments.without_evidence)
-    report = partial(rendered_report, around=Surroundings())
-    if arguments.dossier:
-        run, target = arguments.run.absolute(), arguments.output
-        return _told(export_dossier(run, target, report=report, parts=parts, tell_size=_tell_size))
-    settings = options.settings_of(arguments)
-    found = options.collection(arguments, settings)
-    teams = options.team_names(arguments, settings, found)
+    notes: tuple[str, ...] = ()
+    with Complaints() as complaints:
+        if arguments.dossier:
+            contents = dossier_contents(arguments.run.absolute())
+        else:
+            settings = options.settings_of(arguments)
+            found = options.collection(arguments, settings)
+            teams = options.team_names(arguments, settings, found)
+            contents = team_contents(
+                found,
+                arguments.subject,
+                time.time(),
+                competition=arguments.competition,
+                practice=arguments.practice,
+                team=teams.get(arguments.subject, ""),
+            )
+            complaints.add_each(found.unlisted)
+            notes = found.twins
     with progress("runs") as tell:
-        packed = export_team(
-            found,
-            arguments.subject,
-            settings.mappings(),
-            time.time(),
-            competition=arguments.competition,
-            practice=arguments.practice,
+        packed = pack(
+            contents,
+            partial(rendered_report, around=Surroundings()),
             target=arguments.output,
-            parts=parts,
-            team=teams.get(arguments.subject, ""),
-            thresholds=settings.scoring_thresholds(),
-            report=report,
+            parts=BagParts(not arguments.without_bags, not arguments.without_evidence),
             tell=tell,
             tell_size=_tell_size,
         )
-    with Complaints() as complaints:
-        complaints.add_each(found.unlisted)
-    return _told(packed, found.twins) or (BAD_INPUT if complaints.count else 0)
+    others = [f"another name of the team, {words}" for words in contents.other_names]
+    return _told(packed, [*others, *notes]) or (BAD_INPUT if complaints.count else 0)
 
 
-def _told(export: Export, notes: Sequence[str] = ()) -> int:
+def _told(export: Export, notes: Sequence[str]) -> int:
     for problem in export.problems:
         complain(problem)
-    others = (f"another name of the team, {words}" for words in export.other_names)
-    for words in (*others, *notes):
+    for words in notes:
         print(f"note: {terminal_safe(words)}")
     print(f"{counted(export.runs, 'run')}, {export.files} files, {export.size / 1e6:.1f} MB")
     print(terminal_safe(str(export.path)))
@@ -148,12 +149,12 @@ def rendered_report(run: Path, around: Surroundings) -> tuple[dict[str, bytes], 
     with imports_kept():
         from madrob_console.archive.folders import PICTURES_FOLDER, REPORT_FILE
         from madrob_console.archive.run_pictures import run_pictures, stored_pictures
-        from madrob_console.archive.scored import score_opened
+        from madrob_console.archive.scored import score_once
         from madrob_console.common.version import software_version
         from madrob_console.pages.report import report_html
 
     try:
-        scored = score_opened(run)
+        scored = score_once(run)
     except MadrobError as error:
         return {}, [f"{REPORT_FILE}: cannot be made: {error}"]
     place = around.place_of(run, scored)

@@ -6,15 +6,15 @@ or one of the `level`s at which the signal makes an event.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
 from importlib.resources import files
 from typing import Any
 
 import msgspec
 
+from madrob_console.archive.result_document import ResultDocument
 from madrob_console.common.errors import MadrobError
-from madrob_console.messages.codec import TopicMapping
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.messages.message_types import find_stamp, standard_types
 from scoring.protocol import Thresholds
 
@@ -24,28 +24,23 @@ _LAYOUT = files(__package__) / "foxglove_layout.json"
 _SCAN = "sensor_msgs/msg/LaserScan"
 
 
-@dataclass(frozen=True, slots=True)
-class HandleZero:
-    """The handle's reading at rest, N, as it was set for `run` (in words)."""
-
-    force: float
-    run: str
-
-
 def foxglove_layout(
-    mappings: Sequence[TopicMapping],
-    thresholds: Thresholds | None = None,
-    zero: HandleZero | None = None,
+    measured: ResultDocument | None, cameras: Collection[str] = ()
 ) -> dict[str, Any]:
     """A layout to import: the testbed's signals with the thresholds that make events of them.
 
     Times are the messages' stamps, as in the scores. It also shows phases, events, the
-    referee's messages, and the doorway if the recording has its frames. Without `thresholds`
-    the protocol's are used; `zero` None = it was never set.
+    referee's messages, the doorway if the recording has its frames, and the pictures of `cameras`,
+    which are topics. Topics, thresholds and the handle's zero are those of a result; the protocol's
+    where there is none, or where it does not tell.
     """
-    limits = thresholds or Thresholds()
+    mappings, limits, rest, whose = DEFAULT_MAPPINGS, Thresholds(), 0.0, "0 N"
+    if measured is not None:
+        mappings, limits = measured.mappings or mappings, measured.thresholds or limits
+        if (zero := measured.zero_samples) is not None:
+            of = f"run {measured.run_number} of condition {measured.condition_number}"
+            rest, whose = zero.mean, f"{zero.mean:.2f} N, {of}"
     closed, touch, present = limits.closed_angle, limits.touch_force, limits.present_height
-    rest, whose = (0.0, "0 N") if zero is None else (zero.force, f"{zero.force:.2f} N, {zero.run}")
     levels = {
         "closed": closed,
         "-closed": -closed,
@@ -69,6 +64,18 @@ def foxglove_layout(
     scans = [mapping.topic for mapping in mappings if mapping.type == _SCAN]
     doorway = panels["3D!doorway"]
     doorway["topics"] = {topic: {"visible": True} for topic in scans} | doorway["topics"]
+    pictures: Any = None
+    for number, topic in enumerate(cameras):
+        name = f"Image!{number}"
+        panels[name] = {"foxglovePanelTitle": topic, "imageMode": {"imageTopic": topic}}
+        pictures = {"direction": "row", "first": pictures, "second": name} if number else name
+    if pictures is not None:
+        layout["layout"] = {
+            "direction": "column",
+            "first": layout["layout"],
+            "second": pictures,
+            "splitPercentage": 65,
+        }
     return layout
 
 

@@ -10,7 +10,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, BinaryIO, NamedTuple, Self
+from typing import IO, BinaryIO, NamedTuple
 
 from madrob_console.common.files import open_plain, refusal
 from madrob_console.common.names import terminal_safe
@@ -86,10 +86,7 @@ class Archive:
         self.add_file(SUMS_FILE, lines.encode(), modified)
         self._zip.close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
+    def close(self) -> None:
         with suppress(OSError):  # whoever was cut short throws the file away
             self._zip.close()
 

@@ -31,8 +31,8 @@ from madrob_console.cli.batch import tried
 from madrob_console.cli.score_command import describe_run
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import open_plain
-from madrob_console.export.team import export_team
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.export.contents import team_contents
+from madrob_console.export.pack import pack
 from madrob_console.pages.competition import competition_standings
 from madrob_console.referee.journal import HOLD_FILE
 from madrob_console.referee.run_summary import RunSummary
@@ -435,6 +435,10 @@ def results(tmp_path: Path) -> Path:
     return tmp_path / "results"
 
 
+def no_report(_run: Path) -> tuple[dict[str, bytes], list[str]]:
+    return {}, []
+
+
 def _words(use: Callable[[], object]) -> str | None:
     """What a `MadrobError` says; nothing else may be raised."""
     try:
@@ -480,8 +484,9 @@ def test_a_spoilt_run_spoils_nothing_else(results: Path, case: str, *, cut_off: 
         assert "report it" not in why
     competition_standings([good, run], made=0.0, official=False)
     if "grown" not in case and "huge" not in case:
-        export_team(collected_in(results), run.subject, DEFAULT_MAPPINGS, 0.0, practice=True)
-        _words(lambda: export_team(collected_in(results), run.subject, DEFAULT_MAPPINGS, 0.0))
+        found, subject = collected_in(results), run.subject
+        pack(team_contents(found, subject, 0.0, practice=True), no_report)
+        _words(lambda: pack(team_contents(found, subject, 0.0), no_report))
 
 
 def test_a_folder_of_hostile_journals_is_looked_through_at_once(results: Path) -> None:

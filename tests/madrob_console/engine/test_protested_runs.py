@@ -24,8 +24,8 @@ from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.replay import Replay
 from madrob_console.engine.requests import JumpTo, Skip
-from madrob_console.export.dossier import dossier_target
-from madrob_console.export.pack import PROTESTS_FILE, README_FILE
+from madrob_console.export.contents import dossier_contents
+from madrob_console.export.papers import PROTESTS_FILE, README_FILE
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.pages.competition import CompetitionStandings, competition_standings
 from madrob_console.pages.outputs import (
@@ -182,7 +182,7 @@ def dossier(desk: Desk, *options: str) -> dict[str, bytes]:
     name = f"practice/{desk.run_folder.name}"
     code = main(["export", "--run", name, "--dossier", "--results", str(desk.results), *options])
     assert code == 0
-    with zipfile.ZipFile(dossier_target(desk.run_folder)) as archive:
+    with zipfile.ZipFile(dossier_contents(desk.run_folder).target) as archive:
         assert archive.testzip() is None
         return {name: archive.read(name) for name in archive.namelist()}
 
@@ -211,7 +211,7 @@ def test_the_dossier_has_all_that_a_protest_is_decided_by(desk: Desk) -> None:
     assert b"UPHELD" in files[f"{name}/report.html"]
     readme = files[README_FILE].decode()
     assert f"  {PROTESTS_FILE}: the protests" in readme
-    packed = dossier_target(desk.run_folder)
+    packed = dossier_contents(desk.run_folder).target
     assert packed.name == f"dossier_practice_{name}.zip"
     assert readme.startswith(f"MADROB: dossier of the PRACTICE run {name}\n")
     assert "not final" not in readme.splitlines()[4]
@@ -227,6 +227,9 @@ def test_a_report_that_is_made_for_the_dossier_shows_what_the_cameras_saw(desk: 
     assert re.search(
         r'href="pictures/[^"]+[.]jpg"', str(files[f"{desk.run_folder.name}/report.html"])
     )
+    layout = json.loads(files["madrob_foxglove_layout.json"])
+    (panel,) = (one for one in layout["configById"].values() if "imageMode" in one)
+    assert panel["imageMode"] == {"imageTopic": "/camera/left"}
     assert not (desk.run_folder / "pictures").exists()
     assert re.search("run 1: completed, not final, PRACTICE", files[README_FILE].decode())
 
@@ -254,7 +257,7 @@ def test_what_cannot_be_packed_is_named_and_the_rest_is_there(
     run = str(desk.run_folder)
     assert main(["export", "--run", run, "--dossier", "--results", str(desk.results)]) == 2
     assert "tables of the samples: " in capsys.readouterr().err
-    with zipfile.ZipFile(dossier_target(desk.run_folder)) as archive:
+    with zipfile.ZipFile(dossier_contents(desk.run_folder).target) as archive:
         assert "NOT IN THIS ARCHIVE" in archive.read(README_FILE).decode()
         assert PROTESTS_FILE in archive.namelist()
 

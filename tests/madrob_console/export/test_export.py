@@ -12,11 +12,15 @@ import time
 import unicodedata
 import zipfile
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import jsonschema
+import msgspec
+import pandas as pd
 import pytest
 import yaml
 from hypothesis import given
@@ -25,15 +29,16 @@ from rosbags.rosbag2 import Reader
 
 from madrob_console.archive.collection import collected_in
 from madrob_console.archive.folders import run_folder_names
+from madrob_console.archive.result_document import ResultDocument
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold
 from madrob_console.common.names import terminal_safe
 from madrob_console.export import pack, zip_file
-from madrob_console.export.dossier import protest_lines
-from madrob_console.export.foxglove_layout import HandleZero, foxglove_layout
+from madrob_console.export.contents import file_name, team_contents
+from madrob_console.export.foxglove_layout import foxglove_layout
 from madrob_console.export.pack import BagParts
-from madrob_console.export.team import export_team, file_name
+from madrob_console.export.papers import protests_text
 from madrob_console.export.zip_file import LONGEST_PATH
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
@@ -53,9 +58,10 @@ from recorder.bag import evidence_file_name, is_evidence
 from recorder.reader import Bag
 from recorder.writer import BagWriter
 from scoring.protocol import Outcome, Signal, Thresholds
+from scoring.rest import HandleRest
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.recorded_runs import list_files, recorded
-from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, summary, write
+from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, document, summary, write
 from tests.recorder.samples import add_evidence, strings, talk
 
 NOW = 1_790_000_000.0
@@ -99,15 +105,8 @@ def export(root: Path, *, bags: bool = True, practice: bool = False) -> pack.Exp
     def report(_run: Path) -> tuple[dict[str, bytes], list[str]]:
         return {"report.html": b"page"}, []
 
-    return export_team(
-        collected_in(root),
-        3,
-        DEFAULT_MAPPINGS,
-        NOW,
-        parts=BagParts(bags),
-        practice=practice,
-        report=report,
-    )
+    contents = team_contents(collected_in(root), 3, NOW, practice=practice)
+    return pack.pack(contents, report, parts=BagParts(bags))
 
 
 def held(folder: Path) -> Hold:
@@ -196,6 +195,67 @@ def test_only_the_teams_official_runs_are_packed_oldest_first_into_the_same_byte
     assert sorted(run_folder_names(root)) == runs  # zips are no runs
 
 
+def tables_in(packed: dict[str, bytes]) -> dict[str, pd.DataFrame]:
+    return {n: pd.read_csv(BytesIO(data)) for n, data in packed.items() if n.endswith(".csv")}
+
+
+@pytest.mark.parametrize("dossier", [False, True])
+def test_every_table_has_seconds_since_the_start_and_the_legend_explains_each_column(
+    *, dossier: bool, recorded_root: Path, tmp_path: Path
+) -> None:
+    (run,) = recorded_root.glob("practice/*")
+    target = tmp_path / "a.zip"
+    if dossier:
+        assert main(["export", "--dossier", f"--run={run}", f"--output={target}"]) == 0
+    else:
+        assert command(recorded_root, "--practice", "--output", target) == 0
+    packed, start = read(target), json.loads((run / "result.json").read_text())["start"]
+    legend, tables = packed["COLUMNS.txt"].decode(), tables_in(packed)
+    assert {"runs.csv", "indicators.csv", "events.csv", "steps.csv"} <= set(tables)
+    assert any(name.startswith("tables/") for name in tables) == dossier
+    for name, table in tables.items():
+        assert all(re.search(rf"\b{column}\b", legend) for column in table.columns), name
+        if re.fullmatch(rf"{run.name}/[^/]*", name):  # EUROBENCH defines it
+            (own,) = (
+                tables[one] for one in tables if f"{run.name}/seconds/{Path(name).name}" == one
+            )
+            pd.testing.assert_frame_equal(own.drop(columns="since_start"), table)
+        elif "time" in table:
+            seconds = (table.time - start).round(6)
+            assert table.since_start.to_numpy() == pytest.approx(seconds, abs=1e-6, nan_ok=True)
+    assert tables["runs.csv"].place.tolist() == [run.name]
+
+
+def test_the_page_of_the_zip_leads_to_what_is_in_it_and_shows_each_value(root: Path) -> None:
+    team = "<b>Team\x1b]0;owned\x07"
+    write(root, summary(3, run_number=4, hour=5, outcome=Outcome.ABORTED, values={}, team=team))
+    first, second, *_ = folders(root)
+    for run in (first, second):
+        (run / "report.html").touch()
+    packed = read(export(root).path)
+    page = packed["index.html"].decode()
+    assert "<h1>MADROB: runs of subject 3 &lt;b&gt;Team</h1>" in page
+    led = set(re.findall(r'<a href="([^"]+)"', page))
+    assert led <= set(packed)
+    assert {f"{first.name}/report.html", "runs.csv", "COLUMNS.txt"} <= led
+    assert page.count("17.4320") == 3
+    assert "completed, not final" in page
+    assert "aborted, not final" in page
+
+
+def test_a_damaged_table_is_named_and_the_rest_is_there(root: Path) -> None:
+    first = folders(root)[0]
+    (table,) = first.glob("*_jointState.csv")
+    contents = (b"time,position\n1,2\n1.7x,3\n", b"\xff", b"", b"angle\n1\n", b"0" * 17_000_000)
+    for content in contents:
+        table.write_bytes(content)
+        made = export(root)
+        (problem,) = made.problems
+        assert problem.startswith(f"{first.name}/{table.name}: has no copy in seconds (")
+        assert "\n" not in problem
+        assert read(made.path)[f"{first.name}/{table.name}"] == content
+
+
 FRAMES = strings(["a picture", "another"])
 
 
@@ -263,7 +323,7 @@ def test_only_reports_of_the_runs_as_they_are_now_are_packed(root: Path, tmp_pat
         return {"report.html": b"page"}, []
 
     target = tmp_path / "a.zip"
-    made = export_team(collected_in(root), 3, DEFAULT_MAPPINGS, NOW, target=target, report=report)
+    made = pack.pack(team_contents(collected_in(root), 3, NOW), report, target=target)
     assert made.problems == (f"{second.name}/report.html: cannot be made",)
     packed = read(target)
     assert {name: data for name, data in packed.items() if "report.html" in name} == {
@@ -525,10 +585,12 @@ def test_every_team_name_gives_a_plain_file_name(team: str, subject: int) -> Non
     assert all(char in "_-." or unicodedata.category(char)[0] in "LN" for char in name)
 
 
-def layout_of(own: TopicMapping | None = None, *known: Any) -> dict[str, Any]:  # noqa: ANN401
-    """The layout of a testbed whose handle is read otherwise."""
+def layout_of(own: TopicMapping | None = None, **told: Any) -> dict[str, Any]:  # noqa: ANN401
+    """The layout of a run on a testbed whose handle is read otherwise."""
     others = [one for one in DEFAULT_MAPPINGS if own is None or one.signal is not Signal.HANDLE]
-    return foxglove_layout([*others, *([] if own is None else [own])], *known)
+    mappings = [*others, *([] if own is None else [own])]
+    stored = document(summary(1, 1, 2)) | msgspec.to_builtins({"mappings": mappings, **told})
+    return foxglove_layout(msgspec.convert(stored, ResultDocument))
 
 
 def test_the_layout_shows_the_topics_of_the_testbed_by_their_own_stamps() -> None:
@@ -555,11 +617,19 @@ def test_the_layout_has_the_thresholds_as_published() -> None:
     own = TopicMapping(Signal.HANDLE, "/door/handle", "geometry_msgs/msg/WrenchStamped",
                        "wrench.force.x", scale=0.5, offset=1.0)  # fmt: skip
     limits = Thresholds(closed_angle=0.04, touch_force=3.0, lintel_height=2.5, present_height=0.4)
-    layout = layout_of(own, limits, HandleZero(6.0, "run 2 of condition 1"))
+    layout = layout_of(own, thresholds=limits, zero_samples=HandleRest(9, 6.0, 0.1, 0.2, 1.0, 2.0))
     paths = [path for panel in layout["configById"].values() for path in panel.get("paths", ())]
     levels = {path["value"]: path["label"] for path in paths if path["value"][0] != "/"}
     assert sorted(map(float, levels)) == [-0.04, 0.04, 2.1, 4.0, 16.0]
     assert levels["16"] == "touch, 3.00 N from the zero (6.00 N, run 2 of condition 1)"
+
+
+def test_the_layout_has_a_panel_for_each_camera() -> None:
+    layout = foxglove_layout(None, ["/camera/left", "/camera/right", "/camera/top"])
+    panels = layout["configById"]
+    assert _panels(layout["layout"]) == set(panels)
+    shown = [panel["imageMode"]["imageTopic"] for panel in panels.values() if "imageMode" in panel]
+    assert shown == ["/camera/left", "/camera/right", "/camera/top"]
 
 
 def _panels(node: object) -> set[str]:
@@ -579,7 +649,7 @@ def test_a_file_beyond_the_limits_of_old_zips_is_packed(
     folder.mkdir()
     with (folder / "large.mcap").open("wb") as file:
         file.truncate(3_000_000)
-    with (tmp_path / "a.zip").open("wb") as out, zip_file.Archive(out) as packed:
+    with (tmp_path / "a.zip").open("wb") as out, closing(zip_file.Archive(out)) as packed:
         packed.add_folder(folder, "run")
         assert list(packed.sums) == ["run/large.mcap"]
         packed.finish(NOW)
@@ -636,7 +706,7 @@ def test_who_decides_a_protest_reads_whose_run_it_is_and_what_of_the_evidence_is
     case: str,
 ) -> None:
     fields, words = PROTESTS[case]
-    lines = list(protest_lines(Run(**fields), "the_run"))
+    lines = protests_text([(Run(**fields), "the_run")]).decode().splitlines()
     plain = [" ".join(line.split()) for line in lines]
     assert [each for each in words if not any(" ".join(each.split()) in one for one in plain)] == []
     assert any("vidence" in line for line in lines) == ("evidence" in fields)

@@ -1,80 +1,61 @@
-"""A team's runs in one zip: which runs, and what goes with them."""
+"""Which runs go into a zip: those of a team, or one for who decides a protest."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-import msgspec
-
-from madrob_console.archive.collection import Collection, demand_competition, the_competition
-from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
+from madrob_console.archive.collection import (
+    Collection,
+    collected,
+    demand_competition,
+    the_competition,
+)
+from madrob_console.archive.folders import (
+    JOURNAL_FILE,
+    RESULT_FILE,
+    parse_folder_name,
+    results_folder_of,
+)
 from madrob_console.archive.history import of_competition
-from madrob_console.archive.result_reader import read_sound_result
 from madrob_console.archive.run_journal import is_held
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import stamp_of
 from madrob_console.common.formatting import listed
 from madrob_console.common.names import REHEARSAL, is_rehearsal, terminal_safe
-from madrob_console.export.foxglove_layout import LAYOUT_FILE, HandleZero, foxglove_layout
-from madrob_console.export.pack import (
-    EXPORTS_FOLDER,
-    WHOLE_BAGS,
-    BagParts,
-    Contents,
-    Export,
-    Rendering,
-    pack,
-)
-from madrob_console.messages.codec import TopicMapping
+from madrob_console.export.pack import EXPORTS_FOLDER, Contents
+from madrob_console.export.papers import PROTESTS_FILE
 from madrob_console.referee.lists import TeamName
 from madrob_console.referee.run_summary import RunSummary
-from scoring.protocol import Thresholds
 
 _LONGEST_TEAM = 40  # characters of it in a file name
 
 
-def export_team(  # noqa: PLR0913  what is packed, and how
+def team_contents(
     found: Collection,
     subject: int,
-    mappings: Sequence[TopicMapping],
     now: float,
     *,
     competition: str | None = None,
     practice: bool = False,
-    target: Path | None = None,
-    parts: BagParts = WHOLE_BAGS,
     team: str = "",
-    thresholds: Thresholds | None = None,
-    report: Rendering = lambda _run: ({}, []),
-    tell: Callable[[int, int], None] = lambda _done, _total: None,
-    tell_size: Callable[[int, int], None] = lambda _size, _evidence: None,
-) -> Export:
-    """Packs all official runs of a team; a run that still goes on is left out and named.
+) -> Contents:
+    """All official runs of a team; a run that still goes on is left out and named.
 
     Args:
         found: all runs; duplicates are packed once.
         subject: the team's number.
-        mappings: for the layout.
         now: s since the epoch.
         competition: of the team; None = its runs are of only one.
-        practice: pack its practice runs instead.
-        target: the zip; None = in the folder `exports` of the results folder.
-        parts: of the recordings.
+        practice: its practice runs instead.
         team: its name in the list of teams; empty = the name in its latest run.
-        thresholds: the testbed's, for the layout; None = the protocol's.
-        report: as of `pack`, where a report was made before.
-        tell: as of `pack`.
-        tell_size: as of `pack`.
 
     Raises:
-        MadrobError: no such runs, several competitions, or the zip cannot be written.
+        MadrobError: no such runs, or several competitions.
     """
     runs, left_out = _runs_of(found, subject, competition, practice=practice)
     called = TeamName.of(team, (one.team for one in runs.values()))
-    zero = next(filter(None, map(_zero, reversed(runs))), None)
-    layout = foxglove_layout(mappings, thresholds, zero)
     rehearsal = any(is_rehearsal(one.competition) for one in runs.values())
     kind = f"{REHEARSAL} " * rehearsal + ("PRACTICE runs" if practice else "runs")
     title = terminal_safe(f"MADROB: {kind} of subject {subject} {called.name}".rstrip())
@@ -83,25 +64,15 @@ def export_team(  # noqa: PLR0913  what is packed, and how
         (one, [run.name for run, found in runs.items() if found.team == one])
         for one in called.others
     )
-    what = Contents(
-        f"{title}\n{as_of}",
+    name = f"{REHEARSAL}_" * rehearsal + file_name(subject, called.name, now, practice=practice)
+    return Contents(
+        runs,
+        (title, as_of),
         now,
-        parts,
+        found.root / EXPORTS_FOLDER / name,
         problems=left_out,
         other_names=[terminal_safe(f"{one}: {listed(where)}") for one, where in named],
-        last={LAYOUT_FILE: msgspec.json.format(msgspec.json.encode(layout), indent=2) + b"\n"},
     )
-    name = f"{REHEARSAL}_" * rehearsal + file_name(subject, called.name, now, practice=practice)
-    path = target or found.root / EXPORTS_FOLDER / name
-    return pack(runs, what, path, report, tell=tell, tell_size=tell_size)
-
-
-def _zero(run: Path) -> HandleZero | None:
-    result = read_sound_result(str(run))
-    if result is None or result.zero_samples is None:
-        return None
-    whose = f"run {result.run_number} of condition {result.condition_number}"
-    return HandleZero(result.zero_samples.mean, whose)
 
 
 def file_name(subject: int, team: str, now: float, *, practice: bool = False) -> str:
@@ -164,3 +135,40 @@ def _all_of_the_other_kind(subject: int, count: int, *, practice: bool) -> str:
     if practice:
         return f"subject {subject} has no practice runs: leave --practice out ({count} official)"
     return f"subject {subject} has no official runs: --practice packs the others ({count})"
+
+
+# One run, with all that a protest is decided by.
+
+
+def dossier_contents(run: Path) -> Contents:
+    """All about one run; the same run gives the same zip, byte by byte.
+
+    Its zip is `exports/dossier_RUN.zip`; a rehearsal and practice are named before RUN.
+
+    Raises:
+        MadrobError: there is no such run, or it goes on.
+    """
+    if not run.is_dir():
+        raise MadrobError(f"{run}: no such run folder; name one with --run")
+    if parse_folder_name(run.name) is None or not (run / JOURNAL_FILE).exists():
+        raise MadrobError(f"{run}: is no run folder with a journal; name one with --run")
+    if is_held(run / JOURNAL_FILE) and stamp_of(str(run / RESULT_FILE)) is None:
+        raise MadrobError(f"{run}: this run goes on: make the dossier after it")
+    for found in collected([run]).runs:
+        kind = [REHEARSAL] * is_rehearsal(found.competition)
+        words = " ".join([*kind, *["the PRACTICE run"] * found.practice, terminal_safe(run.name)])
+        name = "_".join(["dossier", *kind, *["practice"] * found.practice, run.name])
+        return Contents(
+            {run: found},
+            (f"MADROB: dossier of {words}", f"Begin with {PROTESTS_FILE}."),
+            _stamp(run),
+            results_folder_of(run) / EXPORTS_FOLDER / f"{name}.zip",
+            dossier=True,
+        )
+    raise MadrobError(f"{run}: is behind a link: name the folder itself with --run")
+
+
+def _stamp(run: Path) -> float:
+    """Modification time of a generated file: that of its newest source, s since the epoch."""
+    stamps = (stamp_of(str(run / name)) for name in (JOURNAL_FILE, RESULT_FILE))
+    return max((stamp.modified / 1e9 for stamp in stamps if stamp is not None), default=0.0)
