@@ -7,27 +7,40 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.command_line import Argument, command
+from madrob_console.cli.command_line import Argument, OneOf, command
 from madrob_console.cli.output import BAD_INPUT, print_json, progress
+from madrob_console.cli.parsing import as_path
 
 if TYPE_CHECKING:
     from madrob_console.cli.doctor_ros import Finding
     from madrob_console.config import Settings
 
 OFF = 1
-"""Exit code of `--reference` if a value is not as it must be."""
+"""Exit code of `--reference` if a value is off, of `--archive` if it may not be handed in."""
+
+_ARCHIVE_WIDTH = 11
+"""Of the subject in a line about an archive, which has at most 80 columns."""
 
 
 @command(
     "doctor",
     "what is installed, found and missing",
     "With --reference, recordings with known answers are scored instead, and exit code 1 says that "
-    "a value is off. It needs neither ROS nor a testbed.",
+    "a value is off. With --archive, the runs below a folder are looked at instead, and scored "
+    "again: exit code 1 says that they may not be handed in yet. Neither needs ROS or a testbed.",
     options=(
-        Argument(
-            "--reference",
-            action="store_true",
-            help="score the recordings with known answers that came with the program",
+        OneOf(
+            Argument(
+                "--reference",
+                action="store_true",
+                help="score the recordings with known answers that came with the program",
+            ),
+            Argument(
+                "--archive",
+                type=as_path,
+                metavar="PATH",
+                help="say whether the runs below PATH may be handed in, and what stands against it",
+            ),
         ),
         options.JSON,
         options.TEAMS,
@@ -40,23 +53,30 @@ OFF = 1
         "madrob doctor",
         "madrob doctor --domain 41",
         "madrob doctor --reference    # does this installation score right?",
+        "madrob doctor --archive ~/madrob_runs    # may it be handed in?",
     ),
 )
 def doctor(arguments: argparse.Namespace) -> int:
     """Print the findings as they come; exit code 0 if the console runs here, or scores right."""
-    from madrob_console.cli.doctor_ros import line
+    from madrob_console.cli.doctor_ros import SUBJECT_WIDTH, line
 
     found: list[Finding] = []
 
     def tell(finding: Finding) -> None:
         found.append(finding)
         if not arguments.json:
-            print(line(finding), flush=True)
+            print(line(finding, _ARCHIVE_WIDTH if arguments.archive else SUBJECT_WIDTH), flush=True)
 
-    verdict, code = (_score_references if arguments.reference else _look)(arguments, tell)
+    look = _score_references if arguments.reference else _look
+    verdict, code = (look if arguments.archive is None else _judge)(arguments, tell)
     if arguments.json:
         findings = [
-            {"severity": one.severity.name.lower(), "subject": one.subject, "text": one.text}
+            {
+                "severity": one.severity.name.lower(),
+                "subject": one.subject,
+                "text": one.text,
+                "runs": dict(one.runs),
+            }
             for one in found
         ]
         print_json({"passed": code == 0, "verdict": verdict, "findings": findings})
@@ -96,6 +116,18 @@ def _evidence(arguments: argparse.Namespace, settings: Settings) -> Iterator[Fin
     own = own_topics(settings, MessageTypes())
     domain = options.ros_domain(arguments, settings)
     return look_at_evidence(recording.choice, own, domain, recording.budget_bytes, os.environ)
+
+
+def _judge(arguments: argparse.Namespace, tell: Callable[[Finding], None]) -> tuple[str, int]:
+    from madrob_console.cli.doctor import usable
+    from madrob_console.cli.doctor_archive import archive_findings, archive_verdict
+
+    findings = []
+    with progress("runs") as count:
+        for finding in archive_findings(arguments.archive, count):
+            findings.append(finding)
+            tell(finding)
+    return archive_verdict(findings), 0 if usable(findings) else OFF
 
 
 def _score_references(

@@ -12,7 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from importlib import metadata
 from pathlib import Path
@@ -55,15 +55,18 @@ class Finding:
     Attributes:
         severity: WARNING = the console runs, but look at it; ERROR = it does not run.
         text: what was found and, unless all is well, the remedy; one line.
+        runs: those it is about by their places, each with the words for it.
     """
 
     severity: Severity
     subject: str
     text: str
+    runs: Mapping[str, str] = field(default_factory=dict)
 
 
-def line(finding: Finding) -> str:
-    return f"{finding.severity.name.lower():7}  {finding.subject:{SUBJECT_WIDTH}}  {finding.text}"
+def line(finding: Finding, width: int = SUBJECT_WIDTH) -> str:
+    """`width` is that of the subject."""
+    return f"{finding.severity.name.lower():7}  {finding.subject:{width}}  {finding.text}"
 
 
 # Text that libraries write to the terminal past Python, captured.

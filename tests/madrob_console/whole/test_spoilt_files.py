@@ -74,6 +74,7 @@ COMMANDS = (
     "plan --results",
     "report",
     "recover",
+    "doctor --archive",
     "export --practice --subject 3 --results",
 )
 PATIENCE = 60
