@@ -94,5 +94,5 @@ def standings(arguments: argparse.Namespace) -> int:
     batch.name_practice_alone(found, collection)
     with Complaints() as complaints:
         complaints.add_each(collection.unlisted)
-        complaints.add_each((run.folder, run.problem) for run, _ in found.left_out if run.problem)
+        complaints.add_each((run.folder, run.problem) for run in found.left_out if run.problem)
     return BAD_INPUT if complaints.count else 0

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from textwrap import wrap
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 from msgspec.structs import replace
@@ -31,7 +31,7 @@ from madrob_console.referee.competition_plan import (
 from madrob_console.referee.flags import undecided, weighty
 from madrob_console.referee.run_summary import RunSummary, condition_words
 from scoring.indicator_table import WITH_EXTREMES, IndicatorName
-from scoring.protocol import Condition, Outcome, Thresholds
+from scoring.protocol import Condition, Thresholds
 from scoring.result import DOUBTED, decimals_left
 
 # Differences between the testbeds whose runs are compared.
@@ -84,13 +84,6 @@ CONDITION_NUMBERS = range(1, 21)
 """All conditions (protocol section 1)."""
 
 
-class LeftOut(NamedTuple):
-    """A run that enters no aggregate, and why."""
-
-    run: RunSummary
-    why: str
-
-
 @dataclass(frozen=True, slots=True)
 class RulesetStandings:
     """All teams under one ruleset."""
@@ -124,7 +117,7 @@ class CompetitionStandings:
     official: bool
     best: int
     groups: tuple[RulesetStandings, ...]
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[RunSummary, ...]
     flagged: tuple[RunSummary, ...]
     provisional: int
     protested: int
@@ -158,7 +151,7 @@ class CompetitionStandings:
         if self.provisional:
             remarks.append(f"Not final: {self.provisional} of the valid runs.")
         if count := sum(bool(undecided(run.flags)) for run in self.flagged):
-            remarks.append(f"UNDECIDED: {count} of the valid runs wait for the referee.")
+            remarks.append(f"UNDECIDED: {count} of the valid runs, for the referee to decide.")
         for run in self.open_protests:
             remarks.append(
                 f"PROTEST open against run {run.run_number} of subject {run.subject} in condition "
@@ -222,18 +215,13 @@ def competition_standings(
         team = teams.get(run.subject)
         return run if team is None else replace(run, team=team.team)
 
-    left_out = [
-        LeftOut(named(run), why_left_out(run))
-        for run in entering
-        if not run.valid and not run.never_ran
-    ]
     return CompetitionStandings(
         made=made,
         title=title,
         official=official,
         best=best,
         groups=groups,
-        left_out=tuple(left_out),
+        left_out=tuple(named(run) for run in entering if not run.valid and not run.never_ran),
         flagged=tuple(named(run) for run in entering if run.valid and weighty(run.flags)),
         provisional=sum(run.valid and not run.final for run in entering),
         protested=sum(run.valid and run.closing == "protested" for run in entering),
@@ -353,19 +341,6 @@ def _is_wanted(run: RunSummary, *, official: bool) -> bool:
     if run.outcome is None:
         return not (official and run.practice)
     return run.official if official else run.practice
-
-
-def why_left_out(run: RunSummary) -> str:
-    if run.problem is not None:
-        return run.problem
-    if run.twin:
-        return run.why_twin
-    if run.outcome is None:
-        return "no result yet: it goes on, or the referee decides on it"
-    if run.reason:
-        return run.reason
-    aborted = run.outcome is Outcome.ABORTED
-    return "the referee gave no reason" if aborted else "the machine failed"
 
 
 # A competition's plan and its progress, as text and for programs.

@@ -1,4 +1,4 @@
-"""What `templates/drawings.html` draws: scales, boxes of teams, curves over a day.
+"""What `templates/drawings.html` draws: scales, values of teams, curves over a day.
 
 A drawing is as wide as its place: widths are in percent of it, letters and heights in pixels, on a
 phone and on a wide screen alike.
@@ -7,7 +7,6 @@ phone and on a wide screen alike.
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby, pairwise
 from operator import attrgetter
@@ -18,20 +17,27 @@ if TYPE_CHECKING:
 
 FAILED = "\N{MULTIPLICATION SIGN}"
 
-FEWEST_FOR_A_BOX = 5
-"""Fewer values are drawn as points alone."""
-
-MOST_POINTS = 20
-"""Of one team: more values are drawn as a box alone."""
-
-MOST_TEAMS = 20
-"""On one page with all that is told of them; of more teams a box has no points."""
+FEWEST_JOINED = 3
+"""Fewer points of a condition are not joined: a line would say that something rose or fell."""
 
 _ROOM = 0.08
 _NARROWEST = 230.0  # px: on a phone, beside the names of the lanes
 _LETTER_WIDTH = 6.6  # px
 _MOST_TICKS = 6
 _STEPS = (1, 2, 5, 10)
+
+
+class Point(NamedTuple):
+    """The value of one run, at its start, s since the epoch.
+
+    `condition` is its number. `spread` is the expanded uncertainty; 0 = not known.
+    """
+
+    time: float
+    value: float
+    condition: int
+    completed: bool
+    spread: float = 0.0
 
 
 class Scale(NamedTuple):
@@ -41,11 +47,17 @@ class Scale(NamedTuple):
     high: float
 
     @classmethod
-    def of(cls, leading: Sequence[float], others: Iterable[float] = ()) -> Self:
-        """All of `leading`, `others` only where they fit (or lead alone)."""
-        values = leading or tuple(others) or (0.0, 1.0)
-        low, high = min(values), max(values)
+    def of(cls, points: Iterable[Point]) -> Self:
+        """Of all completed runs, or where there are none of the others, with their uncertainties.
+
+        At least four of the largest uncertainty: what cannot be told apart does not look far apart.
+        """
+        every = list(points)
+        shown = [one for one in every if one.completed] or every
+        low = min(one.value - one.spread for one in shown)
+        high = max(one.value + one.spread for one in shown)
         room = (high - low) * _ROOM or abs(high) * _ROOM or 1.0
+        room = max(room, 2 * max(one.spread for one in shown) - (high - low) / 2)
         return cls(low - room, high + room)
 
     def at(self, value: float) -> float:
@@ -90,66 +102,27 @@ def rows_of_words(marks: Iterable[tuple[float, str]], scale: Scale) -> list[int]
     return found
 
 
-class BoxRow(NamedTuple):
-    """The values of one team: the box is of `completed` runs; `failed` valid runs are marked."""
-
-    who: str
-    completed: tuple[float, ...]
-    failed: tuple[float, ...] = ()
-
-    @property
-    def box(self) -> tuple[float, ...]:
-        """Smallest, first quartile, median, third quartile, largest; empty for few values."""
-        if len(self.completed) < FEWEST_FOR_A_BOX:
-            return ()
-        quartiles = statistics.quantiles(self.completed, n=4, method="inclusive")
-        return min(self.completed), *quartiles, max(self.completed)
-
-    @property
-    def points(self) -> tuple[float, ...]:
-        return self.completed if len(self.completed) <= MOST_POINTS else ()
-
-
-def box_scale(rows: Sequence[BoxRow], *, all_shown: bool = False) -> Scale:
-    """Failed runs beyond it stand at its edge, unless `all_shown` stretches it."""
-    failed = [value for row in rows for value in row.failed]
-    completed = [value for row in rows for value in row.completed]
-    return Scale.of(completed + failed * all_shown, failed)
-
-
-class DayPoint(NamedTuple):
-    """The value of one run, at its start, s since the epoch.
-
-    Points of one `curve`, the number of its condition, are joined if `completed`. `spread` is the
-    expanded uncertainty; 0 = not known.
-    """
-
-    time: float
-    value: float
-    curve: int
-    completed: bool
-    spread: float = 0.0
-
-
 class DayCurve(NamedTuple):
     """One indicator over a day; `points` in order of time, `marks` with words on the time axis."""
 
-    points: Sequence[DayPoint]
+    points: Sequence[Point]
     marks: Sequence[tuple[float, str]]
     day: Scale
     scale: Scale
     spoken: str
 
     @property
-    def joined(self) -> Iterator[tuple[DayPoint, DayPoint]]:
-        by_curve = sorted((p for p in self.points if p.completed), key=attrgetter("curve"))
-        for _, points in groupby(by_curve, attrgetter("curve")):
-            yield from pairwise(points)
+    def joined(self) -> Iterator[tuple[Point, Point]]:
+        by_condition = attrgetter("condition")
+        completed = sorted((one for one in self.points if one.completed), key=by_condition)
+        for _, group in groupby(completed, by_condition):
+            if len(points := list(group)) >= FEWEST_JOINED:
+                yield from pairwise(points)
 
     @property
-    def last(self) -> list[DayPoint]:
-        """The last point of each curve, where there are several curves."""
-        found = {point.curve: point for point in self.points}
+    def last(self) -> list[Point]:
+        """The last point of each condition, where there are several conditions."""
+        found = {point.condition: point for point in self.points}
         return list(found.values()) if len(found) > 1 else []
 
     def across(self, time: float) -> float:

@@ -162,9 +162,9 @@ def standings_document(found: CompetitionStandings, software: str) -> dict[str, 
                 "run_id": run.run_id,
                 "testbed": run.testbed,
                 "same_run_as": valid_text(run.twin) or None,
-                "why": valid_text(why),
+                "why": valid_text(run.why_left_out),
             }
-            for run, why in found.left_out
+            for run in found.left_out
         ],
     }
 
@@ -323,7 +323,7 @@ def standings_lines(found: CompetitionStandings) -> Iterator[str]:
             yield from _leader_lines(standings)
     if found.groups:
         yield from ("", f"{FLAG_SIGNS}.", f"{SIGNS}.")
-    going = sum(run.outcome is None and run.problem is None for run, _ in found.left_out)
+    going = sum(run.outcome is None and run.problem is None for run in found.left_out)
     if going:
         yield f"Runs without a result yet: {going}."
     if not_counting := len(found.left_out) - going:
@@ -376,8 +376,8 @@ def standings_details(found: CompetitionStandings) -> Iterator[str]:
     if found.left_out:
         yield ""
         yield "Runs that do not count:"
-    for run, why in found.left_out:
-        yield f"  {run_words(run)}: {run.outcome_word}: {why}"
+    for run in found.left_out:
+        yield f"  {run_words(run)}: {run.outcome_word}: {run.why_left_out}"
     if found.groups:
         yield ""
         yield from NOTES

@@ -24,7 +24,7 @@ from madrob_console.archive.folders import (
     RunPath,
 )
 from madrob_console.archive.result_reader import LARGEST_RESULT
-from madrob_console.archive.table_columns import RUN_TABLES, rows_of
+from madrob_console.archive.table_columns import INDICATORS, RUN_TABLES, rows_of
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import (
     Hold,
@@ -42,6 +42,7 @@ from madrob_console.pages.site_content import (
     SiteContent,
     beside,
     condition_place,
+    team_csv,
     team_place,
 )
 from madrob_console.pages.site_pages import (
@@ -71,7 +72,13 @@ _PAGE_MARK = re.compile(rb"<!-- madrob publish [0-9a-f]* -->\n\Z")
 _PLAN_DATA = "data/plan.json"
 _FOLDERS = ("conditions", "data", "runs", "runs/*", "teams")
 _REMOVED = (
-    *(PLAN, _PLAN_DATA, "conditions/[0-9][0-9].html", "teams/[0-9]*.html"),
+    *(
+        PLAN,
+        _PLAN_DATA,
+        "conditions/[0-9][0-9].html",
+        "teams/[0-9]*.html",
+        "teams/[0-9][0-9][0-9].csv",
+    ),
     *(f"runs/*_{'[0-9a-f]' * 8}/{name}" for name in (REPORT_FILE, RESULT_FILE)),
 )
 """Patterns of the files that not every site has."""
@@ -247,24 +254,27 @@ def _demand_site(folder: Path) -> None:
 
 
 def _run_tables(content: SiteContent) -> Mapping[str, bytes]:
-    """The tables of the site's own runs, by name; each stored result is read once for all."""
+    """The tables of the site's own runs, by path; each stored result is read once for all."""
     # they load numpy, which a refused folder does without
     from madrob_console.archive.result_files import stored_run
     from madrob_console.archive.table_rows import TableWriter
 
-    files = {table.name: BytesIO() for table in RUN_TABLES}
+    tables = {f"data/{table.name}.csv": table for table in RUN_TABLES}
+    of_teams = {team_csv(subject): INDICATORS for subject in content.of_team}
+    files = {name: BytesIO() for name in (*tables, *of_teams)}
     with ExitStack() as stack:
-        writers = [
-            (table, stack.enter_context(closing(TableWriter(files[table.name], table))))
-            for table in RUN_TABLES
-        ]
+        writers = {
+            name: stack.enter_context(closing(TableWriter(files[name], table)))
+            for name, table in {**tables, **of_teams}.items()
+        }
         for run in content.with_result:
             with suppress(MadrobError):  # it changes just now: the next time it is there
                 stored = stored_run(RunPath(Path(content.source(run))))
                 told = {"place": content.folder_of(run)}  # no path of this machine
-                for table, writer in writers:
+                for name, table in {**tables, team_csv(run.subject): INDICATORS}.items():
                     rows = rows_of(table, stored)
-                    writer.write_rows({**row, **told} if "place" in row else row for row in rows)
+                    cleaned = ({**row, **told} if "place" in row else row for row in rows)
+                    writers[name].write_rows(cleaned)
     return {name: file.getvalue() for name, file in files.items()}
 
 
@@ -344,8 +354,9 @@ def _tables(content: SiteContent) -> Iterator[SiteFile]:
     def csv(name: str) -> bytes:
         return tables()[name]
 
-    for table in RUN_TABLES:
-        yield SiteFile(f"data/{table.name}.csv", partial(csv, table.name))
+    names = (f"data/{table.name}.csv" for table in RUN_TABLES)
+    for name in (*names, *map(team_csv, content.of_team)):
+        yield SiteFile(name, partial(csv, name))
     yield SiteFile("data/standings.csv", partial(standings_csv, standings))
     yield SiteFile("data/standings.json", partial(standings_json, standings, content.software))
     if (plan := content.plan) is not None:

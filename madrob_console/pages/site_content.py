@@ -10,14 +10,14 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
 from madrob_console.archive.folders import REPORT_FILE
-from madrob_console.archive.history import rank
 from madrob_console.common.files import stamp_of
 from madrob_console.pages.competition import CompetitionStandings, RulesetStandings
-from madrob_console.pages.tally import Overall
+from madrob_console.pages.tally import Overall, leaders
 from madrob_console.referee.competition_plan import PlanProgress
 from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName
@@ -27,7 +27,7 @@ PLAN = "plan.html"
 
 ORDER = (
     "Ordered by capability level first, then completed before failed, then by the execution time "
-    "of completed runs; a value of a failed run never brings it up. The protocol makes no ranking."
+    "of completed runs; a value of a failed run never brings it up."
 )
 
 TEAMS_ORDER = (
@@ -36,8 +36,6 @@ TEAMS_ORDER = (
     "many conditions they completed a run; equal ones stand by their numbers. The protocol makes "
     "no ranking."
 )
-
-_LARGEST_DRAWN = 1e12
 
 
 @dataclass(frozen=True)
@@ -121,6 +119,11 @@ def team_place(subject: int) -> str:
     return f"teams/{subject:03d}.html"
 
 
+def team_csv(subject: int) -> str:
+    """Path of the table of a team's indicators."""
+    return f"teams/{subject:03d}.csv"
+
+
 def zip_place(subject: int) -> str:
     """Path of a team's zip, which `madrob export --output` may put there."""
     return f"downloads/team_{subject:03d}.zip"
@@ -141,19 +144,6 @@ def _called(run: RunSummary) -> str:
     own = re.fullmatch("[0-9a-f]{8}", run.run_id[-8:])
     folder = run.folder.encode(errors="surrogateescape")
     return f"{name}_{own[0] if own else sha256(folder).hexdigest()[:8]}"
-
-
-def best_of(runs: Sequence[RunSummary]) -> RunSummary | None:
-    return min((run for run in runs if run.valid), key=rank, default=None)
-
-
-def drawable(run: RunSummary, name: IndicatorName) -> float | None:
-    """The value of a valid run that a drawing can show; a failed run has no execution time."""
-    value = run.values.get(name) if run.valid else None
-    if value is None or not abs(value) < _LARGEST_DRAWN:
-        return None
-    timed = name is IndicatorName.EXECUTION_TIME
-    return None if timed and run.outcome is not Outcome.COMPLETED else float(value)
 
 
 # The teams of a competition in the order of their best runs.
@@ -183,24 +173,24 @@ class BestRuns:
         teams: in the order of `TEAMS_ORDER`.
         reached: by subject, what that order goes by.
         of_team: subject -> condition -> its best run, where it has a valid one.
+        leading: condition -> the best of these runs, each one of several that are equal.
     """
 
     teams: Sequence[Overall]
     reached: Mapping[int, Reached]
-    conditions: Sequence[int]
     of_team: Mapping[int, Mapping[int, RunSummary]]
+    leading: Mapping[int, Sequence[RunSummary]]
 
     @classmethod
-    def of(cls, content: SiteContent, group: RulesetStandings) -> BestRuns:
-        numbers = [condition.number for condition in group.conditions]
-        best = {
-            team.subject: {
-                number: found
-                for number in numbers
-                if (found := best_of(content.runs_of(team.subject, number, group.ruleset)))
-            }
-            for team in group.overall
-        }
+    def of(cls, group: RulesetStandings) -> BestRuns:
+        best: dict[int, dict[int, RunSummary]] = {team.subject: {} for team in group.overall}
+        for one in chain.from_iterable(group.conditions.values()):
+            if one.best is not None:
+                best[one.subject][one.condition] = one.best
         reached = {subject: Reached.of(runs.values()) for subject, runs in best.items()}
-        by_best = sorted(group.overall, key=lambda one: (reached[one.subject].order, one.subject))
-        return cls(by_best, reached, numbers, best)
+        ordered = sorted(group.overall, key=lambda one: (reached[one.subject].order, one.subject))
+        leading = {
+            condition.number: [one.best for one in leaders(standings) if one.best]
+            for condition, standings in group.conditions.items()
+        }
+        return cls(ordered, reached, best, leading)

@@ -1,83 +1,96 @@
-"""Small drawings of all indicators: boxes of teams, curves over a day."""
+"""Small drawings of all indicators: the runs of teams beside each other, and over a day."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from madrob_console.pages.drawings import (
-    FAILED,
-    FEWEST_FOR_A_BOX,
-    MOST_POINTS,
-    MOST_TEAMS,
-    BoxRow,
-    DayCurve,
-    DayPoint,
-    Scale,
-    box_scale,
-)
-from madrob_console.pages.site_content import drawable
+from madrob_console.pages.drawings import FAILED, FEWEST_JOINED, DayCurve, Point, Scale
 from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Outcome
 from scoring.result import value_text
 
-BOXES_NOTE = (
-    f"Circles: completed runs, of a team with up to {MOST_POINTS}; of more than {MOST_TEAMS} teams "
-    "only where there is no box. "
-    f"From {FEWEST_FOR_A_BOX} of them on a box has their middle half, its "
-    "thick line is the median, the thin one goes from the smallest to the largest. "
-    f"{FAILED}: runs that failed, in no box and, where they lie beyond the scale, at its edge. "
-    "Before them: how many completed + failed."
+_FAILED_NOTE = f"{FAILED}: runs that failed; where they lie beyond the scale, at its edge."
+
+ROWS_NOTE = (
+    "Circles: completed runs with their expanded uncertainty, of many the latest. "
+    f"{_FAILED_NOTE} Before them: how many completed + failed."
 )
 CURVES_NOTE = (
-    "Points: completed runs with their expanded uncertainty, joined within a condition, whose "
-    f"number stands at the last one. {FAILED}: runs that failed, in no curve and, where they lie "
-    "beyond the scale, at its edge."
+    "Points: completed runs with their expanded uncertainty; the number of their condition stands "
+    f"at the last one. From {FEWEST_JOINED} in a condition on they are joined. {_FAILED_NOTE}"
 )
+
+_MOST_POINTS = 120  # of all teams in one drawing: more make a large page
+
+_LARGEST = 1e12  # of a value that can be drawn
+
+_LEVELS = Scale(0.0, 6.0)
 
 _MOST_MARKS = 5  # times on an axis
 _STEPS = (60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400)
 
 
-class Box(NamedTuple):
-    """A box plot of an indicator, a row a team."""
+class TeamRow(NamedTuple):
+    """The runs of one team: the `points` that are drawn, and how many there are."""
+
+    who: str
+    points: Sequence[Point]
+    completed: int
+    failed: int
+
+
+class TeamPlot(NamedTuple):
+    """The values of an indicator, a row for each team."""
 
     name: IndicatorName
-    rows: Sequence[BoxRow]
+    rows: Sequence[TeamRow]
     scale: Scale
     spoken: str
 
 
-def boxes(runs: Mapping[int, Sequence[RunSummary]], who: Callable[[int], str]) -> Iterator[Box]:
-    """A box plot for each indicator that has a value; all runs of one condition."""
+def team_plots(teams: Mapping[str, Sequence[RunSummary]]) -> Iterator[TeamPlot]:
+    """A drawing for each indicator that has a value; all runs of one condition, oldest first."""
+    most = max(1, _MOST_POINTS // max(1, len(teams)))
     for name in IndicatorName:
-        rows = [_box_row(who(subject), found, name) for subject, found in runs.items()]
-        if any(row.completed or row.failed for row in rows):
+        rows = [_row(who, _points(runs, name), most) for who, runs in teams.items()]
+        if shown := [point for row in rows for point in row.points]:
             words = [f"{row.who}: {_spoken(row)}" for row in rows]
-            spoken = f"{_caption(name)}. {'; '.join(words)}"
-            yield Box(name, rows, box_scale(rows, all_shown=name.spec.counts), spoken)
+            yield TeamPlot(name, rows, _scale(name, shown), f"{_caption(name)}. {'; '.join(words)}")
 
 
-def _box_row(who: str, runs: Sequence[RunSummary], name: IndicatorName) -> BoxRow:
-    values = [(run.outcome, value) for run in runs if (value := drawable(run, name)) is not None]
-    return BoxRow(
-        who,
-        tuple(value for outcome, value in values if outcome is Outcome.COMPLETED),
-        tuple(value for outcome, value in values if outcome is not Outcome.COMPLETED),
-    )
+def _row(who: str, points: Sequence[Point], most: int) -> TeamRow:
+    completed = sum(point.completed for point in points)
+    return TeamRow(who, points[-most:], completed, len(points) - completed)
 
 
-def _spoken(row: BoxRow) -> str:
-    told = [_values(row.completed, "completed"), _values(row.failed, "failed")]
-    return ", ".join(filter(None, told)) or "no value"
+def _spoken(row: TeamRow) -> str:
+    told = (value_text(p.value) + ("" if p.completed else " failed") for p in row.points)
+    return ", ".join(told) or "no value"
 
 
-def _values(values: Sequence[float], word: str) -> str:
-    if not values:
-        return ""
-    return f"{len(values)} {word} from {value_text(min(values))} to {value_text(max(values))}"
+def _points(runs: Iterable[RunSummary], name: IndicatorName) -> list[Point]:
+    """Values of valid runs that can be drawn; a failed run has no execution time."""
+    return [
+        Point(
+            run.started,
+            value,
+            run.condition,
+            run.outcome is Outcome.COMPLETED,
+            known.expanded if known and 0 < known.expanded < _LARGEST else 0.0,
+        )
+        for run in runs
+        if run.valid
+        and abs(value := run.values.get(name, _LARGEST)) < _LARGEST
+        and not (name is IndicatorName.EXECUTION_TIME and run.outcome is not Outcome.COMPLETED)
+        for known in [run.uncertainties.get(name)]
+    ]
+
+
+def _scale(name: IndicatorName, points: Sequence[Point]) -> Scale:
+    return _LEVELS if name is IndicatorName.CAPABILITY_LEVEL else Scale.of(points)
 
 
 def curves(runs: Sequence[RunSummary]) -> Iterator[tuple[IndicatorName, DayCurve]]:
@@ -85,22 +98,9 @@ def curves(runs: Sequence[RunSummary]) -> Iterator[tuple[IndicatorName, DayCurve
     day = runs[0].started, runs[-1].started
     marks = clock_marks(*day)
     for name in IndicatorName:
-        points = [
-            DayPoint(
-                run.started,
-                value,
-                run.condition,
-                run.outcome is Outcome.COMPLETED,
-                known.expanded if (known := run.uncertainties.get(name)) else 0.0,
-            )
-            for run in runs
-            if (value := drawable(run, name)) is not None
-        ]
-        if points:
+        if points := _points(runs, name)[-_MOST_POINTS:]:
             spoken = f"{_caption(name)}. The tables above have its values."
-            leading = [one.value for one in points if one.completed or name.spec.counts]
-            scale = Scale.of(leading, [one.value for one in points])
-            yield name, DayCurve(points, marks, Scale(*day), scale, spoken)
+            yield name, DayCurve(points, marks, Scale(*day), _scale(name, points), spoken)
 
 
 def clock_marks(begin: float, end: float) -> list[tuple[float, str]]:

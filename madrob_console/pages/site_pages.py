@@ -11,17 +11,10 @@ from typing import Any
 from markupsafe import Markup
 
 from madrob_console.archive.folders import INDEX_PAGE
-from madrob_console.archive.history import rank
 from madrob_console.common.formatting import format_span
 from madrob_console.common.names import terminal_safe
-from madrob_console.pages.competition import (
-    PLAN_NOTES,
-    RulesetStandings,
-    summary_words,
-    why_left_out,
-)
+from madrob_console.pages.competition import PLAN_NOTES, RulesetStandings, summary_words
 from madrob_console.pages.notes import MANUAL_START_NOTE, NO_UNCERTAINTY_NOTE, UNCERTAINTY_NOTE
-from madrob_console.pages.outputs import MEANS, NOTES_OF_PAGES
 from madrob_console.pages.site_content import (
     ORDER,
     PLAN,
@@ -29,25 +22,26 @@ from madrob_console.pages.site_content import (
     BestRuns,
     SiteContent,
     beside,
-    best_of,
     condition_place,
+    team_csv,
     team_place,
     zip_place,
 )
 from madrob_console.pages.site_drawings import (
-    BOXES_NOTE,
     CURVES_NOTE,
-    boxes,
+    ROWS_NOTE,
     curves,
+    team_plots,
     unit_and_direction,
 )
-from madrob_console.pages.templates import NONE, path_link, render
+from madrob_console.pages.tally import counts, leaders_first
+from madrob_console.pages.templates import path_link, render
 from madrob_console.referee.competition_plan import PlanProgress
 from madrob_console.referee.flags import FlagKind, weighty
 from madrob_console.referee.run_summary import PROTEST_OPEN, RunSummary, condition_words
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Condition, Outcome
-from scoring.result import uncertainty_text, value_text
+from scoring.result import DOUBTED
 
 DOWNLOADS = {
     "data/standings.csv": "the standings",
@@ -128,21 +122,13 @@ def _outcome_notes(run: RunSummary) -> str:
     return "; ".join(words)
 
 
-def _value_of(run: RunSummary, name: IndicatorName) -> str:
-    value = run.values.get(name)
-    if value is None:
-        return f"{NONE}{run.sign(name)}"
-    known = run.uncertainties.get(name)
-    return f"{value_text(value, known)}{run.sign(name)} {uncertainty_text(known)}".rstrip()
-
-
 def _why(run: RunSummary) -> str:
-    return why_left_out(run) if run.problem is None else "its result cannot be used"
+    return run.why_left_out if run.problem is None else "its result cannot be used"
 
 
 _TOLD: Mapping[str, Any] = {
-    **MEANS,
     "completed": Outcome.COMPLETED,
+    "counts": counts,
     "execution_time": IndicatorName.EXECUTION_TIME,
     "level_first": _LEVEL_FIRST,
     "outcome_notes": _outcome_notes,
@@ -151,16 +137,15 @@ _TOLD: Mapping[str, Any] = {
     "value_heads": [
         f"{name.words.partition(' of ')[0]}, {unit_text(name.spec.unit)}" for name in _LEVEL_FIRST
     ],
-    "value_of": _value_of,
     "why": _why,
 }
 
 _NOTES = {
-    **NOTES_OF_PAGES,
+    "DOUBTED": f"{DOUBTED}: a value that is doubted.",
     "ORDER": ORDER,
     "TEAMS_ORDER": TEAMS_ORDER,
     "PLAN_NOTES": PLAN_NOTES,
-    "BOXES_NOTE": BOXES_NOTE,
+    "ROWS_NOTE": ROWS_NOTE,
     "CURVES_NOTE": CURVES_NOTE,
 }
 
@@ -196,7 +181,7 @@ def overview_page(content: SiteContent, written: str) -> str:
         content,
         INDEX_PAGE,
         written=written,
-        groups=[(group, BestRuns.of(content, group)) for group in groups],
+        groups=[(group, BestRuns.of(group)) for group in groups],
         latest=list(islice(reversed(content.runs), _LATEST)),
         downloads=DOWNLOADS,
         most_cells=_MOST_CELLS,
@@ -225,27 +210,20 @@ def condition_page(content: SiteContent, number: int) -> str:
 def _group(
     content: SiteContent, links: Links, group: RulesetStandings, condition: Condition
 ) -> dict[str, object]:
-    runs = {
-        one.subject: content.runs_of(one.subject, condition.number, group.ruleset)
-        for one in group.conditions[condition]
+    ordered = leaders_first(group.conditions[condition])
+    found = {
+        content.who(one.subject): content.runs_of(one.subject, condition.number, group.ruleset)
+        for one in ordered
     }
-    best = {subject: best_of(found) for subject, found in runs.items()}
-    ordered = sorted(group.conditions[condition], key=lambda one: _order(best[one.subject]))
-    having = [run for one in ordered if (run := best[one.subject]) is not None]
     return {
         "group": group,
-        "ordered": ordered,
         "best": [
             (run, [links.team(run.subject), links.run(run, f"run {run.run_number}")])
-            for run in having
+            for one in ordered
+            if (run := one.best) is not None
         ],
-        "boxes": boxes({one.subject: runs[one.subject] for one in ordered}, content.who),
+        "plots": team_plots(found),
     }
-
-
-def _order(best: RunSummary | None) -> tuple[float, ...]:
-    """Teams without a valid run are last."""
-    return (1.0,) if best is None else rank(best)
 
 
 def team_page(content: SiteContent, subject: int) -> str:
@@ -268,6 +246,12 @@ def team_page(content: SiteContent, subject: int) -> str:
         ],
         testbeds=_testbeds(content, subject),
         zip=beside(place, zip_place(subject)),
+        csv=beside(place, team_csv(subject)),
+        slots=[
+            one
+            for one in (content.plan.upcoming() if content.plan else ())
+            if one.task.subject == subject
+        ],
         by_condition=sorted(of.items()),
         curves=list(curves(runs)) if any(run.valid for run in runs) else [],
         notes={**_NOTES, "TEAM_NOTES": list(_notes(runs))},

@@ -148,9 +148,10 @@ class Tally:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standing(Tally):
-    """One team in one condition."""
+    """One team in one condition; `best` is its best valid run, if it has one."""
 
     condition: int
+    best: RunSummary | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,7 +217,11 @@ def standings(
     groups = _grouped(runs, official=official)
     names = _names(groups, listed or {})
     made = [
-        Standing(condition=key.condition, **_tally(key, names, [groups[key]], best))
+        Standing(
+            condition=key.condition,
+            best=min((run for run in groups[key] if run.valid), key=rank, default=None),
+            **_tally(key, names, [groups[key]], best),
+        )
         for key in sorted(groups)
     ]
     if best == 1:  # the uncertainty of a run is not that of the best of some
@@ -225,27 +230,26 @@ def standings(
 
 
 def leaders_first(found: Iterable[Standing]) -> list[Standing]:
-    """By condition, in each by level, then by execution time, as `rank` orders single runs.
+    """By condition, in each by the teams' best runs as `rank` orders them; of equal ones by number.
 
-    `found` are standings over the best run of each team.
+    Screens, commands and pages order teams by this alone.
     """
-    return sorted(found, key=_best_first)
+    return sorted(found, key=lambda one: (one.condition, one.ruleset, _place(one), one.subject))
 
 
-def leaders(standings: Sequence[Standing]) -> list[Standing]:
+def leaders(found: Iterable[Standing]) -> list[Standing]:
     """The best of each condition, each one of several that are equal."""
-    least: dict[tuple[int, str], tuple[float, float]] = {}
-    for one in leaders_first(standings):
-        condition, ruleset, *order = _best_first(one)
-        least.setdefault((condition, ruleset), (order[0], order[1]))
-    return [one for one in standings if _best_first(one)[2:] == least[one.condition, one.ruleset]]
+    of: dict[tuple[int, str], list[Standing]] = defaultdict(list)
+    for one in found:
+        if one.best is not None:
+            of[one.condition, one.ruleset].append(one)
+    least = {key: min(map(_place, teams)) for key, teams in of.items()}
+    return [one for key, teams in of.items() for one in teams if _place(one) == least[key]]
 
 
-def _best_first(one: Standing) -> tuple[int, str, float, float]:
-    level = one.aggregates.get(IndicatorName.CAPABILITY_LEVEL)
-    time = one.aggregates.get(IndicatorName.EXECUTION_TIME)
-    least = math.inf if time is None else time.mean
-    return one.condition, one.ruleset, math.inf if level is None else -level.mean, least
+def _place(one: Standing) -> tuple[float, bool, float]:
+    """Level, completed or not, time; which of two equal runs was the first does not count."""
+    return (math.inf, True, math.inf) if one.best is None else rank(one.best)[:3]
 
 
 def overall(

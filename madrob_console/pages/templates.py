@@ -12,7 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from madrob_console.common.names import terminal_safe
-from madrob_console.pages.drawings import FAILED, MOST_TEAMS
+from madrob_console.pages.drawings import FAILED
 from madrob_console.referee.acts.during import RULED
 from madrob_console.referee.run_summary import condition_words
 from scoring.indicator_table import unit_text
@@ -74,7 +74,6 @@ _FILTERS: Mapping[str, Any] = {
 _GLOBALS: Mapping[str, Any] = {
     "condition_words": condition_words,
     "failed_mark": FAILED,
-    "most_teams": MOST_TEAMS,
     "ruled": RULED,
     "uncertainty_text": uncertainty_text,
     "unit_text": unit_text,

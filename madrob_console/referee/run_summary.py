@@ -16,7 +16,7 @@ from madrob_console.referee.flags import Flag
 from madrob_console.referee.run import VALID_OUTCOMES
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, ScoringError
-from scoring.result import DOUBTED, Uncertainty
+from scoring.result import DOUBTED, Uncertainty, uncertainty_text, value_text
 
 Name = Annotated[str, Meta(max_length=200)]
 StartTime = Annotated[float, Meta(ge=0, le=1e11)]
@@ -133,6 +133,19 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         return f"{self.folder} is the same run as {self.twin}, which counts"
 
     @property
+    def why_left_out(self) -> str:
+        """Why a run that is not valid does not count."""
+        if self.problem is not None:
+            return self.problem
+        if self.twin:
+            return self.why_twin
+        if self.outcome is None:
+            return "no result yet: it goes on, or the referee decides on it"
+        aborted = self.outcome is Outcome.ABORTED
+        unsaid = "the referee gave no reason" if aborted else "the machine failed"
+        return self.reason or unsaid
+
+    @property
     def official(self) -> bool:
         """Whether it was meant to count, on a real testbed or in a rehearsal."""
         measured = self.source == SourceKind.ROS
@@ -142,6 +155,25 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     def sign(self, name: str) -> str:
         """As `Indicator.sign`."""
         return DOUBTED if name in self.doubts else ""
+
+    def value_words(self, name: IndicatorName) -> str:
+        """`13.86? +- 0.02`, or a dash; of a run that failed the outcome instead of its time."""
+        value, known = self.values.get(name), self.uncertainties.get(name)
+        if value is None:
+            return f"-{self.sign(name)}"
+        if name is IndicatorName.EXECUTION_TIME and self.outcome is not Outcome.COMPLETED:
+            return self.outcome_word
+        return f"{value_text(value, known)}{self.sign(name)} {uncertainty_text(known)}".rstrip()
+
+    @property
+    def result_words(self) -> str:
+        """`level 6, completed in 13.86 +- 0.02 s`, `level 1, timeout`, `INVALID: robot on fire`."""
+        if not self.valid:
+            return f"{self.outcome_word}: {self.reason}" if self.reason else self.outcome_word
+        level = f"level {self.value_words(IndicatorName.CAPABILITY_LEVEL)}, {self.outcome_word}"
+        if self.outcome is not Outcome.COMPLETED:
+            return level
+        return f"{level} in {self.value_words(IndicatorName.EXECUTION_TIME)} s"
 
     @property
     def outcome_word(self) -> str:

@@ -85,8 +85,8 @@ def test_the_same_run_met_twice_counts_once_and_both_places_are_named(halls: Pat
     found = collected_in(Path("a"))
     assert [run.outcome_word for run in found.runs].count("TWICE") == 1
     (left_out,) = competition_standings(found.runs, made=0.0).left_out
-    assert first.name in left_out.why
-    assert again.name in left_out.why
+    assert first.name in left_out.why_left_out
+    assert again.name in left_out.why_left_out
 
 
 def test_of_a_run_that_is_there_twice_the_latest_issue_counts(halls: Path) -> None:

@@ -179,7 +179,7 @@ TOLD: dict[str, tuple[Sequence[RunSummary], bool, list[str]]] = {
         FLAGGED,
         True,
         [
-            "UNDECIDED: 1 of the valid runs wait for the referee.",
+            "UNDECIDED: 1 of the valid runs, for the referee to decide.",
             "with flags",
             "1 false start UNDECIDED (handle touched)",
         ],
@@ -193,7 +193,9 @@ def test_page_and_json_tell(what: str) -> None:
     of = found(*runs, official=official)
     said = words(of)
     assert [one for one in told if one not in said] == []
-    assert {left["why"] for left in document(of)["left_out"]} == {left.why for left in of.left_out}
+    assert {left["why"] for left in document(of)["left_out"]} == {
+        left.why_left_out for left in of.left_out
+    }
     assert [one for one in of.remarks if one not in html.unescape(said)] == []
     assert ("PRACTICE" in said + standings_csv(of)) is not official
     flagged = any("with flags" in line for line in standings_details(of))

@@ -133,7 +133,7 @@ def test_a_voided_run_keeps_its_indicators_and_counts_nowhere(desk: Desk) -> Non
     )
     assert earlier_runs([run], 3, 1, run.started + 9, competition="", practice=run.practice) == ()
     found = competition_standings([run], made=0.0, official=False)
-    assert [left.why for left in found.left_out] == ["robot unsafe"]
+    assert [left.why_left_out for left in found.left_out] == ["robot unsafe"]
     (group,) = found.groups
     (team,) = group.overall
     assert (team.completed, team.voided, team.counted, team.aggregates) == (0, 1, 0, {})

@@ -9,29 +9,23 @@ import xml.etree.ElementTree as ET
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.pages.drawings import (
-    FAILED,
-    BoxRow,
-    Scale,
-    box_scale,
-    rows_of_words,
-)
+from madrob_console.pages.drawings import FAILED, DayCurve, Point, Scale, rows_of_words
+from madrob_console.pages.site_drawings import curves, team_plots
 from madrob_console.pages.templates import TEMPLATES
+from madrob_console.referee.run_summary import RunSummary
 from scoring.figures.run_drawings import Lane, PassageFigure
+from scoring.indicator_table import IndicatorName
+from scoring.protocol import Outcome
+from scoring.result import Uncertainty
+from tests.madrob_console.run_folders import summary
 
 DRAWINGS = TEMPLATES.get_template("drawings.html").module
-
-FIVE = (3.0, 3.5, 4.0, 4.5, 5.0)
 
 
 def drawn(name: str, *of: object) -> str:
     svg = str(getattr(DRAWINGS, name)(*of))
     ET.fromstring(svg)
     return svg
-
-
-def boxes(*rows: BoxRow, all_shown: bool = False) -> str:
-    return drawn("box_plot", rows, box_scale(rows, all_shown=all_shown), "")
 
 
 @given(st.lists(st.floats(0, 10), max_size=6))
@@ -60,9 +54,76 @@ def test_lanes_of_a_sensor_that_stays_occupied_end_with_the_drawing() -> None:
     assert "a &amp; b</text>" in svg
 
 
+TIME, LEVEL = IndicatorName.EXECUTION_TIME, IndicatorName.CAPABILITY_LEVEL
+FORCE = IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION
+
+
+def runs(name: IndicatorName, *values: float, **fields: object) -> list[RunSummary]:
+    return [
+        summary(1, 7, n, hour=n, values={name: value}, **fields) for n, value in enumerate(values)
+    ]
+
+
+def plotted(found: list[RunSummary]) -> str:
+    (plot,) = team_plots({"1 Delft": found})
+    return drawn("team_plot", plot.rows, plot.scale, plot.spoken)
+
+
+def ticks_of(svg: str) -> list[float]:
+    return [float(tick) for tick in re.findall(r">([0-9.]+)</text>", svg)]
+
+
 def test_a_value_of_a_failed_run_does_not_stretch_the_scale_and_stands_at_its_edge() -> None:
-    edge = boxes(BoxRow("", FIVE, (539.5,)))
+    failed = runs(FORCE, 539.5, outcome=Outcome.TIMEOUT)
+    edge = plotted([*runs(FORCE, 3.0, 3.5, 4.0, 4.5, 5.0), *failed])
     assert f'<text x="100.0%" y="14" text-anchor="middle">{FAILED}' in edge
-    ticks = [float(found) for found in re.findall(r">([0-9.]+)</text>", edge)]
-    assert max(ticks) <= 6
-    assert ">400<" in boxes(BoxRow("", FIVE, (539.5,)), all_shown=True)
+    assert max(ticks_of(edge)) <= 6
+    assert min(ticks_of(plotted(failed))) > 400  # alone it leads
+
+
+@given(
+    st.lists(st.floats(-1e9, 1e9), min_size=1, max_size=5),
+    st.floats(1e-6, 1e6) | st.none(),
+)
+def test_a_scale_has_all_values_with_their_uncertainties_and_is_four_of_them_wide(
+    values: list[float], expanded: float | None
+) -> None:
+    known = {} if expanded is None else {FORCE: Uncertainty(expanded / 2, expanded)}
+    found = runs(FORCE, *values, uncertainties=known)
+    spread = expanded or 0.0
+    for scale in (*(plot.scale for plot in team_plots({"1": found})), curve_of(found).scale):
+        slack = 1e-9 * max(map(abs, (scale.low, scale.high)))
+        assert scale.low - slack <= min(values) - spread
+        assert scale.high + slack >= max(values) + spread
+        assert scale.high - scale.low >= 4 * spread - slack
+
+
+def curve_of(found: list[RunSummary]) -> DayCurve:
+    ((_, curve),) = curves(found)
+    return curve
+
+
+def test_levels_are_drawn_from_0_to_6_whatever_they_are() -> None:
+    for levels in ((6,), (1, 2), (0, 6)):
+        found = runs(LEVEL, *levels)
+        assert ticks_of(plotted(found)) == [0, 1, 2, 3, 4, 5, 6]
+        assert set(curve_of(found).scale.ticks(4)) >= {0, 6}
+
+
+def test_one_or_two_runs_of_a_condition_make_no_line() -> None:
+    for count, lines in ((1, 0), (2, 0), (3, 2), (4, 3)):
+        curve = curve_of(runs(TIME, *range(10, 10 + count)))
+        assert len(list(curve.joined)) == lines
+    assert {point.condition for pair in curve.joined for point in pair} == {7}
+
+
+def test_of_very_many_runs_the_latest_are_drawn_and_all_are_counted() -> None:
+    many = runs(TIME, *range(1, 500))
+    (plot,) = team_plots({"1": many})
+    assert plot.rows[0].completed == 499
+    assert plot.rows[0].points[-1].value == 499
+    assert max(len(plot.rows[0].points), len(curve_of(many).points)) < 200
+
+
+def test_a_point_beyond_the_scale_is_drawn_at_its_edge() -> None:
+    assert Scale.of([Point(0.0, 5.0, 7, completed=True)]).at(1e9) == 100

@@ -26,6 +26,7 @@ from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import read_all
 from madrob_console.pages.competition import competition_standings
+from madrob_console.pages.outputs import standings_lines
 from madrob_console.pages.publish import (
     SiteFile,
     SiteNotWrittenError,
@@ -41,6 +42,7 @@ from madrob_console.pages.site_content import (
     condition_place,
     team_place,
 )
+from madrob_console.pages.tally import leaders_first, standings
 from madrob_console.referee.run_summary import RunSummary
 from scoring.protocol import Outcome
 from scoring.result import Uncertainty
@@ -193,6 +195,27 @@ def test_teams_stand_by_level_first_then_by_time_and_no_failed_run_is_on_top(
     cells = [row.split("\n") for row in rows_of(publish(results) / "index.html")]
     told = [[cell.strip() for cell in row if cell.strip()] for row in cells]
     assert [row[1:3] for row in told] == [["12", "2"], ["6", "1"], ["4", "0"]]
+
+
+def test_site_command_and_screens_have_one_order_and_mark_every_leader(tmp_path: Path) -> None:
+    near = {TIME: Uncertainty(0.01, 0.02)}
+    times = {1: 13.857, 2: 13.855, 3: 13.855, 4: 13.856}
+    runs = [of(n, 9 - n, own={TIME: time}, uncertainties=near) for n, time in times.items()]
+    late = of(5, outcome=Outcome.TIMEOUT, own={TIME: 1.0})
+    site = publish(put_runs(tmp_path, *runs, late))
+    ordered = ["2", "3", "4", "1", "5"]
+    assert [row.split()[0] for row in rows_of(site / "conditions/07.html")][:5] == ordered
+    found = competition_standings([*runs, late], made=0.0, best=1)
+    table = [line.split() for line in standings_lines(found) if re.match(r" +\d ", line)]
+    assert [row[0] for row in table] == ordered
+    for best in (0, 1):  # the screens' table
+        assert [str(one.subject) for one in leaders_first(standings([*runs, late], best=best))] == (
+            ordered
+        )
+    overview = (site / "index.html").read_text()
+    assert len(re.findall("<b><span[^>]*>level", overview)) == 2
+    (leading,) = re.findall("Who leads in each condition.*?</ul>", overview, re.DOTALL)
+    assert re.findall(">([0-9]) <bdi>", leading) == ["2", "3"]
 
 
 def test_a_run_that_goes_on_is_none_that_was_interrupted(
