@@ -127,7 +127,7 @@ class History:
 
     def _told(self, unread: RunSummary, result: ResultDocument) -> RunSummary:
         """Adds the result; an earlier issue of it may have been protested."""
-        run = _of_result(unread, result)
+        run = with_result(unread, result)
         if run.protested or run.issue <= 1:
             return run
         return replace(run, protested=ever_protested(self._root / unread.folder))
@@ -218,7 +218,8 @@ def _of_journal(unread: RunSummary, folder: Path) -> RunSummary:
     )
 
 
-def _of_result(unread: RunSummary, result: ResultDocument) -> RunSummary:
+def with_result(unread: RunSummary, result: ResultDocument) -> RunSummary:
+    """A run in a list with what its result says of it."""
     found = result.indicators
     closure, waiting = result.closure, result.open_protest
     signed_so = closure is not None and closure.team_word == TeamWord.PROTESTED

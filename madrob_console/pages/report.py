@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
-from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.run_pictures import NO_PICTURES, RunPictures
 from madrob_console.archive.scored import Scored
 from madrob_console.common.names import is_rehearsal
@@ -34,11 +33,10 @@ from madrob_console.referee.flags import (
     weighty,
 )
 from madrob_console.referee.records import Reissuing
-from madrob_console.referee.run_summary import OUTCOME_WORDS, VOID
+from madrob_console.referee.run_summary import OUTCOME_WORDS, VOID, RunSummary
 from scoring.figures.run_drawings import TimedPhase
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Outcome
-from scoring.result import Indicator, Result, doubts_of, uncertainty_text, value_text
+from scoring.result import Indicator, Result, doubts_of, uncertainty_text
 from scoring.rulesets import ruleset
 
 _MOST_EVENTS = 30
@@ -99,9 +97,9 @@ def report_html(
         pictures=pictures(seen, beside=bool(place.files)),
         figures=figures(scored),
         events=_events(result, anchors(seen)),
-        execution_time=IndicatorName.EXECUTION_TIME,
         issued=_issued(run.reissues, place.earlier),
         issues_left_out=max(0, len(run.reissues) - _MOST_ISSUES),
+        bests=_bests(scored, place),
         definitions=definitions_of(result),
         phase_ends=[phase.words for phase in TimedPhase if phase.step is not None],
         **_indicators(result.indicators),
@@ -141,31 +139,33 @@ def _events(result: Result, pictured: Anchors) -> list[tuple[str, str, str | Non
 
 
 def _issued(
-    reissues: Sequence[Reissuing], earlier: Sequence[ResultDocument]
+    reissues: Sequence[Reissuing], earlier: Sequence[RunSummary]
 ) -> list[tuple[Reissuing, str]]:
     """The latest re-issues, newest first, each with what the result was before."""
-    known = {one.issue: one for one in earlier}
-    return [
-        (one, ", ".join(_value_words(known.get(one.issue - 1))))
-        for one in reversed(reissues[-_MOST_ISSUES:])
-    ]
+    known = {one.issue: f"{one.result_words}, {one.closing}" for one in earlier}
+    return [(one, known.get(one.issue - 1, "")) for one in reversed(reissues[-_MOST_ISSUES:])]
 
 
-def _value_words(result: ResultDocument | None) -> Iterator[str]:
-    if result is None:
-        return
-    level = result.indicators.get(IndicatorName.CAPABILITY_LEVEL)
-    time = result.indicators.get(IndicatorName.EXECUTION_TIME)
-    if level is not None and level.value is not None:
-        yield f"level {value_text(level.value)}{level.sign}"
-    if result.outcome is not Outcome.COMPLETED:
-        yield result.outcome.value
-    elif time is not None and time.value is not None:
-        yield time.text
-    if result.voided is not None:
-        yield "void"
-    if result.closure is not None:
-        yield "final"
+def _bests(scored: Scored, place: PagePlace) -> dict[IndicatorName, tuple[str, str]]:
+    """Of each indicator the team's best and the field's, this run included; empty without a field.
+
+    They are of completed runs in its condition.
+    """
+    if not place.field:
+        return {}
+    field = [run.summary for run in place.field]
+    if place.itself is not None and place.itself.comparable:
+        field.append(place.itself)
+    team = [run for run in field if run.subject == scored.record.setup.subject]
+    return {name: (_best(team, name), _best(field, name)) for name in IndicatorName}
+
+
+def _best(runs: Sequence[RunSummary], name: IndicatorName) -> str:
+    choose = max if name.spec.higher_is_better else min
+    having = [run for run in runs if name in run.values]
+    if not having:
+        return NONE
+    return choose(having, key=lambda run: run.values[name]).value_words(name)
 
 
 def _title(scored: Scored) -> str:

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup
 
 from madrob_console.archive.folders import REPORT_FILE, parse_folder_name, results_folder_of
-from madrob_console.archive.history import History
-from madrob_console.archive.result_document import ResultDocument
+from madrob_console.archive.history import History, with_result
 from madrob_console.archive.result_reader import (
     UnusableResultError,
     earlier_issues,
@@ -119,7 +118,7 @@ class PagePlace:
     team_shortened: bool = False
     field: tuple[ComparedRun, ...] = ()
     itself: RunSummary | None = None
-    earlier: tuple[ResultDocument, ...] = ()
+    earlier: tuple[RunSummary, ...] = ()
     digest: str = ""
     ways: Markup = NOTHING
 
@@ -187,7 +186,9 @@ class Surroundings:
                 if (phases := self._phases_of(root / run.folder)) is not None
             ),
             itself=itself,
-            earlier=earlier_issues(root / name, scored.run.reissues),
+            earlier=tuple(
+                with_result(mine, one) for one in earlier_issues(root / name, scored.run.reissues)
+            ),
             digest=_digest(team),
         )
 

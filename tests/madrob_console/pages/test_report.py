@@ -488,8 +488,8 @@ OTHERWISE: dict[str, Otherwise] = {
         ended,
         {
             "Other runs of the team": (
-                "Condition 1 (No Force, pull, from CCW to CW): run 2 (completed, 17.43 s)",
-                "run 1 (timeout, 17.43 s)",
+                "from CCW to CW): run 2 (level 6, completed in 17.4320 s)",
+                "run 1 (level 6, timeout)",
             )
         },
         place=PagePlace(
@@ -569,6 +569,28 @@ def test_where_the_time_went_is_told_beside_median_and_best(scored: Scored) -> N
         }
     )
     assert any("median 4.00 s: start to touch 1.00 s" in each for each in page.found("aria-label"))
+
+
+def test_each_indicator_stands_beside_the_team_s_best_and_the_field_s(scored: Scored) -> None:
+    other = {**VALUES, "time_to_handle": 1.5, "smoothness_of_door_actuation": 0.5}
+    known = {IndicatorName.TIME_TO_HANDLE: Uncertainty(0.01, 0.02)}
+    field = (
+        beside(3, 2),
+        ComparedRun(summary(8, 1, 1, values=other, uncertainties=known), {}),
+        ComparedRun(summary(9, 1, 1, values={**VALUES, "smoothness_of_door_actuation": 0.01}), {}),
+    )
+    mine = summary(3, 1, 9, values={**VALUES, "passage_time": 0.25})
+    page = Page(report_html(scored, place=PagePlace(field=field, itself=mine)))
+    told = {
+        "time to handle": "3.2140 1.50 +- 0.02",
+        "smoothness of door actuation": "0.0625 0.5000",
+        "passage time": "0.2500 0.2500",
+        "capability level": "6 6",
+    }
+    for name, bests in told.items():
+        (row,) = (row for row in page.rows if row.startswith(name))
+        assert " ".join(row.split()).endswith(f" {bests}"), name
+    assert "field's best" not in Page(report_html(scored)).part("Indicators")
 
 
 BESIDE: dict[str, RunSummary] = {
