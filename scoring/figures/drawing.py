@@ -26,13 +26,14 @@ from scoring.figures.run_drawings import (
     labels_of,
     rows_of,
     stretches,
+    text_width,
 )
 from scoring.indicator_table import EventMark
 from scoring.kinematics import Array
 
 Events = Mapping[EventMark, Sequence[float]]
 
-MOST_POINTS = 2000
+MOST_POINTS = 1000
 """Points of a curve: more cannot be told apart, and make a large file."""
 
 _WIDTH, _HEIGHT, _LEFT, _RIGHT = 300.0, 262.0, 60.0, 10.0
@@ -40,6 +41,7 @@ _INNER = _WIDTH - _LEFT - _RIGHT
 _TITLE, _GAP, _FOOT = 8.0, 18.0, 36.0
 _LINE, _TITLE_WIDTH = 13.0, 48  # of the title: height, and letters
 _LABEL_HEIGHT = 12.0
+_SIZE = 10.0  # of letters in a panel
 _SIZES = {1: (1.0,), 2: (1.0, 1.4), 3: (1.0, 1.2, 1.2)}  # of the panels, from above
 _LARGEST = 1e9  # no sensor means more, and the axes' arithmetic must not overflow
 
@@ -61,6 +63,7 @@ class Panel:
         maximum: words for the largest absolute value, which is marked; empty = not marked.
         mean: where to draw a line for it.
         limits: of the value axis; None = what the values need.
+        least: the value axis spans at least this much, so that noise looks like noise.
         zone: shade +-`zone` around 0.
         note: words above the panel.
         empty: why there is no value.
@@ -73,6 +76,7 @@ class Panel:
     maximum: str = ""
     mean: float | None = None
     limits: Interval | None = None
+    least: float = 0.0
     band: Band | None = None
     zone: float = 0.0
     note: str = ""
@@ -149,7 +153,7 @@ def _draw_panel(axes: Axes, panel: Panel, window: Interval, largest_gap: float) 
         low, high = _draw_band(axes, panel.band, low, high)
     if panel.mean is not None:
         axes.axhline(panel.mean, color=RED, linewidth=0.9, label="mean")
-    margin = 0.06 * ((high - low) or 1.0)
+    margin = max(0.06 * ((high - low) or 1.0), (panel.least - (high - low)) / 2)
     limits = [low - margin, high + margin]
     if panel.maximum:
         upwards = _draw_maximum(axes, panel, window)
@@ -179,14 +183,15 @@ def _draw_maximum(axes: Axes, panel: Panel, window: Interval) -> bool:
     upwards = value >= 0
     axes.axhline(height, color=RED, linewidth=0.6)
     axes.plot([time], [height], "o", color=RED, markersize=4, label="maximum")
-    left_half = time < (window[0] + window[1]) / 2
+    words = f"{panel.maximum}, at {time:.2f} s"
+    at = _INNER * (time - window[0]) / (window[1] - window[0])
+    left = max(0.0, min(at, _INNER + _RIGHT - text_width(words, _SIZE)))
     axes.annotate(
-        f"{panel.maximum}, at {time:.2f} s",
+        words,
         (time, height),
-        xytext=(0, 5 if upwards else -5),
+        xytext=(left - at, 5 if upwards else -5),
         textcoords="offset points",
         color=RED,
-        ha="left" if left_half else "right",
         va="bottom" if upwards else "top",
         bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
     )

@@ -241,6 +241,7 @@ def _panel(
         value, limits = np.minimum(value, spec.clip), (0.0, spec.clip * 1.02)
     elif spec.peak and indicator is not None and (peak := largest_at(value)) is not None:
         maximum = f"maximum {_number(abs(value[peak]), indicator)} {unit_text(spec.unit)}"
+    known = indicator.uncertainty if indicator else None
     return Panel(
         f"{spec.label}, {unit_text(spec.unit)}",
         colour,
@@ -249,6 +250,7 @@ def _panel(
         maximum=maximum,
         mean=mean,
         limits=limits,
+        least=max(spec.least, 4 * known.expanded if known else 0.0),
         band=_touch_band(run) if quantity is Quantity.FORCE else None,
         zone=run.rows.thresholds.closed_angle if spec.closed_zone else 0.0,
         note=note,

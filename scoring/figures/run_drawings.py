@@ -29,7 +29,7 @@ Interval = tuple[float, float]
 
 LABEL_SIZE = 9.5
 
-_LETTER = 0.586 * LABEL_SIZE  # a letter's width on average, and a bit more
+_LETTER = 0.586  # a letter's width on average, and a bit more, of its size
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class EventLabel:
 
     @property
     def right(self) -> float:
-        return self.left + _width(self.text)
+        return self.left + text_width(self.text)
 
 
 def labels_of(
@@ -63,7 +63,9 @@ def labels_of(
         if len(times) > 1:
             text = f"{mark} {sorted(times).index(time) + 1} of {len(times)}"
         line = width * (time - window[0]) / (window[1] - window[0])
-        labels.append(EventLabel(text, time, line, min(line, width + beyond - _width(text) - 2)))
+        labels.append(
+            EventLabel(text, time, line, min(line, width + beyond - text_width(text) - 2))
+        )
     return labels
 
 
@@ -84,8 +86,9 @@ def rows_of(labels: Sequence[EventLabel]) -> tuple[int, ...]:
     return min(itertools.product(range(count), repeat=count), key=cost)
 
 
-def _width(text: str) -> float:
-    return _LETTER * len(text)
+def text_width(text: str, size: float = LABEL_SIZE) -> float:
+    """At most what a text takes in letters of a size."""
+    return _LETTER * size * len(text)
 
 
 # Curves as stretches without gaps, thinned for drawing.

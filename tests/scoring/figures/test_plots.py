@@ -35,7 +35,7 @@ from scoring.indicator_table import (
 )
 from scoring.kinematics import Rows
 from scoring.protocol import PASSAGE_SENSORS, Outcome, Side, Step
-from scoring.result import Ending, Result, value_text
+from scoring.result import Ending, Result, Uncertainty, value_text
 from scoring.signals import Sample
 from tests.scoring.runs import CONDITION, START, assessment, clear, door, handle, under
 
@@ -193,6 +193,30 @@ def test_the_marked_maximum_is_the_indicator(
         words(figure)
     )
     assert unit_text(found.text) in " ".join(figure.texts[0].get_text().split())
+
+
+@pytest.mark.parametrize("peak", [0.2, 3.0, 5.2, 6.0, 9.5])
+def test_the_words_at_a_maximum_stay_within_their_figure_wherever_it_is(peak: float) -> None:
+    result, rows = run(force=lambda time: -199.25 if abs(time - peak) < 0.05 else 0.0)
+    figure = figures_for(result, rows)[FigureName.FORCE]
+    (maximum,) = (text for text in figure.axes[0].texts if "maximum" in text.get_text())
+    extent, sheet = maximum.get_window_extent(), figure.bbox
+    assert sheet.x0 <= extent.x0
+    assert extent.x1 <= sheet.x1
+
+
+def test_a_scale_is_four_uncertainties_wide_and_noise_looks_like_noise() -> None:
+    shaking = run(force=lambda time: 0.002 * math.sin(90 * time))
+    wide = replace(
+        shaking[0],
+        indicators={
+            name: replace(one, uncertainty=Uncertainty(5.0, 10.0)) if one.value is not None else one
+            for name, one in shaking[0].indicators.items()
+        },
+    )
+    for result, least in ((shaking[0], 1.0), (wide, 40.0)):
+        low, high = figures_for(result, shaking[1])[FigureName.FORCE].axes[0].get_ylim()
+        assert high - low >= least
 
 
 @pytest.mark.parametrize(
