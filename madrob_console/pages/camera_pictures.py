@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
@@ -30,6 +30,9 @@ MOST_EMBEDDED = 2_000_000
 
 _WIDEST = 60_000  # bytes of one
 _SIDES = ((20_000, 480), (9_000, 320), (0, 240))  # from so many bytes for each: pixels
+
+_LOOK = 16  # pixels of a side, to compare what pictures show
+_ALIKE = 12  # of 255 grey values: more is another view, less is noise
 
 Anchors = Mapping[tuple[float, str], str]
 """Anchor of the pictures of an event, by its time and name."""
@@ -60,11 +63,50 @@ def pictures(shown: RunPictures, *, beside: bool = True) -> Markup:
         often=[(*key, count) for key, count in often.items()],
         moments_in_all=len({entry.moment for entry in entries}),
         moments=[
-            (same[0], [_figure(entry, shown, share) for entry in same])
-            for same in (list(group) for _, group in groupby(left, key=lambda one: one.moment))
+            (alike, [_figure(entry, shown, share) for entry in alike[0]])
+            for alike in _alike_moments(left, shown)
         ],
         is_far=is_far,
         difference_words=difference_words,
+    )
+
+
+def _alike_moments(
+    entries: Iterable[PictureEntry], shown: RunPictures
+) -> list[list[list[PictureEntry]]]:
+    """The pictures of each moment; moments that look alike, one after the other, are together.
+
+    What a referee has marked always has its own.
+    """
+    found: list[list[list[PictureEntry]]] = []
+    looks: list[bytes | None] = []
+    for _, group in groupby(entries, key=lambda one: one.moment):
+        same = list(group)
+        before, looks = looks, [_look(shown.files.get(one.file)) for one in same]
+        marked = same[0].event.startswith(("incident", "false_start", "protest"))
+        if marked or not (found and _look_alike(before, looks)):
+            found.append([same])
+        else:
+            found[-1].append(same)
+    return found
+
+
+def _look(data: bytes | None) -> bytes | None:
+    """A picture as few grey values; None where there is none."""
+    if data is None or not has_pillow():
+        return None
+    from madrob_console.archive.picture import PictureError, opened  # it loads Pillow
+
+    try:
+        return opened(data).convert("L").resize((_LOOK, _LOOK)).tobytes()
+    except PictureError:
+        return None
+
+
+def _look_alike(some: Sequence[bytes | None], others: Sequence[bytes | None]) -> bool:
+    return len(some) == len(others) and all(
+        one and two and max(abs(a - b) for a, b in zip(one, two, strict=True)) <= _ALIKE
+        for one, two in zip(some, others, strict=True)
     )
 
 

@@ -93,6 +93,11 @@ def index_of(folder: Path) -> PictureIndex:
     return msgspec.json.decode(text, type=PictureIndex)
 
 
+def frames_of(folder: Path) -> set[tuple[str, float | None]]:
+    """The frames that are nearest to a moment; one of several moments at once is one."""
+    return {(entry.topic, entry.log_time) for entry in index_of(folder).pictures}
+
+
 def page_of(folder: Path) -> str:
     place = Surroundings().place_of(folder, scored())
     page = report_html(scored(), "1", place, renewed_pictures(folder, scored()))
@@ -162,7 +167,7 @@ def test_a_report_and_its_copy_on_a_site_have_the_pictures_with_words_for_who_ca
     page = page_of(filmed)
     assert page_of(filmed) == page
     shown = re.findall(r'<img src="data:image/jpeg;base64,[^"]+" alt="([^"]+)"', page)
-    assert len(shown) == len(index_of(filmed).pictures)
+    assert len(shown) == len(frames_of(filmed))
     words = rf"Camera {FRONT} at 0\.00 s, run starts; received [0-9]+ ms (before|after) it\."
     assert re.fullmatch(words, shown[0])
     assert re.search(r"[-+][0-9]+ ms</b> <bdi>/camera/front", page)
@@ -184,6 +189,18 @@ def test_a_report_and_its_copy_on_a_site_have_the_pictures_with_words_for_who_ca
     assert 'href="pictures/' not in copy
 
 
+def test_moments_that_look_alike_share_their_pictures_and_a_mark_has_its_own(run: Path) -> None:
+    begin, end = span(run)
+    first, *others = stream(FRONT, begin, end)
+    add_evidence(run, [first, *(msgspec.structs.replace(one, data=first.data) for one in others)])
+    page = page_of(run)
+    index = index_of(run).pictures
+    assert len(frames_of(run)) == len(index) - 1 == 4
+    assert page.count("<img ") == 2  # from the start on, and from the incident on
+    for entry in index:
+        assert page.count(f'id="moment-{entry.moment}">{entry.since_start:.2f} s: ') == 1
+
+
 def test_a_page_stays_small_however_many_cameras_there_are(run: Path) -> None:
     begin, end = span(run)
     large = (1280, 960)
@@ -203,7 +220,7 @@ def test_pictures_follow_the_evidence_and_stay_when_it_is_gone(run: Path) -> Non
         assert len(names) == 1 + len(index_of(run).pictures)
         assert not any(path.name.startswith(".pictures") for path in run.iterdir())
     page = page_of(run)
-    assert page.count("<img ") == len(names) - 1
+    assert page.count("<img ") == len(frames_of(run))
     assert "What the cameras saw" in page
 
 
