@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from madrob_console.archive.run_pictures import NO_PICTURES, RunPictures
 from madrob_console.archive.scored import Scored
-from madrob_console.common.names import is_rehearsal
+from madrob_console.common.names import SourceKind, is_rehearsal
 from madrob_console.pages.camera_pictures import Anchors, anchors, definitions_of, pictures
 from madrob_console.pages.notes import (
     BIAS_NOTE,
@@ -180,9 +180,12 @@ def _title(scored: Scored) -> str:
 def _top(scored: Scored) -> dict[str, object]:
     record, result, run = scored.record, scored.result, scored.run
     waiting = undecided(scored.flags)
+    rehearsal = is_rehearsal(record.competition)
+    simulated = record.source is SourceKind.SIMULATED and not rehearsal
     banners = (
-        REHEARSED if is_rehearsal(record.competition) else None,
-        UNOFFICIAL.get(record.source, PRACTICE if record.setup.practice else None),
+        REHEARSED if rehearsal else None,
+        UNOFFICIAL.get(record.source),
+        PRACTICE if record.setup.practice or simulated else None,
         INVALID.get(result.outcome),
         VOIDED if run.voided else None,
         "; ".join(flag.words for flag in waiting),

@@ -258,8 +258,7 @@ def _undecided_steps(steps: Iterable[StepRecord]) -> Iterator[Flag]:
 
 def _doubts(run: Run, indicators: Mapping[IndicatorName, Indicator]) -> Iterator[Flag]:
     if waiting := waiting_doubts(indicators, run.accepted_doubts):
-        count = len({words for sentences in waiting.values() for words in sentences})
-        words = f"doubted: {doubted_words(waiting)} ({counted(count, 'doubt')} UNDECIDED)"
+        words = f"{counted(len(waiting), 'value')} to check: {doubted_words(waiting)}"
         yield Flag(FlagKind.DOUBT, words, FlagWeight.ALARM, undecided=True)
     for accepted in run.accepted_doubts:
         standing = {

@@ -415,7 +415,7 @@ def test_an_accepted_doubt_stands_beside_the_doubt_and_a_later_one_waits(
     assert waiting() == []
     desk.act(Correct(3, CW, "typed wrongly"))
     assert desk.document["indicators"]["time_to_handle"]["doubts"] == [TOUCH, JITTER]
-    assert waiting() == ["doubted: time to handle (1 doubt UNDECIDED)"]
+    assert waiting() == ["1 value to check: time to handle"]
     desk.act(AcceptDoubts({TIME: (JITTER,)}, "no effect on the ranking"))
     assert waiting() == []
     assert desk.agrees()

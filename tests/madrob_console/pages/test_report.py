@@ -544,6 +544,7 @@ def test_a_page_begins_with_why_its_run_is_none_that_counts(
 ) -> None:
     page = Page(report_html(of_source(ended(scored), source, practice=practice)))
     assert page.part("body").startswith(words)
+    assert ("PRACTICE: not an official result." in page.part("header")) == practice
 
 
 def test_a_run_that_was_cut_off_says_so_first() -> None:
