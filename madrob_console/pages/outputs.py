@@ -97,8 +97,7 @@ def standings_csv(found: CompetitionStandings) -> str:
 
 
 def standings_json(found: CompetitionStandings, software: str) -> bytes:
-    document = msgspec.json.encode(standings_document(found, software))
-    return msgspec.json.format(document, indent=2) + b"\n"
+    return msgspec.json.encode(standings_document(found, software)) + b"\n"
 
 
 def standings_document(found: CompetitionStandings, software: str) -> dict[str, Any]:

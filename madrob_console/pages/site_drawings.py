@@ -23,7 +23,7 @@ CURVES_NOTE = (
     f"at the last one. From {FEWEST_JOINED} in a condition on they are joined. {_FAILED_NOTE}"
 )
 
-_MOST_POINTS = 120  # of all teams in one drawing: more make a large page
+_MOST_POINTS = 60  # of all teams in one drawing: more make a large page
 
 _LARGEST = 1e12  # of a value that can be drawn
 
