@@ -1,4 +1,4 @@
-"""What `templates/drawings.html` draws: scales, values of teams, curves over a day.
+"""What `templates/drawings.html` draws: scales, bars, values of runs.
 
 A drawing is as wide as its place: widths are in percent of it, letters and heights in pixels, on a
 phone and on a wide screen alike.
@@ -7,18 +7,13 @@ phone and on a wide screen alike.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import groupby, pairwise
-from operator import attrgetter
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 if TYPE_CHECKING:
     from scoring.figures.run_drawings import Interval
 
 FAILED = "\N{MULTIPLICATION SIGN}"
-
-FEWEST_JOINED = 3
-"""Fewer points of a condition are not joined: a line would say that something rose or fell."""
 
 _ROOM = 0.08
 _NARROWEST = 230.0  # px: on a phone, beside the names of the lanes
@@ -28,14 +23,9 @@ _STEPS = (1, 2, 5, 10)
 
 
 class Point(NamedTuple):
-    """The value of one run, at its start, s since the epoch.
+    """The value of one run; `spread` is its expanded uncertainty, 0 = not known."""
 
-    `condition` is its number. `spread` is the expanded uncertainty; 0 = not known.
-    """
-
-    time: float
     value: float
-    condition: int
     completed: bool
     spread: float = 0.0
 
@@ -72,14 +62,14 @@ class Scale(NamedTuple):
                 left = self.at(begin)
                 yield left, max(round(self.at(end) - left, 3), 0.15)
 
-    def ticks(self, most: int = _MOST_TICKS) -> list[float]:
-        """Round values within the range, not many more than `most`."""
+    def ticks(self) -> list[float]:
+        """Round values within the range, not many more than `_MOST_TICKS`."""
         span = (self.high - self.low) / _MOST_TICKS
         power = 10.0 ** math.floor(math.log10(span))
         step = next(n * power for n in _STEPS if n * power >= span * (1 - 1e-9))
         first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
         found = [round(n * step, 9) + 0.0 for n in range(first, last + 1)]
-        return found[:: max(1, round(len(found) / most))]
+        return found[:: max(1, round(len(found) / _MOST_TICKS))]
 
 
 def rows_of_words(marks: Iterable[tuple[float, str]], scale: Scale) -> list[int]:
@@ -100,35 +90,3 @@ def rows_of_words(marks: Iterable[tuple[float, str]], scale: Scale) -> list[int]
         rows[row].append((begin, begin + width))
         found.append(row)
     return found
-
-
-class DayCurve(NamedTuple):
-    """One indicator over a day; `points` in order of time, `marks` with words on the time axis."""
-
-    points: Sequence[Point]
-    marks: Sequence[tuple[float, str]]
-    day: Scale
-    scale: Scale
-    spoken: str
-
-    @property
-    def joined(self) -> Iterator[tuple[Point, Point]]:
-        by_condition = attrgetter("condition")
-        completed = sorted((one for one in self.points if one.completed), key=by_condition)
-        for _, group in groupby(completed, by_condition):
-            if len(points := list(group)) >= FEWEST_JOINED:
-                yield from pairwise(points)
-
-    @property
-    def last(self) -> list[Point]:
-        """The last point of each condition, where there are several conditions."""
-        found = {point.condition: point for point in self.points}
-        return list(found.values()) if len(found) > 1 else []
-
-    def across(self, time: float) -> float:
-        """Percent of the width; the letters of the scale stand before."""
-        return round(17 + 0.8 * self.day.at(time), 3)
-
-    def down(self, value: float) -> float:
-        """Pixels from above."""
-        return round(90 - 0.84 * self.scale.at(value), 2)

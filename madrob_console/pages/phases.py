@@ -58,8 +58,7 @@ def phases(scored: Scored, place: PagePlace) -> dict[str, object]:
     if place.field:
         columns.append(_Column("median", median_phases(run.phases for run in place.field)))
     if best is not None:
-        next_best = _leads(place, best)
-        columns.append(_Column("team's next" if next_best else "team's best", best.phases))
+        columns.append(_Column("team's best other", best.phases))
     said = "Where the time went. " + "; ".join(column.words for column in columns)
     return {
         "columns": columns,

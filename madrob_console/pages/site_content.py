@@ -6,13 +6,12 @@ import os
 import posixpath
 import re
 from collections import defaultdict
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
 
 from madrob_console.archive.folders import REPORT_FILE
 from madrob_console.common.files import stamp_of
@@ -98,15 +97,15 @@ class SiteContent:
             if run.condition == condition and run.ruleset == ruleset
         ]
 
-    def team_name(self, subject: int) -> str:
-        """A team's name in the standings; empty where it has none."""
-        if found := self._standing_names.get(subject):
-            return found
-        return self.names.get(subject, "")
-
     @cached_property
-    def _standing_names(self) -> Mapping[int, str]:
-        return {one.subject: one.team for group in self.standings.groups for one in group.overall}
+    def team_names(self) -> Mapping[int, str]:
+        """As in the standings, else in the list of teams."""
+        standing = {one.subject: one.team for of in self.standings.groups for one in of.overall}
+        return {**self.names, **{subject: team for subject, team in standing.items() if team}}
+
+    def team_name(self, subject: int) -> str:
+        """Empty where it has none."""
+        return self.team_names.get(subject, "")
 
     def who(self, subject: int) -> str:
         return f"{subject} {self.team_name(subject)}".rstrip()
@@ -149,35 +148,20 @@ def _called(run: RunSummary) -> str:
 # The teams of a competition in the order of their best runs.
 
 
-class Reached(NamedTuple):
-    """By the best runs of a team: the sum of its levels, and in how many conditions completed."""
-
-    levels: int
-    completed: int
-
-    @classmethod
-    def of(cls, best: Collection[RunSummary]) -> Reached:
-        levels = (int(run.values.get(IndicatorName.CAPABILITY_LEVEL, 0)) for run in best)
-        return cls(sum(levels), sum(run.outcome is Outcome.COMPLETED for run in best))
-
-    @property
-    def order(self) -> tuple[int, int]:
-        return -self.levels, -self.completed
-
-
 @dataclass(frozen=True)
 class BestRuns:
     """The best run of each team by one ruleset.
 
     Attributes:
         teams: in the order of `TEAMS_ORDER`.
-        reached: by subject, what that order goes by.
+        reached: by subject, what that order goes by: the sum of the levels of its best runs, and
+            in how many conditions it completed one.
         of_team: subject -> condition -> its best run, where it has a valid one.
         leading: condition -> the best of these runs, each one of several that are equal.
     """
 
     teams: Sequence[Overall]
-    reached: Mapping[int, Reached]
+    reached: Mapping[int, tuple[int, int]]
     of_team: Mapping[int, Mapping[int, RunSummary]]
     leading: Mapping[int, Sequence[RunSummary]]
 
@@ -187,8 +171,16 @@ class BestRuns:
         for one in chain.from_iterable(group.conditions.values()):
             if one.best is not None:
                 best[one.subject][one.condition] = one.best
-        reached = {subject: Reached.of(runs.values()) for subject, runs in best.items()}
-        ordered = sorted(group.overall, key=lambda one: (reached[one.subject].order, one.subject))
+        level = IndicatorName.CAPABILITY_LEVEL
+        reached = {
+            subject: (
+                sum(int(run.values.get(level, 0)) for run in runs.values()),
+                sum(run.outcome is Outcome.COMPLETED for run in runs.values()),
+            )
+            for subject, runs in best.items()
+        }
+        ordered = sorted(group.overall, key=lambda one: one.subject)
+        ordered.sort(key=lambda one: reached[one.subject], reverse=True)
         leading = {
             condition.number: [one.best for one in leaders(standings) if one.best]
             for condition, standings in group.conditions.items()

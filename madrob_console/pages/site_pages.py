@@ -28,11 +28,9 @@ from madrob_console.pages.site_content import (
     zip_place,
 )
 from madrob_console.pages.site_drawings import (
-    CURVES_NOTE,
-    ROWS_NOTE,
-    curves,
-    team_plots,
+    PLOTS_NOTE,
     unit_and_direction,
+    value_plots,
 )
 from madrob_console.pages.tally import counts, leaders_first
 from madrob_console.pages.templates import path_link, render
@@ -100,9 +98,6 @@ class Links:
         known = number in self.content.conditions
         return path_link(beside(self.place, condition_place(number)), words) if known else words
 
-    def page(self, place: str, words: str) -> Markup:
-        return path_link(beside(self.place, place), words)
-
     def run(self, run: RunSummary, words: str) -> Markup:
         whole = Markup('<span class="whole">{}</span>').format(words)
         target = self.content.places.get(run.folder)
@@ -145,8 +140,7 @@ _NOTES = {
     "ORDER": ORDER,
     "TEAMS_ORDER": TEAMS_ORDER,
     "PLAN_NOTES": PLAN_NOTES,
-    "ROWS_NOTE": ROWS_NOTE,
-    "CURVES_NOTE": CURVES_NOTE,
+    "PLOTS_NOTE": PLOTS_NOTE,
 }
 
 
@@ -222,7 +216,7 @@ def _group(
             for one in ordered
             if (run := one.best) is not None
         ],
-        "plots": team_plots(found),
+        "plots": value_plots(found),
     }
 
 
@@ -253,7 +247,7 @@ def team_page(content: SiteContent, subject: int) -> str:
             if one.task.subject == subject
         ],
         by_condition=sorted(of.items()),
-        curves=list(curves(runs)) if any(run.valid for run in runs) else [],
+        plots=list(value_plots({f"condition {n}": found for n, found in sorted(of.items())})),
         notes={**_NOTES, "TEAM_NOTES": list(_notes(runs))},
     )
 

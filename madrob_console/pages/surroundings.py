@@ -25,7 +25,6 @@ from madrob_console.archive.result_reader import (
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import read_bounded, stamp_of
 from madrob_console.pages.templates import NOTHING
-from madrob_console.referee.records import JournalMark
 from madrob_console.referee.run_summary import RunSummary
 
 if TYPE_CHECKING:
@@ -36,20 +35,15 @@ if TYPE_CHECKING:
 
 
 _HEAD = 1000  # bytes of a report in which it says what it was made of
-_MADE_OF = re.compile('<meta name="journal" content="([0-9]{1,9}) ([0-9a-f]{64})">')
-_TEAM_OF = re.compile('<meta name="team" content="([0-9a-f]{64})">')
+_MADE_OF = re.compile('<meta name="(journal|team)" content="([^"]*)">')
 
 
-def made_of(head: str) -> JournalMark | None:
-    """Mark of the journal of which a page was made, from its `head`; None = not stated."""
-    found = _MADE_OF.search(head)
-    return None if found is None else JournalMark(int(found[1]), found[2])
+def made_of(head: str) -> dict[str, str]:
+    """What a page says in its `head` that it was made of.
 
-
-def team_of(head: str) -> str | None:
-    """Digest of the team's other runs that a page names, from its `head`; None = not stated."""
-    found = _TEAM_OF.search(head)
-    return None if found is None else found[1]
+    `journal`: its lines and digest. `team`: digest of what is told of the team's other runs.
+    """
+    return dict(_MADE_OF.findall(head))
 
 
 def has_report(folder: Path) -> bool:
@@ -58,25 +52,20 @@ def has_report(folder: Path) -> bool:
 
 def report_is_old(folder: Path) -> bool:
     """Whether there is a report that names another journal than the result."""
+    told = _stated(folder).get("journal")
     try:
-        told = made_of(_head(folder))
-        result = read_result(str(folder))
+        mark = read_result(str(folder)).journal or None
     except (OSError, UnusableResultError):
         return False
-    return None not in (told, result.journal) and told != result.journal
+    return bool(told and mark and told != f"{mark.lines} {mark.sha256}")
 
 
-def team_told(folder: Path) -> str | None:
-    """Digest of the team's other runs that the report names; None where it names none."""
+def _stated(folder: Path) -> dict[str, str]:
     try:
-        return team_of(_head(folder))
+        head, _ = read_bounded(str(folder / REPORT_FILE), _HEAD)
     except OSError:
-        return None
-
-
-def _head(folder: Path) -> str:
-    head, _ = read_bounded(str(folder / REPORT_FILE), _HEAD)
-    return head.decode(errors="replace")
+        return {}
+    return made_of(head.decode(errors="replace"))
 
 
 _MOST_FILES = _MOST_RUNS = 60
@@ -199,7 +188,7 @@ class Surroundings:
             teams[run.subject, run.practice].append(run)
         for runs in teams.values():
             for run in runs:
-                told = None if run.outcome is None else team_told(root / run.folder)
+                told = None if run.outcome is None else _stated(root / run.folder).get("team")
                 if told is not None and told != team_digest(run, runs):
                     yield root / run.folder
 

@@ -33,7 +33,7 @@ from scoring.kinematics import Array
 
 Events = Mapping[EventMark, Sequence[float]]
 
-MOST_POINTS = 1000
+MOST_POINTS = 600
 """Points of a curve: more cannot be told apart, and make a large file."""
 
 _WIDTH, _HEIGHT, _LEFT, _RIGHT = 300.0, 262.0, 60.0, 10.0

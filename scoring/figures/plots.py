@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -44,6 +45,9 @@ _MOST_TOLD = 3
 
 _KEPT = "\N{NO-BREAK SPACE}"
 """Keeps a value and its unit on one line of the title."""
+
+_TAG, _DECIMALS = re.compile("<[^>]*>"), re.compile(r"(\.\d)\d+")
+"""More decimals of a point on a sheet cannot be seen; those in its words stay."""
 
 _STYLE: dict[str, object] = {
     "font.family": ["sans-serif"],
@@ -194,7 +198,7 @@ def svg(figure: Figure) -> str:
         figure.savefig(
             text, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type"))
         )
-    return text.getvalue()
+    return _TAG.sub(lambda tag: _DECIMALS.sub(r"\1", tag[0]), text.getvalue())
 
 
 def png(figure: Figure, resolution: float = 200) -> bytes:

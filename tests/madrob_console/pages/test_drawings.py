@@ -9,8 +9,8 @@ import xml.etree.ElementTree as ET
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.pages.drawings import FAILED, DayCurve, Point, Scale, rows_of_words
-from madrob_console.pages.site_drawings import curves, team_plots
+from madrob_console.pages.drawings import FAILED, Point, Scale, rows_of_words
+from madrob_console.pages.site_drawings import value_plots
 from madrob_console.pages.templates import TEMPLATES
 from madrob_console.referee.run_summary import RunSummary
 from scoring.figures.run_drawings import Lane, PassageFigure
@@ -65,8 +65,8 @@ def runs(name: IndicatorName, *values: float, **fields: object) -> list[RunSumma
 
 
 def plotted(found: list[RunSummary]) -> str:
-    (plot,) = team_plots({"1 Delft": found})
-    return drawn("team_plot", plot.rows, plot.scale, plot.spoken)
+    (plot,) = value_plots({"1 Delft": found})
+    return drawn("rows_of_values", plot.rows, plot.scale, plot.spoken)
 
 
 def ticks_of(svg: str) -> list[float]:
@@ -91,39 +91,26 @@ def test_a_scale_has_all_values_with_their_uncertainties_and_is_four_of_them_wid
     known = {} if expanded is None else {FORCE: Uncertainty(expanded / 2, expanded)}
     found = runs(FORCE, *values, uncertainties=known)
     spread = expanded or 0.0
-    for scale in (*(plot.scale for plot in team_plots({"1": found})), curve_of(found).scale):
+    for scale in (plot.scale for plot in value_plots({"1": found})):
         slack = 1e-9 * max(map(abs, (scale.low, scale.high)))
         assert scale.low - slack <= min(values) - spread
         assert scale.high + slack >= max(values) + spread
         assert scale.high - scale.low >= 4 * spread - slack
 
 
-def curve_of(found: list[RunSummary]) -> DayCurve:
-    ((_, curve),) = curves(found)
-    return curve
-
-
 def test_levels_are_drawn_from_0_to_6_whatever_they_are() -> None:
     for levels in ((6,), (1, 2), (0, 6)):
         found = runs(LEVEL, *levels)
         assert ticks_of(plotted(found)) == [0, 1, 2, 3, 4, 5, 6]
-        assert set(curve_of(found).scale.ticks(4)) >= {0, 6}
-
-
-def test_one_or_two_runs_of_a_condition_make_no_line() -> None:
-    for count, lines in ((1, 0), (2, 0), (3, 2), (4, 3)):
-        curve = curve_of(runs(TIME, *range(10, 10 + count)))
-        assert len(list(curve.joined)) == lines
-    assert {point.condition for pair in curve.joined for point in pair} == {7}
 
 
 def test_of_very_many_runs_the_latest_are_drawn_and_all_are_counted() -> None:
     many = runs(TIME, *range(1, 500))
-    (plot,) = team_plots({"1": many})
+    (plot,) = value_plots({"1": many})
     assert plot.rows[0].completed == 499
     assert plot.rows[0].points[-1].value == 499
-    assert max(len(plot.rows[0].points), len(curve_of(many).points)) < 200
+    assert len(plot.rows[0].points) < 200
 
 
 def test_a_point_beyond_the_scale_is_drawn_at_its_edge() -> None:
-    assert Scale.of([Point(0.0, 5.0, 7, completed=True)]).at(1e9) == 100
+    assert Scale.of([Point(5.0, completed=True)]).at(1e9) == 100

@@ -464,7 +464,7 @@ OTHERWISE: dict[str, Otherwise] = {
         {
             "Where the time went": (
                 "This is the team's best run in this condition so far; the next is run 2",
-                "team's next, s",
+                "team's best other, s",
             )
         },
         place=PagePlace(

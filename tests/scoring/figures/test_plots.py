@@ -288,9 +288,12 @@ def test_every_figure_is_there_or_has_a_reason(
 def test_svg_is_xml_with_readable_text_and_the_same_whatever_the_users_settings(
     nominal: Scored,
 ) -> None:
-    first = {name: svg(figure) for name, figure in figures_for(*nominal).items()}
+    figures = figures_for(*nominal)
+    first = {name: svg(figure) for name, figure in figures.items()}
     for name, text in first.items():
-        assert f"Figure {name.number}" in "".join(ET.fromstring(text).itertext())
+        told = "".join(ET.fromstring(text).itertext())
+        assert f"Figure {name.number}" in told
+        assert [one for one in words(figures[name]).split("\n") if one not in told] == []
         assert not [word for word in ("<script", "dc:date") if word in text]
     with mpl.rc_context({"lines.linewidth": 9, "svg.fonttype": "path", "font.size": 20}):
         before = dict(mpl.rcParams)
