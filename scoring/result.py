@@ -111,8 +111,7 @@ class Indicator:
         """All of it on one line: `13.86? +- 0.02 s`, or `none: handle never touched`."""
         if self.value is None:
             return f"none: {self.reason}{self.sign}"
-        value = value_text(self.value, self.uncertainty) + self.sign
-        text = " ".join(filter(None, (value, uncertainty_text(self.uncertainty), self.unit)))
+        text = quantity_text(self.value, self.uncertainty, self.sign, self.unit)
         worth = self.uncertainty
         if worth is None or abs(worth.rest) <= worth.expanded:
             return text
@@ -303,6 +302,14 @@ def value_text(value: float, uncertainty: Uncertainty | None = None) -> str:
         return f"{value:.{decimals_left(uncertainty)}f}"
     _, place = _rounded_up(uncertainty.expanded)
     return f"{value:.{max(0, math.floor(math.log10(abs(value) or 1)) - place)}e}"
+
+
+def quantity_text(
+    value: float, uncertainty: Uncertainty | None, sign: str = "", unit: str = ""
+) -> str:
+    """A value with its sign, its uncertainty and its unit: `13.86? +- 0.02 s`."""
+    number = f"{value_text(value, uncertainty)}{sign}"
+    return " ".join(filter(None, (number, uncertainty_text(uncertainty), unit)))
 
 
 def without_zeros(number: str) -> str:

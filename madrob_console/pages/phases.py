@@ -8,6 +8,7 @@ from itertools import accumulate, pairwise
 
 from madrob_console.archive.history import rank
 from madrob_console.archive.scored import Scored
+from madrob_console.common.formatting import counted
 from madrob_console.pages.drawings import Scale
 from madrob_console.pages.surroundings import ComparedRun, PagePlace
 from madrob_console.pages.templates import date_text
@@ -106,10 +107,10 @@ def _median_note(place: PagePlace) -> str:
     if not place.field:
         return ""
     teams = len({run.summary.subject for run in place.field})
-    runs = _counted(len(place.field), "other completed run")
+    runs = counted(len(place.field), "other completed run")
     latest = date_text(max(run.summary.started for run in place.field))
     return (
-        f"Median: of each phase over the {runs} of {_counted(teams, 'team')} in this condition, "
+        f"Median: of each phase over the {runs} of {counted(teams, 'team')} in this condition, "
         "of those that brought it to its end. The medians do not add up to one run. Compared with "
         f"what was known when this page was made; the latest started {latest}."
     )
@@ -155,7 +156,3 @@ def _beside_best(scored: Scored, place: PagePlace, best: ComparedRun) -> str:
         if not distinguishable(own.value, theirs, *known):
             words += " Their execution times are a tie within the uncertainty."
     return words
-
-
-def _counted(number: int, thing: str) -> str:
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"

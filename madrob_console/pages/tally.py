@@ -10,10 +10,10 @@ import statistics
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
 from typing import Any, NamedTuple, TypeVar
 
 from madrob_console.archive.history import rank
+from madrob_console.common.formatting import listed as first_of
 from madrob_console.referee.flags import undecided, weighty
 from madrob_console.referee.lists import TeamName
 from madrob_console.referee.run_summary import VOID, RunSummary
@@ -162,7 +162,6 @@ class Overall(Tally):
 
 
 _T = TypeVar("_T", bound=Tally)
-_K = TypeVar("_K")
 
 
 def counts(tally: Tally) -> Iterator[str]:
@@ -182,9 +181,7 @@ def counts(tally: Tally) -> Iterator[str]:
 
 def subjects_text(found: Sequence[int]) -> str:
     """The first of some teams: `2, 5`, or `2, 5, 7, 8 and 12 more`."""
-    more = len(found) - _MOST_NAMED
-    named = ", ".join(map(str, found[:_MOST_NAMED]))
-    return f"{named} and {more} more" if more > 0 else named
+    return first_of([*map(str, found)], _MOST_NAMED)
 
 
 class _Key(NamedTuple):
@@ -379,45 +376,22 @@ def _told_apart(tallies: Sequence[_T], beside: Callable[[_T], Hashable]) -> tupl
     groups: dict[Hashable, list[_T]] = defaultdict(list)
     for tally in tallies:
         groups[beside(tally)].append(tally)
-    told: dict[int, _T] = {}
-    for group in groups.values():
-        alike = {name: alike_values(_known_means(group, name)) for name in IndicatorName}
-        for tally in group:
-            own = {
-                name: tuple(sorted(found[tally.subject]))
-                for name, found in alike.items()
-                if tally.subject in found
-            }
-            told[id(tally)] = replace(tally, alike=own)
-    return tuple(told[id(tally)] for tally in tallies)
+    return tuple(replace(one, alike=_alike(one, groups[beside(one)])) for one in tallies)
 
 
-def _known_means(
-    tallies: Iterable[Tally], name: IndicatorName
-) -> Iterator[tuple[int, float, Uncertainty]]:
-    for tally in tallies:
-        one = tally.aggregates.get(name)
-        if one is not None and one.uncertainty is not None:
-            yield tally.subject, one.mean, one.uncertainty
+def _alike(tally: Tally, others: Iterable[Tally]) -> Mapping[IndicatorName, tuple[int, ...]]:
+    found = {
+        name: sorted(
+            other.subject
+            for other in others
+            if other.subject != tally.subject and _is_tie(mean, other.aggregates.get(name))
+        )
+        for name, mean in tally.aggregates.items()
+    }
+    return {name: tuple(subjects) for name, subjects in found.items() if subjects}
 
 
-def alike_values(known: Iterable[tuple[_K, float, Uncertainty]]) -> Mapping[_K, Sequence[_K]]:
-    """Those that each value is not distinguishable from, by its key (protocol section 11).
-
-    A value that is like no other is missing.
-    """
-    ordered = sorted(known, key=lambda one: one[1] - _width(one[2]))
-    found: dict[_K, list[_K]] = defaultdict(list)
-    for number, (key, value, spread) in enumerate(ordered, 1):
-        for other, its, theirs in islice(ordered, number, None):
-            if its - _width(theirs) > value + _width(spread):
-                break
-            if not distinguishable(value, its, spread, theirs):
-                found[key].append(other)
-                found[other].append(key)
-    return found
-
-
-def _width(uncertainty: Uncertainty) -> float:
-    """No value that differs by more than two of these is alike."""
-    return uncertainty.expanded + abs(uncertainty.rest)
+def _is_tie(one: Aggregate, two: Aggregate | None) -> bool:
+    return two is not None and not distinguishable(
+        one.mean, two.mean, one.uncertainty, two.uncertainty
+    )

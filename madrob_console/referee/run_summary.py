@@ -16,7 +16,7 @@ from madrob_console.referee.flags import Flag
 from madrob_console.referee.run import VALID_OUTCOMES
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, ScoringError
-from scoring.result import DOUBTED, Uncertainty, uncertainty_text, value_text
+from scoring.result import DOUBTED, Uncertainty, quantity_text
 
 Name = Annotated[str, Meta(max_length=200)]
 StartTime = Annotated[float, Meta(ge=0, le=1e11)]
@@ -163,7 +163,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
             return f"-{self.sign(name)}"
         if name is IndicatorName.EXECUTION_TIME and self.outcome is not Outcome.COMPLETED:
             return self.outcome_word
-        return f"{value_text(value, known)}{self.sign(name)} {uncertainty_text(known)}".rstrip()
+        return quantity_text(value, known, self.sign(name))
 
     @property
     def result_words(self) -> str:
