@@ -31,7 +31,11 @@ NamedFile: TypeAlias = tuple[Path, bytes]
     "The page is report.html in the run folder. Of EUROBENCH folders the figures only.",
     options=(
         options.PATHS,
-        options.choice("--figures", PictureFormat, "figures of this format instead of the page"),
+        options.choice(
+            "--figures",
+            PictureFormat,
+            "figures of this format instead of the page; html: one page that zooms",
+        ),
         Argument(
             "--output",
             type=as_path,
@@ -39,7 +43,11 @@ NamedFile: TypeAlias = tuple[Path, bytes]
             help="folder for all pages, <run>_report.html each",
         ),
     ),
-    examples=("madrob report my_run", "madrob report --figures svg --output figures my_run"),
+    examples=(
+        "madrob report my_run",
+        "madrob report --figures svg --output figures my_run",
+        "madrob report --figures html my_run      # signals.html: look closely, for a protest",
+    ),
 )
 def report(arguments: argparse.Namespace) -> int:
     with imports_kept():
@@ -96,6 +104,13 @@ def _page(path: Path, output: Path | None, around: Surroundings) -> Iterator[Nam
 
 
 def _pictures(path: Path, pictures: PictureFormat, output: Path | None) -> Iterator[NamedFile]:
+    if pictures is PictureFormat.HTML:
+        from madrob_console.pages.signals import signals_html
+
+        for run, result, rows, condition in _results(path):
+            page = signals_html(run.rstrip("_") or path.name, result, rows, condition)
+            yield _target(path, output, f"{run}signals.html"), page.encode()
+        return
     try:
         with imports_kept():
             from scoring.figures.plots import figures_of, missing_figures, png, svg

@@ -6,7 +6,8 @@ from enum import StrEnum
 
 
 class PictureFormat(StrEnum):
-    """File format of figures."""
+    """File format of figures; HTML is one page, whose time axis can be zoomed."""
 
     PNG = "png"
     SVG = "svg"
+    HTML = "html"

@@ -23,6 +23,7 @@ from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import software_version
 from madrob_console.pages import PictureFormat, report_pictures
 from madrob_console.pages.report import report_html
+from madrob_console.pages.signals import signals_html
 from madrob_console.pages.surroundings import (
     NOWHERE,
     ComparedRun,
@@ -734,8 +735,16 @@ REPORTS: dict[str, tuple[Arguments, int, dict[str, int], tuple[str, ...]]] = {
             lambda run, kind=kind: ([run], kind, run.parents[1] / "figures"),  # type: ignore[misc]
             *(0, {rf"figures/{RUN}_\d+_\d+_figure_.*\.{kind}": 5}, ()),
         )
-        for kind in PictureFormat
+        for kind in (PictureFormat.PNG, PictureFormat.SVG)
     },
+    "a page that zooms": (
+        lambda run: ([run], PictureFormat.HTML, None),
+        *(0, {IN_FOLDER.replace("report", "signals"): 1}, ()),
+    ),
+    "a page that zooms of published files": (
+        lambda run: ([_published(run)], PictureFormat.HTML, None),
+        *(0, {r"published/.*\.(csv|yaml)": -1, rf"published/{RUN}_signals\.html": 1}, ()),
+    ),
 }
 
 
@@ -759,6 +768,27 @@ def test_reports_and_figures_lie_where_they_are_asked_for(
     begins = {"png": b"\x89PNG", "svg": b"<?xml"}
     for path in tmp_path.glob("figures/*"):
         assert path.read_bytes().startswith(begins[path.suffix[1:]])
+
+
+def test_the_page_that_zooms_has_every_sample_and_loads_nothing(scored: Scored) -> None:
+    result, rows = scored.result, scored.rows
+    name = "</script><script>alert(1)</script>"
+    page = signals_html(name, result, rows, scored.record.setup.condition)
+    assert page.count("</script>") == page.count("<script>") == 2
+    assert not re.search(r"http(?!-equiv)|@import|\ssrc=|url\(", page)
+    (policy,) = re.findall('http-equiv="Content-Security-Policy" content="([^"]*)"', page)
+    assert policy.startswith("default-src 'none'; script-src 'unsafe-inline'; style-src")
+    assert "Permission is hereby granted" in page  # the library's licence goes with it
+    (text,) = re.findall("const told = (.*);", page)
+    told = json.loads(text)
+    times, angles = rows.joint_state.time - result.start, rows.joint_state.position
+    assert told["door"][0] == pytest.approx(times.tolist(), abs=1e-5)
+    assert told["door"][1] == pytest.approx(angles.tolist(), abs=1e-5)
+    assert told["handle"][1] == pytest.approx(rows.force.tolist(), abs=1e-5)
+    assert [words for _, words in told["events"]] == [one.event.words for one in result.events]
+    lanes = {lane["name"]: lane["spans"] for lane in told["lanes"]}
+    assert lanes["door open"]
+    assert told["window"][1] >= max(end for spans in lanes.values() for _, end in spans)
 
 
 def test_the_report_made_later_is_that_of_the_run(
