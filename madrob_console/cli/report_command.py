@@ -105,7 +105,7 @@ def _page(path: Path, output: Path | None, around: Surroundings) -> Iterator[Nam
 
 def _pictures(path: Path, pictures: PictureFormat, output: Path | None) -> Iterator[NamedFile]:
     if pictures is PictureFormat.HTML:
-        from madrob_console.pages.signals import signals_html
+        from madrob_console.pages.signal_charts import signals_html
 
         for run, result, rows, condition in _results(path):
             page = signals_html(run.rstrip("_") or path.name, result, rows, condition)

@@ -23,7 +23,7 @@ from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import software_version
 from madrob_console.pages import PictureFormat, report_pictures
 from madrob_console.pages.report import report_html
-from madrob_console.pages.signals import signals_html
+from madrob_console.pages.signal_charts import signals_html
 from madrob_console.pages.surroundings import (
     NOWHERE,
     ComparedRun,
