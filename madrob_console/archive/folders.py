@@ -76,8 +76,16 @@ class RunName:
 
 
 def holds_rehearsals(root: Path) -> bool:
-    """Whether a results folder is for a rehearsal; no other folder is (protocol section 2)."""
-    return root.resolve().name.endswith(_OF_REHEARSALS)
+    """Whether a results folder is for a rehearsal; no other folder is (protocol section 2).
+
+    Raises:
+        MadrobError: only the name of a link says so.
+    """
+    folder = root.resolve()
+    holds = folder.name.endswith(_OF_REHEARSALS)
+    if root.name.endswith(_OF_REHEARSALS) and not holds:
+        raise MadrobError(f"{root}: leads to {folder}, which is no rehearsal's: name that folder")
+    return holds
 
 
 def rehearsal_folder(root: Path) -> Path:

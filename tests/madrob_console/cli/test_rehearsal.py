@@ -141,3 +141,18 @@ def test_a_simulated_testbed_is_practice_outside_of_a_rehearsal(home: Path) -> N
     hall.engine.close()
     assert listed(home / "runs").practice
     assert "REHEARSAL" not in hall.engine.snapshot().label
+
+
+def test_a_link_is_what_its_target_is_and_one_that_says_otherwise_is_refused(
+    home: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("hall", "hall_rehearsal"):
+        (home / name).mkdir()
+    (home / "today").symlink_to("hall_rehearsal")
+    (home / "old_rehearsal").symlink_to("hall")
+    assert main(["standings", "--results", str(home / "today")]) == 0
+    assert rehearsal_folder(home / "today") == home / "today"
+    capsys.readouterr()
+    assert main(["standings", "--results", str(home / "old_rehearsal")]) == BAD_INPUT
+    why = f"leads to {home / 'hall'}, which is no rehearsal's: name that folder"
+    assert why in capsys.readouterr().err
