@@ -43,7 +43,7 @@ from madrob_console.referee.acts import (
     Waive,
     ZeroHandle,
 )
-from madrob_console.referee.checks import CheckState, blocking
+from madrob_console.referee.checks import CheckState, blocking, causes
 from madrob_console.referee.records import CheckName, RunSetup
 from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.simulated import SimulatedTestbed
@@ -312,7 +312,7 @@ class UnattendedRun:
         if waive is not None:
             for check in blocking(engine.situation().checks):
                 self._do(Waive(check.name, waive))
-        for check in blocking(engine.situation().checks):  # a program has no screen to look at
+        for check in causes(engine.situation().checks):  # a program has no screen to look at
             print(terminal_safe(f"note: {check.name}: {check.reason}"), flush=True)
         self._do(Start())
 

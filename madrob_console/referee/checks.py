@@ -149,6 +149,20 @@ def blocking(checks: Iterable[Check]) -> tuple[Check, ...]:
     return tuple(sorted((check for check in checks if check.blocks), key=lambda c: c.waivable))
 
 
+_OF_TOPICS = (CheckName.DOOR, CheckName.HANDLE, CheckName.DOORWAY, CheckName.CLOCK)
+
+
+def causes(checks: Iterable[Check]) -> tuple[Check, ...]:
+    """The checks that block a start, but for those that lack the data of a topic named above."""
+    blocks = blocking(checks)
+    named = any(check.name is CheckName.TOPICS for check in blocks)
+    return tuple(
+        check
+        for check in blocks
+        if not (named and check.name in _OF_TOPICS and check.state is CheckState.NO_DATA)
+    )
+
+
 def _waive(check: Check, waivers: tuple[Waiver, ...]) -> Check:
     if not check.blocks or not check.waivable:
         return check

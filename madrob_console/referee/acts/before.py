@@ -14,7 +14,7 @@ from madrob_console.referee.acts.act import (
     Situation,
     ask_why,
 )
-from madrob_console.referee.checks import blocking
+from madrob_console.referee.checks import blocking, causes
 from madrob_console.referee.records import CheckName, DecisionKind, RunSetup, Waiver
 from madrob_console.referee.run import Phase, Run, begin_countdown
 from scoring.rest import HandleRest
@@ -97,7 +97,7 @@ class Start(Act):
         setup = situation.run.setup
         if situation.only_practice and setup is not None and not setup.practice:
             return "the testbed is simulated, a run on it is practice: set it up again"
-        blocks = blocking(situation.checks)
+        blocks = causes(situation.checks)
         if not blocks:
             return None
         more = f" (and {len(blocks) - 1} more)" if len(blocks) > 1 else ""

@@ -19,7 +19,7 @@ from madrob_console.engine.requests import NextRunNumber
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import SetUp, Waive
 from madrob_console.referee.acts.act import Ask
-from madrob_console.referee.checks import Check, CheckState
+from madrob_console.referee.checks import Check, CheckState, causes
 from madrob_console.referee.competition_plan import Task
 from madrob_console.referee.records import CheckName, RunSetup
 from madrob_console.referee.run import Phase
@@ -84,19 +84,22 @@ class CheckList(View, can_focus=True):
     _marked: CheckName | None = None
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        title, told = Span("Checks  ", Tone.STRONG), self._told
+        title, told, checks = Span("Checks  ", Tone.STRONG), self._told, snapshot.checks
         if snapshot.playback is not None:
             return [line(title, "made on the day; F4 shows the waivers")]
         if snapshot.pulse.stale:
             return [line(title, Span(f"old: of {time_of_day(snapshot.time)}", Tone.WARN))]
         verdict, how = Span("all passed or waived", Tone.GOOD), ""
-        if blocking := sum(check.blocks for check in told):
-            verdict = Span(f"{blocking} of {len(snapshot.checks)} checks fail", Tone.BAD)
+        if blocking := sum(check.blocks for check in checks):
+            verdict = Span(f"{blocking} of {len(checks)} checks fail", Tone.BAD)
             how = "" if snapshot.refusal(Waive.name) else "   Tab, then Enter on one waives it"
         rows = [line(title, verdict, Span(how, Tone.DIM))]
         for check in told:
             rows += _rows(check, width, marked=self.has_focus and check is self._at(0))
-        rows.append(line(Span("  ✓ ", Tone.GOOD), f"{len(snapshot.checks) - len(told)} ok"))
+        passed = sum(check.state is CheckState.OK for check in checks)
+        silent = len(checks) - len(told) - passed
+        without = f", {silent} without data for that reason" if silent else ""
+        rows.append(line(Span("  ✓ ", Tone.GOOD), f"{passed} ok{without}"))
         sides, teams = snapshot.sides_problem, snapshot.teams.problems
         notes = [] if snapshot.right.only_watches else [sides and f"sides: {sides}", *teams[:1]]
         for note in filter(None, notes):
@@ -126,8 +129,8 @@ class CheckList(View, can_focus=True):
     @property
     def _told(self) -> list[Check]:
         checks = () if self._snapshot is None else self._snapshot.checks
-        told = [check for check in checks if check.state is not CheckState.OK]
-        return sorted(told, key=lambda check: not check.blocks)
+        others = (one for one in checks if one.state is not CheckState.OK and not one.blocks)
+        return [*causes(checks), *others]
 
     def _at(self, step: int) -> Check | None:
         """The check so many rows below the marked one, or the nearest to that."""

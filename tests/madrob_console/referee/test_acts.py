@@ -305,6 +305,8 @@ WAIVED = replace(FAILED, state=CheckState.WAIVED)
 FIXED = replace(FAILED, name=CheckName.CLOCK, finding="another clock", waivable=False)
 WALKERS = TeamList({SETUP.subject: "Delft Walkers"})
 VOID = replace(STOPPED, voided=Voiding(5.0, "robot unsafe", "Ada"))
+ALL_SILENT = replace(FAILED, name=CheckName.TOPICS, finding="no testbed: all 6 topics silent")
+NO_FORCE = replace(UNKNOWN, name=CheckName.HANDLE)
 DONE = replace(STOPPED, phase=Phase.FINAL, issue=1)
 FULL = replace(STOPPED, protests=(PROTEST,) * 20)
 
@@ -324,6 +326,10 @@ def set_up(**changes: object) -> SetUp:
         refused("the result of the last run is being", SetUp(SETUP), STOPPED, scored=False),
         refused(None, SetUp(SETUP), STOPPED, scored=False, hopeless=True),
         refused("another name needs a reason", SetUp(SETUP), READY, teams=WALKERS),
+        refused("all 6 topics silent", Start(), READY, look=looking(ALL_SILENT, UNKNOWN, NO_FORCE)),
+        refused(
+            "another clock (and 1 more)", Start(), READY, look=looking(ALL_SILENT, UNKNOWN, FIXED)
+        ),
         refused(None, set_up(team_reason="renamed"), READY, teams=WALKERS),
         refused(None, set_up(team="Delft Walkers"), READY, teams=WALKERS),
         refused(

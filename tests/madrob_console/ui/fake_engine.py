@@ -404,7 +404,7 @@ class FakeEngine:
         force = None if self.force is None else self.force - self.run.handle_zero
         readings = Readings(
             plan=self.plan,
-            topic_faults=(),
+            topic_faults=self.faults[:1] if self.freshness is Freshness.LOST else (),
             angle=self.angle,
             closed_angle=0.03,
             near_zero=Thresholds().near_zero,

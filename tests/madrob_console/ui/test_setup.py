@@ -9,6 +9,7 @@ from textual import events
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.requests import NextRunNumber
 from madrob_console.referee.acts import SetUp
+from madrob_console.referee.checks import Freshness
 from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import RunSetup
 from madrob_console.referee.run import Phase
@@ -364,6 +365,14 @@ STORIES: Stories = {
             set_up_with(team="Knockers"),
             Phase.READY,
         ),
+    ],
+    "a testbed that is silent is one line of the checks": [
+        (Driver.set_up,),
+        (sets(angle=None, force=None, freshness=Freshness.LOST, faults=("no testbed: all",)),),
+        ("", "3 of 9 checks fail", "x no testbed: all", "6 ok, 2 without data for that reason"),
+        ("", no("no door angle comes now"), no("no handle force comes now")),
+        (sets(faults=()),),
+        ("", "? look whether its driver runs: no door angle comes now"),
     ],
     "the checks of a draft are not those of the run before": [
         (on_engine(angle=0.2),),
