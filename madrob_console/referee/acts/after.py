@@ -30,6 +30,7 @@ from madrob_console.referee.records import (
     Protest,
     ProtestEnd,
     TeamWord,
+    open_protests,
 )
 from madrob_console.referee.run import Phase, Run
 from scoring.indicator_table import IndicatorName
@@ -67,9 +68,11 @@ class Finalise(Act):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        if situation.scored:
-            return situation.refused or None
-        return RESULT_IS_WRITTEN
+        if not situation.scored:
+            return RESULT_IS_WRITTEN
+        if open_protests(situation.run.protests):
+            return "a protest is open: decide it first (Enter, then P)"
+        return situation.refused or None
 
     def problem(self, situation: Situation) -> str | None:
         """Needs a signature, and every open question named."""

@@ -46,17 +46,15 @@ def withdrawn() -> Run:
     return done(filed(), WithdrawProtest(1, "satisfied"), 210.0)
 
 
-def test_nothing_is_signed_over_an_open_protest_in_silence() -> None:
+def test_a_protest_is_decided_before_the_result_is_signed() -> None:
     (flag,) = undecided(flags(filed()))
     assert (flag.kind, flag.weight) == (FlagKind.PROTEST, FlagWeight.ALARM)
-    assert "protest 1 (step 4) OPEN" in (SIGN.refusal(Situation(filed(), scored=True)) or "")
-    final = done(filed(), replace(SIGN, undecided=(flag.words,)))
-    assert open_protests(final.protests)
-    decided = done(final, UPHELD, 300.0)
-    assert (decided.phase, decided.closure, decided.issue) == (Phase.STOPPED, None, 2)
-    assert [(one.what, one.referee) for one in decided.reissues] == [
-        ("decide protest", "R. Eferee")
-    ]
+    assert "protest 1 (step 4) OPEN" in flag.words
+    knowing = replace(SIGN, undecided=(flag.words,))
+    refused = "a protest is open: decide it first (Enter, then P)"
+    assert knowing.refusal(Situation(filed(), scored=True)) == refused
+    decided = done(filed(), UPHELD, 300.0)
+    assert SIGN.refusal(Situation(decided, scored=True)) is None
     assert done(decided, SIGN).phase is Phase.FINAL
 
 

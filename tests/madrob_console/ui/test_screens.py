@@ -162,7 +162,7 @@ SCREENS: Mapping[str, tuple[tuple[int, int], Sequence[tuple[Item, str]]]] = {
             (f"1 '={TEXT}' enter", "protest_open"),
             ("enter P", "protest_waits"),
             ("d", "protest_decision"),
-            ("escape enter f", "protest_unsigned"),
+            ("escape enter", "protest_unsigned"),
             ("escape enter P d p '=seen on video' enter", "protest_decided"),
         ],
     ),
