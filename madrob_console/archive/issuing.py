@@ -90,7 +90,7 @@ def _issue(
         if why is None:
             raise
         raise MadrobError(
-            f"{folder}: issue {details['issue']} is journalled, its result is not written yet: "
+            f"{folder}: version {details['issue']} is journalled, its result is not written yet: "
             f"`madrob recover` writes it ({error})"
         ) from None
     if journal is not None and details not in noted:
@@ -217,7 +217,7 @@ def _check(
     if damaged or (old is None and (not last or "sha256" in last)):
         raise DamagedIssueError(
             f"{folder}: {RESULT_FILE} is damaged, and what the recording gives is not the same: "
-            "put a copy of it back, or try `madrob recover`: it makes the next issue"
+            "put a copy of it back, or try `madrob recover`: it makes the next version"
         )
     if old is None:
         return

@@ -199,7 +199,7 @@ def disagreements(result: ResultDocument, run: Run) -> Iterator[str]:
     """
     issue = max(1, run.issue)
     if result.issue != issue:
-        yield f"issue {result.issue}, the journal has issue {issue}"
+        yield f"version {result.issue}, the journal has version {issue}"
     word = "not final" if result.closure is None else result.closure.team_word
     said = "not final" if run.closure is None else run.closure.team_word.value
     if word != said:

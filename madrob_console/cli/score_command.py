@@ -97,7 +97,7 @@ class RunText(NamedTuple):
                 "--reissue",
                 metavar="REASON",
                 help="after a rule change: each result that is another one now gets its next "
-                "issue, with a line in its journal; the issue before stays, and so does what the "
+                "version, with a line in its journal; the one before stays, and so does what the "
                 "referee decided. With --ruleset by these rules from now on. A final result is to "
                 "be signed again, a void run stays void, an aborted one has no indicators and is "
                 "left alone",

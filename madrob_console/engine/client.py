@@ -182,9 +182,7 @@ class RemoteEngine:
 
 
 _LOST = {
-    Role.REFEREE: (
-        "the engine has ended: Ctrl+R starts it again; at most half a second of a recording is lost"
-    ),
-    Role.WATCH: "the engine has ended: what you see is old; the next one is looked for",
+    Role.REFEREE: "the engine has ended: Ctrl+R starts it again",
+    Role.WATCH: "the engine has ended: the next one is looked for",
 }
 _AGAIN = {Role.REFEREE: "Ctrl+R connects again", Role.WATCH: "it is tried again"}

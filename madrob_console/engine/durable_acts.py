@@ -136,7 +136,7 @@ class DurableActs:
         """Why the disk allows no such act now, in words; `active`: a run goes on."""
         ends = act.urgent or act.name == Finalise.name or Consequence.NEW_RUN in act.consequences
         if self._event_publisher.journal.full and not ends:
-            return "the journal of this run is full: finalise it, then set up the next run"
+            return "the journal of this run is full: sign it, then set up the next run"
         silent = self._keepers.own.silent
         if self.waiting is not None and not (act.at_once and active):
             return f"the disk has not taken the {self.waiting.name} yet: wait for it"

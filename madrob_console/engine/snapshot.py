@@ -287,11 +287,11 @@ class Pulse:
     @property
     def words(self) -> str | None:
         if self.gone:
-            return f"{self.gone}: what you see is old"
+            return self.gone
         if self.server:
-            return f"the engine is silent for {self.server} s: what you see is old"
+            return f"the engine is silent for {self.server} s"
         if self.core:
-            return f"the engine has not moved for {self.core} s: what you see is old"
+            return f"the engine has not moved for {self.core} s"
         if self.disk:
             return f"disk silent for {self.disk} s: nothing new starts"
         return None

@@ -16,7 +16,7 @@ MANUAL_START_NOTE = (
 
 UNCERTAINTY_NOTE = (
     "+-: the value repeats within it, 95 of 100, as far as sampling, encoder, stamps and noise go. "
-    "Two results whose intervals overlap are not distinguishable."
+    "Two results whose intervals overlap are a tie."
 )
 
 NO_UNCERTAINTY_NOTE = (
@@ -31,19 +31,15 @@ BIAS_NOTE = (
 
 INVALID: Mapping[Outcome, str] = {
     Outcome.ABORTED: (
-        "INVALID: the referee aborted this run. It has no indicators and counts for nothing; it "
-        "stays on record."
+        "INVALID: the referee aborted this run. It has no indicators and does not count."
     ),
     Outcome.INTERRUPTED: (
-        "INTERRUPTED: the machine failed during this run. What could be computed is shown, and "
-        "left out of every mean and ranking; the referee decides whether the run is repeated."
+        "INTERRUPTED: the machine failed during this run. What could be computed is shown and does "
+        "not count; the referee decides whether the run is repeated."
     ),
 }
 
-VOIDED = (
-    "VOID: the referee voided this run. It keeps its indicators, counts for nothing and stays on "
-    "record."
-)
+VOIDED = "VOID: the referee voided this run. It keeps its indicators and does not count."
 
 UNOFFICIAL: Mapping[SourceKind, str] = {
     SourceKind.SIMULATED: "SIMULATED: not an official result. No real door was opened.",

@@ -215,7 +215,7 @@ def _settings(usual: RunSetup | None, setup: RunSetup | None) -> Iterator[Check]
 def _topics(r: Readings) -> Check:
     more = len(r.topic_faults) - 1
     first = "".join(r.topic_faults[:1]) + (f" (and {more} more)" if more > 0 else "")
-    return _verdict(CheckName.TOPICS, not first, first or "all fresh and at rate", "")
+    return _verdict(CheckName.TOPICS, not first, first or "all live and at their rates", "")
 
 
 def _door(r: Readings) -> Check:

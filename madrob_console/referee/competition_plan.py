@@ -343,7 +343,7 @@ def condition_number(text: str) -> int:
         return number
     near = get_close_matches(text, _PHRASES, 1)
     if not near:
-        raise MadrobError(f"condition {quoted(text)} is none: see `madrob plan --conditions`")
+        raise MadrobError(f"there is no condition {quoted(text)}: see `madrob plan --conditions`")
     missing = "benchmark type missing; " if near[0].startswith(text) else ""
     raise MadrobError(f"condition {quoted(text)}: {missing}did you mean '{near[0]}'?")
 
@@ -398,4 +398,4 @@ def _planned_time(text: str) -> str:
                 if _folds(planned) < 0:
                     raise MadrobError(f"time {quoted(text)} does not come, clocks change then")
                 return planned
-    raise MadrobError(f"time {quoted(text)} is none: write 14:30 or 2026-11-25T14:30")
+    raise MadrobError(f"time {quoted(text)} cannot be read: write 14:30 or 2026-11-25T14:30")

@@ -274,7 +274,7 @@ def _doubts(run: Run, indicators: Mapping[IndicatorName, Indicator]) -> Iterator
 def _decisions(run: Run, source: SourceKind | None) -> Iterator[Flag]:
     """What was decided about the whole run, before its start or after its stop."""
     if run.voided is not None:
-        words = f"VOID, counts nowhere ({run.voided.reason})"
+        words = f"VOID, does not count ({run.voided.reason})"
         yield Flag(FlagKind.VOID, words, FlagWeight.CAUTION)
     competition = "" if run.setup is None else run.setup.competition
     yield from practice_flags(source, competition, practice=run.practice)

@@ -217,6 +217,6 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
                 self.problem or "",
                 "practice" if self.practice else "official" if self.official else "",
             ),
-            *(flag.words for flag in self.flags),
+            *(f"{flag.words} {'undecided' * flag.undecided}" for flag in self.flags),
         )
         return " ".join(parts).casefold()

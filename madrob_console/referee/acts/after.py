@@ -60,7 +60,8 @@ class Finalise(Act):
     name = "finalise"
     phases = (Phase.STOPPED,)
     at_once = False
-    done = "the result is final, {act.team_word.told}"
+    done = "the result is signed, {act.team_word.told}"
+    log = "result signed by {act.referee}, {act.team_word.told}"
     team_word: TeamWord
     referee: str
     note: str = ""
@@ -244,6 +245,7 @@ class Reissue(Act):
     elsewhere = "only a final result is re-issued"
     missing = "a re-issue needs a reason"
     title = "Re-issue the final result; the old version stays"
+    done = "the next version waits for its signature"
     questions = (
         Pick("Why?", reasons("a step was ruled wrongly", "found out later")),
         Sure("Re-issue the result?"),

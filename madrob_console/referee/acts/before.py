@@ -74,6 +74,7 @@ class ConfirmPose(Act):
     """Confirm that the robot stands at its start pose."""
 
     name = "confirm the start pose"
+    done = "start pose confirmed"
     phases = (Phase.READY,)
 
     def apply(self, situation: Situation, at: float) -> Run:
@@ -88,6 +89,7 @@ class Start(Act):
     """Open the recording and begin the countdown."""
 
     name = "start"
+    done = "the countdown begins"
     phases = (Phase.READY,)
     at_once = False
     consequences = Consequence.RECORDING | Consequence.COUNTDOWN
@@ -122,7 +124,7 @@ class Waive(Act):
     name = "waive a check"
     phases = (Phase.READY,)
     missing = "a waiver needs a reason"
-    done = "'{act.check}' waived"
+    done = "check waived: {act.check}"
     log = "check waived: {act.check}"
     check: CheckName
     reason: str
@@ -180,6 +182,7 @@ class ZeroHandle(Act):
     """
 
     name = "zero the handle"
+    done = "handle zeroed"
     phases = (Phase.IDLE, Phase.READY, Phase.FINAL)
     consequences = Consequence.HANDLE_ZERO
 
@@ -189,7 +192,7 @@ class ZeroHandle(Act):
     def hindrance(cls, situation: Situation) -> str | None:
         rest = situation.handle_rest
         if rest is None:
-            return "no fresh handle force"
+            return "no handle force comes now"
         moves = rest.deviation > situation.rest_force
         return "the handle force is not steady: let go of it, wait a second" if moves else None
 

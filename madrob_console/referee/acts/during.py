@@ -48,6 +48,7 @@ class AcceptFalseStart(Act):
     phases = (Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED)
     missing = "accepting a false start needs a reason"
     title = "Accept the false start"
+    done = "false start accepted"
     questions = (ask_why("nothing gained", "sensor false alarm", "caused by a person"),)
     reason: str
 
@@ -71,6 +72,7 @@ class AddNote(Act):
     phases = tuple(phase for phase in Phase if phase is not Phase.IDLE)
     missing = "the note is empty"
     title = "Note"
+    done = "note written"
     questions = (Write("Text:", missing=missing),)
     note: str
 
@@ -89,6 +91,7 @@ class DeclareTimeout(Act):
     name = "declare timeout"
     phases = (Phase.RUNNING,)
     title = "DECLARE TIMEOUT: the run ends now and stays valid"
+    done = "timeout declared"
     questions = (
         meanwhile("the team gives up", "robot stuck", "robot stopped by itself"),
         Sure("Timeout now?"),
@@ -139,7 +142,7 @@ class MarkIncident(Act):
     name = "mark an incident"
     phases = (Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED)
     title = "Mark an incident"
-    done = "{act.kind} marked{act.when}"
+    done = "incident marked: {act.kind}{act.when}"
     log = "incident: {act.kind}{act.when}"
     stands_out = True
     kind: IncidentKind
@@ -205,6 +208,7 @@ class RestartCountdown(Act):
     name = "restart the countdown"
     phases = (Phase.COUNTDOWN,)
     title = "Restart the countdown"
+    done = "the countdown begins again"
     questions = (ask_why("robot not ready", "person in the way", "testbed not ready"),)
     at_once = False
     consequences = Consequence.COUNTDOWN
@@ -311,9 +315,9 @@ class Void(Act):
     phases = (Phase.STOPPED, Phase.FINAL)
     at_once = False
     missing = "voiding a run needs a reason"
-    title = "VOID this run: it stays on record and counts nowhere"
+    title = "VOID this run: it does not count"
     questions = (ask_why("robot unsafe", "testbed fault", "referee's mistake", "protest upheld"),)
-    done = "the run is void and counts nowhere"
+    done = "the run is void, it does not count"
     log = "run voided"
     stands_out = True
     undoable = True
@@ -326,7 +330,7 @@ class Void(Act):
             return "the run is void already: that can be taken back"
         if run.outcome is Outcome.ABORTED:
             return "an aborted run is invalid already"
-        return None if run.valid else "an interrupted run counts nowhere already"
+        return None if run.valid else "an interrupted run does not count anyway"
 
     @classmethod
     def instead_of_abort(cls, reason: str) -> Ask[Act]:
@@ -345,7 +349,8 @@ class Abort(Act):
 
     name = "abort"
     phases = (Phase.COUNTDOWN, Phase.RUNNING)
-    title = "ABORT the run: it becomes invalid and stays on record"
+    title = "ABORT the run: it becomes invalid"
+    done = "the run is aborted"
     questions = (
         Pick(
             "The run and its clock go on meanwhile. A reason first, or y at once.",

@@ -100,7 +100,7 @@ def _who(snapshot: Snapshot) -> str:
 
 def _old(snapshot: Snapshot, width: int) -> Line:
     word = " ENDED " if snapshot.pulse.gone else " SILENT "
-    text = f" {snapshot.label}, as it was at {time_of_day(snapshot.time)}"
+    text = f" {snapshot.label}, screen frozen at {time_of_day(snapshot.time)}"
     return line(Span(word, Tone.ALARM), Span(shortened(text, width - len(word)), Tone.DIM))
 
 
@@ -135,7 +135,7 @@ def _oldest(topics: Sequence[TopicView]) -> Line:
     ages = [topic.age for topic in needed if topic.age is not None]
     if not needed or len(ages) < len(needed):
         return line(Span(" no data", Tone.BAD))
-    return line(Span(f" age {format_duration(max(ages))}", Tone.BAD))
+    return line(Span(f" silent {format_duration(max(ages))}", Tone.BAD))
 
 
 def _disk(snapshot: Snapshot, *, roomy: bool) -> Line:
@@ -179,8 +179,9 @@ class FaultLine(View):
 MOST_KEYS = 7
 
 _FOOTER = (
-    *("start", "abort", "timeout", "pose", "zero", "menu", "next", "rule", "incident"),
-    *("take_back", "history", "plan", "standings", "setup", "live", "results", "leave"),
+    *("start", "abort", "timeout", "restart", "accept", "pose", "zero", "menu", "next", "rule"),
+    *("incident", "take_back", "history", "plan", "standings", "setup", "live", "results"),
+    "leave",
 )
 _ENTER = {"setup": "Set up", "plan": "Set up", "standings": "Runs"} | dict.fromkeys(
     ("figures", "help", "messages"), ""
@@ -226,6 +227,8 @@ class KeyLine(View):
             keys = [*PLAYBACK_KEYS, *(key for key in keys if not key.act)]
         return [key for key in keys if self._is_possible(key, snapshot)]
 
+            case "restart" if run.held is None:
+                return False
     def _is_possible(self, key: Key, snapshot: Snapshot) -> bool:
         if (key.where and self.pane not in key.where) or (self.asks and not key.over):
             return False

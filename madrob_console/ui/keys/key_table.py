@@ -172,15 +172,15 @@ def _ask_waiver(snapshot: Snapshot, check: str) -> Intent:
 MENU = (
     Key("open", "", "o", "Open", "show its result and what can be decided", where=_LISTS),
     Key(
-        "doubts", "", "d", "Accept doubts", "its doubted values stand as they are",
+        "doubts", "", "d", "Accept doubts", "the values to check stand as they are",
         acts.AcceptDoubts.name, acts.AcceptDoubts.ask_questions, where=_RESULTS,
     ),
     Key(
-        "restart", "", "r", "Restart", "begin the countdown again",
+        "restart", "r", "r", "Restart", "begin the countdown again",
         acts.RestartCountdown.name, acts.RestartCountdown.ask_questions, where=_LIVE,
     ),
     Key(
-        "accept", "", "a", "Accept", "accept the false start",
+        "accept", "a", "a", "Accept", "accept the false start",
         acts.AcceptFalseStart.name, acts.AcceptFalseStart.ask_questions, where=_RUN,
     ),
     Key(
@@ -192,7 +192,7 @@ MENU = (
         acts.Correct.name, acts.Correct.ask_questions, where=_RESULTS,
     ),
     Key(
-        "void", "", "v", "Void", "it stays on record and counts nowhere",
+        "void", "", "v", "Void", "it does not count; z takes that back",
         acts.Void.name, acts.Void.ask_questions, where=_RESULTS,
     ),
     Key(
@@ -237,7 +237,7 @@ MENU = (
         TakeOver.name, lambda s, _k: dialogs.ask_take(s), where=_RUN,
     ),
 )  # fmt: skip
-"""The lines of the menu, by pane; first what decides an open question."""
+"""The lines of the menu, by pane; first what decides an open question. Two are keys, too."""
 
 
 def ask_menu(

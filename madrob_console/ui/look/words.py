@@ -22,8 +22,8 @@ ROUGH = "~"
 OUTCOMES = {
     Outcome.COMPLETED: "COMPLETED",
     Outcome.TIMEOUT: "TIMEOUT",
-    Outcome.ABORTED: "ABORTED: the run is invalid",
-    Outcome.INTERRUPTED: "INTERRUPTED: the machine failed, does not count",
+    Outcome.ABORTED: "ABORTED: invalid",
+    Outcome.INTERRUPTED: "INTERRUPTED: does not count",
 }
 
 PHASES = {

@@ -47,9 +47,9 @@ def _latch(latch: LatchView) -> Line:
 
 def _handle_words(handle: HandleView, width: int) -> Line:
     name = Span("handle raw ", Tone.STRONG)
-    most = "-" if handle.maximum is None else f"{handle.maximum:.1f}"
-    zero = f" zero {handle.zero:+.2f}" if width >= _ROOMY else ""
-    rest = Span(f"{zero} max {most}N", Tone.DIM)
+    most = "" if handle.maximum is None else f" max {handle.maximum:.1f}"
+    zero = f" zero {handle.zero:+.1f}" if width >= _ROOMY else ""
+    rest = Span(f"{most}{zero} N", Tone.DIM)
     if handle.force is None:
         return line(name, Span(f"no force: {handle.freshness}", Tone.BAD), rest)
     stale = handle.freshness is not Freshness.FRESH

@@ -44,9 +44,13 @@ class LogView(View):
     """As many lines as there is room for, the newest at the bottom."""
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        height = self.size.height
-        rows = [row for entry in snapshot.log[-height:] for row in log_lines(entry, width)]
-        return rows[-height:] if height else ()
+        height, rows = self.size.height, list[Line]()
+        for entry in reversed(snapshot.log[-height:]):
+            before = log_lines(entry, width)
+            if rows and len(before) + len(rows) > height:
+                break  # it would begin in the middle of a sentence
+            rows = [*before, *rows]
+        return rows[:height]
 
 
 def log_lines(entry: LogLine, width: int) -> list[Line]:
@@ -105,14 +109,11 @@ class Provisional(View):
             if snapshot.provisional_doubts.get(name):
                 spans.append(Span(DOUBTED, Tone.WARN))
         wanted = [topic for topic in snapshot.topics if not topic.optional]
-        silent = [topic for topic in wanted if topic.freshness is not Freshness.FRESH]
-        fresh = f"  {len(wanted) - len(silent)} of {len(wanted)} fresh"
-        rows = [line(*spans, Span(fresh, Tone.BAD if silent else Tone.GOOD))]
+        silent = sum(topic.freshness is not Freshness.FRESH for topic in wanted)
+        words = f"{silent} of {len(wanted)} sensor topics silent" if silent else "all sensors live"
+        rows = [line(*spans, Span(f"  {words}", Tone.BAD if silent else Tone.GOOD))]
         if snapshot.recorder.problem:
             rows.append(line(Span(snapshot.recorder.problem, Tone.BAD)))
-        elif silent:
-            words = "  ".join(f"{topic.topic} {topic.freshness}" for topic in silent)
-            rows.append(line(Span(words, Tone.BAD)))
         return rows
 
 

@@ -114,12 +114,12 @@ def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
     version = f"version {run.issue}" + (f" by ruleset {result.ruleset}" if other_rules else "")
     if (closure := run.closure) is not None:
         note = f" ({closure.note})" if closure.note else ""
-        text = f"{version}, final: {closure.team_word.told}{note}, signed {closure.referee}"
+        text = f"{version}, signed by {closure.referee}, {closure.team_word.told}{note}"
         tone = Tone.GOOD
         if undecided(snapshot.flags):
-            text, tone = f"{text} with what is undecided", Tone.WARN
+            text, tone = f"{text}, with open questions", Tone.WARN
     else:
-        text, tone = f"{version}, {'not final' if run.valid else 'counts nowhere'}", Tone.WARN
+        text, tone = f"{version}, not final" if run.valid else version, Tone.WARN
     if todo := _what_to_do(snapshot):
         text += f". {todo}"
     lines = paragraph(f"{text}. v: details", width, tone)
@@ -158,12 +158,13 @@ class IndicatorTable(View):
         if reason := common_reason(found):
             head = line(Span(f"{'values':<{_KIND}}", Tone.STRONG))
             return paragraph(f"none: {reason}", width, Tone.WARN, head)
-        return [row for name, one in found.items() for row in _rows(name, one, width)]
+        by_hand = snapshot.run.answered_at is None
+        return [row for name, one in found.items() for row in _rows(name, one, width, by_hand)]
 
 
-def _rows(name: IndicatorName, indicator: Indicator, width: int) -> list[Line]:
-    title = name.words + (", manual start" if name.spec.with_the_start else "")
-    head = Span(f"{title:<{_NAME}}")
+def _rows(name: IndicatorName, indicator: Indicator, width: int, by_hand: bool) -> list[Line]:
+    started = " (hand start)" if by_hand and name.spec.with_the_start else ""
+    head = Span(f"{name.words + started:<{_NAME}}")
     if indicator.value is None:
         return paragraph(indicator.text, width, Tone.WARN, line(head, " "))
     value = value_text(indicator.value, indicator.uncertainty)

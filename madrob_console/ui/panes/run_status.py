@@ -308,7 +308,7 @@ def banner(snapshot: Snapshot) -> tuple[str, Tone]:
     if (false_start := run.undecided_false_start) is not None:
         at = "" if run.start is None else f" at {false_start.time - run.start:.1f} s"
         again = "r restarts, " if run.held is not None else ""
-        how = "" if silent else f": Enter, then {again}a accepts it"
+        how = "" if silent else f": {again}a accepts it"
         return f" FALSE START: {false_start.event.words}{at}{how} ", Tone.ALARM
     if writing := snapshot.pulse.writing:
         how = "; F8 withdraws it" if snapshot.refusal(Abort.name) is None else ""

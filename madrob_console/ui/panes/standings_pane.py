@@ -210,7 +210,7 @@ def about(standing: Standing) -> str:
     called = "".join(f", also '{name}'" for name in standing.other_names)
     told = [
         *counts(standing),
-        f"{standing.undecided} UNDECIDED" if standing.undecided else "",
+        f"{standing.undecided} to decide" if standing.undecided else "",
         f"{standing.flagged} with flags" if standing.flagged else "",
     ]
     apart = [

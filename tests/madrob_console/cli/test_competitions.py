@@ -252,7 +252,7 @@ TEAMS = "3,Delft\n4,Ghent\n"
             "3,1,2\n4,No Force,1\n",
             TEAMS,
             "2 of 2 attempts done, 0 left.",
-            "plan.csv line 2: condition 'No Force' is none: see `madrob plan --conditions`",
+            "plan.csv line 2: there is no condition 'No Force': see `madrob plan --conditions`",
         ),
         (
             "3,1\n99,2\n12,1\n99,1\n",

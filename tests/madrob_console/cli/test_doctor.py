@@ -313,7 +313,7 @@ def test_the_lists_of_a_competition_are_looked_at_line_by_line(tmp_path: Path) -
         (
             Severity.WARNING,
             "plan",
-            "plan.csv line 4: condition '21' is none: see `madrob plan --conditions`",
+            "plan.csv line 4: there is no condition '21': see `madrob plan --conditions`",
         ),
         (
             Severity.WARNING,

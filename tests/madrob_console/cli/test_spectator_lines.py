@@ -115,7 +115,7 @@ def test_a_run_is_told_from_its_set_up_to_its_signature(tmp_path: Path) -> None:
         "+# s the run has ended: completed, all six steps done",
         f"# {WHO} is completed in # +- # s: 6 of 6 steps",
         "# the result is final: signed by R. Eferee, team acknowledged",
-        "# the engine has ended: what you see is old; the next one is looked for",
+        "# the engine has ended: the next one is looked for",
     ]
     assert [line for line in told if "fault: " not in line and "over: " not in line] == expected
 

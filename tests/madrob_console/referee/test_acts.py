@@ -204,27 +204,30 @@ def test_an_act_is_possible_in_its_phases_and_refused_with_words_elsewhere(
 
 WORDS = {
     SetUp: ("run 2 of subject 3 is set up", "set up"),
-    ConfirmPose: ("confirm the start pose", "confirm the start pose"),
-    ZeroHandle: ("zero the handle", "zero the handle"),
-    Waive: ("'door closed' waived (it is warped)", "check waived: door closed: it is warped"),
-    Start: ("start", "start"),
+    ConfirmPose: ("start pose confirmed", "confirm the start pose"),
+    ZeroHandle: ("handle zeroed", "zero the handle"),
+    Waive: ("check waived: door closed (it is warped)", "check waived: door closed: it is warped"),
+    Start: ("the countdown begins", "start"),
     RestartCountdown: (
-        "restart the countdown (false start)",
+        "the countdown begins again (false start)",
         "restart the countdown: false start",
     ),
-    AcceptFalseStart: ("accept the false start (wind)", "accept the false start: wind"),
-    Abort: ("abort (fire)", "abort: fire"),
-    DeclareTimeout: ("declare timeout (gave up)", "declare timeout: gave up"),
+    AcceptFalseStart: ("false start accepted (wind)", "accept the false start: wind"),
+    Abort: ("the run is aborted (fire)", "abort: fire"),
+    DeclareTimeout: ("timeout declared (gave up)", "declare timeout: gave up"),
     Rule: ("step 1 confirmed (seen)", "referee confirms step 1: seen"),
-    MarkIncident: ("collision marked", "incident: collision"),
-    AddNote: ("note (slow)", "note: slow"),
+    MarkIncident: ("incident marked: collision", "incident: collision"),
+    AddNote: ("note written (slow)", "note: slow"),
     AcceptDoubts: (
         "doubt accepted: time to handle (seen on video)",
         "referee accepts the doubt on time to handle: seen on video",
     ),
-    Finalise: ("the result is final, protested by the team", "finalise"),
-    Reissue: ("re-issue (appeal)", "re-issue: appeal"),
-    Void: ("the run is void and counts nowhere (unsafe)", "run voided: unsafe"),
+    Finalise: (
+        "the result is signed, protested by the team",
+        "result signed by R. Eferee, protested by the team",
+    ),
+    Reissue: ("the next version waits for its signature (appeal)", "re-issue: appeal"),
+    Void: ("the run is void, it does not count (unsafe)", "run voided: unsafe"),
     Correct: (
         "corrected to subject 4, condition 1 (typed wrongly)",
         "corrected to subject 4, condition 1: typed wrongly",
@@ -302,11 +305,11 @@ def looking(*checks: Check) -> object:
 
 UNKNOWN = replace(FAILED, state=CheckState.NO_DATA, finding="look at the topic: no angle")
 WAIVED = replace(FAILED, state=CheckState.WAIVED)
+ALL_SILENT = replace(FAILED, name=CheckName.TOPICS, finding="no testbed: all 6 topics silent")
+NO_FORCE = replace(UNKNOWN, name=CheckName.HANDLE)
 FIXED = replace(FAILED, name=CheckName.CLOCK, finding="another clock", waivable=False)
 WALKERS = TeamList({SETUP.subject: "Delft Walkers"})
 VOID = replace(STOPPED, voided=Voiding(5.0, "robot unsafe", "Ada"))
-ALL_SILENT = replace(FAILED, name=CheckName.TOPICS, finding="no testbed: all 6 topics silent")
-NO_FORCE = replace(UNKNOWN, name=CheckName.HANDLE)
 DONE = replace(STOPPED, phase=Phase.FINAL, issue=1)
 FULL = replace(STOPPED, protests=(PROTEST,) * 20)
 
@@ -323,13 +326,13 @@ def set_up(**changes: object) -> SetUp:
         refused("+0.500 rad (and 1 more)", Start(), READY, look=looking(FAILED, UNKNOWN)),
         refused("another clock (and 1 more)", Start(), READY, look=looking(FAILED, FIXED)),
         refused(None, Start(), READY, look=looking(WAIVED)),
-        refused("the result of the last run is being", SetUp(SETUP), STOPPED, scored=False),
-        refused(None, SetUp(SETUP), STOPPED, scored=False, hopeless=True),
-        refused("another name needs a reason", SetUp(SETUP), READY, teams=WALKERS),
         refused("all 6 topics silent", Start(), READY, look=looking(ALL_SILENT, UNKNOWN, NO_FORCE)),
         refused(
             "another clock (and 1 more)", Start(), READY, look=looking(ALL_SILENT, UNKNOWN, FIXED)
         ),
+        refused("the result of the last run is being", SetUp(SETUP), STOPPED, scored=False),
+        refused(None, SetUp(SETUP), STOPPED, scored=False, hopeless=True),
+        refused("another name needs a reason", SetUp(SETUP), READY, teams=WALKERS),
         refused(None, set_up(team_reason="renamed"), READY, teams=WALKERS),
         refused(None, set_up(team="Delft Walkers"), READY, teams=WALKERS),
         refused(
@@ -365,7 +368,7 @@ def set_up(**changes: object) -> SetUp:
             MarkIncident(IncidentKind.FALL, after_start=-9.0),
             RUNNING,
         ),
-        refused("no fresh handle force", ZeroHandle(), READY, measure=lambda: None),
+        refused("no handle force comes now", ZeroHandle(), READY, measure=lambda: None),
         refused("is not steady: let go of it, wait a second", ZeroHandle(), READY, rest_force=0.01),
         refused(
             "the timeout is already there", DeclareTimeout("x"), replace(RUNNING, timeout_at=9.0)
@@ -377,7 +380,7 @@ def set_up(**changes: object) -> SetUp:
         refused("is void already: that can be taken back", Void("again"), VOID),
         refused("an aborted run is invalid", Void("?"), replace(STOPPED, outcome=Outcome.ABORTED)),
         refused(
-            "an interrupted run counts nowhere",
+            "an interrupted run does not count anyway",
             Void("?"),
             replace(STOPPED, outcome=Outcome.INTERRUPTED),
         ),

@@ -295,10 +295,10 @@ def test_every_usual_way_to_write_a_plan_is_read(
         ("1000,1,1", "subject '1000' is no number from 1 to 999: write one"),
         ("3", "subject 3 has no condition: add it"),
         ("3,", "subject 3 has no condition: add it"),
-        ("3,-1,1", "condition '-1' is none: see `madrob plan --conditions`"),
-        ("3,0,1", "condition '0' is none: see `madrob plan --conditions`"),
-        ("3,21,1", "condition '21' is none: see `madrob plan --conditions`"),
-        ("3,No Force,1", "condition 'No Force' is none: see `madrob plan --conditions`"),
+        ("3,-1,1", "there is no condition '-1': see `madrob plan --conditions`"),
+        ("3,0,1", "there is no condition '0': see `madrob plan --conditions`"),
+        ("3,21,1", "there is no condition '21': see `madrob plan --conditions`"),
+        ("3,No Force,1", "there is no condition 'No Force': see `madrob plan --conditions`"),
         (
             '3,"push, from CCW",1',
             (
@@ -310,7 +310,7 @@ def test_every_usual_way_to_write_a_plan_is_read(
             '3,"pull, from CW, Suden Force",1',
             "condition 'pull, from CW, Su...': did you mean 'pull, from CW, Sudden Force'?",
         ),
-        ("3,٤,1", "condition '٤' is none: see `madrob plan --conditions`"),
+        ("3,٤,1", "there is no condition '٤': see `madrob plan --conditions`"),
         ("3,1,0", "attempts '0' is no number from 1 to 99: write one"),
         ("3,1,100", "attempts '100' is no number from 1 to 99: write one"),
         (
@@ -374,7 +374,9 @@ def test_what_goes_on_is_not_what_comes_next(
 
 @pytest.mark.parametrize("text", ["soon", "25:00", "14", "2026-11-25", "0226-11-25T14:30"])
 def test_what_is_no_time_is_named_and_its_line_counts_without(file: Path, text: str) -> None:
-    why = f"time '{text}' is none: write 14:30 or 2026-11-25T14:30; the line counts without it"
+    why = (
+        f"time '{text}' cannot be read: write 14:30 or 2026-11-25T14:30; the line counts without it"
+    )
     remark = f"plan.csv line 1: {why}"
     assert read(file, f"4,1,1,{text}\n") == Plan(
         plan((B, 1)).lines, file=str(file), remarks=(remark,)
@@ -439,7 +441,7 @@ def test_a_plan_that_cannot_be_kept_is_named_once(
 
 def test_a_line_that_cannot_be_used_is_of_its_team_or_of_any(file: Path) -> None:
     found = read(file, "3,1,1\n7,99,1\n7,98,1\n")
-    assert found.unusable_line(7).startswith("plan.csv line 2: condition '99' is none")
+    assert found.unusable_line(7).startswith("plan.csv line 2: there is no condition '99'")
     assert found.unusable_line(3) == ""
     found = read(file, "3,1,1\nseven,1,1\n")
     assert found.unusable_line(3).startswith("plan.csv line 2: subject 'seven' is no number")

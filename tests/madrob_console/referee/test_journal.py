@@ -430,7 +430,7 @@ def seen(*signals: SignalQuality, words: str = "") -> object:
             replace(RUN, waivers=waived(CheckName.CLOCK, CheckName.POSE)),
             ("waived: clock skew, start pose", CAUTION),
         ),
-        flagged(replace(RUN, voided=VOID), ("VOID, counts nowhere (the door was jammed)", CAUTION)),
+        flagged(replace(RUN, voided=VOID), ("VOID, does not count (the door was jammed)", CAUTION)),
         flagged(
             replace(RUN, rulings=(ruled(Step.OPEN, False), ruled(Step.CROSS, False))),
             ("steps 3, 4 denied", CAUTION),
@@ -485,7 +485,7 @@ def seen(*signals: SignalQuality, words: str = "") -> object:
             )
             for void, found in (
                 ({"outcome": Outcome.ABORTED}, ()),
-                ({"voided": VOID}, [("VOID, counts nowhere (the door was jammed)", CAUTION)]),
+                ({"voided": VOID}, [("VOID, does not count (the door was jammed)", CAUTION)]),
             )
         ),
         *(

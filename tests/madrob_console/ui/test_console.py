@@ -384,7 +384,7 @@ STORIES: Stories = {
         f"a screen finds the next engine by itself and starts none: {role}": [
             (on_engine(right=RightToAct(role)),),
             (has(failure=GONE, follower=MadrobError("no engine runs here")),),
-            (answered(), "as it was at", no("^R start") if watches else "^R start"),
+            (answered(), "screen frozen at", no("^R start") if watches else "^R start"),
             ("", FINDS_BY_ITSELF if watches else no(FINDS_BY_ITSELF)),
             *[(ages(LOOKING_PERIOD),), (answered(),)] * 2,
             ("", engine_has(looked_for=4, started=1)),
@@ -401,7 +401,7 @@ STORIES: Stories = {
         (Driver.set_up, "all passed or waived"),
         (
             has(failure=GONE),
-            top(" ENDED  SIMULATED nominal, as it was at 22:13:20"),
+            top(" ENDED  SIMULATED nominal, screen frozen at 22:13:20"),
             no("age <0.5s"),
             no("all passed"),
             "Checks  old: of 22:13:20",

@@ -214,7 +214,7 @@ STORIES: Stories = {
         (passes(3.0),),
         ("enter", "say what happened"),
         ("'=dog on the field' enter", MarkIncident(OTHER, "dog on the field", 3.0)),
-        ("", says("Done: other marked at +"), says("dog on the field")),
+        ("", says("Done: incident marked: other at +"), says("dog on the field")),
         (Driver.finish,),
         ("i o =lamp enter =1:05 enter", MarkIncident(OTHER, "lamp", 65.0)),
     ],
@@ -363,7 +363,7 @@ STORIES: Stories = {
         (
             "=Bo enter",
             lambda d: (closure := d.engine.run.closure) and closure.referee == "Bo",
-            "final: acknowledged by the team, signed Bo",
+            "signed by Bo, acknowledged by the team",
         ),
     ],
     "what is undecided is seen before a result is final": [

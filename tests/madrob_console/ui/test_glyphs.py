@@ -246,7 +246,7 @@ def test_a_terminal_too_small_for_the_panes_has_rows_that_fit(state: str, width:
         (
             "false started",
             40,
-            ["HELD  -0:03.8  F8 ABORT", "FALSE START: handle touched at -3.8 s:"],
+            ["HELD  -0:03.8  F8 ABORT", "FALSE START: handle touched at -3.8 s: r"],
         ),
         ("stopped", 40, ["TIMEOUT  0:11.2", "F8 abort: the run has stopped: void it"]),
         ("idle", 40, ["NO RUN SET UP  -:--.-", "F8 abort: no run is set up yet"]),

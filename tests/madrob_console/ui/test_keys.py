@@ -394,7 +394,7 @@ STORIES: Stories = {
     "no handle data no zero": [
         *SITUATIONS["a run is set up"],
         (sets(force=None),),
-        ("f7", says("no fresh handle force")),
+        ("f7", says("no handle force comes now")),
     ],
     "a run that starts shows live and a result shows itself": [
         (Driver.set_up, pane("setup")),
