@@ -61,9 +61,8 @@ class Prompt(Lines):
         super().__init__()
         self._dialog = dialog
 
-    def on_click(self, event: events.Click) -> None:
-        if (hit := self.clicked(event)) is not None:
-            self._dialog.take_answer(hit[0])
+    def take_click(self, target: str, _event: events.Click) -> None:
+        self._dialog.take_answer(target)
 
     def lines(self, width: int) -> Sequence[Line]:
         dialog, rows = self._dialog, self._head(width)

@@ -7,14 +7,15 @@ and the last difference. A span carries a tone, not markup: text from outside sh
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
-from itertools import groupby
+from itertools import chain, groupby
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
-from rich.cells import cell_len, chop_cells
+from rich.cells import cell_len
 from rich.segment import Segment
 from rich.style import Style
 from textual import events
@@ -60,7 +61,7 @@ class Span(NamedTuple):
 
 
 class Target(Span):
-    """A span that can be clicked; its widget understands `click`."""
+    """A span that can be clicked: a key's name, unless its widget takes `click` otherwise."""
 
     click: str
 
@@ -99,6 +100,30 @@ def paragraph(text: str, width: int, tone: Tone = Tone.PLAIN, head: Line = ()) -
     return [(*head, Span(first, tone)), *(line(" " * indent, Span(row, tone)) for row in more)]
 
 
+NAMED_KEYS = {
+    **{f"F{number}": f"f{number}" for number in range(10, 0, -1)},
+    "Enter": "enter",
+    "Escape": "escape",
+    "Ctrl+P": "ctrl+p",
+    "Ctrl+R": "ctrl+r",
+}
+"""Keys that any text may name."""
+
+
+def with_keys(rows: Iterable[Line], keys: Mapping[str, str] = NAMED_KEYS) -> list[Line]:
+    """Makes the words clickable that name a key; `keys` has Textual's names of those."""
+    named = re.compile(f"({'|'.join(map(re.escape, keys))})")
+    return [
+        tuple(
+            Target(text, span.tone, keys[text]) if text in keys else Span(text, span.tone)
+            for span in row
+            for text in named.split(span.text)
+            if text
+        )
+        for row in rows
+    ]
+
+
 class Unmarked(Widget):
     """Looks alike with and without the focus: Textual would style it and all in it anew."""
 
@@ -119,20 +144,19 @@ class Lines(Widget):
     def lines(self, width: int) -> Sequence[Line]:
         raise NotImplementedError
 
-    def clicked(self, event: events.Click) -> tuple[str, str] | None:
-        """The click's purpose and the character that it hit; None if it hit no target."""
-        offset = event.get_content_offset(self)
-        if offset is None or not 0 <= offset.y < len(self._drawn):
-            return None
-        left = 0
-        for span in self._drawn[offset.y]:
-            text = terminal_safe(span.text)
-            right = left + cell_len(text)
-            if left <= offset.x < right:
-                before = chop_cells(text, offset.x - left)[0] if offset.x > left else ""
-                return (span.click, text[len(before)]) if isinstance(span, Target) else None
-            left = right
-        return None
+    def on_click(self, event: events.Click) -> None:
+        """Takes the target under the mouse, if there is one."""
+        if (offset := event.get_content_offset(self)) is None:
+            return
+        right = 0
+        for span in chain(*self._drawn[offset.y : offset.y + 1]):
+            left, right = right, right + _width(span.text)
+            if left <= offset.x < right and isinstance(span, Target):
+                self.take_click(span.click, event)
+
+    def take_click(self, target: str, _event: events.Click) -> None:
+        """A target was clicked: by default it is the key of that name."""
+        self.app.simulate_key(target)
 
     @property
     def room(self) -> Size:
@@ -341,9 +365,8 @@ class Choice(Lines, Generic[V], can_focus=True):
             )
         ]
 
-    def on_click(self, event: events.Click) -> None:
-        if (hit := self.clicked(event)) is not None:
-            self.action_turn(-1 if hit[0] == _BACK else 1)
+    def take_click(self, target: str, _event: events.Click) -> None:
+        self.action_turn(-1 if target == _BACK else 1)
 
     def action_turn(self, step: int) -> None:
         self._index = (self._index + step) % len(self._options)
@@ -385,11 +408,18 @@ def ruler(width: int, labels: Iterable[tuple[int, str]]) -> str:
 
 
 class Label(Lines):
-    """A text in one tone, on as many rows as it needs."""
+    """A text in one tone, on as many rows as it needs; `keys` are those that it names."""
 
-    def __init__(self, text: str = "", tone: Tone = Tone.DIM, *, id: str | None = None) -> None:  # noqa: A002 - textual's name
+    def __init__(
+        self,
+        text: str = "",
+        tone: Tone = Tone.DIM,
+        *,
+        id: str | None = None,  # noqa: A002 - textual's name
+        keys: Mapping[str, str] = NAMED_KEYS,
+    ) -> None:
         super().__init__(id=id)
-        self._text = text
+        self._text, self._named = text, keys
         self.tone = tone
 
     @property
@@ -401,7 +431,7 @@ class Label(Lines):
         self.redraw()
 
     def lines(self, width: int) -> Sequence[Line]:
-        return paragraph(self._text, width, self.tone)
+        return with_keys(paragraph(self._text, width, self.tone), self._named)
 
 
 class Said(NamedTuple):
@@ -435,7 +465,7 @@ class PushButton(Lines, can_focus=True):
         tone = Tone.CURSOR if self.has_focus else Tone.STRONG
         return [line(Span(f"[ {self.label} ]", tone))]
 
-    def on_click(self) -> None:
+    def on_click(self, _event: events.Click) -> None:
         self.action_press()
 
     def action_press(self) -> None:

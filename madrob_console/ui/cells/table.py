@@ -12,7 +12,7 @@ from textual.binding import Binding, BindingType
 from textual.message import Message
 
 from madrob_console.common.names import terminal_safe
-from madrob_console.ui.cells.lines import Line, Lines, Span, Target, Tone, line
+from madrob_console.ui.cells.lines import Line, Lines, Span, Target, Tone, line, with_keys
 from madrob_console.ui.look.words import fitted
 
 # Columns of a table: what they show, how they sort, which of them fit.
@@ -111,6 +111,9 @@ def lay_out(
 
 _AROUND = 2  # header and last line
 _WHEEL = 3
+
+_SORTS = "sorts by "
+"""Begin of the target of a head; that of a cell is the title alone."""
 
 
 class Table(Lines, Generic[Row], can_focus=True):
@@ -272,19 +275,24 @@ class Table(Lines, Generic[Row], can_focus=True):
             self.post_message(self.Chosen(self._key(self.selected)))
 
     def on_click(self, event: events.Click) -> None:
-        """Marks what is under the mouse, a double click opens it; a head sorts, again turns."""
-        offset, hit = event.get_content_offset(self), self.clicked(event)
-        titles = [column.title for column in self.columns]
-        number = titles.index(hit[0]) if hit is not None else None
-        if offset is None:
-            return
-        if offset.y == 0 and number is not None:
-            column = self.columns[number]
-            self.sort_by(column, falling=not self._falling if column is self._by else None)
-        elif 1 <= offset.y <= min(len(self.rows) - self._top, self.room.height - _AROUND):
-            self.mark(self._top + offset.y - 1, number)
+        """Marks the row under the mouse; a double click opens it."""
+        offset = event.get_content_offset(self)
+        shown = min(len(self.rows) - self._top, self.room.height - _AROUND)
+        if offset is not None and 1 <= offset.y <= shown:
+            self.mark(self._top + offset.y - 1)
             if event.chain == 2:
                 self.action_choose()
+
+    def take_click(self, target: str, event: events.Click) -> None:
+        """A head sorts by its column, again it turns the order; a cell is marked."""
+        title = target.removeprefix(_SORTS)
+        column = next((one for one in self.columns if one.title == title), None)
+        if column is None:
+            super().take_click(target, event)
+        elif title == target:
+            self.mark(self._cursor, self.columns.index(column))
+        else:
+            self.sort_by(column, falling=not self._falling if column is self._by else None)
 
     def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
         event.stop()
@@ -325,7 +333,7 @@ class Table(Lines, Generic[Row], can_focus=True):
             arrow = ("▼" if self._falling else "▲") if sorts else ""
             text = column.fit(column.title[: width - len(arrow)] + arrow, width)
             tone = Tone.STRONG if sorts else Tone.DIM
-            spans += [Span(" " * GAP), Target(text, tone, column.title)]
+            spans += [Span(" " * GAP), Target(text, tone, f"{_SORTS}{column.title}")]
         return tuple(spans)
 
     def _row(self, row: Row, layout: ColumnLayout[Row], *, marked: bool) -> Line:
@@ -356,4 +364,5 @@ class Table(Lines, Generic[Row], can_focus=True):
         text = f"  {where}, by {self._by.meaning}"
         if cell_len(legend := f"{text}   {self.legend}") <= room:
             text = legend
-        return line(Span(fitted(text, room), Tone.DIM), Span(f" {more}", Tone.DIM))
+        keys = {"<-": "left", "->": "right", "(Escape shows all)": "escape"}
+        return with_keys([line(Span(f"{fitted(text, room)} {more}", Tone.DIM))], keys)[0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar, cast
@@ -422,6 +422,8 @@ class ConsoleScreen(Screen[None]):
             name, chosen = self._behind, False
         if name in _MAIN:
             self._behind = name
+        elif name == "help":
+            self.panes.help.take_pane(self.pane)
         if name != self.pane:
             for view in self.panes[self.pane].query(View):
                 view.forget()
@@ -461,15 +463,14 @@ class ConsoleScreen(Screen[None]):
             self.say(words, Tone.WARN)
 
     def on_key(self, event: events.Key) -> None:
-        """A letter that only the menu has says how to press it, or why it is not possible."""
-        now, pane = self._latest, {self.pane}
+        """A letter that only a menu has says how to press it, or why it is not possible."""
+        now = self._latest
         if now is None or event.key in self.active_bindings:
             return
-        menu = pane | {"live", "results"} if pane & {"live", "results"} else pane
-        for key in [key for key in MENU if key.cap == event.character and menu & key.where]:
-            refused = key.refusal(now)
-            why = f"press Enter, then {key.cap}" if refused is None else f"not now: {refused}"
-            self.say(f"{key.label}: {why}", Tone.WARN)
+        for key in [key for key in MENU if key.cap == event.character]:
+            there = "" if self.pane in key.where else f"{_caps(key.where)}, then "
+            how, refused = f"press {there}Enter, then {key.cap}", key.refusal(now)
+            self.say(f"{key.label}: {f'not now: {refused}' if refused else how}", Tone.WARN)
 
     def end_typing(self) -> None:
         if self._types and not self.dialogs:
@@ -563,6 +564,11 @@ class ConsoleScreen(Screen[None]):
                 said = _NOT_ON_DISK if now.pulse.unsaved else watched
                 self.say(_AT_THE_END if now.playback else said)
         self._was_active, self._was_written = active, written
+
+
+def _caps(panes: Iterable[str]) -> str:
+    """The keys of panes: `F4 or h`."""
+    return " or ".join(sorted(KEYS[pane].cap for pane in panes))
 
 
 def _stage(snapshot: Snapshot) -> tuple[object, ...]:

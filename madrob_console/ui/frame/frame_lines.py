@@ -6,10 +6,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
-from textual import events
 from textual.keys import key_to_character
 
 from madrob_console.common.formatting import format_duration, format_size, time_of_day
@@ -29,6 +28,7 @@ from madrob_console.ui.cells.lines import (
     paragraph,
     scale,
     width_of,
+    with_keys,
 )
 from madrob_console.ui.keys.key_table import (
     FINDS_BY_ITSELF,
@@ -54,7 +54,6 @@ from madrob_console.ui.panes.run_status import (
 if TYPE_CHECKING:
     from madrob_console.engine.requests import PlaybackView
     from madrob_console.engine.snapshot import RecorderView, Snapshot, TopicView
-    from madrob_console.ui.keys.console_app import ConsoleApp
 
 LITTLE_DISK = 2_000_000_000
 """Below this many bytes free the number is marked; the pre-start check decides."""
@@ -197,17 +196,6 @@ class KeyLine(View):
     asks = False
     """Whether a question is open: few keys work then."""
 
-    def on_click(self, event: events.Click) -> None:
-        if (hit := self.clicked(event)) is None:
-            return
-        key = KEYS[hit[0]]
-        pressed = key.keys.split(",")
-        under = next((name for name in pressed if key_to_character(name) == hit[1]), None)
-        which = len(pressed) > 1 and all(len(name) == 1 for name in pressed)  # as of the steps
-        if under or not which:
-            name = under or pressed[0]
-            self.app.call_later(cast("ConsoleApp", self.app).action_press, key.name, name)
-
     def lines(self, width: int) -> Sequence[Line]:
         if self._snapshot is not None and self._snapshot.pulse.gone:
             return [_without_engine(self._snapshot)]
@@ -227,8 +215,6 @@ class KeyLine(View):
             keys = [*PLAYBACK_KEYS, *(key for key in keys if not key.act)]
         return [key for key in keys if self._is_possible(key, snapshot)]
 
-            case "restart" if run.held is None:
-                return False
     def _is_possible(self, key: Key, snapshot: Snapshot) -> bool:
         if (key.where and self.pane not in key.where) or (self.asks and not key.over):
             return False
@@ -241,6 +227,8 @@ class KeyLine(View):
                 return able and self._label(key) != ""
             case "next" if self.pane == "setup":
                 return False  # Enter does it
+            case "restart" if run.held is None:
+                return False
             case "setup" if run.active:
                 return False
             case "live" if run.setup is None:
@@ -258,8 +246,13 @@ class KeyLine(View):
         spans: list[Span] = []
         for key in keys:
             spans += [Span("  ")] if spans else []
-            spans.append(Target(key.cap, Tone.CAP, key.name))
-            spans.append(Target(f" {self._label(key)}", Tone.PLAIN, key.name))
+            first = key.keys.partition(",")[0]
+            caps = {key_to_character(name): name for name in key.keys.split(",")}
+            each = [caps.get(char, "") for char in key.cap]  # of `1-6` and the like, a key each
+            several = sum(map(bool, each)) > 1
+            targets = zip(key.cap, each, strict=True) if several else [(key.cap, first)]
+            spans += [Target(cap, Tone.CAP, name or first) for cap, name in targets]
+            spans.append(Target(f" {self._label(key)}", Tone.PLAIN, first))
         return tuple(spans)
 
 
@@ -267,8 +260,8 @@ def _without_engine(snapshot: Snapshot) -> Line:
     if snapshot.right.only_watches:
         return line(Span(FINDS_BY_ITSELF, Tone.STRONG))
     again = KEYS["engine"]
-    cap = Target(again.cap, Tone.CAP, again.name)
-    return line(cap, Target(f" {again.help}", Tone.STRONG, again.name))
+    cap = Target(again.cap, Tone.CAP, again.keys)
+    return line(cap, Target(f" {again.help}", Tone.STRONG, again.keys))
 
 
 # The position of a replay, above every pane, so that nobody takes it for a live run.
@@ -396,9 +389,10 @@ class StatusLine(Lines):
 
     def lines(self, width: int) -> Sequence[Line]:
         if not self._said:
-            return paragraph(self.hint, width, Tone.DIM)
+            return with_keys(paragraph(self.hint, width, Tone.DIM))
         head = line(Span(f"{time_of_day(self._at)} ", Tone.DIM))
-        return paragraph(self._said, width, Tone.DIM if self._faded else self.tone, head)
+        tone = Tone.DIM if self._faded else self.tone
+        return with_keys(paragraph(self._said, width, tone, head))
 
 
 # The run in a terminal that is too small for the other screens.

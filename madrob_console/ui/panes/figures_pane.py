@@ -12,7 +12,7 @@ from textual.binding import Binding, BindingType
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.requests import Curves
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line, paragraph
+from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line, paragraph, with_keys
 from madrob_console.ui.cells.plot import LARGEST, Frame, Mark, Plot, Window
 from madrob_console.ui.look.words import fitted
 from madrob_console.ui.panes.run_status import what_text
@@ -30,7 +30,14 @@ from scoring.result import value_text
 # The figures of the protocol document, drawn into cells (protocol section 6).
 
 
-KEYS = "left right: in time   up down: zoom   0: all   Space: next figure"
+KEYS = {
+    "left": "left",
+    "right: in time": "right",
+    "up": "up",
+    "down: zoom": "down",
+    "0: all": "0",
+    "Space: next figure": "space",
+}
 
 _LEAST_ROWS = 3
 _ROWS_WITH_LEGEND = 15
@@ -58,7 +65,7 @@ class Sheet:
         head = [self._title(width), run, self._finding()]
         foot = [_legend(events)] if height >= _ROWS_WITH_LEGEND else []
         if height >= _ROWS_WITH_KEYS:
-            foot.append(line(Span(KEYS, Tone.DIM)))
+            foot += with_keys([line(Span("   ".join(KEYS), Tone.DIM))], KEYS)
         axis_rows = 2
         rows = height - len(head) - len(foot) - len(figure.panels) - axis_rows
         heights = _shares(rows, len(figure.panels))

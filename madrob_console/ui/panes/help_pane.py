@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, cast
 
+from textual import events
 from textual.containers import VerticalScroll
 
 from madrob_console.engine.snapshot import Snapshot
@@ -11,15 +13,25 @@ from madrob_console.ui.cells.lines import (
     Line,
     Lines,
     Span,
+    Target,
     Tone,
     Unmarked,
     line,
     paragraph,
     plain,
 )
-from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, MENU, PLAYBACK_KEYS
+from madrob_console.ui.keys.key_table import (
+    FUNCTION_KEYS,
+    KEYS,
+    LETTER_KEYS,
+    MENU,
+    PLAYBACK_KEYS,
+)
 from madrob_console.ui.panes.runs_pane import Filtered
 from madrob_console.ui.panes.top_view import LEGEND
+
+if TYPE_CHECKING:
+    from madrob_console.ui.keys.console_app import ConsoleApp
 
 _FIRST = """\
 A run: Enter sets up, F7 zeroes the handle, F6 confirms the pose, F5 starts.
@@ -40,20 +52,23 @@ in the list; another name than the list's needs a reason. "+ More" opens what se
 Failing checks stand on top, each with the key that helps. Enter on one waives it, with a reason.
 Live: the steps as the sensors, the referee and the rules have them. ~ marks a time that may still \
 change.
-Figures: left and right move in time, + and - zoom, 0 shows all, Space goes to the next figure.
-Top line: REC is the recording with its size and what it dropped, saved once it is closed; age is \
-that of the newest message of the most silent topic; then free space of the disk and the time.
+Top line: REC is the recording with its size and what it dropped, saved once it is closed; silent \
+is how long the most silent topic says nothing; then free space of the disk and the time.
 Letters are text in a text field; function keys and Ctrl+P work everywhere. Keys pressed within \
 0.3 s of a change are ignored, except F8 and Escape.
-The mouse clicks on keys, answers, rows and heads of columns. Shift and drag selects text. Copying \
-uses OSC 52: tmux needs `set -g set-clipboard on`."""
+The mouse clicks on keys, answers, steps, rows and heads of columns. Shift and drag selects text. \
+Copying uses OSC 52: tmux needs `set -g set-clipboard on`."""
 
 
 class HelpText(Lines):
-    """The main lines, all keys, those of a replay if `of_replay`, then all the rest."""
+    """The main lines, the keys of the pane that it was opened from, then all the rest.
 
-    of_replay = False
+    Keys that are possible now come first, the others say why they are not.
+    """
+
     filter = ""
+    pane = "setup"
+    snapshot: Snapshot | None = None
 
     def lines(self, width: int) -> Sequence[Line]:
         words = self.filter.casefold().split()
@@ -68,10 +83,16 @@ class HelpText(Lines):
         for text in _FIRST.splitlines():
             yield paragraph(text, width)
         yield [line()]
-        keys = (PLAYBACK_KEYS if self.of_replay else ()) + FUNCTION_KEYS + LETTER_KEYS
-        for key in keys + MENU:
-            cap = Span(f"{key.cap if key.keys else f'Enter {key.cap}':>7}", Tone.CAP)
-            yield paragraph(key.help, width, Tone.DIM, line(cap, f"  {key.label:<14}"))
+        now = self.snapshot
+        replays = now is not None and now.playback is not None
+        keys = (*(PLAYBACK_KEYS if replays else ()), *FUNCTION_KEYS, *LETTER_KEYS, *MENU)
+        here = [key for key in keys if not key.where or self.pane in key.where]
+        refused = {key.name: now and key.refusal(now) for key in here}
+        for key in sorted(here, key=lambda key: refused[key.name] is not None):
+            why = refused[key.name]
+            cap = Target(f"{key.cap if key.keys else f'Enter {key.cap}':>7}", Tone.CAP, key.name)
+            words = key.help if why is None else f"not now: {why}"
+            yield paragraph(words, width, Tone.DIM, line(cap, f"  {key.label:<14}"))
         for text in _MORE.splitlines():
             yield [line(), *paragraph(text, width)]
         yield [line(), line(Span("Passage sensors", Tone.STRONG))]
@@ -79,13 +100,19 @@ class HelpText(Lines):
             yield [line(Span(f"{mark:>4}  ", Tone.STRONG), meaning)]
         yield [line("The hinge is on the left: sensor 4 is next to it, sensor 0 farthest away.")]
 
+    def take_click(self, target: str, _event: events.Click) -> None:
+        """Presses a key, also one that only the menu has."""
+        key = KEYS[target]
+        press = cast("ConsoleApp", self.app).action_press
+        self.app.call_later(press, key.name, key.keys.partition(",")[0])
+
 
 class HelpScroll(VerticalScroll, Unmarked):
     """Arrows scroll."""
 
 
 class HelpPane(Filtered):
-    """All keys; `/` looks for some of it."""
+    """The keys of the pane before it; `/` looks for some of it."""
 
     def __init__(self) -> None:
         self._text = HelpText()
@@ -99,5 +126,9 @@ class HelpPane(Filtered):
         self._text.redraw()
 
     def show(self, snapshot: Snapshot) -> None:
-        self._text.of_replay = snapshot.playback is not None
+        self._text.snapshot = snapshot
         self._text.redraw()
+
+    def take_pane(self, name: str) -> None:
+        """From which pane it is opened."""
+        self._text.pane = name

@@ -30,6 +30,7 @@ from madrob_console.referee.records import Incident, Protest, RunSetup
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.run_summary import RunSummary
 from madrob_console.ui.cells.lines import (
+    NAMED_KEYS,
     Line,
     Span,
     Tone,
@@ -38,6 +39,7 @@ from madrob_console.ui.cells.lines import (
     line,
     paragraph,
     plain,
+    with_keys,
 )
 from madrob_console.ui.look.words import OUTCOMES
 from madrob_console.ui.panes.run_status import (
@@ -122,7 +124,8 @@ def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
         text, tone = f"{version}, not final" if run.valid else version, Tone.WARN
     if todo := _what_to_do(snapshot):
         text += f". {todo}"
-    lines = paragraph(f"{text}. v: details", width, tone)
+    named = NAMED_KEYS | {"v: details": "v", "x is": "x"}
+    lines = with_keys(paragraph(f"{text}. v: details", width, tone), named)
     if snapshot.pulse.unsaved:
         lines = [*paragraph(_UNSAVED, width, Tone.BAD), *lines]
     if playback is not None:

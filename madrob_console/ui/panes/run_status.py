@@ -14,7 +14,17 @@ from madrob_console.referee.acts.during import RULED
 from madrob_console.referee.flags import FlagWeight
 from madrob_console.referee.run import Phase, Run
 from madrob_console.ui.cells.digits import digit_rows
-from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph, width_of
+from madrob_console.ui.cells.lines import (
+    Line,
+    Span,
+    Target,
+    Tone,
+    View,
+    line,
+    paragraph,
+    width_of,
+    with_keys,
+)
 from madrob_console.ui.look.words import (
     OUTCOMES,
     PHASES,
@@ -186,9 +196,10 @@ def step_lines(
         rows.append(
             line(
                 Span(f"{mark} ", tone),
-                Span(
+                Target(
                     f"{record.step} {record.step.text:<{_STEP - 4}}",
                     Tone.PLAIN if record.done else tone,
+                    str(record.step.value),
                 ),
                 Span(f"{counts:>{cells}}", tone),
                 Span(
@@ -299,7 +310,7 @@ class Banner(View):
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         text, tone = banner(snapshot)
-        return paragraph(text, width, tone)
+        return with_keys(paragraph(text, width, tone))
 
 
 def banner(snapshot: Snapshot) -> tuple[str, Tone]:

@@ -29,7 +29,7 @@ from madrob_console.referee.flags import undecided, weighty
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run_summary import PROTEST_OPEN, RunSummary, condition_words
 from madrob_console.ui.cells.field import Field
-from madrob_console.ui.cells.lines import Label, Line, Span, Tone, line, paragraph
+from madrob_console.ui.cells.lines import NAMED_KEYS, Label, Line, Span, Tone, line, paragraph
 from madrob_console.ui.cells.table import Column, Row, Table
 from madrob_console.ui.look.words import shortened
 from scoring.indicator_table import IndicatorName
@@ -47,6 +47,16 @@ Load = Callable[[], Sequence[RunSummary]]
 
 
 LIST_KEYS = "< > o sort, / filters, <- -> columns"
+
+_LIST_KEYS = NAMED_KEYS | {
+    "<-": "left",
+    "->": "right",
+    "<": "less_than_sign",
+    ">": "greater_than_sign",
+    " o ": "o",
+    "/ filters": "slash",
+    "v ": "v",
+}
 
 BESIDE = 114
 """From so many cells of a list on, in a terminal of 120, the marked row stands beside it."""
@@ -124,7 +134,7 @@ class ListPane(Filtered, Generic[Row]):
         self.table = table
         self.head = Label(id=f"{id}-head")
         self.about = About(id=f"{id}-about")
-        self.keys = Label()
+        self.keys = Label(keys=_LIST_KEYS)
 
     def compose(self) -> ComposeResult:
         yield from (self.filter, self.head)

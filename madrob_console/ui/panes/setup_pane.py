@@ -118,13 +118,12 @@ class CheckList(View, can_focus=True):
         if (check := self._at(0)) is not None:
             self.post_message(self.Chosen(check.name))
 
-    def on_click(self, event: events.Click) -> None:
+    def take_click(self, target: str, event: events.Click) -> None:
         """Marks the check under the mouse; a double click waives it."""
-        if (hit := self.clicked(event)) is not None:
-            self._marked = CheckName(hit[0])
-            self.redraw()
-            if event.chain == 2:
-                self.action_choose()
+        self._marked = CheckName(target)
+        self.redraw()
+        if event.chain == 2:
+            self.action_choose()
 
     @property
     def _told(self) -> list[Check]:
