@@ -69,7 +69,12 @@ _UNSAVED = "NOT ON DISK YET: only the engine has it, and goes on trying"
 
 
 class ResultHead(View):
-    """Outcome, what must be decided and what changed the score, run, state."""
+    """Outcome, what must be decided and what changed the score, run, state.
+
+    `more`: there are details below what is in view.
+    """
+
+    more = True
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         result, run, found = snapshot.result, snapshot.run, weighty(snapshot.flags)
@@ -90,7 +95,7 @@ class ResultHead(View):
             *packed(headline, width, "  "),
             *packed(_flags(snapshot), width),
             *paragraph(what_text(run), width),
-            *_state(snapshot, result, width),
+            *_state(snapshot, result, width, ". v: details" * self.more),
         ]
 
 
@@ -110,7 +115,7 @@ def _flags(snapshot: Snapshot) -> Iterator[Span]:
         yield Span(flag.words, FLAG_TONES[flag.weight])
 
 
-def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
+def _state(snapshot: Snapshot, result: Result, width: int, more: str) -> list[Line]:
     run, playback = snapshot.run, snapshot.playback
     other_rules = result.ruleset != RulesetName.PROTOCOL
     version = f"version {run.issue}" + (f" by ruleset {result.ruleset}" if other_rules else "")
@@ -125,7 +130,7 @@ def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
     if todo := _what_to_do(snapshot):
         text += f". {todo}"
     named = NAMED_KEYS | {"v: details": "v", "x is": "x"}
-    lines = with_keys(paragraph(f"{text}. v: details", width, tone), named)
+    lines = with_keys(paragraph(f"{text}{more}", width, tone), named)
     if snapshot.pulse.unsaved:
         lines = [*paragraph(_UNSAVED, width, Tone.BAD), *lines]
     if playback is not None:
@@ -359,10 +364,10 @@ class ResultsPane(VerticalScroll, Unmarked):
 
     def __init__(self, load: Callable[[], Sequence[RunSummary]]) -> None:
         self._details = ResultDetails()
-        head, tables = ResultHead(), (IndicatorTable(), StepTable())
+        self._head, tables = ResultHead(), (IndicatorTable(), StepTable())
         columns = Container(*tables, classes="columns")
-        super().__init__(head, columns, self._details, id="results")
-        self._views = (head, *tables, self._details)
+        super().__init__(self._head, columns, self._details, id="results")
+        self._views = (self._head, *tables, self._details)
         self._load = load
         self._shown: _Shown | None = None
         self._folder = ""
@@ -404,6 +409,7 @@ class ResultsPane(VerticalScroll, Unmarked):
             self._look_for_pictures()
             if result is not None and setup is not None and snapshot.playback is None:
                 self._compare(result, setup, snapshot.practice)
+        self._head.more = self.max_scroll_y > 0
         for view in self._views:
             view.show(snapshot)
 

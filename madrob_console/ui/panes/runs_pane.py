@@ -46,11 +46,9 @@ Load = Callable[[], Sequence[RunSummary]]
 # What all lists have: a filter, and the marked row in words, below the table or beside it.
 
 
-LIST_KEYS = "< > o sort, / filters, <- -> columns"
+LIST_KEYS = "< > o sort, / filters"
 
 _LIST_KEYS = NAMED_KEYS | {
-    "<-": "left",
-    "->": "right",
     "<": "less_than_sign",
     ">": "greater_than_sign",
     " o ": "o",
@@ -117,7 +115,7 @@ class About(Label):
 
     def lines(self, width: int) -> Sequence[Line]:
         if not self.beside:
-            return super().lines(width)
+            return paragraph(self.text, width, self.tone)  # it names no keys
         rows = [row for part in self.text.split("; ") for row in paragraph(part, width, self.tone)]
         return [
             *rows,

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
 import getpass
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import accumulate
 from pathlib import Path
 
 import pytest
+from rich.cells import cell_len
 from textual.events import MouseDown, MouseUp
 from textual.widgets import Input
 
@@ -35,14 +38,14 @@ from madrob_console.referee.acts.act import NO_REASON
 from madrob_console.referee.competition_plan import Plan, PlanLine, Task
 from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase, stop
-from madrob_console.ui.cells.lines import plain
-from madrob_console.ui.keys.key_table import (
-    KEYS,
-    MENU,
-)
+from madrob_console.ui.cells.lines import Choice, Lines, Target, plain
+from madrob_console.ui.cells.table import Table
+from madrob_console.ui.keys.key_table import KEYS, MENU
 from madrob_console.ui.look.words import cut_inside, wrapped
+from madrob_console.ui.panes.help_pane import HelpText
 from madrob_console.ui.panes.result_pane import ResultDetails
 from madrob_console.ui.panes.runs_pane import HistoryPane
+from madrob_console.ui.panes.setup_pane import CheckList
 from scoring.protocol import Outcome, Side, Step
 from tests.madrob_console.run_folders import summary
 from tests.madrob_console.ui.driver import (
@@ -58,7 +61,6 @@ from tests.madrob_console.ui.driver import (
     has,
     in_sizes,
     no,
-    on_engine,
     opened,
     pane,
     passes,
@@ -452,36 +454,67 @@ async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
     await play(FakeEngine, STORIES[story])
 
 
+def named_keys(driver: Driver) -> dict[str, tuple[int, int]]:
+    """Where each key stands that can be clicked now, by its name."""
+    found: dict[str, tuple[int, int]] = {}
+    for widget in driver.console.query(Lines):
+        if isinstance(widget, Choice | CheckList | HelpText):
+            continue  # their targets are no keys
+        left, top, _, height = widget.content_region
+        heads = [one.title for one in widget.columns] if isinstance(widget, Table) else []
+        for y, row in enumerate(widget.lines(widget.room.width)[:height], top):
+            for span, x in zip(
+                row, accumulate((cell_len(one.text) for one in row), initial=left), strict=False
+            ):
+                if not isinstance(span, Target) or span.click.endswith(tuple(heads)):
+                    continue
+                on_screen = driver.console.region.contains(x, y)
+                if on_screen and driver.console.get_widget_at(x, y)[0] is widget:
+                    found.setdefault(span.click, (x, y))
+    return found
+
+
+PLACES = {
+    "nothing is set up": "f2 f3",
+    "the pose is confirmed": "f3",
+    "somebody started too early": "f3 'f3 escape'",
+    "the run goes on": "f3 'f3 f8 1' 'f3 f9' 'f3 4 r' 'f3 enter'",
+    "the run has stopped": """
+        f2 f4 'f4 enter g up up' 'f4 h' 'f4 p' 'f4 s' 'f4 m' 'f4 h slash =a enter'
+        'f4 enter' 'f4 enter c' 'f4 enter P' 'f4 enter f'
+    """,
+    "the result is final": "'f4 enter u 1'",
+}
+"""The keys that lead to each place where keys are named."""
+
+
 @pytest.mark.parametrize(
-    ("pane", "printed", "keys"),
-    [
-        ("h", "< > o sort, / filters", "greater_than_sign less_than_sign o slash"),
-        ("s", "< > o sort, / filters", "greater_than_sign less_than_sign o v slash"),
-        ("p", "< > o sort, / filters", "greater_than_sign less_than_sign o slash"),
-        ("m", "< > o sort, / filters", "greater_than_sign less_than_sign o slash"),
-    ],
+    ("situation", "keys"),
+    [(situation, keys) for situation, places in PLACES.items() for keys in shlex.split(places)],
 )
-async def test_each_key_that_a_list_names_does_something(
-    pane: str, printed: str, keys: str
+async def test_each_key_that_a_screen_names_does_something_where_it_is_clicked(
+    situation: str, keys: str
 ) -> None:
-    seen = [""]
+    engine = FakeEngine(plan=Plan((PlanLine(Task(1, 1), 2), PlanLine(Task(2, 7), 1))))
+    async with driving(engine, runs=[summary(number) for number in (1, 2, 3)]) as driver:
+        await follow(driver, SITUATIONS[situation])
+        run, result = engine.run, engine.result
 
-    def looks(driver: Driver) -> None:
-        seen[0] = driver.text
+        async def come() -> str:
+            engine.run, engine.result = run, result
+            await driver.settle()
+            await follow(driver, [("escape escape escape",), (keys,)])
+            return driver.text
 
-    def changed(driver: Driver) -> object:
-        return driver.text != seen[0]
-
-    cup = {"plan": Plan((PlanLine(Task(1, 1), 2), PlanLine(Task(2, 7), 1)))}
-    story: Story = [
-        (opened(LARGE, runs=[summary(number) for number in (1, 2, 3)]),),
-        (on_engine(**cup),),
-        (Driver.run,),
-        (Driver.finish,),
-        (answered(f"f4 {pane}"), printed),
-        *(row for key in keys.split() for row in ((looks,), (answered(key), changed))),
-    ]
-    await play(FakeEngine, story)
+        await come()
+        named = named_keys(driver).keys() - {"f10"}  # it leaves
+        assert named
+        for key in sorted(named):
+            before = await come()
+            if (place := named_keys(driver).get(key)) is not None:  # a list stays as it is turned
+                await driver.pilot.click(offset=place)
+                await driver.settle()
+                assert driver.text != before, key
 
 
 async def test_letters_of_the_menu_say_how_to_press_them_and_messages_are_kept() -> None:
