@@ -172,7 +172,7 @@ class CompetitionStandings:
         )
 
 
-SIGNS = f"{DOUBTED} doubted   {ALIKE} a tie with another team within the uncertainty"
+SIGNS = f"{DOUBTED} doubted   {ALIKE} a tie with another team within unrounded uncertainty"
 
 FLAG_SIGNS = "P protest open   !! the referee has to decide   ! a flag changes a score"
 

@@ -296,7 +296,8 @@ def practice_flags(
     if is_rehearsal(competition):
         kind = REHEARSAL
     if practice or kind is not FlagKind.PRACTICE:
-        words = f"{kind.upper()}: not an official result"
+        kinds = dict.fromkeys((*["PRACTICE"] * practice, kind.upper()))
+        words = f"{', '.join(kinds)}: not an official result"
         yield Flag(FlagKind.PRACTICE, words, FlagWeight.REMARK)
 
 

@@ -37,6 +37,7 @@ from madrob_console.ui.cells.lines import (
     line,
     paragraph,
     width_of,
+    with_keys,
 )
 from madrob_console.ui.keys.dialogs import OtherName, ask_other_name
 from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink
@@ -119,7 +120,10 @@ class CheckList(View, can_focus=True):
             self.post_message(self.Chosen(check.name))
 
     def take_click(self, target: str, event: events.Click) -> None:
-        """Marks the check under the mouse; a double click waives it."""
+        """Marks the check under the mouse; a double click waives it. A key is pressed."""
+        if target not in [*CheckName]:
+            super().take_click(target, event)
+            return
         self._marked = CheckName(target)
         self.redraw()
         if event.chain == 2:
@@ -145,7 +149,10 @@ def _rows(check: Check, width: int, *, marked: bool) -> list[Line]:
     plain = tone if tone is Tone.DIM else Tone.PLAIN
     row = (*head, Span(shortened(text, width - width_of(head)), plain))
     rows = paragraph(text, width, Tone.CURSOR, head) if marked else [row]
-    return [tuple(Target(*span, check.name) for span in row) for row in rows]
+    return [
+        tuple(span if isinstance(span, Target) else Target(*span, check.name) for span in row)
+        for row in with_keys(rows)
+    ]
 
 
 _NEXT = (Phase.IDLE, Phase.STOPPED, Phase.FINAL)

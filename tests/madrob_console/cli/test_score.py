@@ -87,7 +87,7 @@ def test_what_a_decision_hangs_on_comes_before_the_numbers(drive: Drive, madrob:
     drive.engine.close()
     assert madrob("score", drive.folder).splitlines()[1:3] == [
         "  outcome: completed (3 of 6 steps count: the referee denied step 4), ruleset protocol",
-        "  flags: step 4 denied; SIMULATED: not an official result",
+        "  flags: step 4 denied; PRACTICE, SIMULATED: not an official result",
     ]
     (told,) = scored(madrob, drive.folder)
     assert [(flag["kind"], flag["weight"], flag["undecided"]) for flag in told["flags"]] == [
@@ -309,7 +309,8 @@ def test_written_files_say_of_what_run_they_are_and_by_which_rules_they_were_mad
     madrob("score --write", tmp_path, *PUBLISHED, run)
     ((bag,), (own,)) = scored(madrob, *PUBLISHED, run), scored(madrob, files)
     assert (own["ruleset"], values(own)) == ("eurobench-2020", values(bag))
-    assert [flag["words"] for flag in own["flags"]] == ["SIMULATED: not an official result"]
+    (flag,) = own["flags"]
+    assert flag["words"] == "PRACTICE, SIMULATED: not an official result"
     (other,) = scored(madrob, "--ruleset", "protocol", files)
     assert other["ruleset"] == "protocol"
     next(files.glob("run_info_*")).unlink()

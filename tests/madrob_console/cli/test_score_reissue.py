@@ -303,7 +303,7 @@ def test_an_issue_that_a_full_disk_refused_is_told_then_and_recover_writes_it(
         patch.setattr(issuing, "_write", full)
         first, second = (madrob.say(OTHER, folder) for _ in range(2))
         assert (first.code, second.code) == (2, 2)
-        words = "issue 3 is journalled, its result is not written yet: `madrob recover`"
+        words = "version 3 is journalled, its result is not written yet: `madrob recover`"
         assert re.search(rf"{words}.*\(not written \(No space left on device\)\)", first.err)
         assert "result.json is not what the journal says: `madrob recover`" in second.err
     assert "its result was made again from journal and recording" in madrob("recover", folder)

@@ -384,7 +384,7 @@ def test_what_is_shown_is_rounded_up_and_the_legend_says_that_it_is_compared_unr
     runs, _ = ALIKE["shown rounded up, compared unrounded"]
     text = list(standings_details(competition_standings(runs, made=0.0)))
     assert text[text.index("+-") + 1].split()[1] == "0.4"  # which would overlap
-    assert "unrounded +- overlap" in SIGNS
+    assert "within unrounded uncertainty" in SIGNS
     assert any(
         "rounded up: by measurement, or Student's t std / sqrt(runs)" in note for note in NOTES
     )

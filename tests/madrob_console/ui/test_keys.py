@@ -442,7 +442,7 @@ STORIES: Stories = {
             lambda d: setup_of(d).condition.opening_side is Side.CW,
         ),
         (
-            acting(Driver.click, "F6 confirms the start pose", times=2),
+            acting(Driver.click, "confirms the start pose", times=2),
             "Waive 'start pose' for this run",
         ),
     ],
@@ -458,10 +458,11 @@ def named_keys(driver: Driver) -> dict[str, tuple[int, int]]:
     """Where each key stands that can be clicked now, by its name."""
     found: dict[str, tuple[int, int]] = {}
     for widget in driver.console.query(Lines):
-        if isinstance(widget, Choice | CheckList | HelpText):
+        if isinstance(widget, Choice | HelpText):
             continue  # their targets are no keys
         left, top, _, height = widget.content_region
         heads = [one.title for one in widget.columns] if isinstance(widget, Table) else []
+        heads += CheckName if isinstance(widget, CheckList) else ()
         for y, row in enumerate(widget.lines(widget.room.width)[:height], top):
             for span, x in zip(
                 row, accumulate((cell_len(one.text) for one in row), initial=left), strict=False

@@ -178,7 +178,7 @@ def test_a_damaged_result_becomes_what_was_signed_or_the_next_issue_and_only_by_
     flip_a_bit(signed)
     damaged = files_of(signed)
     (line,) = repair_all(signed.parent)
-    assert "try `madrob recover`: it makes the next issue" in line
+    assert "try `madrob recover`: it makes the next version" in line
     assert files_of(signed) == damaged
     assert "its result was made again" in madrob("recover", signed)
     after = result(signed)
