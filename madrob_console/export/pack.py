@@ -7,12 +7,11 @@ import posixpath
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
 from typing import Self
 
 import msgspec
-from pandas import read_csv
+from pandas import DataFrame
 
 from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE, RunPath
 from madrob_console.archive.nearest_frames import PICTURE_TYPES
@@ -43,7 +42,8 @@ from madrob_console.referee.run import Run
 from madrob_console.referee.run_summary import RunSummary
 from recorder.bag import METADATA_FILE, is_evidence, is_left_of_evidence
 from recorder.survey import listing
-from scoring.eurobench.run_files import LARGEST_TABLE
+from scoring.eurobench.run_files import LARGEST_TABLE, parse_table
+from scoring.protocol import ScoringError
 
 EXPORTS_FOLDER = "exports"
 """Default folder of zips, in the results folder."""
@@ -51,7 +51,12 @@ EXPORTS_FOLDER = "exports"
 Rendering = Callable[[Path], tuple[Mapping[str, bytes], Sequence[str]]]
 """Renders a run's report: files by name, and in words why there is none."""
 
-_EUROBENCH = ("_jointState.csv", "_wrench.csv", "_event.csv")
+_EUROBENCH = {
+    "*_jointState.csv": ("time", "position", "velocity", "acceleration"),
+    "*_wrench.csv": ("time", "force_x"),
+    "*_event.csv": ("time", "event"),
+}
+"""The columns of EUROBENCH's tables (protocol section 5)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,16 +195,19 @@ def _state(run: Path, problems: list[str]) -> Run | str:
 def _in_seconds(run: Path, start: float) -> tuple[dict[str, bytes], list[str]]:
     """EUROBENCH's tables of a run with a column that these must not have; then what is wrong."""
     made, problems = {}, []
-    for path in (path for kind in _EUROBENCH for path in run.glob(f"*{kind}")):
+    for path, columns in (
+        (path, _EUROBENCH[kind]) for kind in _EUROBENCH for path in run.glob(kind)
+    ):
         try:
-            data = BytesIO(read_all(path, LARGEST_TABLE))
-            table = read_csv(data, dtype=str, keep_default_na=False)
-            table.insert(0, "since_start", (table["time"].astype(float) - start).round(6))
-        except (OSError, ValueError, KeyError) as error:
-            why = refusal(error) if isinstance(error, OSError) else error
-            problems.append(f"{path.name}: has no copy in seconds ({why})")
+            text = read_all(path, LARGEST_TABLE).decode(errors="replace")
+            table = parse_table(path.name, text, columns)
+            cells = {"since_start": (table.numbers("time") - start).round(6), **table.cells}
+        except OSError as error:
+            problems.append(f"{path.name}: has no copy in seconds ({refusal(error)})")
+        except ScoringError as error:
+            problems.append(str(error))
         else:
-            made[f"{SECONDS_FOLDER}/{path.name}"] = table.to_csv(index=False).encode()
+            made[f"{SECONDS_FOLDER}/{path.name}"] = DataFrame(cells).to_csv(index=False).encode()
     return made, problems
 
 

@@ -65,6 +65,7 @@ from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, document, s
 from tests.recorder.samples import add_evidence, strings, talk
 
 NOW = 1_790_000_000.0
+JOINTS = "time,position,velocity,acceleration\n"
 
 
 @pytest.fixture(autouse=True)
@@ -92,7 +93,7 @@ def root(tmp_path: Path) -> Path:
         folder = write(root, run).parent
         (folder / f"{folder.name}_0.mcap").write_bytes(os.urandom(300))
         (folder / "metadata.yaml").write_text("bag\n")
-        (folder / f"{folder.name[:28]}_jointState.csv").write_text("time,position\n1,2\n")
+        (folder / f"{folder.name[:28]}_jointState.csv").write_text(f"{JOINTS}1,2,0,0\n")
     return root
 
 
@@ -243,17 +244,27 @@ def test_the_page_of_the_zip_leads_to_what_is_in_it_and_shows_each_value(root: P
     assert "aborted, not final" in page
 
 
-def test_a_damaged_table_is_named_and_the_rest_is_there(root: Path) -> None:
+DAMAGED = {
+    f"{JOINTS}1,2,0,0\n1.7x,3,0,0\n".encode(): "line 3, column time: '1.7x' is no finite number",
+    b"\xff": "line 1, column time: is missing",
+    b"": "is empty",
+    b"angle\n1\n": "line 1, column time: is missing",
+    b"0" * 17_000_000: "has no copy in seconds (17.0 MB, more than 16",
+    b"time" + b"," * 10_000_000 + b"\n1\n": "line 1, column position: is missing",
+}
+
+
+@pytest.mark.parametrize("content", DAMAGED, ids=DAMAGED.get)
+def test_a_damaged_table_is_named_and_the_rest_is_there(content: bytes, root: Path) -> None:
     first = folders(root)[0]
     (table,) = first.glob("*_jointState.csv")
-    contents = (b"time,position\n1,2\n1.7x,3\n", b"\xff", b"", b"angle\n1\n", b"0" * 17_000_000)
-    for content in contents:
-        table.write_bytes(content)
-        made = export(root)
-        (problem,) = made.problems
-        assert problem.startswith(f"{first.name}/{table.name}: has no copy in seconds (")
-        assert "\n" not in problem
-        assert read(made.path)[f"{first.name}/{table.name}"] == content
+    table.write_bytes(content)
+    made = export(root)
+    (problem,) = made.problems
+    assert problem.startswith(f"{first.name}/{table.name}")
+    assert DAMAGED[content] in problem
+    assert "\n" not in problem
+    assert read(made.path)[f"{first.name}/{table.name}"] == content
 
 
 FRAMES = strings(["a picture", "another"])
