@@ -27,7 +27,7 @@ from madrob_console.referee.run import Run
 from madrob_console.referee.run_summary import VOID, RunSummary
 from recorder.bag import METADATA_FILE
 from scoring.indicator_table import IndicatorName, unit_text
-from scoring.result import DOUBTED, uncertainty_text, value_text
+from scoring.result import DOUBTED
 
 README_FILE = "README.txt"
 COLUMNS_FILE = "COLUMNS.txt"
@@ -107,16 +107,8 @@ def index_page(
         files=_about_all(names),
         names=sorted(IndicatorName, key=lambda name: not name.spec.counts),
         unit_text=unit_text,
-        value_of=_value_of,
         doubted=DOUBTED,
     )
-
-
-def _value_of(run: RunSummary, name: IndicatorName) -> str:
-    if name not in run.values:
-        return f"-{run.sign(name)}"
-    known = run.uncertainties.get(name)
-    return f"{value_text(run.values[name], known)}{run.sign(name)} {uncertainty_text(known)}"
 
 
 def _about_all(names: Collection[str]) -> list[tuple[str, str]]:
