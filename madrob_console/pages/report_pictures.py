@@ -54,7 +54,7 @@ def figures(scored: Scored) -> Markup:
         **({} if passage is None else _passage(passage)),
         occupied=result.indicators[IndicatorName.DOOR_OCCUPATION_TIME].text if passage else "",
         touch_force=rows.thresholds.touch_force,
-        shows_force=_shows_force,
+        shows_force=lambda name: Quantity.FORCE in name.spec.panels,
     )
 
 
@@ -62,10 +62,6 @@ def _passage(found: PassageFigure) -> dict[str, object]:
     scale = Scale(*found.window)
     rows = rows_of_words(found.marks, scale)
     return {"scale": scale, "word_rows": rows, "head": 14 * (max(rows, default=-1) + 1) + 4}
-
-
-def _shows_force(name: FigureName) -> bool:
-    return Quantity.FORCE in name.spec.panels
 
 
 def inline(document: str, number: int, alternative: str) -> Markup:

@@ -9,7 +9,7 @@ from typing import Any
 from urllib.parse import quote
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.drawings import FAILED
@@ -59,13 +59,7 @@ def _printed(value: object) -> object:
     return terminal_safe(str(value)) if plain else value
 
 
-def _breakable(topic: str) -> Markup:
-    """A topic that may be broken before each of its slashes."""
-    return Markup("<wbr>/").join(map(escape, terminal_safe(topic).split("/")))
-
-
 _FILTERS: Mapping[str, Any] = {
-    "breakable": _breakable,
     "date": date_text,
     "path": quote,
     "since": since,

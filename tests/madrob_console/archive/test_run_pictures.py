@@ -100,8 +100,7 @@ def frames_of(folder: Path) -> set[tuple[str, float | None]]:
 
 def page_of(folder: Path) -> str:
     place = Surroundings().place_of(folder, scored())
-    page = report_html(scored(), "1", place, renewed_pictures(folder, scored()))
-    return page.replace("<wbr>", "")
+    return report_html(scored(), "1", place, renewed_pictures(folder, scored()))
 
 
 def test_each_event_and_each_incident_has_the_nearest_frame_of_each_camera(filmed: Path) -> None:
