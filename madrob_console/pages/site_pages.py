@@ -112,7 +112,7 @@ def _task_of(number: int) -> str:
 def _outcome_notes(run: RunSummary) -> str:
     told = (FlagKind.VOID, FlagKind.PRACTICE, FlagKind.PROTEST)
     words = [flag.words for flag in weighty(run.flags) if flag.kind not in told]
-    if run.outcome is not None and run.problem is None and run.closing != "final":
+    if run.closing != "final" and (run.valid or run.protest_filed is not None):
         words.insert(0, _CLOSING_WORDS.get(run.closing, run.closing))
     return "; ".join(words)
 

@@ -246,6 +246,13 @@ def words_of(*places: Path) -> str:
     return "\n".join(place.read_text() for place in places)
 
 
+def test_a_run_that_does_not_count_says_why_and_waits_for_nothing(site: Path) -> None:
+    rows, text = Page((site / "teams/001.html").read_text()).rows, (site / "index.html").read_text()
+    (row,) = (row for row in rows if "INVALID" in row)
+    assert "not final" not in row
+    assert "INVALID: a child ran in" in text
+
+
 def test_planned_times_are_there_and_how_late_the_last_attempt_began(tmp_path: Path) -> None:
     run = of(3)
     at = datetime.fromtimestamp(run.started - 720)  # noqa: DTZ006  of the place
