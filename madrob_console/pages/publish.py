@@ -306,7 +306,8 @@ def _of_run(content: SiteContent, run: RunSummary, around: Surroundings) -> Iter
         team = content.of_team[run.subject]
         pages = (_page_of(content, run, one) for one in team_runs(run, team))
         others = (team_digest(run, team), *pages)
-        key = _key(content.software, _ways(content, run), *others, *stamps)
+        told = "\n".join(map(str, (content.software, _ways(content, run), *others, *stamps)))
+        key = sha256(told.encode(errors="surrogateescape")).hexdigest()[:16]
         yield SiteFile(page, partial(_report, content, run, around), key)
     if stamp_of(f"{folder}/{RESULT_FILE}") is not None:
         yield SiteFile(f"{content.folder_of(run)}/{RESULT_FILE}", partial(_result, content, run))
@@ -362,8 +363,3 @@ def _tables(content: SiteContent) -> Iterator[SiteFile]:
     if (plan := content.plan) is not None:
         told = (plan, standings.title, content.names, content.software)
         yield SiteFile(_PLAN_DATA, partial(plan_json, *told))
-
-
-def _key(*of: object) -> str:
-    told = "\n".join(map(str, of))
-    return sha256(told.encode(errors="surrogateescape")).hexdigest()[:16]

@@ -79,7 +79,11 @@ class SiteContent:
         return [run for run in self.runs if run.outcome is not None and run.problem is None]
 
     def folder_of(self, run: RunSummary) -> str:
-        return f"runs/{_called(run)}"
+        """A run folder's name, which two testbeds may share, and the end of the run's identity."""
+        name = os.path.basename(run.folder)  # noqa: PTH119  of text
+        own = re.fullmatch("[0-9a-f]{8}", run.run_id[-8:])
+        folder = run.folder.encode(errors="surrogateescape")
+        return f"runs/{name}_{own[0] if own else sha256(folder).hexdigest()[:8]}"
 
     @cached_property
     def places(self) -> Mapping[str, str]:
@@ -135,14 +139,6 @@ def condition_place(number: int) -> str:
 def beside(page: str, name: str) -> str:
     """Path of a file of the site relative to one of its pages."""
     return posixpath.relpath(name, posixpath.dirname(page) or ".")
-
-
-def _called(run: RunSummary) -> str:
-    """A run folder's name, which two testbeds may share, and the end of the run's identity."""
-    name = os.path.basename(run.folder)  # noqa: PTH119  of text
-    own = re.fullmatch("[0-9a-f]{8}", run.run_id[-8:])
-    folder = run.folder.encode(errors="surrogateescape")
-    return f"{name}_{own[0] if own else sha256(folder).hexdigest()[:8]}"
 
 
 # The teams of a competition in the order of their best runs.
