@@ -130,16 +130,6 @@ def named_by_recording(names: Iterable[str]) -> str | None:
     return next((stem for stem in stems if parse_folder_name(stem) is not None), None)
 
 
-def pictures_in(folder: str) -> int:
-    """The number of camera pictures; 0 where their index cannot be read."""
-    place = f"{folder}/{PICTURES_FOLDER}"
-    try:
-        names = os.listdir(place)  # noqa: PTH208  as below
-    except OSError:
-        return 0
-    return sum(name.endswith(".jpg") for name in names) if PICTURES_INDEX in names else 0
-
-
 def run_folder_names(root: Path) -> list[str]:
     """Practice included, in no order; links are not followed."""
     names = _folder_names(root)

@@ -126,7 +126,7 @@ class MadrobApp(App[None], inherit_bindings=False):
     """The referee's screens. They hold no rule: the engine says what is possible and why not.
 
     `open_client` is called in a thread once the screens are there. `monotonic` measures the
-    engine's silence and the age of messages, s; `wall` is in s since the epoch. `failure` says
+    engine's silence, s; `wall` is in s since the epoch. `failure` says
     why there is no engine, None while there is hope.
     """
 
@@ -164,7 +164,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._link = EngineLink(open_client, monotonic)
         self._ahead = ahead or TypeAhead()
         self._beside = beside
-        self._console = ConsoleScreen(self._link, defaults, self._ahead, monotonic, wall)
+        self._console = ConsoleScreen(self._link, defaults, self._ahead, wall)
         self._awaited = PendingRequests(
             self._link, self._console, partial(self.run_worker, group="keys")
         )

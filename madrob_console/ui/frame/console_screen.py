@@ -95,10 +95,10 @@ _ABOUT_NO_RUN = ("menu", "leave", "unfinished", "other name", "copy", "take")
 """Questions that are not about the current run."""
 
 _STARTING = "Looking for the engine; one is started where none runs ..."
-_WRITTEN = "The result is written. Enter: what next. x: next run. v: details."
-_WRITTEN_FOR_WATCHERS = "The result is written; v shows the details."
+_WRITTEN = "The result is written. Enter: what next. x: next run."
+_WRITTEN_FOR_WATCHERS = "The result is written."
 _NOT_ON_DISK = "The result is NOT ON DISK yet: the engine has it and goes on trying."
-_AT_THE_END = "The recording is at its end: < goes back, j jumps to a time, v details."
+_AT_THE_END = "The recording is at its end: < goes back, j jumps to a time."
 _OPEN_FIRST = "o opens it: then Enter signs, corrects, voids it or files a protest."
 
 
@@ -106,9 +106,9 @@ class ConsoleScreen(Screen[None]):
     """Top line, faults, one pane, status, keys; dialogs over the lower part of the pane.
 
     A terminal too small for that shows a clock with the keys that end a run. `ahead` is told
-    when something else is shown by itself. `monotonic` is for the age of a message, s; `wall`
-    in s since the epoch. The front one of `dialogs` is the last. `drafts` are texts of acts
-    that were refused. `frames` is the last requested folder of camera frames; empty = none.
+    when something else is shown by itself. `wall` gives the time in s since the epoch. The front
+    one of `dialogs` is the last. `drafts` are texts of acts that were refused. `frames` is the
+    last requested folder of camera frames; empty = none.
     """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = TONE_CLASSES
@@ -126,7 +126,6 @@ class ConsoleScreen(Screen[None]):
         link: EngineLink,
         defaults: ConsoleDefaults,
         ahead: TypeAhead,
-        monotonic: Callable[[], float],
         wall: Callable[[], float],
     ) -> None:
         super().__init__()
@@ -144,7 +143,7 @@ class ConsoleScreen(Screen[None]):
         self._switcher = ContentSwitcher()
         self._starting = Label(_STARTING, id="engine-starting")
         self._tiny = TinyClock()
-        self._status = StatusLine(defaults.hint, monotonic, wall)
+        self._status = StatusLine(defaults.hint, wall)
         self._keys = KeyLine()
         self._latest: Snapshot | None = None
         self.frames = ""
@@ -245,9 +244,8 @@ class ConsoleScreen(Screen[None]):
         elif self.pane == "plan":
             row = panes.plan.copied
         zipped = now.export.path if now.export is not None else ""
-        pictures = panes.results.pictures if self.pane == "results" else ""
         host = f"{user}@{self._defaults.host}"
-        return ask_copy(row, result, folder, zipped, host, self.frames or pictures)
+        return ask_copy(row, result, folder, zipped, host, self.frames)
 
     def ask_about_unfinished(self) -> None:
         """Asks about the first run that was cut off, when this screen learns of it."""
@@ -324,7 +322,6 @@ class ConsoleScreen(Screen[None]):
         if before is not None and _stage(before) != _stage(snapshot):
             self._status.pass_on()
             self._take_no_keys(before, snapshot)
-        self._status.age()
         self._ring(before, snapshot)
         self._follow(before, snapshot)
         for dialog in self.dialogs:

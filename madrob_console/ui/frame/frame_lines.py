@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING
 from rich.cells import cell_len
 from textual.keys import key_to_character
 
-from madrob_console.common.formatting import format_duration, format_size, time_of_day
+from madrob_console.common.formatting import format_size, time_of_day
 from madrob_console.common.names import REHEARSAL, SourceKind
 from madrob_console.referee.acts import Abort
-from madrob_console.referee.checks import Freshness
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import (
     Line,
@@ -53,7 +52,7 @@ from madrob_console.ui.panes.run_status import (
 
 if TYPE_CHECKING:
     from madrob_console.engine.requests import PlaybackView
-    from madrob_console.engine.snapshot import RecorderView, Snapshot, TopicView
+    from madrob_console.engine.snapshot import RecorderView, Snapshot
 
 LITTLE_DISK = 2_000_000_000
 """Below this many bytes free the number is marked; the pre-start check decides."""
@@ -79,7 +78,6 @@ class TopLine(View):
         watching = line(Span(WATCHING, Tone.STRONG)) if snapshot.right.only_watches else ()
         right = line(
             *recorder_spans(snapshot.recorder),
-            *_oldest(snapshot.topics),
             *_disk(snapshot, roomy=width >= ROOMY),
             f" {time_of_day(snapshot.time)}",
         )
@@ -124,17 +122,6 @@ def recorder_spans(recorder: RecorderView) -> Line:
         f" {format_size(recorder.size)}",
         Span(dropped, Tone.ALARM),
     )
-
-
-def _oldest(topics: Sequence[TopicView]) -> Line:
-    """How old the newest message of the most silent topic is, unless all are fresh."""
-    needed = [topic for topic in topics if not topic.optional]
-    if needed and all(topic.freshness is Freshness.FRESH for topic in needed):
-        return ()
-    ages = [topic.age for topic in needed if topic.age is not None]
-    if not needed or len(ages) < len(needed):
-        return line(Span(" no data", Tone.BAD))
-    return line(Span(f" silent {format_duration(max(ages))}", Tone.BAD))
 
 
 def _disk(snapshot: Snapshot, *, roomy: bool) -> Line:
@@ -326,11 +313,8 @@ def _scale(playback: PlaybackView, width: int) -> Line:
     return scale("-" * width, [*marks, *start, (played, "●", Tone.WARN)])
 
 
-# The latest message, with its time of day; it fades, and goes with the next key.
+# The latest message, with its time of day; it goes with the next key.
 
-
-FRESH = 5.0
-"""After this a message is dim, s."""
 
 _GRAVE = (Tone.BAD, Tone.WARN)
 
@@ -338,19 +322,15 @@ _GRAVE = (Tone.BAD, Tone.WARN)
 class StatusLine(Lines):
     """A message; if there is none, the hint. `said` has the last fifty.
 
-    `monotonic` is for the age of a message, s; `wall` in s since the epoch.
+    `wall` gives the time in s since the epoch.
     """
 
-    def __init__(
-        self, hint: str, monotonic: Callable[[], float], wall: Callable[[], float] = time.time
-    ) -> None:
+    def __init__(self, hint: str, wall: Callable[[], float] = time.time) -> None:
         super().__init__(id="status-line")
-        self._monotonic = monotonic
         self._wall = wall
         self._said = ""
         self.said: deque[Said] = deque(maxlen=50)
-        self._at = self._shown_at = 0.0
-        self._faded = False
+        self._at = 0.0
         self.hint = hint
         self.tone = Tone.DIM
 
@@ -366,16 +346,10 @@ class StatusLine(Lines):
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
         self._said, self.tone = text, tone if text else Tone.DIM
-        self._at, self._shown_at, self._faded = self._wall(), self._monotonic(), False
+        self._at = self._wall()
         if text:
             self.said.append(Said(self._at, text, tone))
         self.redraw()
-
-    def age(self) -> None:
-        faded = bool(self._said) and self._monotonic() - self._shown_at >= FRESH
-        if faded != self._faded:
-            self._faded = faded
-            self.redraw()
 
     def go(self) -> None:
         """A key was pressed: what was said is about what was before."""
@@ -391,8 +365,7 @@ class StatusLine(Lines):
         if not self._said:
             return with_keys(paragraph(self.hint, width, Tone.DIM))
         head = line(Span(f"{time_of_day(self._at)} ", Tone.DIM))
-        tone = Tone.DIM if self._faded else self.tone
-        return with_keys(paragraph(self._said, width, tone, head))
+        return with_keys(paragraph(self._said, width, self.tone, head))
 
 
 # The run in a terminal that is too small for the other screens.

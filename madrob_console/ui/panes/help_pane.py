@@ -52,8 +52,8 @@ in the list; another name than the list's needs a reason. "+ More" opens what se
 Failing checks stand on top, each with the key that helps. Enter on one waives it, with a reason.
 Live: the steps as the sensors, the referee and the rules have them. ~ marks a time that may still \
 change.
-Top line: REC is the recording with its size and what it dropped, saved once it is closed; silent \
-is how long the most silent topic says nothing; then free space of the disk and the time.
+Top line: REC is the recording with its size and what it dropped, saved once it is closed; \
+then free space of the disk and the time.
 Letters are text in a text field; function keys and Ctrl+P work everywhere. Keys pressed within \
 0.3 s of a change are ignored, except F8 and Escape.
 The mouse clicks on keys, answers, steps, rows and heads of columns. Shift and drag selects text. \

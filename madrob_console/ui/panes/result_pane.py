@@ -11,7 +11,6 @@ from textual import events, work
 from textual.binding import Binding, BindingType
 from textual.containers import Container, VerticalScroll
 
-from madrob_console.archive.folders import PICTURES_FOLDER, pictures_in
 from madrob_console.archive.history import earlier_runs
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import date_of
@@ -74,7 +73,7 @@ class ResultHead(View):
     `more`: there are details below what is in view.
     """
 
-    more = True
+    more = False
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         result, run, found = snapshot.result, snapshot.run, weighty(snapshot.flags)
@@ -195,24 +194,21 @@ _LONG = 900.0
 
 
 class ResultDetails(View):
-    """`earlier` are the team's completed runs in the same condition; `pictures` is a number."""
+    """`earlier` are the team's completed runs in the same condition."""
 
     earlier: Sequence[RunSummary] = ()
-    pictures = 0
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         if snapshot.result is None:
             return ()
         words = mark_words(snapshot.run, snapshot.result)
         words.append(("files", snapshot.folder or "not known"))
-        if self.pictures:
-            words.append((f"{self.pictures} pictures", f"{snapshot.folder}/{PICTURES_FOLDER}"))
         return [
             *comparison(snapshot.result, snapshot.run, self.earlier),
             line(),
             *(row for kind, text in words for row in _entry(kind, text, width)),
             line(),
-            *quality_lines(snapshot.result, snapshot.run, width),
+            *recorded_lines(snapshot.result, snapshot.run, width),
         ]
 
 
@@ -314,18 +310,8 @@ def _protest(one: Protest, run: Run) -> str:
     return f"{words}; {answer.end}: {answer.reason} ({answer.referee})"
 
 
-_NAMES = ("samples", "Hz", "gap", "gaps", "jitter", "delay", "lost", "fixed", "unread")
-_WIDTHS = (7, 6, 8, 5, 7, 7, 5, 6, 7)
-
-
-def quality_lines(result: Result, run: Run, width: int) -> Iterator[Line]:
-    """Rates, gaps, jitter, skew, dropped and shifted stamps; what was recorded beside them."""
-    head = Span(f"{'data quality':<{_KIND}}", Tone.STRONG)
-    yield line(head, Span("largest gap, jitter and delay in ms", Tone.DIM))
-    yield _quality_row("", _NAMES, Tone.DIM)
-    for one in result.quality.signals:
-        poor = one.gaps or one.dropped or one.shifted or not one.samples
-        yield _quality_row(one.signal.value, one.cells(), Tone.WARN if poor else Tone.PLAIN)
+def recorded_lines(result: Result, run: Run, width: int) -> Iterator[Line]:
+    """What is odd about the data; what was recorded beside them."""
     for text in untold_remarks(run, result.quality):
         yield from paragraph(text, width, Tone.WARN)
     if (evidence := run.evidence) is None:
@@ -337,11 +323,6 @@ def quality_lines(result: Result, run: Run, width: int) -> Iterator[Line]:
         yield from paragraph(text, width, Tone.DIM)
 
 
-def _quality_row(name: str, cells: Sequence[str], tone: Tone) -> Line:
-    aligned = (f"{cell:>{width}}" for cell, width in zip(cells, _WIDTHS, strict=True))
-    return line(f"{name:<{_KIND}}", Span("".join(aligned), tone))
-
-
 # The pane.
 
 
@@ -349,7 +330,6 @@ _BESIDE = 114
 """Cells of indicators and steps side by side, with what is between them."""
 
 
-_LOOKS_EVERY = 3.0  # s
 _COPIED = 100
 """Columns of the result as text."""
 
@@ -370,8 +350,6 @@ class ResultsPane(VerticalScroll, Unmarked):
         self._views = (self._head, *tables, self._details)
         self._load = load
         self._shown: _Shown | None = None
-        self._folder = ""
-        self._looking = False
 
     def action_turn(self) -> None:
         """Shows the details, and again what was above them."""
@@ -380,14 +358,10 @@ class ResultsPane(VerticalScroll, Unmarked):
         else:
             self.scroll_to_widget(self._details, top=True, animate=False)
 
-    def on_mount(self) -> None:
-        """Looks for pictures later: they come with the report, some time after the result."""
-        self.set_interval(_LOOKS_EVERY, self._look_for_pictures)
-
-    @property
-    def pictures(self) -> str:
-        """The folder with what the cameras saw of the run that is shown; empty = there is none."""
-        return f"{self._folder}/{PICTURES_FOLDER}" if self._details.pictures else ""
+    def watch_show_vertical_scrollbar(self, scrolls: bool) -> None:
+        """Names the key of the details where they are not in view."""
+        self._head.more = scrolls
+        self._head.redraw()
 
     def on_resize(self, _event: events.Resize) -> None:
         """Side by side only if both tables are whole."""
@@ -398,18 +372,15 @@ class ResultsPane(VerticalScroll, Unmarked):
 
     def show(self, snapshot: Snapshot) -> None:
         result, run, setup = snapshot.result, snapshot.run, snapshot.run.setup
-        shown, self._folder = None, ""
+        shown = None
         if result is not None and setup is not None:
             shown = (result.start, run.issue, setup.subject, setup.condition)
-            self._folder = snapshot.folder or ""
         if shown != self._shown:
             self._shown = shown
-            self._details.earlier, self._details.pictures = (), 0
+            self._details.earlier = ()
             self.scroll_home(animate=False)
-            self._look_for_pictures()
             if result is not None and setup is not None and snapshot.playback is None:
                 self._compare(result, setup, snapshot.practice)
-        self._head.more = self.max_scroll_y > 0
         for view in self._views:
             view.show(snapshot)
 
@@ -437,18 +408,4 @@ class ResultsPane(VerticalScroll, Unmarked):
             return  # the history says what is wrong with the folder
         if shown == self._shown:
             self._details.earlier = runs
-            self._details.redraw()
-
-    def _look_for_pictures(self) -> None:
-        if self._folder and not self._looking:
-            self._looking = True
-            self._count_pictures(self._folder)
-
-    @work(group="pictures")
-    async def _count_pictures(self, folder: str) -> None:
-        """Off the loop: a disk may hang. Then nobody looks again."""
-        count = await to_thread(pictures_in, folder)
-        self._looking = False
-        if folder == self._folder and count != self._details.pictures:
-            self._details.pictures = count
             self._details.redraw()

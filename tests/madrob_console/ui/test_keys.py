@@ -12,7 +12,6 @@ from rich.cells import cell_len
 from textual.events import MouseDown, MouseUp
 from textual.widgets import Input
 
-from madrob_console.archive.folders import pictures_in
 from madrob_console.engine.snapshot import ExportView, Pulse
 from madrob_console.referee.acts import (
     ACTS,
@@ -38,12 +37,11 @@ from madrob_console.referee.acts.act import NO_REASON
 from madrob_console.referee.competition_plan import Plan, PlanLine, Task
 from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase, stop
-from madrob_console.ui.cells.lines import Choice, Lines, Target, plain
+from madrob_console.ui.cells.lines import Choice, Lines, Target
 from madrob_console.ui.cells.table import Table
 from madrob_console.ui.keys.key_table import KEYS, MENU
 from madrob_console.ui.look.words import cut_inside, wrapped
 from madrob_console.ui.panes.help_pane import HelpText
-from madrob_console.ui.panes.result_pane import ResultDetails
 from madrob_console.ui.panes.runs_pane import HistoryPane
 from madrob_console.ui.panes.setup_pane import CheckList
 from scoring.protocol import Outcome, Side, Step
@@ -69,7 +67,6 @@ from tests.madrob_console.ui.driver import (
     sets,
     setup_of,
     types_every,
-    waits,
 )
 from tests.madrob_console.ui.fake_engine import EPOCH, FOLDER, FakeEngine, a_setup, prepared
 
@@ -261,43 +258,6 @@ def test_a_path_is_whole_or_cut_in_its_middle_and_never_broken_in_a_number() -> 
         rows = wrapped(f"Packed: {path}", width)
         assert "".join(rows).replace(" ", "") == f"Packed:{path}"
         assert all(row[-1] in "/_:" for row in rows[:-1])
-
-
-async def test_a_result_tells_how_many_pictures_there_are_and_y_copies_where(
-    engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("tests.madrob_console.ui.fake_engine.FOLDER", str(tmp_path))
-    pictures = tmp_path / "pictures"
-    pictures.mkdir()
-    for name in ("01_door_opens_camera.jpg", "02_door_closes_camera.jpg", "index.json"):
-        (pictures / name).touch()
-    rows: Story = [
-        (Driver.run,),
-        (Driver.finish,),
-        ("v",),
-        # they are looked for in a thread
-        (
-            waits(
-                "",
-                lambda d: (
-                    f"2 pictures        {pictures}"
-                    in plain(d.app.query_one(ResultDetails).lines(200))
-                ),
-            ),
-        ),
-        ("enter y f", copied(str(pictures))),
-    ]
-    async with driving(engine) as driver:
-        await follow(driver, rows)
-
-
-def test_what_is_no_folder_of_pictures_counts_as_none(tmp_path: Path) -> None:
-    assert pictures_in(str(tmp_path)) == 0
-    (tmp_path / "pictures").mkdir()
-    (tmp_path / "pictures" / "mine.jpg").touch()
-    assert pictures_in(str(tmp_path)) == 0
-    (tmp_path / "pictures" / "index.json").touch()
-    assert pictures_in(str(tmp_path)) == 1
 
 
 def copied(text: str) -> Callable[[Driver], object]:
