@@ -22,7 +22,7 @@ LONGEST_RUN = 120.0
 SCRIPT: tuple[tuple[str, float, str], ...] = (
     ("2 of 9 checks fail", INSTALLING, ENTER),
     ("Run 1 of subject 1 is set up", 10.0, F7),
-    ("Done: zero the handle", 10.0, F6),
+    ("Done: handle zeroed", 10.0, F6),
     ("all passed or waived", 10.0, F5),
     ("COUNTDOWN", 10.0, ""),
     ("✓ 3 open the door", LONGEST_RUN, ""),

@@ -144,7 +144,7 @@ def make_ready(terminal: Terminal) -> None:
     terminal.wait_for(done, timeout=STARTING)
     if terminal.wait_for(ready, "1 of 9 checks fail", timeout=STARTING) == ready:
         terminal.send(F7)
-        terminal.wait_for("Done: zero the handle", timeout=STARTING)
+        terminal.wait_for("Done: handle zeroed", timeout=STARTING)
     terminal.send(F6)
     terminal.wait_for("all passed or waived", timeout=STARTING)
 

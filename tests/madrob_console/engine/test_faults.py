@@ -114,7 +114,7 @@ def test_before_the_start_a_fault_fails_a_check_within_2_s_that_names_it(
     drive: FaultyDrive, topic: str, case: Case
 ) -> None:
     drive.set_up()
-    assert drive.check(CheckName.TOPICS) == "ok: all fresh and at rate"
+    assert drive.check(CheckName.TOPICS) == "ok: all live and at their rates"
     drive.faulty.spoil(topic, case.fault)
     words = f"^failed: {SIGNALS[topic].value}: .*({case.words})"
     assert drive.seen_after(lambda: drive.check(CheckName.TOPICS), words) <= 2.0
@@ -255,7 +255,7 @@ def test_the_last_good_value_is_not_shown_for_one_that_cannot_be_read(drive: Fau
     assert unknown == {("cw", index) for index in range(4)}
     for name in (CheckName.DOOR, CheckName.HANDLE, CheckName.DOORWAY):
         assert drive.check(name).startswith("no data")
-    assert drive.engine.perform(ZeroHandle()) == "no fresh handle force"
+    assert drive.engine.perform(ZeroHandle()) == "no handle force comes now"
 
 
 @pytest.mark.slow
@@ -294,7 +294,7 @@ def test_numbers_at_the_end_of_what_a_float_holds_break_nothing(
     drive.act(SetUp(make_setup(run_number=2)))
     drive.wait(1.0)
     refused = drive.engine.perform(ZeroHandle())
-    assert refused == ("no fresh handle force" if topic == HANDLE else None)
+    assert refused == ("no handle force comes now" if topic == HANDLE else None)
 
 
 @pytest.mark.slow

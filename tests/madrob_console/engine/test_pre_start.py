@@ -353,6 +353,6 @@ def test_a_zero_of_an_unsteady_force_stands_in_the_way_of_a_start(tmp_path: Path
 
 def test_there_is_no_zero_of_a_few_samples(drive: Drive) -> None:
     drive.wait_until(lambda: drive.engine.snapshot().handle.force is not None)
-    assert drive.engine.snapshot().refusals[ZeroHandle.name] == "no fresh handle force"
+    assert drive.engine.snapshot().refusals[ZeroHandle.name] == "no handle force comes now"
     drive.wait(0.5)
     assert ZeroHandle.name not in drive.engine.snapshot().refusals

@@ -90,10 +90,10 @@ def test_after_the_end_the_later_decisions_stand_on_the_result(folder: Path) -> 
     assert [ruling.reason for ruling in shown.run.rulings] == ["a draught", "video"]
     assert [line.text for line in shown.log if line.origin == "referee"][-5:] == [
         "referee denies step 3: a draught",
-        "finalise: they saw it differently",
+        "result signed by R. Eferee, protested by the team: they saw it differently",
         "re-issue: appeal granted",
         "referee confirms step 3: video",
-        "finalise",
+        "result signed by R. Eferee, acknowledged by the team",
     ]
 
 

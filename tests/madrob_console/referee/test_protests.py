@@ -172,7 +172,7 @@ WAITS = "2 values to check: time to handle, passage time"
         (all_accepted, {TIME: (JITTER,)}, ["1 value to check: time to handle"]),
         (all_accepted, {}, []),
         (lambda: not_accepted(outcome=Outcome.ABORTED), BOTH, []),
-        (lambda: not_accepted(voided=VOID), BOTH, ["VOID, counts nowhere (the door was jammed)"]),
+        (lambda: not_accepted(voided=VOID), BOTH, ["VOID, does not count (the door was jammed)"]),
     ],
 )
 def test_what_is_doubted_is_one_flag_that_waits_for_the_referee_and_stays_as_a_remark(

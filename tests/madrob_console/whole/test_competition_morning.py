@@ -115,7 +115,7 @@ class Referee:
         done = f"Run 1 of subject {planned.subject} is set up"
         if before is None:
             self.press("Enter", done)
-            self.press("F7", "Done: zero the handle", "1 of 9 checks fail")
+            self.press("F7", "Done: handle zeroed", "1 of 9 checks fail")
         else:
             self.press("F2", "Draft for subject")
             self._window.write(str(planned.subject))
@@ -125,7 +125,7 @@ class Referee:
                 self.press("Right", f"{planned.condition}: push")
             self.press("F3", "referee (sensor)")
             self.press("x", done, TEAMS[planned.subject], f"{planned.condition}: pu")
-        self.press("F6", "Done: confirm the start pose", "all passed or waived")
+        self.press("F6", "Done: start pose confirmed", "all passed or waived")
 
     def play(self, outcome: Outcome) -> None:
         """Through the countdown to the end of the run."""
