@@ -21,8 +21,8 @@ import msgspec
 from madrob_console.cli.guarded import ENDING, TerminatedError, guarded, run_command
 from madrob_console.cli.output import BAD_INPUT, complain
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.reports import Chore, ChoreKind, Finished
-from madrob_console.engine.wire import LENGTH, frame
+from madrob_console.engine.ipc.wire import LENGTH, frame
+from madrob_console.engine.runtime.reports import Chore, ChoreKind, Finished
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.cli.aside")
 """Command line that starts a process for such work."""

@@ -17,14 +17,14 @@ from madrob_console.cli import options
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.config import Settings
-from madrob_console.engine import wire
-from madrob_console.engine.discovery import ask, find_engine, running_engines
-from madrob_console.engine.engine_lock import Owned, no_state, owned_by, state_folder, this_user
+from madrob_console.engine.ipc import wire
+from madrob_console.engine.ipc.discovery import ask, find_engine, running_engines
+from madrob_console.engine.ipc.engine_lock import Owned, no_state, owned_by, state_folder, this_user
 from madrob_console.engine.requests import Role
 from madrob_console.testbeds.ros_domain import domain_id
 
 if TYPE_CHECKING:
-    from madrob_console.engine.client import RemoteEngine
+    from madrob_console.engine.ipc.client import RemoteEngine
 
 STARTING_TIME = 30.0
 """Timeout for an engine to appear after its start, s."""
@@ -73,7 +73,7 @@ def attach(
     arguments: argparse.Namespace, settings: Settings, role: Role, *, may_start: bool = True
 ) -> RemoteEngine:
     """Attach to the engine; a referee's console may start it where none runs."""
-    from madrob_console.engine.client import NotYetError
+    from madrob_console.engine.ipc.client import NotYetError
 
     owned = owned_testbed(arguments, settings)
     process: subprocess.Popen[bytes] | None = None
@@ -115,7 +115,7 @@ def demand_engine(arguments: argparse.Namespace, settings: Settings) -> None:
 
 
 def _running(owned: Owned, role: Role) -> RemoteEngine | None:
-    from madrob_console.engine.client import RemoteEngine
+    from madrob_console.engine.ipc.client import RemoteEngine
 
     try:
         return RemoteEngine(owned.stem, role, who_am_i())

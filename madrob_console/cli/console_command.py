@@ -18,8 +18,8 @@ from scoring.imports import imports_kept
 if TYPE_CHECKING:
     from madrob_console.config import Settings
     from madrob_console.config.tables import ConsoleSettings
+    from madrob_console.engine.ipc.wire import EngineClient
     from madrob_console.engine.requests import Role
-    from madrob_console.engine.wire import EngineClient
     from madrob_console.ui.link import ConsoleDefaults
 
 _KEYS = "F1 lists the keys, ^P finds every command."
@@ -154,8 +154,8 @@ def _check_replay(arguments: argparse.Namespace) -> float | None:
     named: str | None = getattr(arguments, "at", None)  # a spectator sees what the referee does
     if named is None and RECORD_NAME in Bag(path).records:
         return None
-    from madrob_console.engine.replay import Replay
     from madrob_console.engine.requests import JumpTo
+    from madrob_console.engine.runtime.replay import Replay
     from madrob_console.messages.message_types import MessageTypes
 
     replay = Replay(path, MessageTypes())

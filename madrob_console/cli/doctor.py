@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from madrob_console.cli.doctor_ros import Finding, Severity, look_at_ros, overheard
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted, format_size, listed
-from madrob_console.engine.engine_lock import no_state, state_folder
+from madrob_console.engine.ipc.engine_lock import no_state, state_folder
 from madrob_console.referee.competition_plan import PlanSource, plan_remarks
 from madrob_console.referee.evidence_account import EvidenceTopic
 from madrob_console.referee.lists import TeamSource

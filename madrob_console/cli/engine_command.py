@@ -19,8 +19,8 @@ from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from madrob_console.config import Settings
-    from madrob_console.engine.core import Engine
-    from madrob_console.engine.reports import Reporting
+    from madrob_console.engine.runtime.reports import Reporting
+    from madrob_console.engine.runtime.testbed_engine import Engine
     from madrob_console.referee.competition_plan import PlanSource
     from madrob_console.referee.lists import TeamSource
 
@@ -103,9 +103,9 @@ def _serve(arguments: argparse.Namespace) -> int:
 
     from madrob_console.cli.attaching import TAKEN, owned_testbed
     from madrob_console.cli.running_engines import owning, run_words
-    from madrob_console.engine import wire
-    from madrob_console.engine.engine_lock import HeldError
-    from madrob_console.engine.service import ServiceManager, keep_told
+    from madrob_console.engine.ipc import wire
+    from madrob_console.engine.ipc.engine_lock import HeldError
+    from madrob_console.engine.ipc.service import ServiceManager, keep_told
 
     manager = ServiceManager(os.environ)
     settings = options.settings_of(arguments)
@@ -119,10 +119,10 @@ def _serve(arguments: argparse.Namespace) -> int:
         server, known, holding = owns
         with imports_kept():
             from madrob_console.cli.session import open_engine, reporting_of
-            from madrob_console.engine.engine_thread import LocalEngine
-            from madrob_console.engine.scoring_process import ScoringProcess
-            from madrob_console.engine.service import FallenThreads, begin_abort_over_ros
-            from madrob_console.engine.supervisor import Supervisor
+            from madrob_console.engine.ipc.service import FallenThreads, begin_abort_over_ros
+            from madrob_console.engine.runtime.engine_thread import LocalEngine
+            from madrob_console.engine.runtime.scoring_process import ScoringProcess
+            from madrob_console.engine.runtime.supervisor import Supervisor
 
         fallen = FallenThreads()
         threading.excepthook = fallen.note
@@ -171,12 +171,12 @@ engine = MadrobCommand(
 def _follow_lists(
     teams: TeamSource, plan: PlanSource, engine: Engine, reporting: Reporting, stack: ExitStack
 ) -> None:
-    from madrob_console.engine.engine_thread import ListWatch, follow_lists
+    from madrob_console.engine.runtime.list_watch import ListWatch, follow_lists
 
     changed = reporting.publish
     lists = (
-        ListWatch(teams.file, teams.read, engine.hear_of_teams, changed),
-        ListWatch(plan.file, plan.read, engine.hear_of_plan, changed),
+        ListWatch(teams.file, teams.read, engine.set_teams, changed),
+        ListWatch(plan.file, plan.read, engine.set_plan, changed),
     )
     stack.callback(follow_lists(lists))
 

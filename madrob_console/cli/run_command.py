@@ -18,7 +18,7 @@ from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
     from madrob_console.config import Settings
-    from madrob_console.engine.core import Engine
+    from madrob_console.engine.runtime.testbed_engine import Engine
     from madrob_console.referee.competition_plan import Plan, Task
     from madrob_console.referee.lists import TeamList
     from madrob_console.referee.records import RunSetup
@@ -126,8 +126,8 @@ def run(arguments: argparse.Namespace) -> int:
             reporting_of,
         )
         from madrob_console.common.version import software_version
+        from madrob_console.engine.runtime.supervisor import Supervisor
         from madrob_console.engine.snapshot import label_of
-        from madrob_console.engine.supervisor import Supervisor
 
     settings = options.settings_of(arguments)
     owned = owned_testbed(arguments, settings)
@@ -139,8 +139,8 @@ def run(arguments: argparse.Namespace) -> int:
     engine = open_engine(arguments, settings)
     teams = options.team_list(arguments, settings)
     plan = options.plan_list(arguments, settings)
-    engine.hear_of_teams(teams)
-    engine.hear_of_plan(plan)
+    engine.set_teams(teams)
+    engine.set_plan(plan)
     reports = settings.results.reports and not arguments.no_report
     reporting = None
     if reports or settings.results.publish or settings.results.command_words:

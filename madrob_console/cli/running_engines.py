@@ -18,8 +18,8 @@ from madrob_console.cli.output import BAD_INPUT, complain, print_json, says_yes
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import RELEASE
-from madrob_console.engine import wire
-from madrob_console.engine.discovery import (
+from madrob_console.engine.ipc import wire
+from madrob_console.engine.ipc.discovery import (
     FoundEngine,
     Holding,
     ask,
@@ -29,13 +29,13 @@ from madrob_console.engine.discovery import (
     running_engines,
     send_signals,
 )
-from madrob_console.engine.engine_lock import Owned
-from madrob_console.engine.wire import WhoAnswer
+from madrob_console.engine.ipc.engine_lock import Owned
+from madrob_console.engine.ipc.wire import WhoAnswer
 from madrob_console.referee.run import Phase
 from madrob_console.ui.look.words import PHASES
 
 if TYPE_CHECKING:
-    from madrob_console.engine.server import EngineServer
+    from madrob_console.engine.ipc.server import EngineServer
     from madrob_console.engine.snapshot import Snapshot
 
 ENDING_TIME = 30.0
@@ -218,7 +218,7 @@ def owning(
         HeldError: another engine has some of it.
     """
     with held(owned) as holding:
-        from madrob_console.engine.server import STARTING, EngineServer
+        from madrob_console.engine.ipc.server import STARTING, EngineServer
 
         for remark in holding.remarks:
             complain(remark)

@@ -23,14 +23,14 @@ from madrob_console.common.clock import Clock, SimulationClock, SystemClock, Vir
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.config import Settings
-from madrob_console.engine.core import Engine
-from madrob_console.engine.disk import DiskThreads
-from madrob_console.engine.engine_config import EngineConfig
-from madrob_console.engine.evidence_client import EvidenceClient, EvidencePlan
-from madrob_console.engine.replay import Replay
-from madrob_console.engine.reports import Reporting, WantedPages
-from madrob_console.engine.run_recorder import EventLog
-from madrob_console.engine.scorer import Scorer
+from madrob_console.engine.core.engine_config import EngineConfig, EvidencePlan
+from madrob_console.engine.core.event_log import EventLog
+from madrob_console.engine.runtime.disk import DiskThreads
+from madrob_console.engine.runtime.evidence_client import EvidenceClient
+from madrob_console.engine.runtime.replay import Replay
+from madrob_console.engine.runtime.reports import Reporting, WantedPages
+from madrob_console.engine.runtime.scorer import Scorer
+from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.messages.codec import ROBOT_STARTED_TOPIC, referee_topics
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (
@@ -149,8 +149,8 @@ def _evidence_client(
 ) -> EvidenceClient | None:
     if not settings.recording.topics:
         return None
-    from madrob_console.engine.evidence_process import EvidenceProcess
-    from madrob_console.engine.evidence_status import ListenFor
+    from madrob_console.engine.runtime.evidence_process import EvidenceProcess
+    from madrob_console.engine.runtime.evidence_status import ListenFor
 
     observe = ListenFor(
         domain_id(options.ros_domain(arguments, settings), os.environ),

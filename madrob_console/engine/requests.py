@@ -1,7 +1,7 @@
 """What a screen may ask of the engine: one class a request; playback and curves in it.
 
 It says what it carries, the type of its answer, how long it may take and whether it needs the
-right to act. Socket and thread pass it on unread; it is carried out in `engine/engine_thread.py`.
+right to act. Socket and thread pass it on unread; `engine/runtime/engine_thread.py` carries it out.
 What moves a replay stands below.
 """
 

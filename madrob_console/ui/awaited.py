@@ -8,8 +8,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from madrob_console.common.errors import MadrobError
+from madrob_console.engine.ipc.wire import UnsureError
 from madrob_console.engine.requests import Perform
-from madrob_console.engine.wire import UnsureError
 from madrob_console.referee.acts import Abort
 from madrob_console.ui.cells.lines import Tone
 

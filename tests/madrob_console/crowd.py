@@ -16,8 +16,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from madrob_console.engine import wire
-from madrob_console.engine.engine_lock import connect_to
+from madrob_console.engine.ipc import wire
+from madrob_console.engine.ipc.engine_lock import connect_to
 from madrob_console.engine.requests import NextRunNumber, Role
 
 ROOT = Path(__file__).parents[2]

@@ -19,8 +19,8 @@ from typing import Any, Self
 
 import msgspec
 
-from madrob_console.engine.client import NotYetError, RemoteEngine
-from madrob_console.engine.discovery import running_engines
+from madrob_console.engine.ipc.client import NotYetError, RemoteEngine
+from madrob_console.engine.ipc.discovery import running_engines
 from madrob_console.engine.requests import Perform, Role
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle

@@ -33,7 +33,7 @@ from madrob_console.cli.doctor_ros import (
     overheard,
 )
 from madrob_console.cli.output import BAD_INPUT
-from madrob_console.engine.engine_lock import state_folder
+from madrob_console.engine.ipc.engine_lock import state_folder
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, ROBOT_STARTED_TOPIC
 from madrob_console.referee.competition_plan import PlanSource
 from madrob_console.referee.lists import TeamSource

@@ -65,7 +65,7 @@ def test_its_run_goes_through_all_that_an_official_one_does(hall: Drive, home: P
     runs = History(home / "runs_rehearsal").refresh()
     assert plan_progress(plan, runs, NAMED).left == 1
     assert [run.official for run in runs] == [True]
-    engine.hear_of_teams(TeamList({4: "Ghent"}))
+    engine.set_teams(TeamList({4: "Ghent"}))
     hall.prepare(replace(make_setup(run_number=2), team_reason="a guest"))
     assert "3 is not in the list" in hall.check(CheckName.TEAM)
     assert not engine.snapshot().practice

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from madrob_console.engine.core import Engine
-from madrob_console.engine.engine_config import EngineConfig
-from madrob_console.engine.replay import Replay
+from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.engine.requests import PlaybackCommand, PlaybackView, PlayOrPause, SetSpeed
+from madrob_console.engine.runtime.replay import Replay
+from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes

@@ -10,10 +10,10 @@ from random import Random
 from madrob_console.archive.scored import Scored, score_opened
 from madrob_console.common.clock import Clock, VirtualClock
 from madrob_console.common.names import SourceKind
-from madrob_console.engine.core import Engine
-from madrob_console.engine.disk import DiskThreads
-from madrob_console.engine.engine_config import EngineConfig
-from madrob_console.engine.scorer import Scorer
+from madrob_console.engine.core.engine_config import EngineConfig
+from madrob_console.engine.runtime.disk import DiskThreads
+from madrob_console.engine.runtime.scorer import Scorer
+from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.messages.message_types import MessageTypes

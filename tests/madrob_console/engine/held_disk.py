@@ -7,7 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
 
-from madrob_console.engine.disk import DiskJobs, DiskThreads
+from madrob_console.engine.runtime.disk import DiskJobs, DiskThreads
 
 T = TypeVar("T")
 

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from madrob_console.cli import aside
-from madrob_console.engine.reports import EVERY_REPORT, Reporting, WantedPages
-from madrob_console.engine.supervisor import Supervisor
+from madrob_console.engine.runtime.reports import EVERY_REPORT, Reporting, WantedPages
+from madrob_console.engine.runtime.supervisor import Supervisor
 from tests.watching import until
 
 SHORT_PAUSE = 0.2  # s

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TypeVar
 
 from madrob_console.archive import score
-from madrob_console.engine.disk import DiskThreads
-from madrob_console.engine.scoring_process import ScoringProcess
-from madrob_console.engine.supervisor import Supervisor
+from madrob_console.engine.runtime.disk import DiskThreads
+from madrob_console.engine.runtime.scoring_process import ScoringProcess
+from madrob_console.engine.runtime.supervisor import Supervisor
 from madrob_console.referee.acts import Act
 from madrob_console.testbeds.simulated import Scenario
 from tests.madrob_console.engine.drive import Drive

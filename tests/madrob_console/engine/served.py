@@ -8,18 +8,18 @@ from pathlib import Path
 
 from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine import wire
-from madrob_console.engine.client import RemoteEngine
-from madrob_console.engine.core import Engine
-from madrob_console.engine.disk import DiskThreads
-from madrob_console.engine.engine_config import EngineConfig
-from madrob_console.engine.engine_lock import connect_to, listen_as
-from madrob_console.engine.engine_thread import LocalEngine
-from madrob_console.engine.reports import Reporting
+from madrob_console.engine.core.engine_config import EngineConfig
+from madrob_console.engine.ipc import wire
+from madrob_console.engine.ipc.client import RemoteEngine
+from madrob_console.engine.ipc.engine_lock import connect_to, listen_as
+from madrob_console.engine.ipc.server import EngineServer
+from madrob_console.engine.ipc.wire import EngineClient, WhoAnswer
 from madrob_console.engine.requests import Perform, Role
-from madrob_console.engine.scorer import Scorer
-from madrob_console.engine.server import EngineServer
-from madrob_console.engine.wire import EngineClient, WhoAnswer
+from madrob_console.engine.runtime.disk import DiskThreads
+from madrob_console.engine.runtime.engine_thread import LocalEngine
+from madrob_console.engine.runtime.reports import Reporting
+from madrob_console.engine.runtime.scorer import Scorer
+from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle

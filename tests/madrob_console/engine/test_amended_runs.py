@@ -23,9 +23,9 @@ from madrob_console.archive.repair import repair
 from madrob_console.archive.result_document import result_schema
 from madrob_console.archive.run_journal import read_run_journal
 from madrob_console.archive.scored import score_run
-from madrob_console.engine import journal_writer
-from madrob_console.engine.disk import DiskThreads
+from madrob_console.engine.core import run_lines
 from madrob_console.engine.requests import JumpTo
+from madrob_console.engine.runtime.disk import DiskThreads
 from madrob_console.pages.competition import competition_standings
 from madrob_console.pages.templates import render
 from madrob_console.referee.acts import (
@@ -180,7 +180,7 @@ def test_a_corrected_starting_side_is_scored_again_and_comes_back_to_the_last_di
 
 
 def test_a_corrected_subject_is_of_that_team_with_a_number_of_its_own(desk: Desk) -> None:
-    desk.engine.hear_of_teams(TeamList({3: "Delft", 4: "Graz"}))
+    desk.engine.set_teams(TeamList({3: "Delft", 4: "Graz"}))
     desk.act(Correct(4, PULL, "typed wrongly"))
     assert (desk.listed.subject, desk.listed.team, desk.listed.run_number) == (4, "Graz", 1)
     assert next_run_number(desk.results, 4, 1, practice=True) == 2
@@ -342,7 +342,7 @@ def test_a_full_journal_takes_what_ends_the_run_and_can_be_read(
 ) -> None:
     drive = Drive(tmp_path, Scenario.TOUCH_ONLY)
     drive.start(make_setup(timeout=4.0))
-    monkeypatch.setattr(journal_writer, limit, 2)
+    monkeypatch.setattr(run_lines, limit, 2)
     full = "the journal of this run is full"
     assert full in str(drive.engine.perform(AddNote("a visitor")))
     drive.finish()

@@ -11,7 +11,8 @@ import pytest
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import whole_file
-from madrob_console.engine.disk import ENDED, FULL, DiskThread, RepeatedReading, why_not
+from madrob_console.engine.runtime.disk import ENDED, FULL, DiskThread, why_not
+from madrob_console.engine.runtime.disk_watch import RepeatedReading
 from tests.watching import PATIENCE, until
 
 

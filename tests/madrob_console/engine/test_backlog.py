@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from madrob_console.common.clock import NS
-from madrob_console.engine.observation import CAPACITY, LATEST, Backlog
+from madrob_console.engine.runtime.backlog import CAPACITY, LATEST, Backlog
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.acts import Abort, DeclareTimeout, Start
 from madrob_console.referee.run import Phase

@@ -13,9 +13,8 @@ from typing import Any
 import pytest
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine import wire
-from madrob_console.engine.core import Engine
-from madrob_console.engine.engine_thread import LocalEngine
+from madrob_console.engine.ipc import wire
+from madrob_console.engine.ipc.wire import EngineClient
 from madrob_console.engine.requests import (
     NO_ANSWER,
     NO_REPLAY,
@@ -36,7 +35,8 @@ from madrob_console.engine.requests import (
     Slower,
     TakeOver,
 )
-from madrob_console.engine.wire import EngineClient
+from madrob_console.engine.runtime.engine_thread import LocalEngine
+from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.referee.acts import Abort, SetUp, Start
 from madrob_console.referee.competition_plan import (
     Attempts,
@@ -101,7 +101,7 @@ def test_the_plan_and_what_is_done_of_it_come_from_the_engine(
 ) -> None:
     assert client.send_request(GivePlan()) == PlanProgress()
     task = Task(3, 1)
-    engine.hear_of_plan(Plan((PlanLine(task, 2),), ("plan.csv line 2: no",), "plan.csv"))
+    engine.set_plan(Plan((PlanLine(task, 2),), ("plan.csv line 2: no",), "plan.csv"))
     until(lambda: client.snapshot().plan.lines)
     assert client.snapshot().plan.problems == ("plan.csv line 2: no",)
     for run_number, competition in ((1, ""), (2, "Spring Cup")):
@@ -192,7 +192,7 @@ def test_one_that_waits_does_not_hold_up_the_others(
         assert go_on.wait(30.0)
         raise MadrobError("its bag is gone")
 
-    monkeypatch.setattr("madrob_console.engine.scorer.open_run", reads)
+    monkeypatch.setattr("madrob_console.engine.runtime.scorer.open_run", reads)
     with ThreadPoolExecutor() as pool:
         opening = pool.submit(client.send_request, EXAMPLES[2])
         assert reading.wait(30.0)

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from madrob_console.archive import score
 from madrob_console.common.clock import NS, SimulationClock, SystemClock
-from madrob_console.engine.core import Engine
-from madrob_console.engine.engine_config import EngineConfig
+from madrob_console.engine.core.engine_config import EngineConfig
+from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping, describe_topic
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, Start, Waive

@@ -21,16 +21,16 @@ from madrob_console.cli.doctor_ros import Severity
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
-from madrob_console.engine import discovery, engine_lock, wire
-from madrob_console.engine.client import RemoteEngine
-from madrob_console.engine.discovery import (
+from madrob_console.engine.ipc import discovery, engine_lock, wire
+from madrob_console.engine.ipc.client import RemoteEngine
+from madrob_console.engine.ipc.discovery import (
     ask,
     find_engine,
     held,
     process_of,
     running_engines,
 )
-from madrob_console.engine.engine_lock import (
+from madrob_console.engine.ipc.engine_lock import (
     LOCK_FILE,
     HeldError,
     Holder,
@@ -42,9 +42,9 @@ from madrob_console.engine.engine_lock import (
     owned_by,
     state_folder,
 )
+from madrob_console.engine.ipc.server import EngineServer
+from madrob_console.engine.ipc.wire import Rejected, Who, WhoAnswer
 from madrob_console.engine.requests import Role
-from madrob_console.engine.server import EngineServer
-from madrob_console.engine.wire import Rejected, Who, WhoAnswer
 from tests.madrob_console.stranger import open_folder, said_by_stranger, stranger
 
 KNOWN = WhoAnswer("0.1.0", 5, "SIMULATED nominal")
@@ -259,8 +259,8 @@ import sys
 from pathlib import Path
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
-from madrob_console.engine.discovery import held
-from madrob_console.engine.engine_lock import owned_by
+from madrob_console.engine.ipc.discovery import held
+from madrob_console.engine.ipc.engine_lock import owned_by
 """
 HOLDS = """
 os.environ["XDG_STATE_HOME"] = sys.argv[1]

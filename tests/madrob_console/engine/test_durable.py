@@ -14,7 +14,7 @@ from madrob_console.archive.check import check_run
 from madrob_console.archive.folders import JOURNAL_FILE, RunPath
 from madrob_console.archive.run_journal import find_unfinished
 from madrob_console.archive.scored import score_opened
-from madrob_console.engine.durable_acts import DURABLE_WITHIN
+from madrob_console.engine.core.acting import DURABLE_WITHIN
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC, decode_text
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (

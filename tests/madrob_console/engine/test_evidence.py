@@ -18,22 +18,20 @@ from msgspec import structs
 
 from madrob_console.archive.evidence import settled_account
 from madrob_console.cli.repairing import repair_all
-from madrob_console.engine.core import DISK_WAITS, Engine
-from madrob_console.engine.engine_config import STEADY_FOR
-from madrob_console.engine.evidence_client import (
-    EvidenceClient,
-    EvidencePlace,
-    EvidencePlan,
-)
-from madrob_console.engine.evidence_status import (
+from madrob_console.engine.core.engine_config import EvidencePlan
+from madrob_console.engine.core.engine_core import DISK_WAITS
+from madrob_console.engine.runtime.evidence_client import EvidenceClient, EvidencePlace
+from madrob_console.engine.runtime.evidence_room import STEADY_FOR
+from madrob_console.engine.runtime.evidence_status import (
     COMES_BACK,
     EvidenceNews,
     EvidenceRecording,
     RecordInto,
     status_of,
 )
-from madrob_console.engine.evidence_worker import QUEUE_BYTES, EvidenceFile
-from madrob_console.engine.journal_writer import Recording
+from madrob_console.engine.runtime.evidence_worker import QUEUE_BYTES, EvidenceFile
+from madrob_console.engine.runtime.recording import Recording
+from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.engine.snapshot import EvidenceView
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Start, Waive

@@ -18,10 +18,10 @@ from rosbags.highlevel import AnyReader
 
 from madrob_console.archive.evidence import repair_evidence, settled_account
 from madrob_console.common.clock import NS
-from madrob_console.engine.evidence_client import EvidencePlace
-from madrob_console.engine.evidence_process import COMMAND, EvidenceProcess
-from madrob_console.engine.evidence_status import ListenFor
-from madrob_console.engine.supervisor import Supervisor
+from madrob_console.engine.runtime.evidence_client import EvidencePlace
+from madrob_console.engine.runtime.evidence_process import COMMAND, EvidenceProcess
+from madrob_console.engine.runtime.evidence_status import ListenFor
+from madrob_console.engine.runtime.supervisor import Supervisor
 from madrob_console.referee.evidence_account import (
     EvidenceAccount,
     EvidenceLoss,
@@ -167,7 +167,7 @@ AILING = (
     "-c",
     """
 import signal
-from madrob_console.engine.evidence_worker import main
+from madrob_console.engine.runtime.evidence_worker import main
 
 def turn_in_circles(*_):
     while True:
@@ -272,7 +272,7 @@ WITHOUT_POSES = (
     """
 import sys
 sys.modules["geometry_msgs"] = None  # as if it were not installed
-from madrob_console.engine.evidence_worker import main
+from madrob_console.engine.runtime.evidence_worker import main
 main()
 """,
 )

@@ -15,8 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import structs
 
-from madrob_console.engine.observation import FLICKERS, MOST_NOTED
-from madrob_console.engine.run_faults import RunFaults
+from madrob_console.engine.core.run_faults import RunFaults
+from madrob_console.engine.core.run_tracker import FLICKERS, MOST_NOTED
 from madrob_console.messages.message_types import Message
 from madrob_console.referee.acts import SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.flags import FlagKind, FlagWeight, undecided, weighty, worst

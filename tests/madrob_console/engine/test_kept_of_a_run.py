@@ -15,12 +15,12 @@ from types import FrameType
 import pytest
 
 from madrob_console.archive import score
-from madrob_console.engine.core import Engine
-from madrob_console.engine.engine_config import EngineConfig
-from madrob_console.engine.engine_thread import LocalEngine
-from madrob_console.engine.replay import Replay
+from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.engine.requests import NextRunNumber, OpenRun
-from madrob_console.engine.scoring_process import ScoringProcess
+from madrob_console.engine.runtime.engine_thread import LocalEngine
+from madrob_console.engine.runtime.replay import Replay
+from madrob_console.engine.runtime.scoring_process import ScoringProcess
+from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (

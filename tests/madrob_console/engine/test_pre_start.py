@@ -114,7 +114,9 @@ def test_a_disk_that_says_nothing_is_no_recorder_that_is_ready(tmp_path: Path) -
 def test_a_disk_with_too_little_room_is_a_fault_as_long_as_nobody_waived_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("madrob_console.engine.start_checks.free_space", lambda _root: 2_200_000)
+    monkeypatch.setattr(
+        "madrob_console.engine.runtime.disk_watch.free_space", lambda _root: 2_200_000
+    )
     drive = Drive(tmp_path, disk_needed=5_000_000)
     drive.wait(LOOKED)
     said = "make room on the disk: 2.2 MB free, 5.0 MB needed"

@@ -16,7 +16,7 @@ from madrob_console.archive.history import History
 from madrob_console.cli.session import UnattendedRun
 from madrob_console.common.errors import MadrobError
 from madrob_console.config import Settings
-from madrob_console.engine.engine_thread import ListWatch, follow_lists
+from madrob_console.engine.runtime.list_watch import ListWatch, follow_lists
 from madrob_console.pages.tally import overall
 from madrob_console.referee.acts import SetUp, Start, Waive
 from madrob_console.referee.checks import CheckState
@@ -107,7 +107,7 @@ def test_the_engine_takes_no_name_beside_the_list_without_a_reason(hall: Rehears
     setup = make_setup()
     hall.act(SetUp(setup))  # no list: names are free
     teams = TeamList({setup.subject: "Delft Walkers"})
-    hall.engine.hear_of_teams(teams)
+    hall.engine.set_teams(teams)
     assert hall.engine.snapshot().teams == teams
     refused = str(hall.engine.perform(SetUp(setup)))
     assert "'Delft Walkers' in the list of teams: another name needs a reason" in refused
@@ -120,7 +120,7 @@ def test_the_engine_takes_no_name_beside_the_list_without_a_reason(hall: Rehears
 def test_the_reason_for_another_name_stands_with_the_run(drive: Drive, tmp_path: Path) -> None:
     setup = replace(make_setup(timeout=1.0), team="Runners", team_reason=REASON)
     listed = {setup.subject: "Delft Walkers"}
-    drive.engine.hear_of_teams(TeamList(listed))
+    drive.engine.set_teams(TeamList(listed))
     drive.whole_run(setup)
     drive.engine.close()
     first, *_ = read_journal(drive.folder / "journal.jsonl")[0]
@@ -157,7 +157,7 @@ NINE = replace(make_setup(timeout=1.0), subject=9, team="")
 def test_an_official_run_of_nobody_or_out_of_plan_starts_only_waived(
     hall: Rehearsal, setup: RunSetup, words: str
 ) -> None:
-    hall.engine.hear_of_teams(TeamList({3: "Delft Walkers"}))
+    hall.engine.set_teams(TeamList({3: "Delft Walkers"}))
     hall.prepare(setup)
     assert hall.engine.perform(Start()) == words
     hall.act(Waive(CheckName.TEAM, "a guest"))
@@ -177,7 +177,7 @@ def test_a_line_of_the_plan_that_cannot_be_used_blocks_its_team_until_mended(
 
     def start(subject: int, lines: str, *, practice: bool = False) -> str | None:
         file.write_text(lines)
-        drive.engine.hear_of_plan(PlanSource(file=file).read())
+        drive.engine.set_plan(PlanSource(file=file).read())
         drive.prepare(replace(make_setup(), subject=subject, practice=practice))
         return Start.impossible(drive.engine.situation())
 
@@ -221,7 +221,7 @@ def test_a_run_without_screens_waits_for_no_team_and_takes_the_waiver(
     hall: Rehearsal, monkeypatch: pytest.MonkeyPatch, waive: str | None
 ) -> None:
     monkeypatch.setattr(hall.engine, "open", lambda: None)  # it is open
-    hall.engine.hear_of_teams(TeamList({3: "Delft Walkers"}))
+    hall.engine.set_teams(TeamList({3: "Delft Walkers"}))
     run, began = UnattendedRun(hall.engine, None), hall.engine.now()
     go = partial(run.go, lambda simulated: NINE, 20.0, waive)
     if waive is None:
@@ -237,7 +237,7 @@ def test_the_list_counts_as_it_is_now_and_practice_needs_no_team(hall: Rehearsal
     hall.prepare(NINE)
     assert team_check(hall) is None  # a competition without a list
     for teams, blocks in ((without, True), (having, False), (without, True)):
-        hall.engine.hear_of_teams(teams)
+        hall.engine.set_teams(teams)
         assert (team_check(hall) is not None) is blocks
     hall.prepare(replace(NINE, practice=True))
     assert team_check(hall) is None

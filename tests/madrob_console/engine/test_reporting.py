@@ -20,12 +20,12 @@ from madrob_console.archive.run_pictures import renewed_pictures, run_pictures
 from madrob_console.archive.scored import score_opened
 from madrob_console.cli.main import main
 from madrob_console.common.version import software_version
-from madrob_console.engine import server
-from madrob_console.engine.engine_thread import LocalEngine
-from madrob_console.engine.reports import WantedPages
+from madrob_console.engine.ipc import server
+from madrob_console.engine.ipc.server import AGAIN, LogOnce
+from madrob_console.engine.ipc.service import FallenThreads
 from madrob_console.engine.requests import ExportTeam, OpenRun, Role
-from madrob_console.engine.server import AGAIN, LogOnce
-from madrob_console.engine.service import FallenThreads
+from madrob_console.engine.runtime.engine_thread import LocalEngine
+from madrob_console.engine.runtime.reports import WantedPages
 from madrob_console.engine.snapshot import ExportView, Snapshot
 from madrob_console.pages.report import report_html
 from madrob_console.pages.surroundings import Surroundings

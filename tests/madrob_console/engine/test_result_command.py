@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.engine.reports import WantedPages
+from madrob_console.engine.runtime.reports import WantedPages
 from tests.madrob_console.engine.reporting import reporting_on, told_of
 from tests.madrob_console.engine.scored_elsewhere import alive, children_of
 from tests.madrob_console.recorded_runs import completed

@@ -18,10 +18,11 @@ from msgspec import structs
 
 from madrob_console.archive import score
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine import scoring_process, supervisor
-from madrob_console.engine.disk import DiskThreads
-from madrob_console.engine.scorer import RenderedResult, Scorer, ToScore
-from madrob_console.engine.scoring_process import ScoringProcess
+from madrob_console.engine.core.scored_run import RenderedResult, ToScore
+from madrob_console.engine.runtime import scoring_process, supervisor
+from madrob_console.engine.runtime.disk import DiskThreads
+from madrob_console.engine.runtime.scorer import Scorer
+from madrob_console.engine.runtime.scoring_process import ScoringProcess
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.referee.acts import (
     Abort,
@@ -220,7 +221,7 @@ def test_a_run_of_three_hours_makes_nobody_wait_for_its_scoring(
     until(ready)
     drive.act(Start())
     drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
-    course, start = drive.engine._observation.course, drive.engine.run.start
+    course, start = drive.engine._core.observation.tracker, drive.engine.run.start
     assert course is not None
     assert start is not None
     for number in range(int(hours * 3600 * rate)):
@@ -315,7 +316,7 @@ def ailing(
         "import pathlib, resource, runpy, socket, sys, time\n"
         f"if pathlib.Path({str(mark)!r}).exists():\n"
         f"    {ill}\n"
-        "runpy.run_module('madrob_console.engine.scoring_worker', run_name='__main__')\n"
+        "runpy.run_module('madrob_console.engine.runtime.scoring_worker', run_name='__main__')\n"
     )
     with kept_running(ScoringProcess((sys.executable, "-c", program))) as scorer:
         drive = Referee(tmp_path / "runs", scorer, Scenario.NO_TOUCH)

@@ -17,12 +17,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine import client as screens
-from madrob_console.engine import wire
-from madrob_console.engine.client import snapshot_of
-from madrob_console.engine.core import Engine
-from madrob_console.engine.engine_config import EngineConfig
-from madrob_console.engine.replay import Replay
+from madrob_console.engine.core.engine_config import EngineConfig
+from madrob_console.engine.ipc import client as screens
+from madrob_console.engine.ipc import wire
+from madrob_console.engine.ipc.client import snapshot_of
+from madrob_console.engine.ipc.server import MOST_UNDER_WAY, TOO_MANY
 from madrob_console.engine.requests import (
     ExportTeam,
     JumpTo,
@@ -33,7 +32,8 @@ from madrob_console.engine.requests import (
     SetSpeed,
     TakeOver,
 )
-from madrob_console.engine.server import MOST_UNDER_WAY, TOO_MANY
+from madrob_console.engine.runtime.replay import Replay
+from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.engine.snapshot import Pulse, RightToAct
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
@@ -274,7 +274,7 @@ def test_no_number_of_requests_of_a_screen_holds_up_its_abort(
         assert go_on.wait(30.0)
         return 1
 
-    monkeypatch.setattr("madrob_console.engine.core.next_run_number", hangs)
+    monkeypatch.setattr("madrob_console.engine.runtime.testbed_engine.next_run_number", hangs)
     with closing(served.attach()) as client:
         start(client)
         asked = [client.begin_request(NextRunNumber(3, 1)) for _ in range(MOST_UNDER_WAY + 5)]

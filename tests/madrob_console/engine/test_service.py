@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.service import (
+from madrob_console.engine.ipc.service import (
     HANGING,
     ServiceManager,
     keep_told,

@@ -11,7 +11,7 @@ from contextlib import closing
 import msgspec
 import pytest
 
-from madrob_console.engine.supervisor import Supervisor, Worker
+from madrob_console.engine.runtime.supervisor import Supervisor, Worker
 from tests.madrob_console.engine.scored_elsewhere import alive
 from tests.watching import until
 

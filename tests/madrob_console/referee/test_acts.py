@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted, format_size, format_span, listed
-from madrob_console.engine.run_recorder import EventLog
+from madrob_console.engine.core.event_log import EventLog
 from madrob_console.engine.snapshot import Weight
 from madrob_console.referee import acts
 from madrob_console.referee.acts import (

@@ -18,6 +18,8 @@ from typing import Any, cast
 from madrob_console.archive.run_journal import Unfinished
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
+from madrob_console.engine.core.sensors import RecentReadings
+from madrob_console.engine.core.state_view import NO_STEPS, elapsed, remaining
 from madrob_console.engine.requests import (
     Curve,
     Curves,
@@ -35,7 +37,6 @@ from madrob_console.engine.requests import (
     T,
     TakeOver,
 )
-from madrob_console.engine.sensors import RecentReadings
 from madrob_console.engine.snapshot import (
     DoorView,
     ExportView,
@@ -50,7 +51,6 @@ from madrob_console.engine.snapshot import (
     TopicView,
     Weight,
 )
-from madrob_console.engine.view import NO_STEPS, elapsed, remaining
 from madrob_console.referee.acts import (
     Act,
     ConfirmPose,

@@ -16,9 +16,9 @@ from madrob_console.archive.run_journal import Unfinished
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import ThemeName
 from madrob_console.config.tables import ConsoleSettings
+from madrob_console.engine.ipc.wire import EngineClient, UnsureError
 from madrob_console.engine.requests import UNSURE, PlaybackCommand, Role, TakeOver
 from madrob_console.engine.snapshot import Pulse, RightToAct
-from madrob_console.engine.wire import EngineClient, UnsureError
 from madrob_console.referee.acts import Abort, DeclareTimeout
 from madrob_console.referee.acts.act import NO_REASON
 from madrob_console.referee.lists import TeamList

@@ -22,11 +22,11 @@ from textual import events
 from madrob_console.archive.history import History
 from madrob_console.archive.run_journal import Unfinished
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.disk import PriorityQueue
-from madrob_console.engine.engine_thread import LocalEngine
+from madrob_console.engine.ipc.wire import EngineClient
+from madrob_console.engine.priority_queue import PriorityQueue
 from madrob_console.engine.requests import Request, T, TakeOver
+from madrob_console.engine.runtime.engine_thread import LocalEngine
 from madrob_console.engine.snapshot import RightToAct, Snapshot
-from madrob_console.engine.wire import EngineClient
 from madrob_console.referee import run as runs
 from madrob_console.referee.acts import Abort, Start
 from madrob_console.ui.app import MadrobApp

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine import wire
+from madrob_console.engine.ipc import wire
 from madrob_console.engine.requests import Role
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
@@ -111,7 +111,9 @@ def test_other_terminals_are_not(term: str) -> None:
 
 
 @pytest.mark.machine
-@pytest.mark.parametrize("module", ["madrob_console.ui.terminal", "madrob_console.engine.client"])
+@pytest.mark.parametrize(
+    "module", ["madrob_console.ui.terminal", "madrob_console.engine.ipc.client"]
+)
 def test_the_screens_import_nothing_slow(module: str) -> None:
     slow = {"scipy", "pandas", "rclpy", "numpy", "rosbags"}
     code = f"import sys, {module};print(*{{m.partition('.')[0] for m in sys.modules}} & {slow})"

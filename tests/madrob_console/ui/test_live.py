@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from madrob_console.common.names import SourceKind
+from madrob_console.engine.core.state_view import NO_STEPS
 from madrob_console.engine.snapshot import (
     EvidenceView,
     Pulse,
@@ -17,7 +18,6 @@ from madrob_console.engine.snapshot import (
     RightToAct,
     Snapshot,
 )
-from madrob_console.engine.view import NO_STEPS
 from madrob_console.referee.acts import (
     Abort,
     AcceptFalseStart,

@@ -16,8 +16,8 @@ from textual.widgets import Input
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import date_of
 from madrob_console.common.names import SourceKind
+from madrob_console.engine.core.state_view import NO_STEPS
 from madrob_console.engine.snapshot import Pulse
-from madrob_console.engine.view import NO_STEPS
 from madrob_console.pages.tally import Aggregate
 from madrob_console.referee.acts import AcceptDoubts, DecideProtest, FileProtest, WithdrawProtest
 from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic

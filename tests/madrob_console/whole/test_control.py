@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.client import RemoteEngine
-from madrob_console.engine.discovery import running_engines
+from madrob_console.engine.ipc.client import RemoteEngine
+from madrob_console.engine.ipc.discovery import running_engines
 from madrob_console.engine.requests import Perform, Role, TakeOver
 from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import Phase

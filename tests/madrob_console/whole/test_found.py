@@ -20,11 +20,11 @@ from madrob_console.cli.attaching import TAKEN, attach
 from madrob_console.cli.main import build_parser, main
 from madrob_console.common.errors import MadrobError
 from madrob_console.config import load_settings
-from madrob_console.engine import wire
-from madrob_console.engine.client import RemoteEngine
-from madrob_console.engine.discovery import FoundEngine, find_engine
-from madrob_console.engine.discovery import running_engines as running_engines_of_all
-from madrob_console.engine.engine_lock import this_user
+from madrob_console.engine.ipc import wire
+from madrob_console.engine.ipc.client import RemoteEngine
+from madrob_console.engine.ipc.discovery import FoundEngine, find_engine
+from madrob_console.engine.ipc.discovery import running_engines as running_engines_of_all
+from madrob_console.engine.ipc.engine_lock import this_user
 from madrob_console.engine.requests import Perform, Role, TakeOver
 from madrob_console.referee.acts import Abort, SetUp
 from madrob_console.referee.run import Phase
@@ -38,10 +38,10 @@ from tests.watching import until
 
 pytestmark = pytest.mark.timeout(240)  # some start three engines, on whatever machine
 
-OTHER_VERSION = "from madrob_console.engine import wire; wire.VERSION = 900;"
+OTHER_VERSION = "from madrob_console.engine.ipc import wire; wire.VERSION = 900;"
 HANGS = """
 import time
-from madrob_console.engine.core import Engine
+from madrob_console.engine.runtime.testbed_engine import Engine
 Engine.step = lambda *_: time.sleep(600)
 """
 CUT_OFF = "--force ends it all the same"

@@ -20,8 +20,8 @@ from madrob_console.archive.run_journal import find_unfinished
 from madrob_console.archive.scored import open_run
 from madrob_console.common.errors import MadrobError
 from madrob_console.config.settings import example_toml, load_settings
-from madrob_console.engine import wire
-from madrob_console.engine.client import snapshot_of
+from madrob_console.engine.ipc import wire
+from madrob_console.engine.ipc.client import snapshot_of
 from madrob_console.engine.requests import NextRunNumber, OpenRun, Perform
 from madrob_console.engine.snapshot import RightToAct
 from madrob_console.referee.acts import Abort, SetUp, Waive, act_named

@@ -16,7 +16,7 @@ from madrob_console.archive import score
 from madrob_console.archive.folders import JOURNAL_FILE, REPORT_FILE, RESULT_FILE
 from madrob_console.archive.result_reader import read_result
 from madrob_console.cli.repairing import repair_all
-from madrob_console.engine.result_writer import RETRY_PERIOD
+from madrob_console.engine.core.engine_core import RETRY_PERIOD
 from madrob_console.referee.acts import Finalise, Reissue
 from madrob_console.referee.records import TeamWord
 from scoring.indicator_table import IndicatorName

@@ -25,12 +25,12 @@ import pytest
 from madrob_console.archive import score
 from madrob_console.archive.scored import OpenedRun, Scored
 from madrob_console.common.clock import NS, SystemClock
-from madrob_console.engine.client import RemoteEngine
-from madrob_console.engine.core import Engine
-from madrob_console.engine.journal_writer import Recording
-from madrob_console.engine.observation import RunTracker
+from madrob_console.engine.core.run_tracker import RunTracker
+from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult
+from madrob_console.engine.ipc.client import RemoteEngine
 from madrob_console.engine.requests import Role
-from madrob_console.engine.scorer import EarlierRun, RenderedResult
+from madrob_console.engine.runtime.recording import Recording
+from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.referee.acts import (
     Abort,

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.client import RemoteEngine
+from madrob_console.engine.ipc.client import RemoteEngine
+from madrob_console.engine.ipc.server import FOR_REFEREES, MOST_SCREENS
+from madrob_console.engine.ipc.wire import UnsureError, awaited
 from madrob_console.engine.requests import NO_ANSWER, NextRunNumber, Perform, Role
-from madrob_console.engine.server import FOR_REFEREES, MOST_SCREENS
-from madrob_console.engine.wire import UnsureError, awaited
 from madrob_console.referee.acts import Abort, Act, AddNote, DeclareTimeout
 from madrob_console.referee.run import Phase
 from madrob_console.ui.link import EngineLink

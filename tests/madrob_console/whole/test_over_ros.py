@@ -23,10 +23,10 @@ from rosbags.highlevel import AnyReader
 from madrob_console.archive import score
 from madrob_console.cli.main import main
 from madrob_console.common.clock import NS, Clock, SystemClock
-from madrob_console.engine.core import Engine
-from madrob_console.engine.engine_config import EngineConfig
-from madrob_console.engine.engine_thread import LocalEngine
+from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.engine.requests import Perform
+from madrob_console.engine.runtime.engine_thread import LocalEngine
+from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, REFEREE_STATE_TOPIC, decode_text
 from madrob_console.messages.message_types import MessageTypes

@@ -29,7 +29,7 @@ FROZEN = 6.0
 
 ON_REQUEST = """
 import os, sys, time
-from madrob_console.engine.core import Engine
+from madrob_console.engine.runtime.testbed_engine import Engine
 step, asked = Engine.step, sys.argv.pop(1)
 
 def hanging(self, *arguments):

@@ -11,12 +11,12 @@ import pytest
 
 from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.core import Engine
-from madrob_console.engine.disk import DiskJobs, DiskThreads
-from madrob_console.engine.engine_config import EngineConfig
-from madrob_console.engine.engine_thread import LocalEngine
+from madrob_console.engine.core.engine_config import EngineConfig
+from madrob_console.engine.ipc.service import begin_abort_over_ros
 from madrob_console.engine.requests import Perform
-from madrob_console.engine.service import begin_abort_over_ros
+from madrob_console.engine.runtime.disk import DiskJobs, DiskThreads
+from madrob_console.engine.runtime.engine_thread import LocalEngine
+from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.engine.snapshot import TopicView
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, REFEREE_STATE_TOPIC
 from madrob_console.messages.message_types import MessageTypes

@@ -1,0 +1,1 @@
+"""DECIDES: `step(input, now)` returns effects. No file, clock, thread, callback or socket."""

@@ -1,0 +1,393 @@
+"""The current run: its state, and the effects of each change of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from madrob_console.archive.evidence import account_entry
+from madrob_console.archive.run_record import RunRecord
+from madrob_console.engine.core.effects import (
+    CloseRecording,
+    CountEvidence,
+    Effect,
+    KeepJournal,
+    LeaveRun,
+    ListCutOffRuns,
+    MakeReports,
+    Publish,
+    WriteLine,
+    WriteResult,
+)
+from madrob_console.engine.core.event_log import EventLog
+from madrob_console.engine.core.evidence_notes import EvidenceNotes
+from madrob_console.engine.core.inputs import (
+    EvidenceCounted,
+    OpenEarlierRun,
+    RecordingClosed,
+    ResultWritten,
+    RunScored,
+)
+from madrob_console.engine.core.now import Now
+from madrob_console.engine.core.observation import Observation
+from madrob_console.engine.core.result_state import ResultState
+from madrob_console.engine.core.run_faults import RunFaults
+from madrob_console.engine.core.run_lines import RunLines
+from madrob_console.engine.core.run_tracker import Happening, RunTracker
+from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult, ToScore
+from madrob_console.engine.public_state import PublishedState
+from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceStatus
+from madrob_console.referee.flags import unrecorded_words
+from madrob_console.referee.journal import Entry, Origin
+from madrob_console.referee.rebuild import Change
+from madrob_console.referee.records import FaultKind, TestbedFault
+from madrob_console.referee.run import Phase, Run, note_fault, stop
+from scoring.protocol import Outcome
+
+SETTLING_PERIOD = 1.0
+"""How often evidence that is still being written is checked, s."""
+
+DECIDED_ANEW = (Change.RUN_STARTS, Change.EVENT, Change.TIMEOUT_ELAPSED, Change.RUN_STOPS)
+"""A replay decides these anew from sensors and clock. The rest is taken from the journal: the
+referee's acts, a failure of the machine, and what the bag cannot tell because it happened before or
+beside it (false starts, faults of the testbed).
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayedRun:
+    """The run that a replay goes through again."""
+
+    record: RunRecord
+    folder: Path
+    official: Run
+
+    def begin(self) -> Run:
+        record = self.record
+        return Run(handle_zero=record.handle_zero, zero_samples=record.zero_samples)
+
+
+@dataclass(eq=False)
+class _State:
+    """What belongs to one run, and is new with the next one.
+
+    Attributes:
+        record, folder: None before its start.
+        opened: the earlier run that it is; None = it is of this engine.
+        decided: when it was found to be over, s since the epoch; None = it is not.
+        over: whether its post-roll is over, too: nothing more is recorded.
+        recording, closing: whether its recording is open, or being closed.
+        missing: what its closed recording lacks, in words.
+    """
+
+    record: RunRecord | None = None
+    folder: Path | None = None
+    opened: EarlierRun | None = None
+    decided: float | None = None
+    over: bool = False
+    recording: bool = False
+    closing: bool = False
+    missing: tuple[str, ...] = ()
+    lines: RunLines = field(default_factory=RunLines)
+    result: ResultState = field(default_factory=ResultState)
+    faults: RunFaults = field(default_factory=RunFaults)
+    evidence: EvidenceNotes = field(default_factory=EvidenceNotes)
+
+
+class CurrentRun:
+    """One run after the other: set up, going on or over, or an earlier one.
+
+    What it wants done is added to `effects`.
+
+    Attributes:
+        generation: changes with each run that replaces the one before.
+        of: what belongs to this run.
+        zeroed: a clean run with the handle zero of runs to come, while an earlier one is opened.
+    """
+
+    def __init__(
+        self,
+        observation: Observation,
+        silence: float,
+        effects: list[Effect],
+        recorded: ReplayedRun | None = None,
+    ) -> None:
+        self.generation = 0
+        self.run = Run()
+        self.of = _State()
+        self.zeroed = Run()
+        self.log = EventLog()
+        self._observation = observation
+        self._silence = silence
+        self._effects = effects
+        self._recorded = recorded
+        self._settling = -math.inf
+        self._drift: tuple[RunRecord, float] | None = None
+        if recorded is not None:
+            self.run = recorded.begin()
+            self.of = _State(recorded.record, recorded.folder)
+
+    # ------------------------------------------------------------------ one after the other
+
+    @property
+    def replaced_words(self) -> str:
+        """Why the current run cannot be replaced by the requested one."""
+        setup = self.run.setup
+        if self.of.opened is not None or setup is None:
+            return "another run was opened meanwhile"
+        which = f"run {setup.run_number} of subject {setup.subject}"
+        return f"{which} was set up meanwhile, and stays: the history (h) opens the other one"
+
+    @property
+    def drift(self) -> float | None:
+        """Offset of the handle at rest from its zero after the last run of this engine, N.
+
+        None up to half the touch threshold, where it is unknown, and where the handle was
+        zeroed since.
+        """
+        if self._drift is None:
+            return None
+        record, drift = self._drift
+        zero = (record.handle_zero, record.zero_samples)
+        return drift if zero == (self.run.handle_zero, self.run.zero_samples) else None
+
+    def begin_next(self) -> None:
+        """Replace it by a clean next run, with the handle zero that was set last."""
+        fresh = self.run.cleared if self.of.opened is None else self.zeroed
+        self._leave()
+        self.run = fresh  # the zero of an opened run is of its day
+
+    def open_earlier(self, request: OpenEarlierRun, now: Now) -> None:
+        """Replace it by an earlier run, as if that had stopped just now."""
+        earlier = request.earlier
+        if self.of.opened is None:
+            self.zeroed = self.run.cleared
+        self._leave()
+        self._effects.append(KeepJournal(keep=True))
+        scored = earlier.scored
+        self.of = _State(scored.record, earlier.folder, earlier, lines=RunLines(earlier.entries))
+        self.run = before = replace(scored.run, journal=None)
+        self._observation.look_back(scored.past)
+        if self.run.active:
+            outcome = Outcome.ABORTED if request.invalid else Outcome.INTERRUPTED
+            reason = "the program or the machine failed"
+            self.interrupt(reason, now, earlier.entries[-1].time, outcome)
+            self.of.decided = None
+        self.run = replace(self.run, issue=max(1, self.run.issue))
+        if self.run == before and not earlier.out_of_date:
+            self.of.result.scored = scored
+        else:
+            cut_off = self.run.outcome is not before.outcome
+            self.score(now, write=earlier.out_of_date or cut_off)
+
+    @property
+    def left(self) -> LeaveRun:
+        """The effect of leaving it."""
+        of, result = self.of, self.of.result
+        return LeaveRun(of.folder, of.lines.entries, result.scored, result.problem)
+
+    def _leave(self) -> None:
+        self.generation += 1
+        self._effects.append(self.left)
+        if self.of.result.is_missing:
+            self._effects.append(ListCutOffRuns())
+        self.of = _State()
+        self.log.clear()
+        self._observation.look_back()
+
+    # ------------------------------------------------------------------ what becomes of it
+
+    def advance(self, now: Now) -> None:
+        """What sensors and clock say of it by now."""
+        self.change(*self._observation.advance(self.run, now.time, now.judged), now)
+
+    def change(self, run: Run, happened: Sequence[Happening], now: Now) -> None:
+        """Put it into its new state, and note what happened."""
+        before, self.run = self.run, run
+        for each in happened:
+            if self._recorded is None or each.change in DECIDED_ANEW:
+                self.note(each, now)
+        if run.start != before.start:
+            self._count_down(run, now)
+        if before.active and run.phase is Phase.STOPPED:
+            self.of.decided = now.time
+            self._observation.judge(run)
+        if run is not before and PublishedState.of(run) != PublishedState.of(before):
+            self._effects.append(Publish(PublishedState.of(run)))
+
+    def _count_down(self, run: Run, now: Now) -> None:
+        observation = self._observation
+        if observation.tracker is not None:
+            observation.tracker.restart(run, now.time)
+            observation.follow(observation.tracker)
+        if observation.tracker is not None or run.phase is not Phase.COUNTDOWN:
+            return
+        assert self.of.record is not None
+        official = None if self._recorded is None else self._recorded.official
+        before = observation.sensors.newest() if official is None else None
+        start = -math.inf if official is None else official.start or -math.inf
+        observation.follow(RunTracker(self.of.record, run, self._silence, before, start))
+
+    def interrupt(
+        self,
+        reason: str,
+        now: Now,
+        at: float | None = None,
+        outcome: Outcome = Outcome.INTERRUPTED,
+    ) -> None:
+        """Cut the run off `at` its end (s since the epoch), by no sensor, clock or referee."""
+        at = at or now.time
+        details = {"outcome": outcome, "time": at}
+        stopped = Happening(Origin.SYSTEM, Change.RUN_STOPS, reason, details)
+        self.change(stop(self.run, outcome, at, reason), [stopped], now)
+
+    def note(self, happened: Happening, now: Now) -> Entry:
+        """Write a line that takes effect whatever the disk says."""
+        if happened.change is Change.FAULT:
+            at, kind = happened.details["time"], happened.details["kind"]
+            self.run = note_fault(self.run, TestbedFault(at, happened.reason, kind))
+        entry = Entry(
+            now.time,
+            happened.origin,
+            happened.change.value,
+            reason=happened.reason,
+            details=happened.details,
+        )
+        self.write(entry)
+        return entry
+
+    def write(self, entry: Entry) -> None:
+        """Write a line to journal, log, topic and bag; if the disk refuses it, it waits."""
+        self.of.lines.add(entry)
+        self._effects.append(WriteLine(entry))
+        self.publish(entry)
+
+    def publish(self, entry: Entry) -> None:
+        self.log.add_line(entry, self.run.fixed_start)
+        self._effects.append(Publish(entry))
+
+    def note_faults(self, faults: Mapping[tuple[str, FaultKind], str], now: Now) -> None:
+        """Note each lasting fault of the testbed once."""
+        self._write_faults(self.of.faults.due(faults, now.time), now)
+
+    def _write_faults(self, faults: Iterable[TestbedFault], now: Now) -> None:
+        for fault in faults:
+            details = {"time": fault.time, "kind": fault.kind}
+            self.note(Happening(Origin.SYSTEM, Change.FAULT, fault.text, details), now)
+
+    def note_evidence(self, status: EvidenceStatus, now: Now) -> None:
+        for words in self.of.evidence.due(status, self._start, now.time):
+            self.note(Happening(Origin.SYSTEM, Change.EVIDENCE, words, {"time": now.time}), now)
+
+    @property
+    def _start(self) -> float:
+        """In s since the epoch."""
+        assert self.run.start is not None
+        return self.run.start
+
+    # ------------------------------------------------------------------ its end
+
+    def finish(self, now: Now) -> None:
+        """Nothing more is recorded: have the bag closed, and the run scored."""
+        self._write_faults(self.of.faults.all(), now)
+        self.of.recording, self.of.closing = False, True
+        self._effects.append(CloseRecording())
+
+    def note_recording(self, closed: RecordingClosed, now: Now) -> None:
+        self.of.missing, self.of.closing = closed.missing, False
+        if (status := now.workers.evidence) is not None:
+            self._note_account(status.account_since(self._start), now)
+        if closed.unrecorded:
+            words = unrecorded_words(closed.unrecorded)
+            details = {"messages": closed.unrecorded}
+            self.run = replace(self.run, unrecorded=closed.unrecorded)
+            self.note(Happening(Origin.SYSTEM, Change.UNRECORDED, words, details), now)
+        self.run = replace(self.run, issue=1)
+        self.score(now)
+
+    def _note_account(self, account: EvidenceAccount, now: Now) -> None:
+        """Note what was recorded of the evidence: its file gets complete by itself."""
+        self.run = replace(self.run, evidence=account)
+        self.write(account_entry(account, now.time))
+
+    def count_evidence(self, now: Now, *, last: bool = False) -> None:
+        """Once its evidence is in the files, note how much is there; nothing waits for that."""
+        before = self.run.evidence
+        idle = self.of.result.is_settled and self.of.folder is not None and self._recorded is None
+        rests = not last and 0 <= now.time - self._settling < SETTLING_PERIOD
+        if before is None or before.unwritten == 0 or not idle or rests:
+            return
+        self._settling = now.time
+        self._effects.append(CountEvidence(before, self.generation, last))
+
+    def note_evidence_account(self, counted: EvidenceCounted, now: Now) -> None:
+        same = counted.generation == self.generation and counted.before == self.run.evidence
+        if counted.account is None or not same or not self.of.result.is_settled:
+            return  # it is counted again
+        self._note_account(counted.account, now)
+        if self.run.closure is None:
+            self.score(now)
+
+    def score(self, now: Now, *, write: bool = True) -> None:
+        """Ask for its result, and have it written unless `write` says no."""
+        self._observation.judge(self.run)
+        of = self.of
+        assert of.record is not None
+        assert of.folder is not None
+        tracker, stored = self._observation.tracker, of.opened is not None
+        samples = None if tracker is None else tracker.assessment
+        wanted = ToScore(of.record, self.run, of.folder, samples, of.missing, stored, write)
+        self._effects.append(of.result.request(wanted, of.lines.mark, now.monotonic))
+
+    def take_result(self, made: RunScored) -> None:
+        """Have a result written that is still wanted; without files it is shown at once."""
+        if made.request is not self.of.result.awaited:
+            return
+        if made.request.files:
+            self._effects.append(WriteResult(made.request, made.scored, self.of.lines.entries))
+        else:
+            self._show(made.request, made.scored)
+
+    def note_result(self, written: ResultWritten, now: Now) -> None:
+        """Show a result: it is on disk, or the disk has refused it."""
+        request, result = written.request, self.of.result
+        if request.folder != self.of.folder:  # it was left meanwhile, and is retried as such
+            return
+        result.problem = written.problem and f"the result is NOT on disk: {written.problem}"
+        if result.problem is None:
+            details = written.details
+            self.note(Happening(Origin.SYSTEM, Change.RESULT_WRITTEN, details=details), now)
+            self._effects.append(MakeReports(request.folder))
+        self._show(request, written.scored)
+
+    def _show(self, request: ToScore, scored: RenderedResult) -> None:
+        if not self.of.result.show(request, scored):
+            return
+        rest = scored.result.rest
+        if self.of.opened is None and rest is not None and rest.drift is not None:
+            drifted = rest.drifted(scored.record.thresholds.touch_force)
+            self._drift = (scored.record, rest.drift) if drifted else None
+        if self._observation.tracker is None or self.run.corrections:  # it followed something else
+            self._observation.look_back(scored.past)
+
+    # ------------------------------------------------------------------ a replay
+
+    def end_replay(self, now: Now) -> None:
+        """Stop it and score it; where the recording ends before the run, as the journal says."""
+        assert self._recorded is not None
+        run, official = self.run, self._recorded.official
+        if official.outcome is None:
+            run = stop(run, Outcome.INTERRUPTED, now.time, official.ending.reason)
+        elif run.outcome is None:
+            run = replace(
+                run,
+                phase=official.phase,
+                outcome=official.outcome,
+                outcome_reason=official.outcome_reason,
+                stop=official.stop,
+                timeout_at=None,
+            )
+        self.change(run, (), now)
+        self.score(now, write=False)

@@ -1,0 +1,194 @@
+"""What the core wants done: `engine/runtime/performer.py` carries it out.
+
+Answers come last: when what follows from an input at once is done.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from madrob_console.archive.run_record import RunRecord
+from madrob_console.engine.core.inputs import OpenEarlierRun
+from madrob_console.engine.core.scored_run import RenderedResult, ToScore
+from madrob_console.engine.public_state import PublishedState
+from madrob_console.referee.evidence_account import EvidenceAccount
+from madrob_console.referee.journal import Entry
+from scoring.protocol import Condition, StartPose
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Tell who asked under this number why it was refused, in words; None = it is done."""
+
+    number: int
+    refused: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class WriteLine:
+    """Add a line to the journal; if the disk refuses it, it waits.
+
+    An `awaited` one is an act's, which takes effect once `LineWritten` comes.
+    """
+
+    entry: Entry
+    awaited: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class WithdrawLine:
+    """Cancel the line of the act that waits. `LineWithdrawn` follows, unless it is on disk."""
+
+    withdrawal: Entry
+
+
+@dataclass(frozen=True, slots=True)
+class GiveOutNumber:
+    """Reserve a run number for the correction with this id: `NumberGivenOut` follows."""
+
+    id: str
+    results: Path
+    subject: int
+    condition: Condition
+
+
+@dataclass(frozen=True, slots=True)
+class OpenRecording:
+    """Make folder, bag and journal of a run that starts; the clock is held steady from now on.
+
+    The last of the journal's `entries` is the start's. `RecordingOpened` follows, and is answered
+    by `KeepRecording`; or `LineWithdrawn`. `start` is the planned one, s since the epoch.
+    """
+
+    record: RunRecord
+    start: float
+    entries: tuple[Entry, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class KeepRecording:
+    """Record into the files that were opened; with a `withdrawal`, give them up."""
+
+    withdrawal: Entry | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CloseRecording:
+    """Take and record what is still on its way, then close the bag: `RecordingClosed` follows."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeaveRun:
+    """Put the current run away; what is not on disk of it is retried until it is.
+
+    `problem` says why its result is not on disk, in words.
+    """
+
+    folder: Path | None
+    entries: tuple[Entry, ...]
+    scored: RenderedResult | None
+    problem: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class ReopenJournal:
+    """Open the journal of an earlier run: `JournalReopened` follows, then `KeepJournal`."""
+
+    request: OpenEarlierRun
+
+
+@dataclass(frozen=True, slots=True)
+class KeepJournal:
+    """Go on in the journal that was reopened, or close it again."""
+
+    keep: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ListCutOffRuns:
+    """Search for runs that were cut off, when the journal that was left is closed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Publish:
+    """Publish an event, the run's state or the start pose; what a recording is open for has it."""
+
+    what: Entry | PublishedState | StartPose
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigureTestbed:
+    """Set the testbed's sides."""
+
+    condition: Condition
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """Score the current run: `RunScored` follows. Replaces the request before."""
+
+    request: ToScore
+
+
+@dataclass(frozen=True, slots=True)
+class WriteResult:
+    """Issue a result: `ResultWritten` follows."""
+
+    request: ToScore
+    scored: RenderedResult
+    entries: tuple[Entry, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RetryWriting:
+    """Write again what the disk refused; results of earlier runs only if `results`."""
+
+    results: bool
+
+
+@dataclass(frozen=True, slots=True)
+class MakeReports:
+    """Have the pages of a run made: its result has changed."""
+
+    folder: Path
+
+
+@dataclass(frozen=True, slots=True)
+class CountEvidence:
+    """Look whether the evidence is in its files: `EvidenceCounted` follows."""
+
+    before: EvidenceAccount
+    generation: int
+    last: bool
+
+
+@dataclass(frozen=True, slots=True)
+class HoldEvidence:
+    """Keep evidence off the disk while scoring waits for it."""
+
+    held: bool
+
+
+ToPerform = (
+    WriteLine
+    | WithdrawLine
+    | GiveOutNumber
+    | OpenRecording
+    | KeepRecording
+    | CloseRecording
+    | LeaveRun
+    | ReopenJournal
+    | KeepJournal
+    | ListCutOffRuns
+    | Publish
+    | ConfigureTestbed
+    | Score
+    | WriteResult
+    | RetryWriting
+    | MakeReports
+    | CountEvidence
+    | HoldEvidence
+)
+
+Effect = Answer | ToPerform

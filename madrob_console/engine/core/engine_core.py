@@ -1,0 +1,229 @@
+"""The core decides: it takes one input at a time and returns what is to be done.
+
+It waits for nobody and is called by one thread. What it cannot know comes with the input.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import assert_never
+
+from madrob_console.archive.run_journal import Unfinished
+from madrob_console.engine.core.acting import Acting
+from madrob_console.engine.core.current_run import CurrentRun, ReplayedRun
+from madrob_console.engine.core.effects import Effect, HoldEvidence, RetryWriting
+from madrob_console.engine.core.engine_config import EngineConfig
+from madrob_console.engine.core.inputs import (
+    CutOff,
+    CutOffRunsListed,
+    DoAct,
+    EngineEnds,
+    EvidenceCounted,
+    Input,
+    JournalReopened,
+    LastLook,
+    LineWithdrawn,
+    LineWritten,
+    NumberGivenOut,
+    OpenEarlierRun,
+    RecordedLine,
+    RecordingClosed,
+    RecordingEnds,
+    RecordingOpened,
+    ResultWritten,
+    RunScored,
+    Tick,
+)
+from madrob_console.engine.core.now import Now
+from madrob_console.engine.core.observation import Observation
+from madrob_console.engine.core.situations import Situations
+from madrob_console.engine.core.state_view import shown_state, testbed_problem
+from madrob_console.engine.requests import PlaybackView
+from madrob_console.engine.snapshot import ExportView, Snapshot
+from madrob_console.messages.codec import REFEREE_STATE_TOPIC, ROBOT_STARTED_TOPIC
+from madrob_console.messages.message_types import MessageTypes
+from madrob_console.referee.acts import Act, Situation
+from madrob_console.referee.rebuild import after
+from madrob_console.referee.records import FaultKind
+from madrob_console.testbeds.source import INFO_TOPIC
+from recorder.bag import RawMessage
+from scoring.protocol import POST_ROLL
+
+DISK_WAITS = 0.6
+"""Evidence yields the disk when scoring has waited for it this long, s."""
+
+WATCH_PERIOD = 0.1
+"""Between two checks of the topics in a run, s."""
+
+RETRY_PERIOD = 1.5
+"""Pause between two tries to write what the disk refused, s."""
+
+
+class Core:
+    """Decides for one testbed, one run after the other; or for the replay of one `recorded` run."""
+
+    def __init__(
+        self, config: EngineConfig, types: MessageTypes, recorded: ReplayedRun | None = None
+    ) -> None:
+        self._recorded = recorded
+        self._effects: list[Effect] = []
+        self._watched = self._retried = 0.0
+        self._holds_evidence = False
+        self._unfinished: tuple[Unfinished, ...] = ()
+        self.observation = Observation(config.mappings, config.thresholds, config.limits, types)
+        self.current_run = CurrentRun(self.observation, config.limits.lost, self._effects, recorded)
+        self._situations = Situations(config, self.observation, self.current_run)
+        self._acting = Acting(self._situations, self.current_run, self._effects)
+
+    @property
+    def records(self) -> bool:
+        """Whether messages that come now belong to the recording."""
+        return self.current_run.of.recording and not self.current_run.of.over
+
+    @property
+    def waiting(self) -> type[Act] | None:
+        """The act that waits for the disk. From any thread."""
+        return self._acting.waiting
+
+    def observe(self, message: RawMessage, *, recorded: bool, shown: bool) -> None:
+        """Take a message; what follows from it is decided by the next `Tick`."""
+        self.observation.receive(message, recorded=recorded, shown=shown)
+
+    def situation(self, now: Now) -> Situation:
+        return self._situations.at(now)
+
+    def opening_refusal(self, now: Now) -> str | None:
+        """Why no earlier run can be opened now, in words."""
+        return self._acting.opening_refusal(now)
+
+    def step(self, happened: Input, now: Now) -> Sequence[Effect]:
+        """Decide what follows from an input: the state after it, and the effects in order."""
+        self._take(happened, now)
+        self._advance(now)
+        effects = tuple(self._effects)
+        self._effects.clear()
+        return effects
+
+    def _take(self, happened: Input, now: Now) -> None:  # noqa: C901, PLR0912  one case an input
+        current, acting = self.current_run, self._acting
+        match happened:
+            case Tick():
+                pass  # see `_advance`
+            case DoAct():
+                acting.do(happened, now)
+            case OpenEarlierRun():
+                acting.open_earlier(happened, now)
+            case LineWritten():
+                acting.take_written(happened, now)
+            case LineWithdrawn():
+                acting.take_withdrawal(happened)
+            case NumberGivenOut():
+                acting.take_number(happened, now)
+            case RecordingOpened():
+                acting.take_recording(happened, now)
+            case JournalReopened():
+                acting.take_journal(happened, now)
+                results, opened = self._situations.config.results, current.of.folder
+                others = (run for run in self._unfinished if results / run.folder != opened)
+                self._unfinished = tuple(others)
+            case RecordingClosed():
+                current.note_recording(happened, now)
+            case CutOffRunsListed(runs):
+                self._unfinished = runs
+            case RunScored():
+                current.take_result(happened)
+            case ResultWritten():
+                current.note_result(happened, now)
+            case EvidenceCounted():
+                current.note_evidence_account(happened, now)
+            case EngineEnds():
+                acting.withdraw("the engine ended", now)
+            case CutOff(reason):
+                if current.run.active:
+                    current.interrupt(reason, now)
+                if current.of.recording:
+                    current.finish(now)
+            case LastLook():
+                current.count_evidence(now, last=True)
+            case RecordedLine(entry):
+                self._advance(now)
+                run = after(current.run, entry)
+                current.write(entry)
+                current.change(run, (), now)
+            case RecordingEnds():
+                self._advance(now)
+                current.end_replay(now)
+            case _:
+                assert_never(happened)
+
+    def _advance(self, now: Now) -> None:
+        """What the time brings."""
+        current = self.current_run
+        self._acting.withdraw_overdue(now)
+        if not 0 <= now.time - self._watched < WATCH_PERIOD:
+            self._watched = now.time
+            self._watch(now)
+        current.advance(now)
+        of = current.of
+        over = of.decided is not None and now.time >= of.decided + POST_ROLL
+        if over and of.recording:
+            # nothing more is recorded; what is, is judged
+            of.over |= now.unjudged > 0
+            if not now.unjudged:
+                current.finish(now)
+        self._retry_writing(now)
+
+    def _watch(self, now: Now) -> None:
+        # also while a bag is closed and then: evidence that was held is let go again
+        current, held = self.current_run, now.workers.recorder_silent > DISK_WAITS
+        if held != self._holds_evidence:
+            self._holds_evidence = held
+            self._effects.append(HoldEvidence(held))
+        if not current.of.recording:
+            current.count_evidence(now)
+            return
+        current.note_faults(self._faults(now), now)
+        if (status := now.workers.evidence) is not None:
+            current.note_evidence(status, now)
+
+    def _faults(self, now: Now) -> Mapping[tuple[str, FaultKind], str]:
+        testbed = now.testbed
+        faults = dict(self.observation.sensors.faults(testbed.topics, now.taken))
+        others = {
+            (REFEREE_STATE_TOPIC, FaultKind.SEVERAL_PUBLISHERS): testbed.other_referee,
+            (INFO_TOPIC, FaultKind.ANNOUNCEMENT): testbed_problem(
+                testbed.announcement, self.current_run.run
+            ),
+            (ROBOT_STARTED_TOPIC, FaultKind.SOURCE): testbed.robot_problem,
+            ("engine", FaultKind.BEHIND): now.behind,
+        }
+        return faults | {key: words for key, words in others.items() if words is not None}
+
+    def _retry_writing(self, now: Now) -> None:
+        if 0 <= now.time - self._retried < RETRY_PERIOD:
+            return
+        self._retried = now.time
+        result, active = self.current_run.of.result, self.current_run.run.active
+        self._effects.append(RetryWriting(results=not active))
+        if not active and not now.disk.writing and result.problem and result.awaited is None:
+            self.current_run.score(now)  # files that could not be read may be readable now
+
+    def snapshot(
+        self,
+        now: Now,
+        export: ExportView | None = None,
+        others: Iterable[str | None] = (),
+        playback: PlaybackView | None = None,
+    ) -> Snapshot:
+        """Everything that a screen shows; `others` is what is wrong around the engine, in words."""
+        return shown_state(
+            now,
+            self._situations.at(now),
+            self.current_run,
+            self.observation,
+            self._acting.refusals(now),
+            self._unfinished,
+            export,
+            others,
+            playback,
+        )

@@ -1,0 +1,1 @@
+"""TALKS: the engine's socket, its client, and what finds and names engines."""

@@ -1,0 +1,82 @@
+"""Reads the competition's lists again when their files change."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from madrob_console.common.files import Stamp, stamp_of
+
+L = TypeVar("L")
+
+PERIOD = 1.0
+"""How often the files are checked, s."""
+
+FIRST_READING = 2.0
+"""An engine waits this long for the first reading, s; then it begins without lists."""
+
+
+class ListWatch(Generic[L]):
+    """Reads a list again when its file has changed.
+
+    `read` gets the list before, `told` the list and each that differs; `changed` is called
+    after those.
+    """
+
+    def __init__(
+        self,
+        file: Path | None,
+        read: Callable[[L | None], L],
+        told: Callable[[L], None],
+        changed: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.file = file
+        self._read = read
+        self._told = told
+        self._changed = changed
+        self._list: L | None = None
+        self._taken: Stamp | None = None
+        self._seen: Stamp | None = None
+
+    def read_if_changed(self) -> None:
+        """Read the file if it has changed; a file that still changes is read the next time."""
+        stamp, before = self._stamp(), self._list
+        rests, self._seen = stamp == self._seen, stamp
+        if before is not None and (not rests or stamp == self._taken):
+            return
+        self._list, self._taken = self._read(before), stamp
+        if self._list != before:
+            self._told(self._list)
+            if before is not None:
+                self._changed()
+
+    def _stamp(self) -> Stamp | None:
+        try:
+            return stamp_of(os.path.realpath(self.file or ""))  # it may be a link
+        except ValueError:  # a path with a NUL in it
+            return None
+
+
+def follow_lists(watches: Sequence[ListWatch[Any]], period: float = PERIOD) -> Callable[[], None]:
+    """Read lists in a thread of their own: a disk that hangs holds nobody up.
+
+    Returns what ends it.
+    """
+    known, closed = threading.Event(), threading.Event()
+
+    def work() -> None:
+        for watch in watches:
+            watch.read_if_changed()
+        known.set()
+        files = [watch for watch in watches if watch.file is not None]
+        while files and not closed.wait(period):
+            for watch in files:
+                watch.read_if_changed()
+
+    # a daemon: it may hang in the files' disk when the engine ends
+    threading.Thread(target=work, name="lists", daemon=True).start()
+    known.wait(FIRST_READING)
+    return closed.set

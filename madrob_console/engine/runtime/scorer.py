@@ -1,0 +1,118 @@
+"""What makes the results of an engine's runs, and the result as the engine holds it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import msgspec
+
+from madrob_console.archive.evidence import evidence_told
+from madrob_console.archive.result_files import result_files
+from madrob_console.archive.scored import Scored, assess_recording, open_run
+from madrob_console.common.files import naming_folder
+from madrob_console.engine.core.scored_run import EarlierRun, PastRun, RenderedResult, ToScore
+from madrob_console.engine.requests import curves_of
+from madrob_console.engine.runtime.disk import DiskJobs
+from scoring.assessment import Assessment
+from scoring.kinematics import load_filters
+
+
+def rendered(scored: Scored, assessment: Assessment, files: Mapping[str, bytes]) -> RenderedResult:
+    """From a scored run, its samples and the result's files, if any were wanted."""
+    return RenderedResult(
+        record=scored.record,
+        run=scored.run,
+        result=scored.result,
+        past=PastRun.of(scored.run, assessment, scored.result.stop),
+        files={name: memoryview(content) for name, content in files.items()},
+        curves=memoryview(msgspec.msgpack.encode(curves_of(scored.result, scored.rows))),
+    )
+
+
+_KEPT = 2
+"""The current run, and one that is read meanwhile to be opened."""
+
+
+class ScoringDesk:
+    """Scores runs one after the other; keeps the samples of the last ones for corrections."""
+
+    def __init__(self) -> None:
+        self._kept: dict[Path, Assessment] = {}
+
+    def read(self, folder: Path) -> EarlierRun:
+        opened = open_run(folder)
+        recorded, data = opened.recorded, opened.assessment
+        run = replace(recorded.run, evidence=evidence_told(folder, recorded.run))
+        scored = rendered(Scored.of(recorded.record, run, data), data, {})
+        self._keep(folder, data)
+        return EarlierRun(folder, recorded.entries, scored, opened.out_of_date)
+
+    def score(self, wanted: ToScore) -> RenderedResult:
+        """Score a run from the samples it comes with, else from those kept or recorded."""
+        run, folder, record = wanted.run, wanted.folder, wanted.record.corrected(wanted.run)
+        data = wanted.assessment or self._kept.pop(folder, None)
+        inside = wanted.inside or folder
+        with naming_folder(folder, inside):
+            if data is None or data.condition != record.setup.condition:
+                data = assess_recording(inside, record, run, stored=wanted.stored)
+            scored = Scored.of(record, run, data, wanted.missing)
+            files = result_files(folder, scored, inside) if wanted.files else {}
+        result = rendered(scored, data, files)
+        self._keep(folder, data)  # not after an error: then the recording is read
+        return result
+
+    def _keep(self, folder: Path, data: Assessment) -> None:
+        others = [(other, kept) for other, kept in self._kept.items() if other != folder]
+        self._kept = dict([*others, (folder, data)][-_KEPT:])
+
+
+class Scorer:
+    """Makes the results of one run after the other: this one at once, where it is asked.
+
+    Nothing else here waits.
+    """
+
+    def __init__(self) -> None:
+        self._desk = ScoringDesk()
+
+    def problem(self, place: str) -> str | None:
+        """Why a result is missing, or that it is retried; None = all well.
+
+        `place` says where its run is meanwhile.
+        """
+        return None
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether several tries failed: what comes next need not wait for the result."""
+        return False
+
+    def warm(self) -> None:
+        """Get ready in the background, so that the first result is not delayed."""
+        threading.Thread(target=load_filters, name="filters", daemon=True).start()
+
+    def read(self, folder: Path) -> Future[EarlierRun]:
+        """From any thread."""
+        return DiskJobs().submit_job(partial(self._desk.read, folder))
+
+    def score(self, wanted: ToScore, done: Callable[[RenderedResult], None]) -> None:
+        """Score the current run; replaces an earlier request.
+
+        `done` gets its result in the thread that calls `deliver`.
+        """
+        done(self._desk.score(wanted))
+
+    def forget(self) -> None:
+        """The requested result is not wanted any more."""
+
+    def deliver(self) -> None:
+        """Tell the result that came since."""
+
+    def wait_until_idle(self, limit: float) -> bool:
+        """Wait `limit` s at most; returns whether the result is there."""
+        return True
