@@ -341,10 +341,15 @@ def _gaps(g: Grounds) -> Iterator[Doubt]:
             at = float(times[int(np.nanargmax(np.abs(values)))])
             near.append((signal, _gap_near(holes[signal], at, reach), words, (name,)))
     for signal in set(Signal) - {Signal.DOOR, Signal.LATCH}:
-        within = max((min(b, g.end) - max(a, g.start) for a, b in holes[signal]), default=0.0)
-        if within > g.thresholds.largest_gap:
-            hidden = _FORCE[-1:] if signal is Signal.HANDLE else _PASSING
-            near.append((signal, within, "", hidden))
+        cut = [(max(a, g.start), min(b, g.end)) for a, b in holes[signal]]
+        long = [(a, b) for a, b in cut if b - a > g.thresholds.largest_gap]
+        if long:
+            hidden = _PASSING
+            if signal is Signal.HANDLE:  # a touch in it would have been the first
+                before = min(a for a, _ in long)
+                touched = {edge.kind for edge in g.edges if edge.time <= before}
+                hidden = _computed_of(signal, touched)
+            near.append((signal, max(b - a for a, b in long), "", hidden))
     for edge in g.edges:
         # where the panel is decides which passage sensors it masks
         for signal in {edge.signal, Signal.DOOR} if edge.kind in _UNDER_SENSORS else {edge.signal}:
@@ -372,6 +377,9 @@ def _holes(g: Grounds, signal: Signal) -> list[tuple[float, float]]:
     if times is not None and usual:  # readings that are none leave one, too
         longer = np.flatnonzero(np.diff(times) > intervals * usual)
         holes += [(float(times[i]), float(times[i + 1])) for i in longer]
+        first = float(times[0]) if times.size else recorded
+        if first - g.start > intervals * usual:
+            holes.append((g.start, first))
     return holes
 
 

@@ -160,3 +160,22 @@ def test_what_cannot_be_used_is_one_line_that_names_the_argument_and_the_remedy(
     with pytest.raises(ScoringError, match=words) as refusal:
         evaluate(**{"condition": CONDITION} | given | changed)
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("silence", ["begins late", "no reading", "a hole before the touch"])
+def test_a_touch_that_missing_readings_may_have_hidden_is_doubted(silence: str) -> None:
+    told = arrays(SAMPLES)
+    times, force = told["handle"]
+    since_start = times - START
+    touched = since_start[np.flatnonzero(np.abs(force) > 1.96133)[0]]
+    hidden = since_start > touched - 0.5 if silence == "begins late" else since_start > -1e9
+    if silence == "a hole before the touch":
+        hidden = (since_start < touched - 1.0) | (since_start > touched - 0.5)
+    if silence == "no reading":
+        told["handle"] = times, np.full_like(force, np.nan)
+    else:
+        told["handle"] = times[hidden], force[hidden]
+    indicators = evaluate(CONDITION, START, **told, timeout=TIMEOUT).indicators
+    for name in (IndicatorName.TIME_TO_HANDLE, IndicatorName.CAPABILITY_LEVEL):
+        words = indicators[name].doubts
+        assert any("handle force: no reading for" in one for one in words), (name, words)
