@@ -171,16 +171,24 @@ class CurrentRun:
         self.run = before = replace(scored.run, journal=None)
         self._observation.look_back(scored.past)
         if self.run.active:
-            outcome = Outcome.ABORTED if request.invalid else Outcome.INTERRUPTED
-            reason = "the program or the machine failed"
-            self.interrupt(reason, now, earlier.entries[-1].time, outcome)
-            self.of.decided = None
+            self._end_cut_off(request, now)
         self.run = replace(self.run, issue=max(1, self.run.issue))
         if self.run == before and not earlier.out_of_date:
             self.of.result.scored = scored
         else:
             cut_off = self.run.outcome is not before.outcome
             self.score(now, write=earlier.out_of_date or cut_off)
+
+    def _end_cut_off(self, request: OpenEarlierRun, now: Now) -> None:
+        """Stop it as interrupted, as its request says, or by a timeout that was declared."""
+        timeout_at, reason = self.run.timeout_at, "the program or the machine failed"
+        if request.invalid:
+            self.interrupt(reason, now, request.earlier.entries[-1].time, Outcome.ABORTED)
+        elif timeout_at is not None:
+            self.interrupt(self.run.outcome_reason, now, timeout_at, Outcome.TIMEOUT)
+        else:
+            self.interrupt(reason, now, request.earlier.entries[-1].time)
+        self.of.decided = None
 
     @property
     def left(self) -> LeaveRun:

@@ -258,8 +258,9 @@ class TakeBack(Act):
         last = last_decision(view.run)
         if last is None:
             return _NOTHING
+        opens = ", which opens the signed result again" * (view.run.phase is Phase.FINAL)
         return Ask(
-            f"Take back the last decision: {last.words}",
+            f"Take back the last decision{opens}: {last.words}",
             (ask_why("my mistake", "seen on video", "protest upheld"),),
             lambda reason: cls(last.kind, last.time, reason),
         )

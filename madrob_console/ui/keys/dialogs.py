@@ -23,7 +23,7 @@ from madrob_console.engine.requests import (
 from madrob_console.referee.acts import Abort, Act
 from madrob_console.referee.acts.act import Ask, Option, Pick, Sure, Write, reasons
 from madrob_console.referee.records import open_protests
-from madrob_console.referee.run import Run
+from madrob_console.referee.run import Phase, Run
 
 if TYPE_CHECKING:
     from madrob_console.archive.run_journal import Unfinished
@@ -136,18 +136,16 @@ def ask_other_name(subject: int, listed: str, typed: str) -> Ask[OtherName | str
 
 
 def ask_unfinished(run: Unfinished) -> Ask[OpenRun]:
+    options: tuple[Option, ...] = (
+        Option("l", "leave it for later: the history (h) opens it", None),
+        Option("s", "score it: interrupted, no attempt used; a declared timeout stays", "score"),
+        Option("i", "invalid, as if aborted: uses up an attempt of the team", "void"),
+    )
+    if run.phase is Phase.STOPPED:  # how it ended is known
+        options = (*options[:1], Option("s", "score it as it ended", "score"))
     return Ask(
         f"A RUN WAS CUT OFF: {run.words}",
-        (
-            Pick(
-                "What becomes of it? Nothing of what was recorded is lost.",
-                (
-                    Option("l", "leave it for later: the history (h) opens it", None),
-                    Option("s", "score it: interrupted, uses up no attempt of the team", "score"),
-                    Option("i", "invalid, as if aborted: uses up an attempt of the team", "void"),
-                ),
-            ),
-        ),
+        (Pick("What becomes of it? Nothing of what was recorded is lost.", options),),
         lambda word: OpenRun(run.folder, invalid=word == "void"),
     )
 

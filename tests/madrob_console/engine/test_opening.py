@@ -18,7 +18,7 @@ from madrob_console.archive.repair import RuleChange, next_issue, write_next_iss
 from madrob_console.archive.run_journal import is_held
 from madrob_console.common.errors import MadrobError
 from madrob_console.pages.competition import competition_standings
-from madrob_console.referee.acts import Abort, Finalise, Rule, SetUp
+from madrob_console.referee.acts import Abort, Act, DeclareTimeout, Finalise, Rule, SetUp
 from madrob_console.referee.journal import HOLD_FILE, Entry, Origin
 from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
@@ -36,11 +36,13 @@ def finished(results: Path, run_number: int = 1) -> Path:
     return shutil.copytree(source, results / source.name)
 
 
-def cut_off(results: Path) -> Path:
+def cut_off(results: Path, *acts: Act) -> Path:
     """A run whose engine was killed: no stop in the journal, no result, no end of the bag."""
     drive = Drive(results)
     drive.start(make_setup())
     drive.wait(6.0)
+    for act in acts:
+        drive.engine.submit(act, lambda _refused: None)
     folder = drive.folder
     drive.wait_for_disk()
     copy = results / "copy"
@@ -237,6 +239,17 @@ def test_a_run_that_was_never_started_is_not_asked_about_and_counts_nowhere(
 
 
 STAYS = "run 4 of subject 3 was set up meanwhile, and stays: the history (h) opens the other one"
+
+
+def test_a_timeout_that_was_declared_counts_though_the_engine_was_killed(tmp_path: Path) -> None:
+    folder = cut_off(tmp_path, DeclareTimeout("gave up"))
+    drive = Drive(tmp_path)
+    assert drive.open(folder) is None
+    drive.wait_until(lambda: drive.engine.scored is not None)
+    run = drive.engine.run
+    assert (run.outcome, run.outcome_reason) == (Outcome.TIMEOUT, "gave up")
+    assert document(folder)["outcome"] == Outcome.TIMEOUT
+    assert check_run(RunPath(folder)).found == ()
 
 
 @pytest.mark.parametrize("set_up_before", [False, True])
