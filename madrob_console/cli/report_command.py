@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -107,8 +107,9 @@ def _pictures(path: Path, pictures: PictureFormat, output: Path | None) -> Itera
     if pictures is PictureFormat.HTML:
         from madrob_console.pages.signal_charts import signals_html
 
-        for run, result, rows, condition in _results(path):
-            page = signals_html(run.rstrip("_") or path.name, result, rows, condition)
+        for run, result, rows, condition, banners in _results(path):
+            name = run.rstrip("_") or path.name
+            page = signals_html(name, result, rows, condition, banners)
             yield _target(path, output, f"{run}signals.html"), page.encode()
         return
     try:
@@ -119,7 +120,7 @@ def _pictures(path: Path, pictures: PictureFormat, output: Path | None) -> Itera
 
         raise MadrobError(f"{path}: no figures: {NO_MATPLOTLIB}") from None
 
-    for run, result, rows, condition in _results(path):
+    for run, result, rows, condition, _ in _results(path):
         for name, figure in figures_of(result, rows, condition).items():
             data = png(figure) if pictures is PictureFormat.PNG else svg(figure).encode()
             yield _target(path, output, f"{run}{name}.{pictures}"), data
@@ -127,17 +128,21 @@ def _pictures(path: Path, pictures: PictureFormat, output: Path | None) -> Itera
             complain(f"{path}: {run}no figure {name.number}: {reason}")
 
 
-def _results(path: Path) -> Iterator[tuple[str, Result, Rows, Condition]]:
+def _results(path: Path) -> Iterator[tuple[str, Result, Rows, Condition, Sequence[str]]]:
+    """The last is why the run is not official; published files do not say it."""
     with imports_kept():
         from madrob_console.archive import score
         from madrob_console.archive.scored import score_opened
+        from madrob_console.pages.notes import unofficial_words
 
     if _published(path):
         for one in score(path):
-            yield f"{one.path.name}_", one.result, one.result.rows, one.result.condition
+            yield f"{one.path.name}_", one.result, one.result.rows, one.result.condition, ()
     else:
         scored = score_opened(path)
-        yield "", scored.result, scored.rows, scored.record.setup.condition
+        record = scored.record
+        banners = tuple(unofficial_words(record))
+        yield "", scored.result, scored.rows, record.setup.condition, banners
 
 
 def _published(path: Path) -> bool:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
-from madrob_console.common.names import SourceKind
+from madrob_console.archive.run_record import RunRecord
+from madrob_console.common.names import SourceKind, is_rehearsal
 from madrob_console.referee.records import TeamWord
 from scoring.indicator_table import WITH_THE_START
 from scoring.protocol import LockDetection, Outcome
@@ -49,6 +50,18 @@ UNOFFICIAL: Mapping[SourceKind, str] = {
 PRACTICE = "PRACTICE: not an official result."
 
 REHEARSED = "REHEARSAL: not an official result."
+
+
+def unofficial_words(record: RunRecord) -> Iterator[str]:
+    """Why the result of a run is not an official one; nothing where it is."""
+    rehearsal = is_rehearsal(record.competition)
+    if rehearsal:
+        yield REHEARSED
+    if record.source in UNOFFICIAL:
+        yield UNOFFICIAL[record.source]
+    if record.setup.practice or (record.source is SourceKind.SIMULATED and not rehearsal):
+        yield PRACTICE
+
 
 PRACTICE_STANDINGS = "PRACTICE: not official. Rehearsals, and runs of a simulated testbed."
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 
 from madrob_console.archive.run_pictures import NO_PICTURES, RunPictures
 from madrob_console.archive.scored import Scored
-from madrob_console.common.names import SourceKind, is_rehearsal
 from madrob_console.pages.camera_pictures import Anchors, anchors, definitions_of, pictures
 from madrob_console.pages.notes import (
     BIAS_NOTE,
@@ -14,13 +13,11 @@ from madrob_console.pages.notes import (
     LOCKED_BY,
     MANUAL_START_NOTE,
     NO_UNCERTAINTY_NOTE,
-    PRACTICE,
-    REHEARSED,
     SOURCES,
     TEAM_WORDS,
     UNCERTAINTY_NOTE,
-    UNOFFICIAL,
     VOIDED,
+    unofficial_words,
 )
 from madrob_console.pages.phases import phases
 from madrob_console.pages.surroundings import NOWHERE, PagePlace
@@ -180,12 +177,8 @@ def _title(scored: Scored) -> str:
 def _top(scored: Scored) -> dict[str, object]:
     record, result, run = scored.record, scored.result, scored.run
     waiting = undecided(scored.flags)
-    rehearsal = is_rehearsal(record.competition)
-    simulated = record.source is SourceKind.SIMULATED and not rehearsal
     banners = (
-        REHEARSED if rehearsal else None,
-        UNOFFICIAL.get(record.source),
-        PRACTICE if record.setup.practice or simulated else None,
+        *unofficial_words(record),
         INVALID.get(result.outcome),
         VOIDED if run.voided else None,
         "; ".join(flag.words for flag in waiting),

@@ -5,6 +5,8 @@ The only page with a script: a library that lies in it and loads nothing.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import msgspec
 import numpy as np
 from markupsafe import Markup
@@ -20,8 +22,13 @@ from scoring.result import Result
 _DECIMALS = 5  # of s, rad and N: more than any sensor has
 
 
-def signals_html(name: str, result: Result, rows: Rows, condition: Condition) -> str:
-    """The page of a run called `name`; samples as they were recorded, and all events."""
+def signals_html(
+    name: str, result: Result, rows: Rows, condition: Condition, banners: Sequence[str]
+) -> str:
+    """The page of a run called `name`; samples as they were recorded, and all events.
+
+    `banners` say why the run is not official.
+    """
     passage = passage_figure(result, rows, condition)
     door, handle = (
         [np.round(times - result.start, _DECIMALS).tolist(), np.round(values, _DECIMALS).tolist()]
@@ -44,6 +51,7 @@ def signals_html(name: str, result: Result, rows: Rows, condition: Condition) ->
     return render(
         "signals.html",
         name=terminal_safe(name),
+        banners=banners,
         result=result,
         condition=condition,
         data=Markup(data),

@@ -773,7 +773,9 @@ def test_reports_and_figures_lie_where_they_are_asked_for(
 def test_the_page_that_zooms_has_every_sample_and_loads_nothing(scored: Scored) -> None:
     result, rows = scored.result, scored.rows
     name = "</script><script>alert(1)</script>"
-    page = signals_html(name, result, rows, scored.record.setup.condition)
+    banners = ["SIMULATED: <b>"]
+    page = signals_html(name, result, rows, scored.record.setup.condition, banners)
+    assert '<p class="banner">SIMULATED: &lt;b&gt;</p>' in page
     assert page.count("</script>") == page.count("<script>") == 2
     assert not re.search(r"http(?!-equiv)|@import|\ssrc=|url\(", page)
     (policy,) = re.findall('http-equiv="Content-Security-Policy" content="([^"]*)"', page)
