@@ -32,7 +32,7 @@ from madrob_console.archive.table_columns import (
 )
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import whole_file
-from madrob_console.common.names import table_cell
+from madrob_console.common.names import table_cell, terminal_safe
 from scoring.kinematics import Array
 from scoring.protocol import PASSAGE_SENSORS, Condition, PassageSensor
 from scoring.result import Result
@@ -91,7 +91,7 @@ class TableWriter:
 
     def _write_batch(self, cells: Mapping[str, Cells]) -> None:
         plain = (_plain(one.kind, cells[one.name]) for one in self._table.columns)
-        self._write_csv(zip(*plain, strict=True))
+        self._write_csv(zip(*map(_no_formulas, plain), strict=True))
 
     def _write_csv(self, rows: Iterable[Iterable[object]]) -> None:
         text = StringIO()
@@ -111,8 +111,12 @@ def _plain(kind: CellKind, cells: Cells) -> list[object]:
     return [empty if one is None or one != one else _CELLS[kind](one) for one in values]  # noqa: PLR0124  NaN
 
 
+def _no_formulas(cells: Iterable[object]) -> Iterator[object]:
+    return (table_cell(one) if isinstance(one, str) else one for one in cells)
+
+
 _CELLS: Mapping[CellKind, Callable[[Any], object]] = {
-    CellKind.TEXT: lambda text: table_cell(str(text)),  # paths among them
+    CellKind.TEXT: lambda text: terminal_safe(str(text)),  # paths among them
     CellKind.COUNT: int,
     CellKind.NUMBER: float,
     CellKind.FLAG: bool,

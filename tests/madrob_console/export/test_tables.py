@@ -21,6 +21,7 @@ from madrob_console.archive.table_columns import (
     WHOSE,
     TidyTable,
 )
+from madrob_console.archive.table_rows import Frames
 from madrob_console.cli.main import main
 from madrob_console.cli.table_command import write_samples
 from madrob_console.referee.acts import Abort
@@ -135,6 +136,7 @@ def test_no_text_of_a_table_is_run_by_a_spreadsheet_or_obeyed_by_a_terminal(
     (found,) = table(capsys, "runs", tmp_path).team
     assert found.startswith(("'", " ="))
     assert found.isprintable()
+    assert Frames(tmp_path)["runs"].team.tolist() == [found.removeprefix("'")]
 
 
 def test_indicators_events_and_steps_have_what_the_results_have(
