@@ -20,7 +20,15 @@ from madrob_console.common.formatting import format_span
 from madrob_console.common.formatting import listed as first_of
 from madrob_console.common.names import is_rehearsal, terminal_safe
 from madrob_console.pages.notes import PRACTICE_STANDINGS, REHEARSED
-from madrob_console.pages.tally import ALIKE, Aggregate, Overall, Standing, overall, standings
+from madrob_console.pages.tally import (
+    ALIKE,
+    Aggregate,
+    Overall,
+    Standing,
+    leaders_first,
+    overall,
+    standings,
+)
 from madrob_console.referee.competition_plan import (
     Attempts,
     PlannedAttempt,
@@ -178,7 +186,7 @@ FLAG_SIGNS = "P protest open   !! the referee has to decide   ! a flag changes a
 
 BY_BEST = "Each team's best run: level, then time. The protocol makes no ranking."
 
-BY_NUMBER = "Teams stand in the order of their numbers: the protocol makes no ranking."
+LEADER_FIRST = "In each condition the leader stands first. The protocol makes no ranking."
 
 NUMBER_NOTES = (
     "Execution time: completed runs only. std: sample standard deviation (n - 1).",
@@ -188,7 +196,7 @@ NUMBER_NOTES = (
     f"{SIGNS}.",
 )
 
-NOTES = (BY_NUMBER, *NUMBER_NOTES)
+NOTES = (LEADER_FIRST, *NUMBER_NOTES)
 
 
 def competition_standings(
@@ -313,7 +321,7 @@ def _groups(
     runs: Sequence[RunSummary], *, official: bool, best: int, listed: Mapping[int, str]
 ) -> tuple[RulesetStandings, ...]:
     together = overall(runs, official=official, best=best, listed=listed)
-    single = standings(runs, official=official, best=best, listed=listed)
+    single = leaders_first(standings(runs, official=official, best=best, listed=listed))
     return tuple(
         RulesetStandings(
             ruleset,

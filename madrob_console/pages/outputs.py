@@ -16,9 +16,9 @@ from madrob_console.common.formatting import counted
 from madrob_console.common.names import table_cell, terminal_safe, valid_text
 from madrob_console.pages.competition import (
     BY_BEST,
-    BY_NUMBER,
     CONDITION_NUMBERS,
     FLAG_SIGNS,
+    LEADER_FIRST,
     NOTES,
     NUMBER_NOTES,
     SIGNS,
@@ -35,7 +35,6 @@ from madrob_console.pages.tally import (
     Standing,
     Tally,
     counts,
-    leaders_first,
     subjects_text,
 )
 from madrob_console.pages.templates import NONE, render, task_text
@@ -278,7 +277,7 @@ _BOLD = (
 )
 
 NOTES_OF_PAGES = {
-    "BY_NUMBER": BY_NUMBER,
+    "LEADER_FIRST": LEADER_FIRST,
     "SIGNS": SIGNS,
     "HOW_TO_READ": (
         _BOLD,
@@ -346,7 +345,7 @@ def _condition_words(condition: Condition) -> str:
 def _leader_lines(standings: Sequence[Standing]) -> Iterator[str]:
     level, time = IndicatorName.CAPABILITY_LEVEL, IndicatorName.EXECUTION_TIME
     yield _leader_line("    team", "level", "exec s  ", "runs", "")
-    for one in leaders_first(standings):
+    for one in standings:
         timed = f"{best_text(one, time)}{one.signs(time):<2}"
         runs = str(one.completed + one.timeout)
         who = f"{one.subject:>3} {one.team}"

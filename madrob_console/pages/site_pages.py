@@ -32,7 +32,7 @@ from madrob_console.pages.site_drawings import (
     unit_and_direction,
     value_plots,
 )
-from madrob_console.pages.tally import counts, leaders_first
+from madrob_console.pages.tally import counts
 from madrob_console.pages.templates import path_link, render
 from madrob_console.referee.competition_plan import PlanProgress
 from madrob_console.referee.flags import FlagKind, weighty
@@ -204,7 +204,7 @@ def condition_page(content: SiteContent, number: int) -> str:
 def _group(
     content: SiteContent, links: Links, group: RulesetStandings, condition: Condition
 ) -> dict[str, object]:
-    ordered = leaders_first(group.conditions[condition])
+    ordered = group.conditions[condition]
     found = {
         content.who(one.subject): content.runs_of(one.subject, condition.number, group.ruleset)
         for one in ordered

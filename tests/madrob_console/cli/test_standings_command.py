@@ -88,7 +88,7 @@ def test_the_csv_has_a_row_for_each_team_condition_and_indicator() -> None:
     places = [(row["condition"], row["subject"], row["indicator"]) for row in table]
     assert places == [
         (condition, subject, name)
-        for condition, subject in (("all", "2"), ("all", "3"), ("7", "2"), ("7", "3"), ("12", "3"))
+        for condition, subject in (("all", "2"), ("all", "3"), ("7", "3"), ("7", "2"), ("12", "3"))
         for name in IndicatorName
     ]
     assert {row["unit"] for row in table if row["indicator"] == TIME} == {"s"}
