@@ -63,7 +63,7 @@ def unofficial_words(record: RunRecord) -> Iterator[str]:
         yield PRACTICE
 
 
-PRACTICE_STANDINGS = "PRACTICE: not official. Rehearsals, and runs of a simulated testbed."
+PRACTICE_STANDINGS = "PRACTICE: not official. Practice runs, and runs of a simulated testbed."
 
 TEAM_WORDS: Mapping[TeamWord, str] = {
     TeamWord.ACKNOWLEDGED: "The team acknowledged the result.",

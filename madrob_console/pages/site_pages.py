@@ -14,7 +14,7 @@ from madrob_console.archive.folders import INDEX_PAGE
 from madrob_console.common.formatting import format_span
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.competition import PLAN_NOTES, RulesetStandings, summary_words
-from madrob_console.pages.notes import MANUAL_START_NOTE, NO_UNCERTAINTY_NOTE, UNCERTAINTY_NOTE
+from madrob_console.pages.notes import NO_UNCERTAINTY_NOTE, UNCERTAINTY_NOTE
 from madrob_console.pages.site_content import (
     ORDER,
     PLAN,
@@ -261,4 +261,3 @@ def _notes(runs: Sequence[RunSummary]) -> Iterator[str]:
     yield UNCERTAINTY_NOTE
     if any(run.values and not run.uncertainties for run in runs):
         yield NO_UNCERTAINTY_NOTE
-    yield MANUAL_START_NOTE

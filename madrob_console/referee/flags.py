@@ -389,7 +389,7 @@ def _waivers(waivers: Iterable[Waiver]) -> Iterator[Flag]:
     if checks:
         heavy = not set(checks).isdisjoint(_OF_THE_ATTEMPT)
         weight = FlagWeight.CAUTION if heavy else FlagWeight.REMARK
-        yield Flag(FlagKind.WAIVER, f"waived: {_listed(checks)}", weight)
+        yield Flag(FlagKind.WAIVER, f"check waived: {_listed(checks)}", weight)
 
 
 def _cut(words: str) -> str:

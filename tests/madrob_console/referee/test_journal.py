@@ -425,10 +425,12 @@ def seen(*signals: SignalQuality, words: str = "") -> object:
             ("the recording lacks 1 message: the result cannot be made again from it", CAUTION),
         ),
         flagged(replace(RUN, incidents=(FALL,)), ("1 incident (fall)", REMARK)),
-        flagged(replace(RUN, waivers=waived(CheckName.CLOCK)), ("waived: clock skew", REMARK)),
+        flagged(
+            replace(RUN, waivers=waived(CheckName.CLOCK)), ("check waived: clock skew", REMARK)
+        ),
         flagged(
             replace(RUN, waivers=waived(CheckName.CLOCK, CheckName.POSE)),
-            ("waived: clock skew, start pose", CAUTION),
+            ("check waived: clock skew, start pose", CAUTION),
         ),
         flagged(replace(RUN, voided=VOID), ("VOID, does not count (the door was jammed)", CAUTION)),
         flagged(
