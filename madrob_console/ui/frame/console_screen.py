@@ -202,10 +202,10 @@ class ConsoleScreen(Screen[None]):
         marked = self.panes.history.table.selected
         if self.pane == "history":
             team = "" if marked is None else f"{marked.subject} {marked.team}".rstrip()
-            about = "no run" if marked is None else f"run {marked.run_number} of team {team}"
+            about = "" if marked is None else f"run {marked.run_number} of team {team}"
             pane, hint = self.pane, "" if now.right.only_watches else _OPEN_FIRST
         else:
-            about, hint = who_text(now.run), ""
+            about, hint = "" if now.run.setup is None else who_text(now.run), ""
             pane = "live" if now.result is None else "results"
         found = [(key, key.refusal(now)) for key in MENU if pane in key.where]
         if now.right.only_watches or now.playback is not None:
@@ -213,7 +213,9 @@ class ConsoleScreen(Screen[None]):
         found = [(key, why) for key, why in found if key.name != "take" or why is None]
         acts = (KEYS["rule"], KEYS["incident"], KEYS["take_back"])
         direct = [key for key in acts if pane in key.where and key.refusal(now) is None]
-        return ask_menu(f"What do you want to do with {about}?", found, direct, hint)
+        which = f"What do you want to do with {about}?"
+        title = which if about else "There is no run here. What do you want to do?"
+        return ask_menu(title, found, direct, hint)
 
     def run_meant(self) -> RunMeant | str:
         """The marked run of the history, else the one that is shown; else why there is none."""
