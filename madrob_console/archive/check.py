@@ -14,12 +14,13 @@ from typing import Any
 import msgspec
 
 from madrob_console.archive.file_digests import lists_evidence
-from madrob_console.archive.folders import RESULT_FILE, RunPath
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.result_files import document_of
 from madrob_console.archive.result_reader import UnusableResultError, read_result, read_whole_result
-from madrob_console.archive.scored import Scored, score_recording
+from madrob_console.archive.scored import Scored, lines_lost, score_recording
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.formatting import utc_text
 from madrob_console.common.names import terminal_safe
 from recorder.bag import METADATA_FILE
 from scoring.indicator_table import IndicatorName
@@ -189,7 +190,8 @@ def check_run(run: RunPath) -> CheckedRun:
         raise MadrobError(
             f"{folder}: has no {RESULT_FILE} to check: name a run folder with a result"
         )
-    return compare(stored, score_recording(folder)[0], folder)
+    checked = compare(stored, score_recording(folder)[0], folder)
+    return dataclasses.replace(checked, found=(*_journal_differences(folder), *checked.found))
 
 
 def compare(stored: dict[str, Any], scored: Scored, folder: Path) -> CheckedRun:
@@ -235,6 +237,11 @@ def _differences(where: str, stored: object, recomputed: object) -> Iterator[Dif
             computed = where.startswith(_COMPUTED)
             grade = Grade.of(stored, recomputed) if computed else Grade.DIFFERS
             yield Difference(where, stored, recomputed, grade)
+
+
+def _journal_differences(folder: Path) -> Iterator[Difference]:
+    for line in lines_lost(folder):
+        yield Difference(JOURNAL_FILE, f"'{line.what}' of {utc_text(line.time)}", "missing")
 
 
 def _remarks(stored: Mapping[str, Any]) -> list[Any]:

@@ -16,6 +16,7 @@ from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.result_files import eurobench_files, result_files
 from madrob_console.archive.result_reader import (
     UnusableResultError,
+    lacks_line,
     read_sound_result,
     read_whole_result,
 )
@@ -75,7 +76,8 @@ def _repaired(
     recorded, now = opened.recorded, time.time()
     run = replace(recorded.run, issue=max(1, recorded.run.issue))
     stored = read_sound_result(str(folder))
-    if stored is not None and (journal is None or not opened.out_of_date):
+    waits = opened.out_of_date or (stored is not None and lacks_line(str(folder)))
+    if stored is not None and (journal is None or not waits):
         if not _lacks_files(folder, stored):
             return None
         scored = Scored.of(recorded.record, run, opened.assessment)

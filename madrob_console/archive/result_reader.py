@@ -20,6 +20,7 @@ from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.run_journal import (
     is_noted,
     recorded_competition,
+    waits_for_line,
     was_changed,
 )
 from madrob_console.common.errors import MadrobError
@@ -108,6 +109,11 @@ def read_result(folder: str) -> ResultDocument:
     if was_changed(data, Path(folder)):
         raise DamagedResultError(f"{RESULT_FILE} was changed after it was written: {_AGAIN}")
     return _document(data, folder)
+
+
+def lacks_line(folder: str) -> bool:
+    """Whether no line of the journal has the digest of `result.json`; raises as `read_result`."""
+    return waits_for_line(_read(folder), Path(folder))
 
 
 def _document(data: bytes, folder: str) -> ResultDocument:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -173,7 +174,7 @@ def was_changed(data: bytes, folder: Path) -> bool:
         entries, _ = read_journal(folder / JOURNAL_FILE)
     except OSError:
         return False
-    noted = [entry.details for entry in entries if entry.what == Change.RESULT_WRITTEN]
+    noted = _noted_in(entries)
     if not noted or _DIGEST not in noted[-1]:
         return False
     try:
@@ -181,6 +182,23 @@ def was_changed(data: bytes, folder: Path) -> bool:
     except msgspec.MsgspecError:
         return True
     return mark != mark_of(entries) or noted[-1].get("lines") == mark.lines
+
+
+def waits_for_line(data: bytes, folder: Path) -> bool:
+    """Whether the journal lacks the line `result written` of a `result.json`.
+
+    A kill does that, and so does somebody who deletes the line. A journal of an earlier version has
+    no digests.
+    """
+    try:
+        noted = _noted_in(read_journal(folder / JOURNAL_FILE)[0])
+    except OSError:
+        return False
+    return not is_noted(data, folder) and (not noted or _DIGEST in noted[-1])
+
+
+def _noted_in(entries: Iterable[Entry]) -> list[Mapping[str, Any]]:
+    return [entry.details for entry in entries if entry.what == Change.RESULT_WRITTEN]
 
 
 def disagreement(result: ResultDocument, folder: Path) -> str | None:

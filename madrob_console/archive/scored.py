@@ -23,12 +23,12 @@ from madrob_console.archive.result_reader import (
 from madrob_console.archive.run_journal import disagreements, is_held, read_run_journal
 from madrob_console.archive.run_record import RECORD_NAME, RunLabel, RunRecord, record_from
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import Stamp, refusal, stamp_of
+from madrob_console.common.files import Stamp, read_all, refusal, stamp_of
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, Decoder, decode_text
 from madrob_console.messages.message_types import MessageError, standard_types, types_of
 from madrob_console.referee.flags import Flag, flags, practice_flags
-from madrob_console.referee.journal import Entry, read_journal
+from madrob_console.referee.journal import LARGEST_JOURNAL, Entry, read_journal
 from madrob_console.referee.rebuild import Change, mark_of, rebuild
 from madrob_console.referee.run import DECISION_REMARKS, Run
 from recorder.errors import RecorderError
@@ -251,6 +251,15 @@ def _journal_file(path: Path) -> tuple[tuple[Entry, ...], tuple[str, ...]]:
         return (), ()
     except OSError as error:
         return (), (f"{journal.name} cannot be read ({refusal(error)}): the bag's journal is used",)
+
+
+def lines_lost(folder: Path) -> Iterator[Entry]:
+    """The lines of the recording's own journal that the journal file has not."""
+    with _naming(folder), suppress(FileNotFoundError):
+        lines = {*read_all(folder / JOURNAL_FILE, LARGEST_JOURNAL).split(b"\n")}
+        yield from (
+            entry for entry in _journal_in(Bag(folder)) if entry.to_json().encode() not in lines
+        )
 
 
 def _journal_in(bag: Bag) -> Iterable[Entry]:

@@ -11,8 +11,9 @@ from typing import NamedTuple, TypeAlias
 
 from madrob_console.archive.check import CheckedRun, Grade, check_run
 from madrob_console.archive.collection import Collection, collected
-from madrob_console.archive.folders import PRACTICE_FOLDER, RunPath
+from madrob_console.archive.folders import JOURNAL_FILE, PRACTICE_FOLDER, RESULT_FILE, RunPath
 from madrob_console.archive.result_files import stored_run
+from madrob_console.archive.result_reader import lacks_line
 from madrob_console.archive.table_columns import RUNS, Row
 from madrob_console.cli.batch import Tried, tried
 from madrob_console.cli.doctor_ros import Finding, Severity
@@ -148,6 +149,10 @@ def archive_findings(path: Path, tell: Tell) -> Iterator[Finding]:
     if left_out := {one.place: one.why for one in found.unlisted}:
         text = f"{counted(len(left_out), 'place')}: `madrob standings PATH` says why"
         yield Finding(Severity.ERROR, "left out", text, left_out)
+    usable = [run for run in found.runs if run.outcome and not run.problem and not run.twin]
+    why = f"no line of {JOURNAL_FILE} has the digest of its {RESULT_FILE}"
+    unnoted = [(run, why) for run in usable if lacks_line(str(found.root / run.folder))]
+    yield from _finding(Severity.ERROR, "not noted", "`madrob recover FOLDER` notes it", unnoted)
     for rule in _RULES:
         whys = [(run, why) for run in found.runs if (why := rule.why(run))]
         yield from _finding(Severity.ERROR, rule.subject, rule.remedy, whys)
@@ -158,7 +163,10 @@ def archive_findings(path: Path, tell: Tell) -> Iterator[Finding]:
         whys = list(_unlike(counting, {place: row[column] for place, row in rows.items()}))
         yield from _finding(severity, column.partition("_")[0], remedy, whys)
     yield from _finding(
-        Severity.ERROR, "check", "`madrob score --check` says what", list(_differing(found, tell))
+        Severity.ERROR,
+        "check",
+        "`madrob score --check` says what",
+        list(_differing(found.root, usable, tell)),
     )
 
 
@@ -202,10 +210,11 @@ def _unlike(
                 yield run, f"{value or 'none'}, most have {usual or 'none'}"
 
 
-def _differing(found: Collection, tell: Tell) -> Iterator[tuple[RunSummary, str]]:
+def _differing(
+    root: Path, runs: Sequence[RunSummary], tell: Tell
+) -> Iterator[tuple[RunSummary, str]]:
     """Runs that do not give their result again, or whose files are not those of the result."""
-    runs = [run for run in found.runs if run.outcome and not run.problem and not run.twin]
-    paths = [RunPath(found.root / run.folder) for run in runs]
+    paths = [RunPath(root / run.folder) for run in runs]
     check = partial(tried, work=check_run)
     with closing(in_order(check, paths, lambda _run, why: Tried(problem=why))) as checked:
         for number, (run, one) in enumerate(zip(runs, checked, strict=True), start=1):

@@ -7,14 +7,14 @@ import re
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
 
-from madrob_console.archive.folders import RESULT_FILE
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.referee.run_summary import RunSummary
 from scoring.protocol import Outcome
 from tests.madrob_console.cli.typed import Madrob
@@ -84,10 +84,18 @@ def copy_the_run(run: Path) -> None:
     shutil.copytree(run, run.parent / "copied" / run.name)
 
 
+def lose_lines(run: Path, of: str) -> None:
+    path = run / JOURNAL_FILE
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(line for line in lines if f'"what": "{of}"' not in line))
+
+
 SPOILT: Mapping[str, tuple[Callable[[Path], None], str]] = {
     "check": (change_a_table, "differs in 2: files."),
     "damaged": (change_the_result, "was changed after it was written"),
     "check ": (lose_the_recording, "cannot read"),
+    "check  ": (partial(lose_lines, of="event"), "journal.jsonl: stored \"'event' of"),
+    "not noted": (partial(lose_lines, of="result written"), "no line of journal.jsonl has"),
     "twice": (copy_the_run, "is the same run as"),
 }
 
@@ -104,6 +112,17 @@ def test_what_disagrees_with_its_digest_or_is_there_twice_is_named(
     ((place, why),) = finding["runs"].items()
     assert Path(place).name == run.name
     assert words in why
+
+
+def test_a_result_that_no_line_has_noted_is_noted_by_recover(archive: Path, madrob: Madrob) -> None:
+    journal = run_in(archive) / JOURNAL_FILE
+    *lines, last = journal.read_text().splitlines(keepends=True)
+    journal.write_text("".join(lines))
+    assert "not noted" in findings(madrob, archive, code=1)
+    madrob("recover", run_in(archive))
+    assert list(findings(madrob, archive, code=0)) == ["runs"]
+    again = json.loads(journal.read_text().splitlines()[-1])
+    assert again["details"] == json.loads(last)["details"]
 
 
 def changed(run: RunSummary, **keys: object) -> Callable[[Path], None]:
