@@ -25,7 +25,8 @@ from madrob_console.common.files import refusal
 from madrob_console.common.names import terminal_safe
 from madrob_console.referee.run_summary import RunSummary
 
-_LINK = "is behind a link and left out: name the folder itself"
+NO_RUN = "holds no run: name folders with runs"
+LEFT_OUT_LINK = "is behind a link and left out: name the folder itself"
 
 
 class Unlisted(NamedTuple):
@@ -77,7 +78,7 @@ def collected(paths: Sequence[Path], testbed: str | None = None) -> Collection:
             unlisted.append(Unlisted(str(root), str(error).removeprefix(f"{root}: ")))
             continue
         found = {run.folder: run for run in history if run.folder in names}
-        unlisted += [Unlisted(str(root / name), _LINK) for name in sorted(names - {*found})]
+        unlisted += [Unlisted(str(root / name), LEFT_OUT_LINK) for name in sorted(names - {*found})]
         if alone:
             runs += found.values()
             continue
@@ -140,7 +141,7 @@ def _why_unlisted(run: RunPath) -> str:
         return f"is not called like a run and left out: call it {called} again"
     if run.prefix or any(name.endswith((".mcap", ".db3")) for name in names):
         return f"has no {RESULT_FILE} of a run folder: name folders with runs"
-    return "holds no run: name folders with runs"
+    return NO_RUN
 
 
 # The filter that a person types over a list of runs.

@@ -10,8 +10,14 @@ from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 from madrob_console.archive.check import CheckedRun, Grade, check_run
-from madrob_console.archive.collection import Collection, collected
-from madrob_console.archive.folders import JOURNAL_FILE, PRACTICE_FOLDER, RESULT_FILE, RunPath
+from madrob_console.archive.collection import LEFT_OUT_LINK, NO_RUN, Collection, collected
+from madrob_console.archive.folders import (
+    JOURNAL_FILE,
+    PRACTICE_FOLDER,
+    RESULT_FILE,
+    RunPath,
+    parse_folder_name,
+)
 from madrob_console.archive.result_files import stored_run
 from madrob_console.archive.result_reader import lacks_line
 from madrob_console.archive.table_columns import RUNS, Row
@@ -24,9 +30,12 @@ from madrob_console.common.formatting import counted, listed
 from madrob_console.common.names import is_rehearsal, terminal_safe
 from madrob_console.referee.flags import FlagKind, undecided
 from madrob_console.referee.run_summary import RunSummary
+from scoring.protocol import Thresholds
 
 _WIDTH = 58
 """Columns of a finding's words, in a line of 80."""
+
+_LONGEST_REMEDY = 44
 
 Whys: TypeAlias = Sequence[tuple[RunSummary, str]]
 """Runs, each with what is wrong with it in words."""
@@ -66,7 +75,6 @@ def _why_undecided(run: RunSummary) -> str:
 
 
 _RULES = (
-    _Rule("damaged", "`madrob recover` mends or explains", lambda run: run.problem or ""),
     _Rule("no result", "open the console, it asks", _why_without_result),
     _Rule("twice", "take one of the two folders away", lambda run: run.why_twin * bool(run.twin)),
     _Rule(
@@ -92,7 +100,7 @@ _CLASHES = (
     _Clash(
         Severity.ERROR,
         "run number",
-        "void all but one (Enter, v)",
+        "void repeats of one hall",
         lambda run: (run.competition, run.testbed, run.subject, run.condition, run.run_number),
         lambda run: run.folder,
     ),
@@ -140,19 +148,23 @@ def archive_findings(path: Path, tell: Tell) -> Iterator[Finding]:
     """
     found = collected([path])
     if not found.runs:
+        if path.is_dir() and (unlisted := [one for one in found.unlisted if one.why != NO_RUN]):
+            raise MadrobError(f"{unlisted[0].place}: {unlisted[0].why}")
         raise MadrobError(f"{path}: holds no run: name a results folder, or one with several")
     official = [run for run in found.runs if run.official and not (run.voided or run.twin)]
     counting = [run for run in official if run.valid]
     how = "named subject/condition/run" if counting else "name the folder of a competition"
     text = f"{len(counting)} of {len(found.runs)} count: {how}"
     yield Finding(Severity.OK if counting else Severity.ERROR, "runs", text)
-    if left_out := {one.place: one.why for one in found.unlisted}:
-        text = f"{counted(len(left_out), 'place')}: `madrob standings PATH` says why"
+    if left_out := {one.place: one.why for one in found.unlisted} | dict(_links(path)):
+        text = f"{counted(len(left_out), 'place')}: --json says where, why and what to do"
         yield Finding(Severity.ERROR, "left out", text, left_out)
     usable = [run for run in found.runs if run.outcome and not run.problem and not run.twin]
     why = f"no line of {JOURNAL_FILE} has the digest of its {RESULT_FILE}"
     unnoted = [(run, why) for run in usable if lacks_line(str(found.root / run.folder))]
     yield from _finding(Severity.ERROR, "not noted", "`madrob recover FOLDER` notes it", unnoted)
+    for remedy, whys in _damaged(found.runs).items():
+        yield from _finding(Severity.ERROR, "damaged", remedy, whys)
     for rule in _RULES:
         whys = [(run, why) for run in found.runs if (why := rule.why(run))]
         yield from _finding(Severity.ERROR, rule.subject, rule.remedy, whys)
@@ -161,13 +173,22 @@ def archive_findings(path: Path, tell: Tell) -> Iterator[Finding]:
     rows = dict(_rows(found, counting))
     for column, (severity, remedy) in _COLUMNS.items():
         whys = list(_unlike(counting, {place: row[column] for place, row in rows.items()}))
-        yield from _finding(severity, column.partition("_")[0], remedy, whys)
+        alike = column == "thresholds_changed" and len({why for _, why in whys}) == 1
+        what = f"{_thresholds_words(whys[0][0])}: one hall only" if alike else remedy
+        yield from _finding(severity, column.partition("_")[0], what, whys)
     yield from _finding(
         Severity.ERROR,
         "check",
         "`madrob score --check` says what",
         list(_differing(found.root, usable, tell)),
     )
+
+
+def _links(path: Path) -> Iterator[tuple[str, str]]:
+    """Folders, or what is called like a run, that no list follows."""
+    for place in sorted(path.rglob("*")):
+        if place.is_symlink() and (place.is_dir() or parse_folder_name(place.name) is not None):
+            yield str(place), LEFT_OUT_LINK
 
 
 def archive_verdict(findings: Sequence[Finding]) -> str:
@@ -181,9 +202,30 @@ def _finding(severity: Severity, subject: str, remedy: str, whys: Whys) -> Itera
     if whys:
         names = [f"{run.subject}/{run.condition}/{run.run_number}" for run, _ in whys]
         texts = [f"{listed(names, most)}: {remedy}" for most in (4, 3, 2, 1)]
+        if len({*names}) < len(names):  # one number in several folders
+            folders = [Path(run.folder) for run, _ in whys]
+            places = [f"in {folder.parent.name}" for folder in folders]
+            if len({*places}) < len(places):
+                places = [f"at {folder.name[-6:]}" for folder in folders]
+            placed = [f"{name} {place}" for name, place in zip(names, places, strict=True)]
+            texts.insert(0, f"{listed(placed, 4)}: {remedy}")
         text = next((text for text in texts if len(text) <= _WIDTH), texts[-1])
         told = {run.folder: terminal_safe(why) for run, why in whys}
         yield Finding(severity, subject, text, told)
+
+
+def _damaged(runs: Sequence[RunSummary]) -> Mapping[str, Whys]:
+    """By remedy, which the words of a problem end with."""
+    found = defaultdict[str, list[tuple[RunSummary, str]]](list)
+    for run in runs:
+        if run.problem:
+            remedy = run.problem.rpartition(": ")[2]
+            if run.repairable:
+                remedy = "`madrob recover` mends or explains"
+            elif len(remedy) > _LONGEST_REMEDY:
+                remedy = "--json says what to do"
+            found[remedy].append((run, run.problem))
+    return found
 
 
 def _clashing(runs: Sequence[RunSummary], clash: _Clash) -> Whys:
@@ -198,6 +240,12 @@ def _rows(found: Collection, runs: Sequence[RunSummary]) -> Iterator[tuple[str, 
     for run in runs:
         with suppress(MadrobError):  # an engine works on it: the check says so
             yield run.folder, RUNS.row_of(stored_run(RunPath(found.root / run.folder)))
+
+
+def _thresholds_words(run: RunSummary) -> str:
+    usual, unlike = Thresholds().numbers, run.thresholds or {}
+    words = [f"{name} {value}, protocol {usual.get(name)}" for name, value in unlike.items()]
+    return words[0] if len(words) == 1 else "--json names them"
 
 
 def _unlike(
@@ -220,7 +268,8 @@ def _differing(
         for number, (run, one) in enumerate(zip(runs, checked, strict=True), start=1):
             tell(number, len(runs))
             if why := one.problem or _difference(one.done):
-                yield run, why
+                lost = not (root / run.folder / JOURNAL_FILE).exists()
+                yield run, f"{JOURNAL_FILE} is missing, {why}" if lost else why
 
 
 def _difference(checked: CheckedRun | None) -> str:

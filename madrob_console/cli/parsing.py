@@ -142,7 +142,9 @@ def one_of(words: type[_Words]) -> Callable[[str], _Words]:
 
 
 def as_path(text: str) -> Path:
-    """Argument type: a path, `~` too where no shell has seen to it."""
+    """Argument type: a path, `~` too where no shell has seen to it; an empty one is refused."""
+    if not text:
+        raise argparse.ArgumentTypeError("is empty: name a path")
     try:
         return Path(text).expanduser()
     except RuntimeError:

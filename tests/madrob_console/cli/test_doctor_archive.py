@@ -207,7 +207,54 @@ def test_a_path_without_runs_is_bad_input(tmp_path: Path, madrob: Madrob) -> Non
     assert "holds no run: name a results folder" in madrob.refusal("doctor --archive", tmp_path)
     (tmp_path / "file").touch()
     assert "holds no run" in madrob.refusal("doctor --archive", tmp_path / "file")
+    assert "is empty: name a path" in madrob.refusal("doctor --archive", "")
     assert madrob.say("doctor --reference --archive", tmp_path).code == 2
+
+
+@pytest.mark.parametrize("kind", ["run", "hall"])
+def test_a_link_that_no_list_follows_is_named(kind: str, archive: Path, madrob: Madrob) -> None:
+    linked = shutil.move(run_in(archive) if kind == "run" else archive, archive.parent / "away")
+    link = archive / "hall" if kind == "hall" else archive / run_in(official()).name
+    shutil.copytree(official(), link.parent / "other")
+    link.symlink_to(linked)
+    found = findings(madrob, archive, code=1)["left out"]
+    assert found["runs"] == {str(link): "is behind a link and left out: name the folder itself"}
+
+
+def test_the_remedy_is_that_of_the_damage(archive: Path, madrob: Madrob) -> None:
+    def remedy() -> str:
+        return str(findings(madrob, archive, code=1)["damaged"]["text"])
+
+    result = run_in(archive) / RESULT_FILE
+    whole = result.read_text()
+    result.write_text(whole.replace('"completed"', '"timeout"'))
+    assert remedy() == "3/1/1: `madrob recover` mends or explains"
+    result.unlink()
+    result.symlink_to(archive / "nowhere")
+    assert remedy() == "3/1/1: put a readable file in its place"
+
+
+def test_one_number_in_two_halls_is_told_by_their_folders(tmp_path: Path, madrob: Madrob) -> None:
+    for hall in ("a", "b"):
+        write(tmp_path / hall, summary(**FIRST, run_id=hall, hour="ab".index(hall)))
+    text = findings(madrob, tmp_path, code=1)["run number"]["text"]
+    assert text == "3/7/1 in a, 3/7/1 in b: void repeats of one hall"
+
+
+def test_a_threshold_that_is_not_alike_is_named_with_both_values(
+    tmp_path: Path, madrob: Madrob
+) -> None:
+    for number in (7, 8, 9):
+        unlike = {"lintel_height": 2.2} if number == 9 else None
+        run = summary(**FIRST, condition=number, hour=number - 7, thresholds=unlike)
+        write(tmp_path, run)
+    text = findings(madrob, tmp_path, code=1)["thresholds"]["text"]
+    assert re.fullmatch(r"3/9/1: lintel_height 2\.2, protocol [\d.]+: one hall only", text)
+
+
+def test_a_path_with_a_renamed_run_alone_says_its_name(archive: Path, madrob: Madrob) -> None:
+    run_in(archive).rename(archive / "the final")
+    assert "is not called like a run and left out" in madrob.refusal("doctor --archive", archive)
 
 
 def test_what_is_in_no_list_is_named(archive: Path, madrob: Madrob) -> None:
