@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     "repair recordings that were cut off, and their results",
     "Writes a whole bag beside the torn one, which is kept; that of evidence only where more than "
     "its end is damaged. The result of a run folder is made again if a power cut left it out of "
-    "date. A damaged one becomes what it was, else the next version. None is made again from a "
-    "recording that lacks messages of it.",
+    "date. A damaged one becomes what it was, else the next version. Where the recording lacks "
+    "messages of it, nothing is made again.",
     options=(options.PATHS,),
     examples=("madrob recover my_run", "madrob recover ~/madrob_runs"),
 )

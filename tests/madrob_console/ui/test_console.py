@@ -212,7 +212,7 @@ CUT_OFF_SO = (
     " the start, last event door opens, 2.5 MB recorded"
 )
 CUT_OFF_ANSWERS = (
-    "interrupted, uses up no attempt of the team",
+    "interrupted, no attempt used; a declared timeout stays",
     "invalid, as if aborted: uses up an attempt of the team",
 )
 BROKEN = TeamList({1: "Delft"}, ("teams.csv line 3: subject 'x' is no number",))
@@ -551,6 +551,14 @@ STORIES: Stories = {
             ("escape", []),
         )
     },
+    "a run that had stopped before the engine was killed is only scored, as it ended": [
+        (
+            on_engine(unfinished=(replace(CUT_OFF, phase=Phase.STOPPED),)),
+            "score it as it ended",
+            no("as if aborted"),
+        ),
+        ("s", no_question, was_opened(EARLIER.folder)),
+    ],
     "the footer says that letters type while they do": [
         ("f2", lambda d: d.rows()[-1].startswith("typing; Esc: keys  F7 Zero  Enter Set up")),
         ("f3", lambda d: "typing; Esc" not in d.rows()[-1]),
