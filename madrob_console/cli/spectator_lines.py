@@ -81,8 +81,11 @@ def _numberless(fault: str) -> str:
 
 # One sentence an event.
 
-_TOLD = {act.name for act in (SetUp, ZeroHandle, ConfirmPose, Start, Finalise)}
-"""Acts without a sentence of their own: the change of the state has one."""
+_TOLD = tuple(
+    act.log.partition("{")[0] or act.name
+    for act in (SetUp, ZeroHandle, ConfirmPose, Start, Finalise)
+)
+"""How the log's lines begin of acts without a sentence here: the change of the state has one."""
 
 _ENDS = {
     Outcome.TIMEOUT: "is over by timeout",
@@ -113,7 +116,7 @@ def _events(before: Snapshot, now: Snapshot) -> Iterator[tuple[float, str]]:
     seen = before.log[-1].number if before.log else -1
     for line in now.log:
         decision = line.origin in (Origin.REFEREE, Origin.REMOTE) or line.weight is Weight.ALARM
-        if line.number > seen and decision and line.text.partition(":")[0] not in _TOLD:
+        if line.number > seen and decision and not line.text.startswith(_TOLD):
             yield line.time, line.text
     for fault in _without(now.faults, before.faults):
         yield now.time, f"fault: {fault}"

@@ -118,7 +118,7 @@ def test_a_call_has_the_checks_and_words_of_the_key_and_its_own_origin_in_the_jo
 ) -> None:
     assert hall.answer() == (False, "Refused: abort: no run is set up yet")
     hall.start()
-    assert hall.answer() == (True, "Done: abort")
+    assert hall.answer() == (True, "Done: the run is aborted")
     until(lambda: hall.phase is Phase.STOPPED)
     assert hall.answer() == (False, "Refused: abort: the run has stopped")
     run = hall.engine.snapshot().run
@@ -196,7 +196,7 @@ def test_a_start_that_the_disk_does_not_answer_holds_up_no_abort(hall: Hall) -> 
     start = hall.engine.begin_request(Perform.of(Start()))
     until(lambda: hall.engine._engine.writing)
     assert not start.done()
-    assert hall.answer() == (True, "Done: abort")
+    assert hall.answer() == (True, "Done: the run is aborted")
     assert start.result(BUSY) == (
         "aborted before the countdown began: called over ROS: it is withdrawn"
     )
