@@ -355,7 +355,7 @@ def test_after_a_correction_the_reports_of_both_teams_and_the_site_are_true(tmp_
         until(lambda: told() == [[], ["run 2", "run 2"], [], ["run 2", "run 2"]], MINUTES)
         engine.act(Void("the wrong door"))
         until(lambda: told() == [[], ["run 2"], [], ["run 2"]], MINUTES)
-        until(lambda: "run 2</a> (VOID)" in reports[1].read_text(), MINUTES)
+        until(lambda: "run 2</a> (VOID: " in reports[1].read_text(), MINUTES)
         team = site / "teams/004.html"
         until(lambda: "1 completed, 1 VOID" in team.read_text(), MINUTES)
 

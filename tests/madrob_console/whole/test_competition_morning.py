@@ -135,7 +135,7 @@ class Referee:
             case Outcome.ABORTED:
                 self.press("F8", "ABORT the run")
                 self.press("1", "Abort now?")
-                self.press("y", "ABORTED: the run is invalid (robot unsafe)")
+                self.press("y", "ABORTED: invalid (robot unsafe)")
             case Outcome.TIMEOUT:
                 self.see("✓ 1 touch the handle", timeout=LONGEST_RUN)
                 self.press("F9", "DECLARE TIMEOUT")
@@ -156,7 +156,7 @@ class Referee:
         if doubted in self._window.wait_for(doubted, instead=word_asked):
             self.press("y", word_asked)
         self.press(word, "Note (Enter for none):")
-        self.press("Enter", f", final: {WORDS[word].told}")
+        self.press("Enter", f"signed by R. Eferee, {WORDS[word].told}")
 
     def decide(self, planned: Planned) -> None:
         """All that follows a run."""
