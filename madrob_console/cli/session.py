@@ -92,7 +92,7 @@ def open_engine(
             if arguments.speed == 0:
                 return Engine(simulated, clock, config, types)
             return Engine(
-                simulated, clock, config, types, keepers=DiskThreads.threads(), scorer=scorer
+                simulated, clock, config, types, disk=DiskThreads.threads(), scorer=scorer
             )
         case SourceKind.ROS:
             clock = SimulationClock() if _follows(arguments, settings) else SystemClock()
@@ -102,7 +102,7 @@ def open_engine(
                 clock,
                 config,
                 types,
-                keepers=DiskThreads.threads(),
+                disk=DiskThreads.threads(),
                 scorer=scorer,
                 evidence_client=_evidence_client(arguments, settings, types),
             )

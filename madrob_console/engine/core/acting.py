@@ -120,7 +120,7 @@ class Acting:
     def _disk_refusal(self, act: Act | type[Act], now: Now) -> str | None:
         """Why the disk allows no such act now, in words."""
         ends = act.urgent or act.name == Finalise.name or Consequence.NEW_RUN in act.consequences
-        if self._current.of.lines.is_full and not ends:
+        if self._current.state.lines.is_full and not ends:
             return "the journal of this run is full: sign it, then set up the next run"
         if self.waiting is not None and not (act.at_once and self._current.run.active):
             return f"the disk has not taken the {self.waiting.name} yet: wait for it"
@@ -149,7 +149,7 @@ class Acting:
 
     def _waits_for_start(self, act: Act) -> bool:
         """Whether its line waits for the start, before which a run has no journal on disk."""
-        return self._current.of.folder is None and Consequence.RECORDING not in act.consequences
+        return self._current.state.folder is None and Consequence.RECORDING not in act.consequences
 
     def _do_at_once(self, request: DoAct, now: Now) -> None:
         current, situation = self._current, self._situations.at(now)
@@ -170,7 +170,7 @@ class Acting:
     def _change(self, run: Run, now: Now) -> None:
         before = self._current.run.phase
         self._current.change(run, (), now)
-        if self._current.of.result.is_wanted and Phase.STOPPED in (before, run.phase):
+        if self._current.state.result.is_wanted and Phase.STOPPED in (before, run.phase):
             self._current.score(now)  # but what was final stays as it was signed
 
     # ------------------------------------------------------------------ an act that waits
@@ -187,18 +187,18 @@ class Acting:
         request = replace(request, act=act, id=request.id or f"{round(now.time * 1e9):x}")
         entry = _line_of(act, current.run, now.time, request.origin, request.id)
         deadline = now.monotonic + DURABLE_WITHIN
-        pending = _Pending(request, entry, deadline, _Wait.LINE, len(current.of.lines))
+        pending = _Pending(request, entry, deadline, _Wait.LINE, len(current.state.lines))
         self._pending = pending
         if Consequence.RECORDING in act.consequences:
             pending.wait, pending.record = _Wait.FILES, self._record(now)
             start = begin_countdown(current.run, now.time).start
             assert start is not None
-            lines = (*current.of.lines.entries, entry)
+            lines = (*current.state.lines.entries, entry)
             self._effects.append(OpenRecording(pending.record, start, lines))
         elif isinstance(act, Correct) and number is None:
             pending.wait = _Wait.NUMBER
-            assert current.of.folder is not None
-            results = current.of.folder.parent
+            assert current.state.folder is not None
+            results = current.state.folder.parent
             self._effects.append(GiveOutNumber(request.id, results, act.subject, act.condition))
         else:
             self._effects.append(WriteLine(entry, awaited=True))
@@ -232,7 +232,7 @@ class Acting:
         pending.entry = _line_of(
             pending.request.act, self._current.run, before.time, before.origin, before.id
         )
-        pending.wait, pending.place = _Wait.LINE, len(self._current.of.lines)
+        pending.wait, pending.place = _Wait.LINE, len(self._current.state.lines)
         self._effects.append(WriteLine(pending.entry, awaited=True))
 
     def take_written(self, written: LineWritten, now: Now) -> None:
@@ -241,8 +241,8 @@ class Acting:
         if pending is None or pending.entry.id != written.id:
             return
         if written.problem is None:
-            of = self._current.of
-            of.lines = of.lines.with_line(pending.entry, pending.place)
+            state = self._current.state
+            state.lines = state.lines.with_line(pending.entry, pending.place)
         self._decide(pending, written.problem, now)
 
     def take_recording(self, opened: RecordingOpened, now: Now) -> None:
@@ -272,9 +272,9 @@ class Acting:
     def _take_effect(self, pending: _Pending, now: Now) -> None:
         act, current = pending.request.act, self._current
         if pending.wait is _Wait.FILES:
-            of = current.of
-            of.record, of.folder, of.recording = pending.record, pending.folder, True
-            of.lines = of.lines.with_line(pending.entry, pending.place)
+            state = current.state
+            state.record, state.folder, state.recording = pending.record, pending.folder, True
+            state.lines = state.lines.with_line(pending.entry, pending.place)
             self._effects.append(KeepRecording())
         current.publish(pending.entry)
         if Consequence.COUNTDOWN in act.consequences:
@@ -324,7 +324,7 @@ class Acting:
 
     def opening_refusal(self, now: Now, instead_of: int | None = None) -> str | None:
         """Why no earlier run can be opened now, in words; `instead_of`: see `OpenEarlierRun`."""
-        current, result = self._current, self._current.of.result
+        current, result = self._current, self._current.state.result
         if current.run.active or self._pending is not None:
             return GOES_ON
         if current.run.phase in (Phase.STOPPED, Phase.FINAL) and not (
@@ -337,7 +337,7 @@ class Acting:
 
     def open_earlier(self, request: OpenEarlierRun, now: Now) -> None:
         refused = self.opening_refusal(now, request.instead_of)
-        if refused is not None or request.earlier.folder == self._current.of.folder:
+        if refused is not None or request.earlier.folder == self._current.state.folder:
             self._answer(request, refused)
         else:
             self._effects.append(ReopenJournal(request))

@@ -103,7 +103,7 @@ class CurrentRun:
 
     Attributes:
         generation: changes with each run that replaces the one before.
-        of: what belongs to this run.
+        state: what belongs to this run alone.
         zeroed: a clean run with the handle zero of runs to come, while an earlier one is opened.
     """
 
@@ -116,7 +116,7 @@ class CurrentRun:
     ) -> None:
         self.generation = 0
         self.run = Run()
-        self.of = _State()
+        self.state = _State()
         self.zeroed = Run()
         self.log = EventLog()
         self._observation = observation
@@ -127,7 +127,7 @@ class CurrentRun:
         self._drift: tuple[RunRecord, float] | None = None
         if recorded is not None:
             self.run = recorded.begin()
-            self.of = _State(recorded.record, recorded.folder)
+            self.state = _State(recorded.record, recorded.folder)
 
     # ------------------------------------------------------------------ one after the other
 
@@ -135,7 +135,7 @@ class CurrentRun:
     def replaced_words(self) -> str:
         """Why the current run cannot be replaced by the requested one."""
         setup = self.run.setup
-        if self.of.opened is not None or setup is None:
+        if self.state.opened is not None or setup is None:
             return "another run was opened meanwhile"
         which = f"run {setup.run_number} of subject {setup.subject}"
         return f"{which} was set up meanwhile, and stays: the history (h) opens the other one"
@@ -155,26 +155,26 @@ class CurrentRun:
 
     def begin_next(self) -> None:
         """Replace it by a clean next run, with the handle zero that was set last."""
-        fresh = self.run.cleared if self.of.opened is None else self.zeroed
+        fresh = self.run.cleared if self.state.opened is None else self.zeroed
         self._leave()
         self.run = fresh  # the zero of an opened run is of its day
 
     def open_earlier(self, request: OpenEarlierRun, now: Now) -> None:
         """Replace it by an earlier run, as if that had stopped just now."""
         earlier = request.earlier
-        if self.of.opened is None:
+        if self.state.opened is None:
             self.zeroed = self.run.cleared
         self._leave()
         self._effects.append(KeepJournal(keep=True))
         scored = earlier.scored
-        self.of = _State(scored.record, earlier.folder, earlier, lines=RunLines(earlier.entries))
+        self.state = _State(scored.record, earlier.folder, earlier, lines=RunLines(earlier.entries))
         self.run = before = replace(scored.run, journal=None)
         self._observation.look_back(scored.past)
         if self.run.active:
             self._end_cut_off(request, now)
         self.run = replace(self.run, issue=max(1, self.run.issue))
         if self.run == before and not earlier.out_of_date:
-            self.of.result.scored = scored
+            self.state.result.scored = scored
         else:
             cut_off = self.run.outcome is not before.outcome
             self.score(now, write=earlier.out_of_date or cut_off)
@@ -188,20 +188,20 @@ class CurrentRun:
             self.interrupt(self.run.outcome_reason, now, timeout_at, Outcome.TIMEOUT)
         else:
             self.interrupt(reason, now, request.earlier.entries[-1].time)
-        self.of.decided = None
+        self.state.decided = None
 
     @property
     def left(self) -> LeaveRun:
         """The effect of leaving it."""
-        of, result = self.of, self.of.result
-        return LeaveRun(of.folder, of.lines.entries, result.scored, result.problem)
+        state, result = self.state, self.state.result
+        return LeaveRun(state.folder, state.lines.entries, result.scored, result.problem)
 
     def _leave(self) -> None:
         self.generation += 1
         self._effects.append(self.left)
-        if self.of.result.is_missing:
+        if self.state.result.is_missing:
             self._effects.append(ListCutOffRuns())
-        self.of = _State()
+        self.state = _State()
         self.log.clear()
         self._observation.look_back()
 
@@ -220,7 +220,7 @@ class CurrentRun:
         if run.start != before.start:
             self._count_down(run, now)
         if before.active and run.phase is Phase.STOPPED:
-            self.of.decided = now.time
+            self.state.decided = now.time
             self._observation.judge(run)
         if run is not before and PublishedState.of(run) != PublishedState.of(before):
             self._effects.append(Publish(PublishedState.of(run)))
@@ -232,11 +232,11 @@ class CurrentRun:
             observation.follow(observation.tracker)
         if observation.tracker is not None or run.phase is not Phase.COUNTDOWN:
             return
-        assert self.of.record is not None
+        assert self.state.record is not None
         official = None if self._recorded is None else self._recorded.official
         before = observation.sensors.newest() if official is None else None
         start = -math.inf if official is None else official.start or -math.inf
-        observation.follow(RunTracker(self.of.record, run, self._silence, before, start))
+        observation.follow(RunTracker(self.state.record, run, self._silence, before, start))
 
     def interrupt(
         self,
@@ -268,7 +268,7 @@ class CurrentRun:
 
     def write(self, entry: Entry) -> None:
         """Write a line to journal, log, topic and bag; if the disk refuses it, it waits."""
-        self.of.lines.add(entry)
+        self.state.lines.add(entry)
         self._effects.append(WriteLine(entry))
         self.publish(entry)
 
@@ -278,7 +278,7 @@ class CurrentRun:
 
     def note_faults(self, faults: Mapping[tuple[str, FaultKind], str], now: Now) -> None:
         """Note each lasting fault of the testbed once."""
-        self._write_faults(self.of.faults.due(faults, now.time), now)
+        self._write_faults(self.state.faults.due(faults, now.time), now)
 
     def _write_faults(self, faults: Iterable[TestbedFault], now: Now) -> None:
         for fault in faults:
@@ -286,7 +286,7 @@ class CurrentRun:
             self.note(Happening(Origin.SYSTEM, Change.FAULT, fault.text, details), now)
 
     def note_evidence(self, status: EvidenceStatus, now: Now) -> None:
-        for words in self.of.evidence.due(status, self._start, now.time):
+        for words in self.state.evidence.due(status, self._start, now.time):
             self.note(Happening(Origin.SYSTEM, Change.EVIDENCE, words, {"time": now.time}), now)
 
     @property
@@ -299,12 +299,12 @@ class CurrentRun:
 
     def finish(self, now: Now) -> None:
         """Nothing more is recorded: have the bag closed, and the run scored."""
-        self._write_faults(self.of.faults.all(), now)
-        self.of.recording, self.of.closing = False, True
+        self._write_faults(self.state.faults.all(), now)
+        self.state.recording, self.state.closing = False, True
         self._effects.append(CloseRecording())
 
     def note_recording(self, closed: RecordingClosed, now: Now) -> None:
-        self.of.missing, self.of.closing = closed.missing, False
+        self.state.missing, self.state.closing = closed.missing, False
         if (status := now.workers.evidence) is not None:
             self._note_account(status.account_since(self._start), now)
         if closed.unrecorded:
@@ -323,7 +323,11 @@ class CurrentRun:
     def count_evidence(self, now: Now, *, last: bool = False) -> None:
         """Once its evidence is in the files, note how much is there; nothing waits for that."""
         before = self.run.evidence
-        idle = self.of.result.is_settled and self.of.folder is not None and self._recorded is None
+        idle = (
+            self.state.result.is_settled
+            and self.state.folder is not None
+            and self._recorded is None
+        )
         rests = not last and 0 <= now.time - self._settling < SETTLING_PERIOD
         if before is None or before.unwritten == 0 or not idle or rests:
             return
@@ -332,7 +336,7 @@ class CurrentRun:
 
     def note_evidence_account(self, counted: EvidenceCounted, now: Now) -> None:
         same = counted.generation == self.generation and counted.before == self.run.evidence
-        if counted.account is None or not same or not self.of.result.is_settled:
+        if counted.account is None or not same or not self.state.result.is_settled:
             return  # it is counted again
         self._note_account(counted.account, now)
         if self.run.closure is None:
@@ -341,27 +345,29 @@ class CurrentRun:
     def score(self, now: Now, *, write: bool = True) -> None:
         """Ask for its result, and have it written unless `write` says no."""
         self._observation.judge(self.run)
-        of = self.of
-        assert of.record is not None
-        assert of.folder is not None
-        tracker, stored = self._observation.tracker, of.opened is not None
+        state = self.state
+        assert state.record is not None
+        assert state.folder is not None
+        tracker, stored = self._observation.tracker, state.opened is not None
         samples = None if tracker is None else tracker.assessment
-        wanted = ToScore(of.record, self.run, of.folder, samples, of.missing, stored, write)
-        self._effects.append(of.result.request(wanted, of.lines.mark, now.monotonic))
+        wanted = ToScore(
+            state.record, self.run, state.folder, samples, state.missing, stored, write
+        )
+        self._effects.append(state.result.request(wanted, state.lines.mark, now.monotonic))
 
     def take_result(self, made: RunScored) -> None:
         """Have a result written that is still wanted; without files it is shown at once."""
-        if made.request is not self.of.result.awaited:
+        if made.request is not self.state.result.awaited:
             return
         if made.request.files:
-            self._effects.append(WriteResult(made.request, made.scored, self.of.lines.entries))
+            self._effects.append(WriteResult(made.request, made.scored, self.state.lines.entries))
         else:
             self._show(made.request, made.scored)
 
     def note_result(self, written: ResultWritten, now: Now) -> None:
         """Show a result: it is on disk, or the disk has refused it."""
-        request, result = written.request, self.of.result
-        if request.folder != self.of.folder:  # it was left meanwhile, and is retried as such
+        request, result = written.request, self.state.result
+        if request.folder != self.state.folder:  # it was left meanwhile, and is retried as such
             return
         result.problem = written.problem and f"the result is NOT on disk: {written.problem}"
         if result.problem is None:
@@ -371,10 +377,10 @@ class CurrentRun:
         self._show(request, written.scored)
 
     def _show(self, request: ToScore, scored: RenderedResult) -> None:
-        if not self.of.result.show(request, scored):
+        if not self.state.result.show(request, scored):
             return
         rest = scored.result.rest
-        if self.of.opened is None and rest is not None and rest.drift is not None:
+        if self.state.opened is None and rest is not None and rest.drift is not None:
             drifted = rest.drifted(scored.record.thresholds.touch_force)
             self._drift = (scored.record, rest.drift) if drifted else None
         if self._observation.tracker is None or self.run.corrections:  # it followed something else

@@ -78,7 +78,7 @@ class Core:
     @property
     def records(self) -> bool:
         """Whether messages that come now belong to the recording."""
-        return self.current_run.of.recording and not self.current_run.of.over
+        return self.current_run.state.recording and not self.current_run.state.over
 
     @property
     def waiting(self) -> type[Act] | None:
@@ -123,7 +123,7 @@ class Core:
                 acting.take_recording(happened, now)
             case JournalReopened():
                 acting.take_journal(happened, now)
-                results, opened = self._situations.config.results, current.of.folder
+                results, opened = self._situations.config.results, current.state.folder
                 others = (run for run in self._unfinished if results / run.folder != opened)
                 self._unfinished = tuple(others)
             case RecordingClosed():
@@ -141,7 +141,7 @@ class Core:
             case CutOff(reason):
                 if current.run.active:
                     current.interrupt(reason, now)
-                if current.of.recording:
+                if current.state.recording:
                     current.finish(now)
             case LastLook():
                 current.count_evidence(now, last=True)
@@ -164,11 +164,11 @@ class Core:
             self._watched = now.time
             self._watch(now)
         current.advance(now)
-        of = current.of
-        over = of.decided is not None and now.time >= of.decided + POST_ROLL
-        if over and of.recording:
+        state = current.state
+        over = state.decided is not None and now.time >= state.decided + POST_ROLL
+        if over and state.recording:
             # nothing more is recorded; what is, is judged
-            of.over |= now.unjudged > 0
+            state.over |= now.unjudged > 0
             if not now.unjudged:
                 current.finish(now)
         self._retry_writing(now)
@@ -179,7 +179,7 @@ class Core:
         if held != self._holds_evidence:
             self._holds_evidence = held
             self._effects.append(HoldEvidence(held))
-        if not current.of.recording:
+        if not current.state.recording:
             current.count_evidence(now)
             return
         current.note_faults(self._faults(now), now)
@@ -203,7 +203,7 @@ class Core:
         if 0 <= now.time - self._retried < RETRY_PERIOD:
             return
         self._retried = now.time
-        result, active = self.current_run.of.result, self.current_run.run.active
+        result, active = self.current_run.state.result, self.current_run.run.active
         self._effects.append(RetryWriting(results=not active))
         if not active and not now.disk.writing and result.problem and result.awaited is None:
             self.current_run.score(now)  # files that could not be read may be readable now

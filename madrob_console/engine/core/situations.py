@@ -24,7 +24,7 @@ class Situations:
         self._current = current_run
 
     def at(self, now: Now) -> Situation:
-        current, result, config = self._current, self._current.of.result, self.config
+        current, result, config = self._current, self._current.state.result, self.config
         return Situation(
             run=current.run,
             scored=result.is_settled,

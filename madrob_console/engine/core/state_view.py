@@ -49,18 +49,18 @@ def shown_state(  # noqa: PLR0913, PLR0917  all that there is to show
 
     `others` is what is wrong around the engine, in words; only a replay has a `playback`.
     """
-    run, of, live = current.run, current.of, playback is None
+    run, state, live = current.run, current.state, playback is None
     testbed, taken, evidence = now.testbed, now.taken, now.workers.evidence
     sensors, procedure = observation.sensors, observation.procedure
-    recorder, scored = now.workers.recorder, of.result.scored
+    recorder, scored = now.workers.recorder, state.result.scored
     door, latch = sensors.door_view(taken), sensors.latch_view(taken)
-    rescoring = scored is not None and of.result.is_outdated(now.monotonic)
+    rescoring = scored is not None and state.result.is_outdated(now.monotonic)
     result = scored.result if scored and not rescoring else None
     kind = scored.record.source if scored and live else testbed.kind
     announced = testbed_problem(testbed.announcement, run)
     problems = (  # by what they cost the run
         now.disk.journal_problem,
-        of.result.problem,
+        state.result.problem,
         now.workers.scoring,
         *now.disk.late_runs,
         f"recorder: {recorder.problem}" if recorder.problem else None,
@@ -108,8 +108,8 @@ def shown_state(  # noqa: PLR0913, PLR0917  all that there is to show
         result_source=kind if result else None,
         rescoring=rescoring,
         unfinished=unfinished,
-        opened=of.opened is not None,
-        folder=str(of.folder) if of.folder else None,
+        opened=state.opened is not None,
+        folder=str(state.folder) if state.folder else None,
         playback=playback,
         export=export,
         teams=now.teams,

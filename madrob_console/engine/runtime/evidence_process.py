@@ -83,10 +83,9 @@ class EvidenceProcess(Worker, EvidenceClient):
             self._written.wait(min(NEARLY_WRITTEN, end - time.monotonic()))
 
     def hold_writing(self, *, held: bool) -> None:
-        if held != self._held:
-            self._held = held
-            self._orders.append(LeaveDisk(held))
-            self.ring()
+        self._held = held
+        self._orders.append(LeaveDisk(held))
+        self.ring()
 
     def close(self) -> None:
         """An unfinished process goes on alone for a while."""

@@ -129,7 +129,7 @@ class Engine:
         config: EngineConfig,
         types: MessageTypes,
         replay: Replay | None = None,
-        keepers: DiskThreads | None = None,
+        disk: DiskThreads | None = None,
         scorer: Scorer | None = None,
         evidence_client: EvidenceClient | None = None,
     ) -> None:
@@ -140,7 +140,7 @@ class Engine:
         self.replay = replay
         self._clock = clock
         self._types = types
-        self._disk = keepers or DiskThreads.inline()
+        self._disk = disk or DiskThreads.inline()
         self._scorer = scorer or Scorer()
         self._evidence = evidence_client or EvidenceClient()
         self._lists: tuple[TeamList, Plan] = NO_TEAMS, NO_PLAN
@@ -187,11 +187,11 @@ class Engine:
 
     @property
     def scored(self) -> RenderedResult | None:
-        return self.current_run.of.result.scored
+        return self.current_run.state.result.scored
 
     @property
     def folder(self) -> Path | None:
-        return self.current_run.of.folder
+        return self.current_run.state.folder
 
     @property
     def unwritten(self) -> tuple[int, float]:
@@ -202,7 +202,7 @@ class Engine:
     def refused(self) -> str:
         """What of the current run is in memory alone and retried. From any thread."""
         journal = None if self.replay is not None else self._live.journal.problem
-        return self.current_run.of.result.problem or journal or ""
+        return self.current_run.state.result.problem or journal or ""
 
     @property
     def waiting(self) -> tuple[str, ...]:
@@ -225,8 +225,8 @@ class Engine:
         """Whether a run goes on or its files are being written; never for a replay."""
         if self.replay is not None:
             return False
-        of = self.current_run.of
-        files = of.recording or of.closing or self._live.results.is_writing
+        state = self.current_run.state
+        files = state.recording or state.closing or self._live.results.is_writing
         return self._core.waiting is not None or self.run.active or files
 
     @property
@@ -259,7 +259,7 @@ class Engine:
             self._live.deliver()
             self._drain()
         self._looked = now = self.now()
-        if self.current_run.of.recording:
+        if self.current_run.state.recording:
             self._backlog.note_pause(now - self._stepped)
         self._stepped = now
         if self.replay is not None or self.config.lossless:
@@ -280,8 +280,10 @@ class Engine:
 
     def _take_last_messages(self) -> None:
         messages = self.source.take_messages(0.0)  # what is still on its way
-        self._live.record_messages(messages)
-        self._backlog.add_messages(messages, recorded=True)
+        recorded = not self.current_run.state.over
+        if recorded:
+            self._live.record_messages(messages)
+        self._backlog.add_messages(messages, recorded=recorded)
         self._backlog.work_off()
 
     # ------------------------------------------------------------------ inputs and effects
@@ -322,7 +324,7 @@ class Engine:
         if self.replay is not None:
             return moment
         disk = self._live.disk_state(self.run if looks else None, taken)
-        here = self.current_run.of.opened is None
+        here = self.current_run.state.opened is None
         workers = self._live.worker_state(disk, taken, recorded_here=here)
         return replace(moment, disk=disk, workers=workers)
 

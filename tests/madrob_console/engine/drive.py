@@ -60,7 +60,7 @@ class Drive:
         seed: int = 0,
         *,
         latch: bool = False,
-        keepers: DiskThreads | None = None,
+        disk: DiskThreads | None = None,
         scorer: Scorer | None = None,
         testbed: str = "Hall A",
         disk_needed: int = 0,
@@ -84,7 +84,7 @@ class Drive:
             usual_setup=usual_setup,
             random=Random(next(_SEEDS)).randbytes,
         )
-        self.engine = Engine(self.source, self.clock, config, types, keepers=keepers, scorer=scorer)
+        self.engine = Engine(self.source, self.clock, config, types, disk=disk, scorer=scorer)
         self.engine.open()
 
     @property

@@ -27,8 +27,8 @@ class HeldDisk(DiskJobs):
         self._answers: deque[Callable[[], None]] = deque()
         self._busy = False
 
-    def keepers(self) -> DiskThreads:
-        """Its own keeper is this one."""
+    def threads(self) -> DiskThreads:
+        """As the engine takes it: the disk of its own files is this one."""
         return DiskThreads(self, DiskJobs(), monotonic=lambda: self.now)
 
     def submit_job(

@@ -27,9 +27,9 @@ class Referee(Drive):
         results: Path,
         scorer: ScoringProcess,
         scenario: Played = Scenario.NOMINAL,
-        keepers: DiskThreads | None = None,
+        disk: DiskThreads | None = None,
     ) -> None:
-        super().__init__(results, scenario, scorer=scorer, keepers=keepers)
+        super().__init__(results, scenario, scorer=scorer, disk=disk)
         self.scorer = scorer
         self.faults: set[str] = set()
 

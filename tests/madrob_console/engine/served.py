@@ -43,7 +43,7 @@ def simulated(
     clock, types = SystemClock(speed), MessageTypes()
     source = SimulatedSource(SimulatedTestbed(scenario), clock, types)
     config = EngineConfig(results, DEFAULT_MAPPINGS, disk_needed=0)
-    return Engine(source, clock, config, types, keepers=DiskThreads.threads(), scorer=scorer)
+    return Engine(source, clock, config, types, disk=DiskThreads.threads(), scorer=scorer)
 
 
 class Served:

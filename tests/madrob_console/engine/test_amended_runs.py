@@ -73,9 +73,9 @@ class Desk(Drive):
     """A referee with an earlier run on the desk; a completed one if none is given."""
 
     def __init__(
-        self, results: Path, source: Path | None = None, keepers: DiskThreads | None = None
+        self, results: Path, source: Path | None = None, disk: DiskThreads | None = None
     ) -> None:
-        super().__init__(results, keepers=keepers)
+        super().__init__(results, disk=disk)
         source = source or completed()
         self.results, self.run_folder = results, results / "practice" / source.name
         shutil.copytree(source, self.run_folder)
@@ -305,7 +305,7 @@ def test_whatever_is_decided_the_files_say_it_and_all_of_it_can_be_taken_back(
     """A result that does not know of it is made again."""
     with TemporaryDirectory() as folder:
         disk = HeldDisk()
-        desk = Desk(Path(folder), recorded(Scenario.TOUCH_ONLY), disk.keepers())
+        desk = Desk(Path(folder), recorded(Scenario.TOUCH_ONLY), disk.threads())
         result, begun = desk.run_folder / RESULT_FILE, len(desk.lines)
         first, before = desk.document, result.read_bytes()
         done = sum(asked(desk, disk, act, silent=silent) for act, silent in sequence)

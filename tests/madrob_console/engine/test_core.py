@@ -169,7 +169,7 @@ def test_a_note_that_overtakes_an_act_stands_behind_it_as_on_disk(values: Values
     handed = [one.entry for one in values.do(RestartCountdown("not ready")) if is_line(one)]
     handed += [one.entry for one in values.do(AddNote("meanwhile")) if is_line(one)]
     values.take(LineWritten(handed[0].id, None))
-    stand = values.core.current_run.of.lines.entries
+    stand = values.core.current_run.state.lines.entries
     assert [one.what for one in handed] == [RestartCountdown.name, AddNote.name]
     assert [one for one in stand if one in handed] == handed
 

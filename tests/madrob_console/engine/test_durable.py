@@ -74,7 +74,7 @@ class Hall(Drive):
     def __init__(self, results: Path) -> None:
         self.disk = HeldDisk()
         self.told: list[str | None] = []
-        super().__init__(results, Scenario.NO_TOUCH, keepers=self.disk.keepers())
+        super().__init__(results, Scenario.NO_TOUCH, disk=self.disk.threads())
 
     def submit(self, act: Act, name: str = "") -> None:
         self.engine.submit(act, self.told.append, id=name)

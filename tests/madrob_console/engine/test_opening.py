@@ -258,7 +258,7 @@ def test_a_run_that_is_set_up_while_another_one_is_opened_stays(
 ) -> None:
     folder, disk = cut_off(tmp_path), HeldDisk()
     journal = (folder / "journal.jsonl").read_bytes()
-    drive = Drive(tmp_path, keepers=disk.keepers())
+    drive = Drive(tmp_path, disk=disk.threads())
     engine, told = drive.engine, list[str | None]()
     if set_up_before:
         drive.act(SetUp(make_setup(run_number=3)))

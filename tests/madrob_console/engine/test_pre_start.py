@@ -95,7 +95,7 @@ def test_a_recorder_that_can_make_no_folder_is_found_before_the_start(
 def test_a_disk_that_says_nothing_is_no_recorder_that_is_ready(tmp_path: Path) -> None:
     disk = HeldDisk()
     disk.held = True
-    drive = Drive(tmp_path, keepers=disk.keepers())
+    drive = Drive(tmp_path, disk=disk.threads())
     drive.prepare(make_setup())
     for name in (CheckName.DISK, CheckName.RECORDER):
         assert drive.check(name).startswith("no data: ")

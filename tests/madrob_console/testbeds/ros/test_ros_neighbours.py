@@ -52,9 +52,9 @@ class Hall:
         clock, types = SystemClock(), MessageTypes()
         self.source = RosSource(DEFAULT_MAPPINGS, types, clock)
         config = EngineConfig(results, DEFAULT_MAPPINGS, disk_needed=0)
-        keepers = DiskThreads(self.disk, DiskJobs(), monotonic=time.monotonic)
+        disk = DiskThreads(self.disk, DiskJobs(), monotonic=time.monotonic)
         self.engine = LocalEngine(
-            Engine(self.source, clock, config, types, keepers=keepers),
+            Engine(self.source, clock, config, types, disk=disk),
             no_reporting(config.results),
         )
         self.source.offer_abort(self.begin_abort)
