@@ -43,7 +43,7 @@ In lists: < > o sort, / filters (team:delft cond:5); v: other standings.
 !! the referee has to decide, ! changes the score, ? is a doubted value.
 A key that is not possible now says why, on the line above the keys.
 Escape closes a question or goes back, and never does more.
-Practice never counts: `Run is` at the set-up, or a simulated testbed."""
+Practice never counts: by `Run is`, or simulated outside a rehearsal."""
 """The most important lines: one row of 76 cells each, beside the scrollbar at 80 columns."""
 
 _MORE = """\
