@@ -245,6 +245,6 @@ def remove_metadata_parts(folder_fd: int) -> None:
 
 
 def remove(folder_fd: int, name: str) -> None:
-    """Where that is refused, whoever needs the name gone is told by the next call."""
+    """Errors are ignored: the next create fails instead."""
     with suppress(OSError):
         os.unlink(name, dir_fd=folder_fd)

@@ -36,7 +36,7 @@ from recorder.survey import put_listing, remove
 
 @dataclass(frozen=True, slots=True)
 class FurtherFile:
-    """A further file of a bag that others record; it gives way to them.
+    """An evidence file of a bag that others record; its writes have low priority.
 
     Attributes:
         folder: of the bag.

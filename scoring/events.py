@@ -298,7 +298,7 @@ class EventDetector:
             found.append(replace(arrival, also=self._ruleset.capability.arrival_decides))
         locked = next((e for e in reversed(self._latch) if e.value and e.time <= end), None)
         if locked is not None and locked.since is not None:
-            # one that speaks only when it changes was looked at in between
+            # a latch that publishes changes only is sampled at the nominal rate in between
             since = max(locked.since, locked.time - 1 / self._thresholds.rate)
             often = self._thresholds.doubt.least_readings
             found.append(DecidingEdge(EdgeKind.LOCKING, Signal.LATCH, locked.time, since, often))

@@ -29,7 +29,7 @@ class Uncertainty:
 
     Attributes:
         u: standard uncertainty, two significant digits.
-        expanded: what holds 95 errors in 100, two significant digits.
+        expanded: half-width of the 95 % interval, two significant digits.
         rest: how much of the value the sensor reads at rest.
     """
 

@@ -341,7 +341,7 @@ def _peaks(size: Array) -> NDArray[np.intp]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Curve:
-    """Parabolas between samples, each as bent as the less bent end: no overshoot at a step."""
+    """Parabolas between samples with the smaller curvature of both ends: no overshoot at a step."""
 
     heights: Array
     rises: Array

@@ -146,8 +146,8 @@ class PublicResult(msgspec.Struct, frozen=True):
             run.issue,
             run.phase is Phase.FINAL and not open_protests(run.protests),
             run.valid,
-            {name: one.value for name, one in result.indicators.items()},
-            tuple(name for name, one in result.indicators.items() if one.doubts),
+            {name: indicator.value for name, indicator in result.indicators.items()},
+            tuple(name for name, indicator in result.indicators.items() if indicator.doubts),
             tuple(flag.words for flag in undecided(snapshot.flags)),
         )
 

@@ -93,16 +93,18 @@ def curves_of(result: Result, rows: Rows) -> Curves:
     ran = 0.0 if stop is None else max(0.0, stop - start)
     if result.outcome is Outcome.ABORTED:
         return Curves(ran, events=events)
-    found = {quantity: _curve(*rows.series(quantity), start, rows) for quantity in Quantity}
-    curves = Curves(ran, {quantity: curve for quantity, curve in found.items() if curve}, events)
+    by_quantity = {quantity: _curve(*rows.series(quantity), start, rows) for quantity in Quantity}
+    curves = Curves(
+        ran, {quantity: curve for quantity, curve in by_quantity.items() if curve}, events
+    )
     return curves if stop is not None else replace(curves, duration=curves.extent[1])
 
 
 def _curve(time: Array, value: Array, start: float, rows: Rows) -> tuple[Curve, ...]:
     from scoring.figures.run_drawings import stretches
 
-    found = stretches(time - start, value, rows.thresholds.largest_gap, MOST_CURVE_POINTS)
-    return tuple(Curve(tuple(t.tolist()), tuple(v.tolist())) for t, v in found)
+    parts = stretches(time - start, value, rows.thresholds.largest_gap, MOST_CURVE_POINTS)
+    return tuple(Curve(tuple(t.tolist()), tuple(v.tolist())) for t, v in parts)
 
 
 T = TypeVar("T")
@@ -311,10 +313,10 @@ class PlaybackView:
 def faster(speed: float) -> float:
     if speed == 0:
         return speed
-    return next((one for one in SPEEDS if one > speed), speed)
+    return next((each for each in SPEEDS if each > speed), speed)
 
 
 def slower(speed: float) -> float:
     if speed == 0:
         return SPEEDS[-1]
-    return next((one for one in reversed(SPEEDS) if one < speed), speed)
+    return next((each for each in reversed(SPEEDS) if each < speed), speed)

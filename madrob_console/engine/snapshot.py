@@ -254,7 +254,7 @@ class RightToAct:
 class Pulse:
     """How fresh the rest is and what waits for the disk, measured when it is sent.
 
-    While all is well it has no content and costs nothing: times are whole seconds.
+    All fields are empty while nothing is wrong; times are whole seconds, so that it changes rarely.
 
     Attributes:
         gone: why the engine sends nothing more, in words; empty = it may.

@@ -218,17 +218,17 @@ class Acting:
             zero_samples=run.zero_samples,
         )
 
-    def take_number(self, given: NumberGivenOut, now: Now) -> None:
+    def take_number(self, reserved: NumberGivenOut, now: Now) -> None:
         """Complete a correction with its run number, and have its line written."""
         pending = self._pending
-        if pending is None or pending.request.id != given.id:
+        if pending is None or pending.request.id != reserved.id:
             return  # it was withdrawn
-        if given.problem is not None:
-            self._decide(pending, given.problem, now)
+        if reserved.problem is not None:
+            self._decide(pending, reserved.problem, now)
             return
         act, before = pending.request.act, pending.entry
         assert isinstance(act, Correct)
-        pending.request = replace(pending.request, act=act.numbered(given.number))
+        pending.request = replace(pending.request, act=act.numbered(reserved.number))
         pending.entry = _line_of(
             pending.request.act, self._current.run, before.time, before.origin, before.id
         )

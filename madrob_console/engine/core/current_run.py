@@ -355,14 +355,16 @@ class CurrentRun:
         )
         self._effects.append(state.result.request(wanted, state.lines.mark, now.monotonic))
 
-    def take_result(self, made: RunScored) -> None:
+    def take_result(self, scored: RunScored) -> None:
         """Have a result written that is still wanted; without files it is shown at once."""
-        if made.request is not self.state.result.awaited:
+        if scored.request is not self.state.result.awaited:
             return
-        if made.request.files:
-            self._effects.append(WriteResult(made.request, made.scored, self.state.lines.entries))
+        if scored.request.files:
+            self._effects.append(
+                WriteResult(scored.request, scored.scored, self.state.lines.entries)
+            )
         else:
-            self._show(made.request, made.scored)
+            self._show(scored.request, scored.scored)
 
     def note_result(self, written: ResultWritten, now: Now) -> None:
         """Show a result: it is on disk, or the disk has refused it."""

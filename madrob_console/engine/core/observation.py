@@ -98,12 +98,12 @@ class Observation:
             if tracker is not None:
                 tracker.assessment.report_problem(remark.words, remark.doubts)
 
-    def advance(self, run: Run, now: float, seen: float) -> tuple[Run, list[Happening]]:
+    def advance(self, run: Run, now: float, fed_until: float) -> tuple[Run, list[Happening]]:
         if self.tracker is None or not run.active:
             return run, []
-        found = self.tracker.advance(run, now, seen)
+        advanced = self.tracker.advance(run, now, fed_until)
         self.procedure = self.tracker.procedure
-        return found
+        return advanced
 
     def judge(self, run: Run) -> None:
         if self.tracker is not None:

@@ -48,27 +48,27 @@ class _Cause:
     """A trouble that came over some topics at the same time.
 
     Attributes:
-        begin, seen: when it came first and when it was seen last, s since the epoch.
+        begin, last_at: when it came first and last, s since the epoch.
         worst: the words with the largest numbers, by topic.
         times, lasted: how often it came, and how long that was in all, s.
     """
 
     kind: FaultKind
     begin: float
-    seen: float
+    last_at: float
     worst: dict[str, str] = field(default_factory=dict)
     times: int = 1
     lasted: float = LASTING
 
     def goes_on(self, now: float) -> bool:
-        return now - self.seen <= LASTING
+        return now - self.last_at <= LASTING
 
     def see(self, name: str, words: str, now: float) -> None:
         if self.goes_on(now):
-            self.lasted += now - self.seen
+            self.lasted += now - self.last_at
         else:
             self.times += 1
-        self.seen = now
+        self.last_at = now
         self.worst[name] = max(self.worst.get(name, words), words, key=numbers_in)
 
     def fault(self) -> TestbedFault:
@@ -91,19 +91,21 @@ class RunFaults:
 
     def due(self, troubles: Mapping[tuple[str, FaultKind], str], now: float) -> list[TestbedFault]:
         """The faults that are new; `now` is s since the epoch."""
-        known = list(self._causes.values())
+        earlier = list(self._causes.values())
         new = {kind: self._cause(kind, now) for _, kind in self._notes.due(troubles, now)}
         for key, words in troubles.items():
             if key[1] in new:
                 self._causes.setdefault(key, new[key[1]])
             if (cause := self._causes.get(key)) is not None:
                 cause.see(key[0], words, now)
-        return [cause.fault() for cause in new.values() if cause not in known]
+        return [cause.fault() for cause in new.values() if cause not in earlier]
 
     def _cause(self, kind: FaultKind, now: float) -> _Cause:
         """The cause that goes on now, else a new one."""
-        known = (one for one in self._causes.values() if one.kind is kind and one.goes_on(now))
-        return next(known, _Cause(kind, now - LASTING, now))
+        going_on = (
+            cause for cause in self._causes.values() if cause.kind is kind and cause.goes_on(now)
+        )
+        return next(going_on, _Cause(kind, now - LASTING, now))
 
     def all(self) -> list[TestbedFault]:
         """All faults of the run, with what is known of them by now."""

@@ -58,8 +58,8 @@ class RunTracker:
 
     Args:
         silence: how long a settle time may wait for a door that went silent, s.
-        before: the newest sample of each signal; what is active before the countdown is no false
-            start. None: false starts are known already, no new ones are judged.
+        before: the newest sample of each signal: signals already high are no false start. None:
+            false starts are known already, no new ones are judged.
         not_before: the run does not start before this, s since the epoch.
     """
 
@@ -88,10 +88,10 @@ class RunTracker:
             self.assessment.feed(sample)
         self.procedure: Procedure = self.assessment.procedure()
         self.robot_start: float | None = None
-        self._known: set[Event] = set()
+        self._noted: set[Event] = set()
         self._early: set[Event] = set()
         self._counts_from = counts_from
-        self._judged: tuple[int, tuple[Ruling, ...]] = (-1, ())
+        self._judged_from: tuple[int, tuple[Ruling, ...]] = (-1, ())
         self._counting_down = True
         self._watch: EventDetector | None = None
         if self._before is None:
@@ -118,11 +118,11 @@ class RunTracker:
         if self.robot_start is None and at >= self._start:
             self.robot_start = at
 
-    def advance(self, run: Run, now: float, seen: float) -> tuple[Run, list[Happening]]:
+    def advance(self, run: Run, now: float, fed_until: float) -> tuple[Run, list[Happening]]:
         """The run's new state, and what happened.
 
-        `seen` is the time up to which all measurements have been fed; what depends on later ones is
-        not judged yet. Both times are s since the epoch.
+        `fed_until` is the time up to which all measurements have been fed. Nothing that depends on
+        later ones is decided yet. Both times are s since the epoch.
         """
         happened: list[Happening] = []
         if self._watch is not None:
@@ -131,12 +131,12 @@ class RunTracker:
         if run.phase is Phase.COUNTDOWN and due:
             self._preroll, self._counting_down = [], False
             event = Event(self._start, EventName.BENCHMARK_START)
-            happened.append(_seen(Change.RUN_STARTS, event, Origin.CLOCK))
+            happened.append(_event_line(Change.RUN_STARTS, event, Origin.CLOCK))
             run = begin_run(run)
         if run.phase is Phase.RUNNING:
-            if seen >= self._start + IN_FLIGHT:
+            if fed_until >= self._start + IN_FLIGHT:
                 self._watch = None
-            run = self._follow(run, now, seen, happened)
+            run = self._follow(run, now, fed_until, happened)
         return run, happened
 
     def _hold_at_false_start(
@@ -153,23 +153,23 @@ class RunTracker:
             self._early.add(event)
             mark = FalseStart(event.time, event.name)
             run = replace(run, false_starts=(*run.false_starts, mark))
-            happened.append(_seen(Change.FALSE_START, event))
+            happened.append(_event_line(Change.FALSE_START, event))
             if run.phase is Phase.COUNTDOWN and run.held is None:
                 run = replace(run, held=min(now, self._start))
                 held = {"time": run.held}
                 happened.append(Happening(Origin.CLOCK, Change.COUNTDOWN_HELD, details=held))
         return run
 
-    def _follow(self, run: Run, now: float, seen: float, happened: list[Happening]) -> Run:
+    def _follow(self, run: Run, now: float, fed_until: float, happened: list[Happening]) -> Run:
         if run.robot_start is None and self.robot_start is not None:
             run = replace(run, robot_start=self.robot_start)
             answered = {"time": self.robot_start}
             happened.append(Happening(Origin.REMOTE, Change.ROBOT_STARTS, details=answered))
         assert run.setup is not None
         assert run.start is not None
-        judged = (self.assessment.changes, run.rulings)
-        if judged != self._judged or self.procedure.settling:
-            self._judged = judged
+        basis = (self.assessment.changes, run.rulings)
+        if basis != self._judged_from or self.procedure.settling:
+            self._judged_from = basis
             self._note_events(happened, now)
             self.procedure = self.assessment.procedure(run.rulings)
         limit = run.start + run.setup.timeout
@@ -179,37 +179,37 @@ class RunTracker:
             change = Change.TIMEOUT_ELAPSED
             happened.append(Happening(Origin.CLOCK, change, run.outcome_reason, details))
         completed = self.procedure.completed
-        if run.timeout_at is not None and seen >= run.timeout_at + IN_FLIGHT:
-            return self._time_out(run, run.timeout_at, seen, happened)
+        if run.timeout_at is not None and fed_until >= run.timeout_at + IN_FLIGHT:
+            return self._time_out(run, run.timeout_at, fed_until, happened)
         if run.timeout_at is None and completed is not None:
             return _stop(run, Outcome.COMPLETED, completed, "all six steps done", happened)
         return run
 
     def _note_events(self, happened: list[Happening], now: float) -> None:
-        if len(self._known) >= MOST_NOTED:
+        if len(self._noted) >= MOST_NOTED:
             return
         for event in self.assessment.events():
-            if event not in self._known and event.name is not EventName.BENCHMARK_START:
-                self._known.add(event)
-                happened.append(_seen(Change.EVENT, event))
-            if len(self._known) >= MOST_NOTED:
+            if event not in self._noted and event.name is not EventName.BENCHMARK_START:
+                self._noted.add(event)
+                happened.append(_event_line(Change.EVENT, event))
+            if len(self._noted) >= MOST_NOTED:
                 details = {"time": now, "kind": FaultKind.FLICKERS}
                 happened.append(Happening(Origin.SYSTEM, Change.FAULT, FLICKERS, details))
                 return
 
-    def _time_out(self, run: Run, limit: float, seen: float, happened: list[Happening]) -> Run:
+    def _time_out(self, run: Run, limit: float, fed_until: float, happened: list[Happening]) -> Run:
         """Section 2: a timeout that falls into the settle time waits for its end."""
         completed = self.procedure.completed
         closed = self.procedure.steps[Step.CLOSE - 1].final
         if completed is not None and completed <= limit:
             return _stop(run, Outcome.COMPLETED, completed, "all six steps done", happened)
         settling = self.procedure.settling and closed is not None and closed <= limit
-        if settling and seen < limit + self._patience:
+        if settling and fed_until < limit + self._patience:
             return run
         return _stop(run, Outcome.TIMEOUT, limit, run.outcome_reason, happened)
 
 
-def _seen(change: Change, event: Event, origin: Origin = Origin.SENSOR) -> Happening:
+def _event_line(change: Change, event: Event, origin: Origin = Origin.SENSOR) -> Happening:
     return Happening(origin, change, details={"event": event.name, "time": event.time})
 
 

@@ -183,57 +183,59 @@ class TopicWatch:
         return extreme(recent, key=abs) if recent else None
 
     def faults(self, status: TopicStatus | None, now: float) -> dict[FaultKind, str]:
-        found: dict[FaultKind, str] = {}
+        faults: dict[FaultKind, str] = {}
         if status is not None and status.problem:
-            found[FaultKind.SOURCE] = status.problem
+            faults[FaultKind.SOURCE] = status.problem
         if status is not None and status.publishers > 1:
-            found[FaultKind.SEVERAL_PUBLISHERS] = f"{status.publishers} publishers: keep one"
+            faults[FaultKind.SEVERAL_PUBLISHERS] = f"{status.publishers} publishers: keep one"
         freshness = self.messages.freshness(now)
         if freshness is Freshness.NEVER:
-            if not self.signal.optional and not found:  # else it is known why
+            if not self.signal.optional and not faults:  # else it is known why
                 published = status is not None and status.publishers > 0
                 why = SILENT if published else f"{SILENT}, no publisher"
-                found[FaultKind.NEVER_SEEN] = why
-            return found
+                faults[FaultKind.NEVER_SEEN] = why
+            return faults
         if not self.signal.optional:
-            self._find_slowness(found, freshness, now)
-        self._find_flood(found, now)
-        self._find_content_faults(found, now)
-        return found
+            self._find_slowness(faults, freshness, now)
+        self._find_flood(faults, now)
+        self._find_content_faults(faults, now)
+        return faults
 
-    def _find_slowness(self, found: dict[FaultKind, str], freshness: Freshness, now: float) -> None:
+    def _find_slowness(
+        self, faults: dict[FaultKind, str], freshness: Freshness, now: float
+    ) -> None:
         limits, rate = self._limits, self.messages.rate(now)
         if freshness is not Freshness.FRESH:
-            found[FaultKind.SILENT] = f"{SILENT} for {self.messages.age(now):.1f} s"
+            faults[FaultKind.SILENT] = f"{SILENT} for {self.messages.age(now):.1f} s"
         elif rate is None and self.received > 1:
-            found[FaultKind.SLOW] = f"only one message in {WINDOW:g} s"
+            faults[FaultKind.SLOW] = f"only one message in {WINDOW:g} s"
         elif rate is not None and rate < limits.least_rate * limits.rate:
-            found[FaultKind.SLOW] = (
+            faults[FaultKind.SLOW] = (
                 f"{limits.rate - rate:.0f} of {limits.rate:.0f} messages/s missing"
             )
 
-    def _find_flood(self, found: dict[FaultKind, str], now: float) -> None:
+    def _find_flood(self, faults: dict[FaultKind, str], now: float) -> None:
         rate, usual = self.messages.rate(now), self._limits.rate
         if rate is not None and rate > self._limits.most_rate * usual:
-            found[FaultKind.FLOOD] = f"{rate:.0f} messages/s, far above {usual:.0f}"
+            faults[FaultKind.FLOOD] = f"{rate:.0f} messages/s, far above {usual:.0f}"
 
-    def _find_content_faults(self, found: dict[FaultKind, str], now: float) -> None:
+    def _find_content_faults(self, faults: dict[FaultKind, str], now: float) -> None:
         total = self.messages.count(now)
         if unreadable := self._unreadable.count(now):
             of = f"{unreadable} of {total} messages"
-            found[FaultKind.UNREADABLE] = f"{of}: {self._complaint}"
+            faults[FaultKind.UNREADABLE] = f"{of}: {self._complaint}"
         empty = self._empty.count(now)
         if empty > (1 - self._limits.least_rate) * total:
-            found[FaultKind.NO_READING] = (
+            faults[FaultKind.NO_READING] = (
                 f"no reading in {empty} of {total} messages: {self._missing}"
             )
         if disordered := self._disordered.count(now):
             what = "is missing (0)" if self._stamp == 0 else "repeats or goes back"
-            found[FaultKind.STAMPS] = f"the stamp {what} in {disordered} of {total} messages"
+            faults[FaultKind.STAMPS] = f"the stamp {what} in {disordered} of {total} messages"
         skew = self.skew(now)
         if skew is not None and abs(skew) >= self._thresholds.largest_skew:
             where = "ahead" if skew > 0 else "late"
-            found[FaultKind.SKEW] = f"stamps {abs(skew):.2f} s {where}"
+            faults[FaultKind.SKEW] = f"stamps {abs(skew):.2f} s {where}"
 
 
 def _no_reading(name: str, value: float, largest: float, unit: str) -> str | None:
@@ -412,8 +414,8 @@ class Sensors:
 
     def latch_view(self, now: float) -> LatchView:
         freshness = self.freshness(Signal.LATCH, now)
-        known = freshness in (Freshness.FRESH, Freshness.STALE)
-        return LatchView(self._states.latch_engaged if known else None, freshness)
+        is_known = freshness in (Freshness.FRESH, Freshness.STALE)
+        return LatchView(self._states.latch_engaged if is_known else None, freshness)
 
     def passage_view(self, now: float) -> tuple[SensorView, ...]:
         states = self._states.occupied
@@ -421,14 +423,14 @@ class Sensors:
         for sensor in PASSAGE_SENSORS:
             masked = self._masked(sensor)
             freshness = self._sensor_freshness(sensor, masked, now)
-            known = freshness is Freshness.FRESH
+            is_known = freshness is Freshness.FRESH
             views.append(
                 SensorView(
                     side=sensor.side,
                     index=sensor.index,
-                    occupied=states[sensor] if known else None,
+                    occupied=states[sensor] if is_known else None,
                     masked=masked,
-                    height=self._height(sensor) if known else None,
+                    height=self._height(sensor) if is_known else None,
                     freshness=freshness,
                 )
             )

@@ -125,17 +125,19 @@ def _newest(result: Result) -> tuple[Event, ...]:
 
 def disk_problem(checks: Iterable[Check]) -> str | None:
     failed = (
-        one for one in checks if one.name is CheckName.DISK and one.state is CheckState.FAILED
+        check
+        for check in checks
+        if check.name is CheckName.DISK and check.state is CheckState.FAILED
     )
     return next((f"{check.name}: {check.reason}" for check in failed), None)
 
 
-def testbed_problem(told: Announcement, run: Run) -> str | None:
+def testbed_problem(announced: Announcement, run: Run) -> str | None:
     official = run.active and run.setup is not None and not run.setup.practice
     rehearsal = run.setup is not None and is_rehearsal(run.setup.competition)
-    if official and told.simulated is not None and not rehearsal:
-        return f"the testbed is simulated ({told.simulated}): void this run after its stop"
-    return told.problem
+    if official and announced.simulated is not None and not rehearsal:
+        return f"the testbed is simulated ({announced.simulated}): void this run after its stop"
+    return announced.problem
 
 
 def elapsed(run: Run, now: float) -> float | None:

@@ -39,7 +39,7 @@ class NotYetError(MadrobError):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Asked:
+class _Waiting:
     """A request and its future answer; the engine begins it before `deadline` (monotonic s)."""
 
     number: int
@@ -78,8 +78,8 @@ class RemoteEngine:
 
     def __init__(self, stem: str, role: Role, who: str) -> None:
         self._numbers = itertools.count(1)
-        self._asked: dict[int, _Asked] = {}
-        self._outbox: PriorityQueue[_Asked] = PriorityQueue()
+        self._pending: dict[int, _Waiting] = {}
+        self._outbox: PriorityQueue[_Waiting] = PriorityQueue()
         self._failure: str | None = None
         self._lost, self._again = _LOST[role], _AGAIN[role]
         self._socket = connect_to(stem, GREETING_TIME)
@@ -105,12 +105,12 @@ class RemoteEngine:
 
     def begin_request(self, request: Request[T]) -> Future[T]:
         deadline = time.monotonic() + request.latest_begin
-        asked = _Asked(next(self._numbers), request, deadline, Future[T]())
-        self._asked[asked.number] = asked
+        waiting = _Waiting(next(self._numbers), request, deadline, Future[T]())
+        self._pending[waiting.number] = waiting
         if self._failure is not None:  # only now: what fails later finds who waits
-            fail(asked.answer, self._failure)
-        self._outbox.put_item(asked, first=request.urgent)
-        return asked.answer
+            fail(waiting.answer, self._failure)
+        self._outbox.put_item(waiting, first=request.urgent)
+        return waiting.answer
 
     def send_request(self, request: Request[T]) -> T:
         """Have a request carried out by the engine.
@@ -133,11 +133,11 @@ class RemoteEngine:
     def _speak(self) -> None:
         """Send the requests, except those given up before: they never reach the engine."""
         try:
-            while (asked := self._outbox.next()) is not None:
-                if (call := asked.call()) is not None:
+            while (waiting := self._outbox.next()) is not None:
+                if (call := waiting.call()) is not None:
                     self._socket.sendall(wire.frame(call))
                 else:
-                    self._asked.pop(asked.number, None)
+                    self._pending.pop(waiting.number, None)
         except OSError:
             pass  # the other thread sees it, too
         except Exception as error:  # noqa: BLE001 - a screen that can ask nothing has to know
@@ -161,8 +161,8 @@ class RemoteEngine:
                     case wire.State() as state:
                         self._snapshot = snapshot_of(state)
                     case wire.Reply() as reply:
-                        if (asked := self._asked.pop(reply.number, None)) is not None:
-                            asked.take(reply)
+                        if (waiting := self._pending.pop(reply.number, None)) is not None:
+                            waiting.take(reply)
                     case wire.Rejected(reason):
                         self._failure = reason
                         return
@@ -173,8 +173,8 @@ class RemoteEngine:
         except Exception as error:  # noqa: BLE001 - a screen that stands still has to know
             self._failure = self._failed(error)
         finally:
-            for asked in list(self._asked.values()):
-                fail(asked.answer, self._failure or self._lost)
+            for waiting in list(self._pending.values()):
+                fail(waiting.answer, self._failure or self._lost)
 
     def _failed(self, error: Exception) -> str:
         why = str(error) or type(error).__name__

@@ -129,15 +129,15 @@ def _holder_of(stem: str, answer: wire.FromEngine | None) -> FoundEngine | None:
     if not is_held(path) or not holder.pid:
         return None
     results = Path(holder.results) if holder.results else None
-    known = answer if isinstance(answer, wire.WhoAnswer) else None
-    return FoundEngine(stem, holder.pid, results, holder.since, known)
+    description = answer if isinstance(answer, wire.WhoAnswer) else None
+    return FoundEngine(stem, holder.pid, results, holder.since, description)
 
 
 def running_engines(besides: str = "") -> tuple[FoundEngine, ...]:
     """Every engine of this user but that of the testbed `besides`."""
     stems = sorted({path.stem for path in state_folder().glob("*.sock")} - {besides})
     with ThreadPoolExecutor() as pool:  # one that hangs holds up nobody else's answer
-        return tuple(found for found in pool.map(find_engine, stems) if found is not None)
+        return tuple(engine for engine in pool.map(find_engine, stems) if engine is not None)
 
 
 # The locks of an engine: on its testbed, which only this user can have, and on its results folder,
@@ -179,8 +179,8 @@ def held(owned: Owned) -> Iterator[Holding]:
             stack.callback(os.close, locks[0])
             listening = stack.enter_context(listen_as(owned.stem))
         except BlockingIOError:
-            found = find_engine(owned.stem) or _holder_of(owned.stem, None)
-            raise HeldError(_taken(owned.words, found), same=True) from None
+            engine = find_engine(owned.stem) or _holder_of(owned.stem, None)
+            raise HeldError(_taken(owned.words, engine), same=True) from None
         except OSError as error:
             raise no_state(folder, error) from None
         if owned.results is not None:
@@ -201,9 +201,9 @@ def held(owned: Owned) -> Iterator[Holding]:
 def _refusal(results: Path, error: OSError, own: str) -> str:
     """Why a results folder is refused: it has an engine, or may have another user's."""
     lock, other = results / LOCK_FILE, "or use another --results"
-    for found in running_engines(besides=own):
-        if found.results == results:
-            return f"{_taken(str(results), found)}, {other}"
+    for engine in running_engines(besides=own):
+        if engine.results == results:
+            return f"{_taken(str(results), engine)}, {other}"
     if isinstance(error, BlockingIOError):
         holder = holder_in(lock).words
         return f"{results} has an engine already ({holder}): end it there, {other}"
@@ -212,12 +212,12 @@ def _refusal(results: Path, error: OSError, own: str) -> str:
     return ""
 
 
-def _taken(words: str, found: FoundEngine | None) -> str:
-    if found is None:
+def _taken(words: str, engine: FoundEngine | None) -> str:
+    if engine is None:
         return f"{words} has had an engine a moment ago: try it again"
-    line = found.attach_line()
+    line = engine.attach_line()
     attach = f"`{line}` attaches to it, " if line else ""
-    return f"{words} has an engine already ({found.who}): {attach}{found.end_words}"
+    return f"{words} has an engine already ({engine.who}): {attach}{engine.end_words}"
 
 
 def _in_time(job: Callable[[], _T]) -> _T:
@@ -238,16 +238,16 @@ def _in_time(job: Callable[[], _T]) -> _T:
 
 
 @contextmanager
-def process_of(found: FoundEngine) -> Iterator[int]:
+def process_of(engine: FoundEngine) -> Iterator[int]:
     """A handle of its process while inside: no other process can take its number.
 
     Raises:
         ProcessLookupError: it has ended meanwhile.
     """
-    process = os.pidfd_open(found.pid)
+    process = os.pidfd_open(engine.pid)
     try:
-        now = _holder_of(found.stem, None)
-        if now is None or now.pid != found.pid:
+        now = _holder_of(engine.stem, None)
+        if now is None or now.pid != engine.pid:
             raise ProcessLookupError
         yield process
     finally:

@@ -93,10 +93,10 @@ def state_folder() -> Path:
     try:
         for path in (*reversed(folder.parents), folder):
             path.mkdir(mode=0o700, exist_ok=True)
-        found = folder.stat()
+        status = folder.stat()
     except OSError as error:
         raise no_state(folder, error) from None
-    if found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o022:
+    if status.st_uid != os.getuid() or stat.S_IMODE(status.st_mode) & 0o022:
         raise no_state(folder, OSError(0, "others may change it"))
     return folder
 
@@ -177,12 +177,12 @@ def lock_results(folder: Path) -> int:
     if not folder.is_dir():  # else not even that is written: the disk may hang
         folder.mkdir(parents=True, exist_ok=True)
     lock = lock_file(folder / LOCK_FILE, folder)
-    found = folder.stat()
-    writers = found.st_mode & 0o222
-    for owner in (found.st_uid, -1):  # only root can give the file to the folder's owner
+    status = folder.stat()
+    writers = status.st_mode & 0o222
+    for owner in (status.st_uid, -1):  # only root can give the file to the folder's owner
         with suppress(OSError):  # nor does every disk have owners
             os.fchmod(lock, writers | writers << 1)
-            os.fchown(lock, owner, found.st_gid)
+            os.fchown(lock, owner, status.st_gid)
     return lock
 
 

@@ -118,14 +118,14 @@ class EngineServer:
     def __init__(
         self,
         listening: socket.socket,
-        known: WhoAnswer,
+        description: WhoAnswer,
         rejected: wire.Rejected = STARTING,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         listening.setblocking(False)
         self._listening = listening
-        self.describe: Callable[[], WhoAnswer] = lambda: known
-        self._known = known
+        self.describe: Callable[[], WhoAnswer] = lambda: description
+        self._own_description = description
         self._rejected: wire.Rejected | None = rejected
         self._monotonic = monotonic
         self.over: queue.SimpleQueue[None] = queue.SimpleQueue()
@@ -152,9 +152,9 @@ class EngineServer:
         self._loop.call_soon_threadsafe(self._stop.set)
         self._thread.join()
 
-    def admit_screens(self, engine: ServedEngine, known: WhoAnswer, idle_time: float) -> None:
+    def admit_screens(self, engine: ServedEngine, description: WhoAnswer, idle_time: float) -> None:
         """Let screens attach; `over` after `idle_time` s without a screen and without a run."""
-        self._engine, self._known = engine, known
+        self._engine, self._own_description = engine, description
         self._loop.call_soon_threadsafe(self._admit, idle_time)
 
     def _admit(self, idle_time: float) -> None:
@@ -265,20 +265,22 @@ class EngineServer:
         try:
             return self.describe()
         except Exception as error:  # noqa: BLE001  whatever has failed: it can still be stopped
-            return msgspec.structs.replace(self._known, phase="failed", run=str(error))
+            return msgspec.structs.replace(self._own_description, phase="failed", run=str(error))
 
     def _presence(self) -> WhoAnswer:
         engine = self._engine
         snapshot = engine.snapshot()
-        known = self._known.with_run(snapshot.run, busy=engine.busy, unsaved=engine.unsaved)
+        description = self._own_description.with_run(
+            snapshot.run, busy=engine.busy, unsaved=engine.unsaved
+        )
         pulse = snapshot.pulse.words
         return msgspec.structs.replace(
-            known,
-            phase=known.phase if self._rejected is None else wire.ENDING,
+            description,
+            phase=description.phase if self._rejected is None else wire.ENDING,
             testbed=snapshot.label,
             screens=len(self._screens),
             remarks=(
-                *known.remarks,
+                *description.remarks,
                 *([] if pulse is None else [pulse]),
                 *engine.not_on_disk,
             ),
@@ -434,15 +436,15 @@ class LogOnce:
 
     def __init__(self, monotonic: Callable[[], float] = time.monotonic) -> None:
         self._monotonic = monotonic
-        self._said: dict[tuple[str, str], float] = {}
+        self._logged_at: dict[tuple[str, str], float] = {}
 
     def log_trouble(self, what: str, error: BaseException | None = None) -> None:
         why = "" if error is None else f" ({str(error) or type(error).__name__})"
         kind = (what, type(error).__name__)
         now = self._monotonic()
-        if now - self._said.get(kind, -AGAIN) < AGAIN or len(self._said) >= _MOST_KINDS:
+        if now - self._logged_at.get(kind, -AGAIN) < AGAIN or len(self._logged_at) >= _MOST_KINDS:
             return
-        self._said[kind] = now
+        self._logged_at[kind] = now
         with suppress(OSError):  # a log that is full
             sys.stderr.write(f"madrob: {terminal_safe(what + why)}\n")
             sys.stderr.flush()

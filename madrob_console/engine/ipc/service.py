@@ -76,7 +76,7 @@ def keep_told(
         faulthandler.enable()
     manager.send_assignments("READY=1")
     period = _PERIOD if manager.watchdog is None else min(_PERIOD, manager.watchdog / 4)
-    told = shown = ""
+    logged = shown = ""
     while True:
         try:
             snapshot = engine.snapshot()
@@ -88,8 +88,8 @@ def keep_told(
         news = []
         if snapshot.pulse.core <= HANGING:
             news.append("WATCHDOG=1")
-        if (status := words(snapshot)) != told:
-            told = status
+        if (status := words(snapshot)) != logged:
+            logged = status
             if manager.present:
                 sys.stderr.write(f"{terminal_safe(status)}\n")
         status = terminal_safe("; ".join((status, *_faults(snapshot)[:1])))

@@ -24,7 +24,7 @@ CAPACITY = 32 * 1024 * 1024
 _LONGEST_WORK = 0.02
 """Then the owner has a turn, s."""
 
-_TOLD = 2.0
+_REPORTED = 2.0
 """Left-out messages are reported this long, s: also those that happened only once."""
 
 Interrupt = Callable[[], bool]
@@ -65,7 +65,7 @@ class Backlog:
         """How long the oldest has waited, s."""
         return self._monotonic() - self._waiting[0][0] if self._waiting else 0.0
 
-    def seen(self, now: float) -> float:
+    def judged_until(self, now: float) -> float:
         """Time up to which all messages were processed, s since the epoch; `now` if none waits."""
         return min(now, seconds(self._waiting[0][2].receive_ns)) if self._waiting else now
 
@@ -76,14 +76,14 @@ class Backlog:
 
     @property
     def problem(self) -> str | None:
-        if self._monotonic() - self._pause_at <= _TOLD:
+        if self._monotonic() - self._pause_at <= _REPORTED:
             return f"the engine stood still for {self._pause:.1f} s"
         behind, at = self.behind, self._left_out_at
-        if behind <= LATEST and (at is None or self._monotonic() - at > _TOLD):
+        if behind <= LATEST and (at is None or self._monotonic() - at > _REPORTED):
             self._left_out = 0
             return None
-        told = f"{self._left_out} messages are recorded but not shown"
-        return f"the engine is {behind:.1f} s behind: {told}"
+        left_out = f"{self._left_out} messages are recorded but not shown"
+        return f"the engine is {behind:.1f} s behind: {left_out}"
 
     def add_messages(self, messages: Sequence[RawMessage], *, recorded: bool) -> None:
         now = self._monotonic()

@@ -71,10 +71,10 @@ class DiskJobs:
         never runs. `done` gets the answer in the thread that calls `deliver`, but not that of a
         cancelled job. `first` jobs go before the others.
         """
-        asked = _Job(job, done, Future())
-        asked.carry_out()
-        asked.tell()
-        return asked.answer
+        submitted = _Job(job, done, Future())
+        submitted.carry_out()
+        submitted.tell()
+        return submitted.answer
 
     def deliver(self) -> None:
         """Tell the answers that came since."""
@@ -118,13 +118,13 @@ class DiskThread(DiskJobs):
         *,
         first: bool = True,
     ) -> Future[T]:
-        asked = _Job(job, done, Future())
-        self._left.add(asked.answer)
+        submitted = _Job(job, done, Future())
+        self._left.add(submitted.answer)
         if self._jobs.count(first=first) >= self._most_jobs:
-            self._refuse(asked, FULL)
-        elif not self._jobs.put_item(asked, first=first):
-            self._refuse(asked, ENDED)
-        return asked.answer
+            self._refuse(submitted, FULL)
+        elif not self._jobs.put_item(submitted, first=first):
+            self._refuse(submitted, ENDED)
+        return submitted.answer
 
     def _refuse(self, job: _Job, why: str) -> None:
         job.refuse(why)

@@ -41,17 +41,17 @@ class RepeatedReading(Generic[T]):
         self._period = period
         self._unknown = unknown
         self._forgets = forgets
-        self._asked = -math.inf
-        self._seen: object = None
+        self._asked_at = -math.inf
+        self._last_version: object = None
         self._awaited = False
 
-    def look(self, now: float, seen: object = None) -> T:
+    def look(self, now: float, version: object = None) -> T:
         """The last answer; asks for another one in time, or when `seen` differs. Never waits."""
-        late = not 0 <= now - self._asked < self._period
+        late = not 0 <= now - self._asked_at < self._period
         if self._awaited:
             self.value = self._unknown if late and self._forgets else self.value
-        elif late or seen != self._seen:
-            self._asked, self._seen, self._awaited = now, seen, True
+        elif late or version != self._last_version:
+            self._asked_at, self._last_version, self._awaited = now, version, True
             self._submit(self._job, self._heard)
         return self.value
 

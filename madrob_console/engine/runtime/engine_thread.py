@@ -50,7 +50,7 @@ Done = Callable[[Any], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Turn:
+class QueuedRequest:
     """A question that waits for its turn; cancelled before that, it never happens.
 
     What has not begun by the `deadline` (s of the monotonic clock) never happens either.
@@ -98,8 +98,8 @@ class LocalEngine:
         self._fallen = fallen
         self._reporting = reporting
         engine.on_result = reporting.report
-        self._turns: PriorityQueue[Turn] = PriorityQueue()
-        self._begun: set[Turn] = set()
+        self._turns: PriorityQueue[QueuedRequest] = PriorityQueue()
+        self._begun: set[QueuedRequest] = set()
         self._history = History(engine.config.results)
         self._stop = threading.Event()
         self._failure: BaseException | None = None
@@ -137,7 +137,7 @@ class LocalEngine:
     def _gone(self) -> str:
         return _ENDED if self._failure is None else f"the engine has failed: {self._failure}"
 
-    def _take(self, turn: Turn) -> None:
+    def _take(self, turn: QueuedRequest) -> None:
         if not turn.start_turn():
             return
         self._begun.add(turn)
@@ -153,7 +153,7 @@ class LocalEngine:
             self._begun.discard(turn)
             fail(turn.answer, error)
 
-    def _put(self, turn: Turn, *, urgent: bool = False) -> Future[Any]:
+    def _put(self, turn: QueuedRequest, *, urgent: bool = False) -> Future[Any]:
         if self._stop.is_set() or not self._turns.put_item(turn, first=urgent):
             fail(turn.answer, self._gone)
         return turn.answer
@@ -216,7 +216,7 @@ class LocalEngine:
         engine = self._engine
 
         def core(question: Callable[[Done], None]) -> Future[Any]:
-            return self._put(Turn(question, deadline, Future()), urgent=request.urgent)
+            return self._put(QueuedRequest(question, deadline, Future()), urgent=request.urgent)
 
         match request:
             case Perform(name, details, number):
@@ -244,7 +244,7 @@ class LocalEngine:
         if parse_folder_name(folder) is None:
             raise MadrobError(f"{folder!r} is no run folder")
         engine = self._engine
-        asked = engine.current_run.generation
+        generation = engine.current_run.generation
         if (refused := engine.opening_refusal()) is not None:
             return _answered(refused)
         answer: Future[str | None] = Future()
@@ -255,9 +255,9 @@ class LocalEngine:
                 return
 
             def question(done: Done) -> None:
-                engine.open_run(read.result(), done, invalid=invalid, instead_of=asked)
+                engine.open_run(read.result(), done, invalid=invalid, instead_of=generation)
 
-            self._put(Turn(question, deadline, answer))
+            self._put(QueuedRequest(question, deadline, answer))
 
         def read() -> None:
             engine.read_run(self.results / folder).add_done_callback(show)
@@ -317,8 +317,8 @@ class LocalEngine:
     @property
     def unsaved(self) -> bool:
         """Whether anything of a run is in memory alone: the disk refuses it, or is silent."""
-        kept = self._engine.unwritten[0] or self.not_on_disk
-        return self._failure is None and bool(kept)
+        unsaved = self._engine.unwritten[0] or self.not_on_disk
+        return self._failure is None and bool(unsaved)
 
     @property
     def not_on_disk(self) -> Sequence[str]:
@@ -335,6 +335,6 @@ class LocalEngine:
 
 
 def _answered(answer: T) -> Future[T]:
-    known: Future[T] = Future()
-    known.set_result(answer)
-    return known
+    future: Future[T] = Future()
+    future.set_result(answer)
+    return future

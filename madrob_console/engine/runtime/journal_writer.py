@@ -25,7 +25,7 @@ class JournalLine:
     """A line on its way to the journal on disk.
 
     With `done` it is an act's: it takes effect once it is on disk, unless it is withdrawn before.
-    The first to decide, the disk's thread or the core, decides for good. `done` gets None when
+    Kept or withdrawn: whichever of disk thread and core acts first wins. `done` gets None when
     the line is on disk, or the disk's refusal in words; it is not called for a withdrawn line.
     """
 
@@ -106,7 +106,7 @@ class OpenJournal:
                 except FileNotFoundError:
                     undo.pop_all()
                     return cls.create(folder, lines)
-                found, _ = read_journal(file)
+                entries, _ = read_journal(file)
             except BlockingIOError:
                 raise MadrobError(f"{path.name}: another console works on this run") from None
             except OSError as error:
@@ -114,7 +114,7 @@ class OpenJournal:
                     f"{path / JOURNAL_FILE}: cannot be written ({error.strerror}); `madrob score` "
                     "reads such a run"
                 ) from None
-            if found and found != tuple(lines):  # one without lines says nothing: the bag was read
+            if entries and entries != tuple(lines):  # without lines the bag was read instead
                 raise MadrobError(f"{path.name}: was changed meanwhile: open it once more")
             undo.pop_all()
         return cls(folder, journal, lines)
@@ -200,7 +200,9 @@ class JournalWriter:
 
     def adopt(self, file: OpenJournal, entries: Sequence[Entry]) -> None:
         """Go on in a journal that has these `entries`, with the lines that wait for it."""
-        waiting = [one for one in self._waiting if not any(one.entry is each for each in entries)]
+        waiting = [
+            line for line in self._waiting if not any(line.entry is each for each in entries)
+        ]
         self.leave_journal()
         self._file, self._waiting = file, tuple(waiting)
         self._write()

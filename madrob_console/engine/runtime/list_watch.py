@@ -30,28 +30,28 @@ class ListWatch(Generic[L]):
         self,
         file: Path | None,
         read: Callable[[L | None], L],
-        told: Callable[[L], None],
-        changed: Callable[[], None] = lambda: None,
+        on_list: Callable[[L], None],
+        on_change: Callable[[], None] = lambda: None,
     ) -> None:
         self.file = file
         self._read = read
-        self._told = told
-        self._changed = changed
+        self._on_list = on_list
+        self._on_change = on_change
         self._list: L | None = None
         self._taken: Stamp | None = None
-        self._seen: Stamp | None = None
+        self._last_stamp: Stamp | None = None
 
     def read_if_changed(self) -> None:
-        """Read the file if it has changed; a file that still changes is read the next time."""
+        """Read the file if it has changed, and not again since the last look."""
         stamp, before = self._stamp(), self._list
-        rests, self._seen = stamp == self._seen, stamp
+        rests, self._last_stamp = stamp == self._last_stamp, stamp
         if before is not None and (not rests or stamp == self._taken):
             return
         self._list, self._taken = self._read(before), stamp
         if self._list != before:
-            self._told(self._list)
+            self._on_list(self._list)
             if before is not None:
-                self._changed()
+                self._on_change()
 
     def _stamp(self) -> Stamp | None:
         try:
@@ -65,12 +65,12 @@ def follow_lists(watches: Sequence[ListWatch[Any]], period: float = PERIOD) -> C
 
     Returns what ends it.
     """
-    known, closed = threading.Event(), threading.Event()
+    first_read, closed = threading.Event(), threading.Event()
 
     def work() -> None:
         for watch in watches:
             watch.read_if_changed()
-        known.set()
+        first_read.set()
         files = [watch for watch in watches if watch.file is not None]
         while files and not closed.wait(period):
             for watch in files:
@@ -78,5 +78,5 @@ def follow_lists(watches: Sequence[ListWatch[Any]], period: float = PERIOD) -> C
 
     # a daemon: it may hang in the files' disk when the engine ends
     threading.Thread(target=work, name="lists", daemon=True).start()
-    known.wait(FIRST_READING)
+    first_read.wait(FIRST_READING)
     return closed.set

@@ -246,13 +246,13 @@ class Performer:
         self.inputs.append(LineWithdrawn(withdrawal))
 
     def _give_out_number(self, wanted: GiveOutNumber) -> None:
-        def given(answer: Future[int]) -> None:
+        def number_given(answer: Future[int]) -> None:
             problem = why_not(answer)
             number = 0 if problem else answer.result()
             self.inputs.append(NumberGivenOut(wanted.id, number, problem))
 
         job = partial(give_out_run_number, wanted.results, wanted.subject, wanted.condition.number)
-        self._line, self._job = None, self._disk.own.submit_job(job, given)
+        self._line, self._job = None, self._disk.own.submit_job(job, number_given)
 
     def _reopen_journal(self, effect: ReopenJournal) -> None:
         request, earlier = effect.request, effect.request.earlier

@@ -88,10 +88,10 @@ class Replay:
         """A time named as for `moments_called`, s from the start; of several the first."""
         run = self.recorded.run
         assert run.start is not None
-        told = (one.details for one in self.recorded.entries if one.what == Change.EVENT)
+        of_events = (entry.details for entry in self.recorded.entries if entry.what == Change.EVENT)
         events = [
             (str(details.get("event")), float(time))
-            for details in told
+            for details in of_events
             if isinstance(time := details.get("time"), int | float)
             and abs(time) < _NO_TIME  # a journal may be hostile
         ]
@@ -194,7 +194,7 @@ class ReplayPerformer:
         request = effect.request
         assert request.assessment is not None
         self._replay.report(request.assessment, request.run)
-        self._scorer.score(request, lambda made: self.inputs.append(RunScored(request, made)))
+        self._scorer.score(request, lambda scored: self.inputs.append(RunScored(request, scored)))
 
 
 def _instant(time: float) -> int:
@@ -203,6 +203,6 @@ def _instant(time: float) -> int:
 
 
 def _lost_lines(entries: Sequence[Entry], recorded: Sequence[str]) -> Iterator[str]:
-    known = {entry.to_json() for entry in entries}
-    if lost := sum(line not in known for line in recorded):
+    lines = {entry.to_json() for entry in entries}
+    if lost := sum(line not in lines for line in recorded):
         yield f"the journal lacks {lost} of the {len(recorded)} lines that the bag has of it"

@@ -93,11 +93,11 @@ class _Requests:
     def add(self, on_answer: OnAnswer, id: str = "") -> int | None:  # noqa: A002
         """The number of a new request; None for a known one: then it gets the first answer."""
         if id in self._by_id:
-            known = self._by_id[id]
-            if known.answered:
-                on_answer(known.refused)
+            request = self._by_id[id]
+            if request.answered:
+                on_answer(request.refused)
             else:
-                known.waiting.append(on_answer)
+                request.waiting.append(on_answer)
             return None
         self._number += 1
         self._by_number[self._number] = request = _Request([on_answer])
@@ -267,7 +267,7 @@ class Engine:
         if not self._backlog.full:
             self._receive(self.source.take_messages(0.0 if self._backlog else timeout))
         self._backlog.work_off(interrupt)
-        self._looked = self._backlog.seen(self._looked)
+        self._looked = self._backlog.judged_until(self._looked)
         if self.replay is not None:
             self._repeat_decisions(self.replay)
         self._feed(Tick())
@@ -314,7 +314,7 @@ class Engine:
             time=now,
             monotonic=self._disk.monotonic(),
             taken=taken,
-            judged=self._backlog.seen(now),
+            judged=self._backlog.judged_until(now),
             testbed=TestbedState.of(self.source),
             unjudged=self._backlog.recorded,
             behind=self._backlog.problem,
@@ -450,10 +450,10 @@ class Engine:
         if self.replay is not None:
             on_answer(OWN_RUN)
             return
-        asked = self.current_run.generation if instead_of is None else instead_of
+        generation = self.current_run.generation if instead_of is None else instead_of
         number = self._requests.add(on_answer)
         assert number is not None
-        self._feed(OpenEarlierRun(number, earlier, invalid, asked))
+        self._feed(OpenEarlierRun(number, earlier, invalid, generation))
 
     # ------------------------------------------------------------------ a recorded run
 

@@ -73,10 +73,10 @@ def test_what_is_late_is_judged_but_not_shown_and_that_is_said_for_a_while() -> 
 def test_who_is_behind_says_how_far_and_up_to_when_all_was_seen() -> None:
     looking = Looking()
     backlog = looking.backlog
-    assert (backlog.behind, backlog.seen(50.0), backlog.problem) == (0.0, 50.0, None)
+    assert (backlog.behind, backlog.judged_until(50.0), backlog.problem) == (0.0, 50.0, None)
     looking.add(2, first=20 * NS)
     looking.now += LATEST + 0.3
-    assert backlog.seen(50.0) == 20.0
+    assert backlog.judged_until(50.0) == 20.0
     assert backlog.behind == pytest.approx(0.8)
     assert str(backlog.problem).startswith("the engine is 0.8 s behind")
 
