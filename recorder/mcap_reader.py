@@ -25,6 +25,8 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.reader import FOOTER_SIZE
 from mcap.records import (
+    Attachment,
+    AttachmentIndex,
     Channel,
     ChunkIndex,
     Footer,
@@ -182,6 +184,8 @@ _INDEX_ENTRY = struct.Struct("<QQ")  # log time, offset in the chunk
 
 _CRC_SIZE = 4
 _PARSERS = {
+    Opcode.ATTACHMENT: Attachment.read,
+    Opcode.ATTACHMENT_INDEX: AttachmentIndex.read,
     Opcode.FOOTER: Footer.read,
     Opcode.SCHEMA: Schema.read,
     Opcode.CHANNEL: Channel.read,
@@ -190,8 +194,13 @@ _PARSERS = {
     Opcode.METADATA_INDEX: MetadataIndex.read,
     Opcode.STATISTICS: Statistics.read,
 }
-_WANTED = frozenset({*_PARSERS, Opcode.MESSAGE, Opcode.CHUNK}) - {Opcode.CHUNK_INDEX}
+_WANTED = frozenset({*_PARSERS, Opcode.MESSAGE, Opcode.CHUNK}) - {
+    Opcode.ATTACHMENT,
+    Opcode.ATTACHMENT_INDEX,
+    Opcode.CHUNK_INDEX,
+}
 _CHUNKS = frozenset({Opcode.CHUNK})
+_CHUNK_INDEXES = frozenset({Opcode.CHUNK_INDEX})
 _ENDS = frozenset({Opcode.DATA_END, Opcode.FOOTER})
 LOOSE = frozenset({Opcode.MESSAGE})
 """What is read of the messages outside the chunks."""
@@ -229,7 +238,9 @@ StreamItem: TypeAlias = McapRecord | Gap
 
 
 @dataclass(frozen=True, slots=True)
-class _Frame:
+class Frame:
+    """A record as it is stored; `whole`: the file did not end before it."""
+
     opcode: int
     offset: int
     body: bytes
@@ -249,7 +260,7 @@ def read_records(file: BinaryIO, wanted: AbstractSet[Opcode] = _WANTED) -> Itera
     if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
         raise ForeignError("it does not begin like an MCAP file" if size else "it is empty")
     ended = False
-    for frame in _frames(file, len(MCAP0_MAGIC), size, wanted | _ENDS):
+    for frame in frames_of(file, len(MCAP0_MAGIC), size, wanted | _ENDS):
         if frame.opcode == Opcode.CHUNK:
             yield from _chunk(frame)
         elif frame.opcode == Opcode.DATA_END:
@@ -257,7 +268,7 @@ def read_records(file: BinaryIO, wanted: AbstractSet[Opcode] = _WANTED) -> Itera
         elif frame.opcode == Opcode.MESSAGE and (ended or _is_index(frame.body)):
             raise DamageError(f"the index at byte {frame.offset} is damaged", frame.offset)
         else:
-            yield _parse(frame)
+            yield parse(frame)
         if frame.opcode == Opcode.FOOTER:
             file.seek(frame.offset + FRAME.size + len(frame.body))
             if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
@@ -275,46 +286,58 @@ def _is_index(body: bytes) -> bool:
     return all(offset < RECORD_LIMIT for _, offset in _INDEX_ENTRY.iter_unpack(entries))
 
 
-def read_summary(file: BinaryIO, *, chunks: bool = False) -> Iterator[McapRecord]:
+def read_summary(file: BinaryIO, more: AbstractSet[Opcode] = frozenset()) -> Iterator[McapRecord]:
     """The records of the summary and all metadata records, found by the footer; fast.
 
-    There are very many chunk indexes. A file may have no summary: then there are no records.
-    Raises DamageError where it is unfinished or its summary is damaged.
+    `more`: indexes that are wanted, too; those of chunks are very many. A file may have no
+    summary: then there are no records. Raises DamageError where it is unfinished or its summary
+    is damaged.
+    """
+    _, summary = summary_of(file)
+    size = file.seek(0, io.SEEK_END)
+    for frame in frames_of(io.BytesIO(summary), 0, len(summary), _WANTED | more):
+        if frame.opcode == Opcode.CHUNK:
+            raise DamageError("a chunk stands in its summary")
+        record = parse(frame)
+        yield record
+        if isinstance(record, MetadataIndex):
+            metadata = record_at(file, record.offset, size)
+            if not isinstance(metadata, Metadata):
+                raise DamageError(f"an index points to byte {record.offset}, wrongly")
+            yield metadata
+
+
+def summary_of(file: BinaryIO) -> tuple[int, bytes]:
+    """Where the summary begins, and its records; none where there is no summary.
+
+    Raises DamageError where the file is unfinished or its summary is damaged.
     """
     size = file.seek(0, io.SEEK_END)
     start = size - FOOTER_SIZE - len(MCAP0_MAGIC)
     if start < len(MCAP0_MAGIC):
         raise DamageError("it is too short for a footer")
-    footer = _record_at(file, start, size)
+    footer = record_at(file, start, size)
     if not isinstance(footer, Footer) or file.read() != MCAP0_MAGIC:
         raise DamageError("it does not end like an MCAP file")
     if not footer.summary_start:
-        return  # it may have none
+        return start, b""  # it may have none
     if not max(len(MCAP0_MAGIC), start - RECORD_LIMIT) <= footer.summary_start < start:
         raise DamageError("its summary is not where it should be")
     file.seek(footer.summary_start)
     summary = file.read(size - len(MCAP0_MAGIC) - _CRC_SIZE - footer.summary_start)
     if footer.summary_crc and zlib.crc32(summary) != footer.summary_crc:
         raise DamageError("the checksum of its summary is wrong")
-    wanted = _WANTED | {Opcode.CHUNK_INDEX} if chunks else _WANTED
-    for frame in _frames(io.BytesIO(summary), 0, start - footer.summary_start, wanted):
-        if frame.opcode == Opcode.CHUNK:
-            raise DamageError("a chunk stands in its summary")
-        record = _parse(frame)
-        yield record
-        if isinstance(record, MetadataIndex):
-            metadata = _record_at(file, record.offset, size)
-            if not isinstance(metadata, Metadata):
-                raise DamageError(f"an index points to byte {record.offset}, wrongly")
-            yield metadata
+    return footer.summary_start, summary[: start - footer.summary_start]
 
 
-def _record_at(file: BinaryIO, offset: int, size: int) -> McapRecord:
+def record_at(file: BinaryIO, offset: int, size: int) -> McapRecord:
+    """The record at a place in a file of `size` bytes; raises DamageError where there is none."""
     if offset >= size:
         raise DamageError(f"an index points behind its end, to byte {offset}")
-    for frame in _frames(file, offset, size):
+    wanted = _WANTED | {Opcode.ATTACHMENT}
+    for frame in frames_of(file, offset, size, wanted):
         if frame.offset == offset and frame.opcode != Opcode.CHUNK:
-            return _parse(frame)
+            return parse(frame)
         break
     raise DamageError(f"there is no record at byte {offset}")
 
@@ -337,7 +360,7 @@ def chunk_places(file: BinaryIO) -> list[ChunkPlace]:
     places: dict[int, ChunkPlace] = {}
     told = None
     with suppress(DamageError):
-        for record in read_summary(file, chunks=True):
+        for record in read_summary(file, _CHUNK_INDEXES):
             if isinstance(record, Statistics):
                 told = record.chunk_count
             elif isinstance(record, ChunkIndex):
@@ -349,7 +372,7 @@ def chunk_places(file: BinaryIO) -> list[ChunkPlace]:
         places.clear()
         with suppress(DamageError):
             size = file.seek(0, io.SEEK_END)
-            for frame in _frames(file, len(MCAP0_MAGIC), size, _CHUNKS, most=_HEAD.size):
+            for frame in frames_of(file, len(MCAP0_MAGIC), size, _CHUNKS, most=_HEAD.size):
                 if len(frame.body) == _HEAD.size:
                     begin_ns, end_ns, *_ = _HEAD.unpack_from(frame.body)
                     places[frame.offset] = ChunkPlace(frame.offset, begin_ns, end_ns)
@@ -358,20 +381,20 @@ def chunk_places(file: BinaryIO) -> list[ChunkPlace]:
 
 def read_chunk(file: BinaryIO, offset: int) -> ChunkContent:
     with suppress(DamageError):
-        for frame in _frames(file, offset, file.seek(0, io.SEEK_END), _CHUNKS):
+        for frame in frames_of(file, offset, file.seek(0, io.SEEK_END), _CHUNKS):
             if frame.offset == offset:
                 return unpack(frame.body)
             break
     return ChunkContent(b"", "is not where it should be")
 
 
-def _frames(
+def frames_of(
     stream: BinaryIO,
     offset: int,
     size: int,
     wanted: AbstractSet[Opcode] = _WANTED,
     most: int = RECORD_LIMIT,
-) -> Iterator[_Frame]:
+) -> Iterator[Frame]:
     """The wanted records from `offset` to byte `size`, where one must end; `most` bytes of each.
 
     A chunk may be cut, as the last frame; any other record that is not whole is a DamageError.
@@ -388,16 +411,16 @@ def _frames(
         if following > size:
             if opcode == Opcode.CHUNK and opcode in wanted:
                 rest = min(size - stream.tell(), most)
-                yield _Frame(opcode, offset, stream.read(rest), whole=False)
+                yield Frame(opcode, offset, stream.read(rest), whole=False)
             raise DamageError(f"it is torn at byte {offset}", offset)
         if opcode in wanted:
             if length > RECORD_LIMIT:
                 raise DamageError(f"the record at byte {offset} claims {length} bytes", offset)
-            yield _Frame(opcode, offset, stream.read(min(length, most)), whole=True)
+            yield Frame(opcode, offset, stream.read(min(length, most)), whole=True)
         offset = following
 
 
-def _chunk(frame: _Frame) -> Iterator[StreamItem]:
+def _chunk(frame: Frame) -> Iterator[StreamItem]:
     content = unpack(frame.body)
     problem = content.problem
     try:
@@ -426,7 +449,7 @@ def records_in(records: bytes) -> Iterator[McapRecord]:
             data = records[start + MESSAGE_HEAD.size : end]
             yield Message(channel, log_time, data, publish_time, sequence)
         elif opcode in _IN_CHUNKS:
-            yield _parse(_Frame(opcode, start, records[start:end], whole=True))
+            yield parse(Frame(opcode, start, records[start:end], whole=True))
 
 
 class _Fields(ReadDataStream):
@@ -437,7 +460,7 @@ class _Fields(ReadDataStream):
         return data
 
 
-def _parse(frame: _Frame) -> McapRecord:
+def parse(frame: Frame) -> McapRecord:
     fields = _Fields(io.BytesIO(frame.body))
     try:
         if frame.opcode == Opcode.MESSAGE:

@@ -93,7 +93,7 @@ class McapWriter:
 
     def start(self, profile: str, library: str) -> None:
         self._put(MCAP0_MAGIC)
-        self._put(_bytes(Header(profile, library)))
+        self._put(record_bytes(Header(profile, library)))
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:
         self.statistics.schema_count += 1
@@ -133,7 +133,7 @@ class McapWriter:
 
     def add_metadata(self, name: str, content: Mapping[str, str]) -> None:
         self.flush()
-        record = _bytes(Metadata(name, dict(content)))
+        record = record_bytes(Metadata(name, dict(content)))
         MetadataIndex(self._offset, len(record), name).write(self._summary[Opcode.METADATA_INDEX])
         self.statistics.metadata_count += 1
         self._put(record)
@@ -169,24 +169,15 @@ class McapWriter:
 
     def finish(self) -> None:
         self.flush()
-        self._put(_bytes(DataEnd(0)))
+        self._put(record_bytes(DataEnd(0)))
         self.statistics.write(self._summary[Opcode.STATISTICS])
-        begin, offsets, groups = self._offset, RecordBuilder(), list[bytes]()
-        at = begin
-        for opcode, builder in self._summary.items():
-            groups.append(_content(builder))
-            SummaryOffset(opcode, at, len(groups[-1])).write(offsets)
-            at += len(groups[-1])
-        summary = b"".join((*groups, _content(offsets)))
-        footer = _FOOTER.pack(Opcode.FOOTER, 20, begin, at)
-        checksum = zlib.crc32(footer, zlib.crc32(summary))
-        self._put(summary)
-        self._put(_bytes(Footer(begin, at, checksum)) + MCAP0_MAGIC)
+        groups = {opcode: _content(builder) for opcode, builder in self._summary.items()}
+        self._put(file_end(self._offset, groups))
 
     def _introduce(self, opcode: Opcode, record: McapRecord) -> None:
         """What a message needs to be read is in a chunk before it, and in the summary."""
         record.write(self._summary[opcode])
-        self._chunk.append(_bytes(record))
+        self._chunk.append(record_bytes(record))
         self._chunk_bytes += len(self._chunk[-1])
 
     def _pack(self, data: bytes) -> tuple[str, bytes]:
@@ -232,7 +223,20 @@ class McapWriter:
         self._offset += len(data)
 
 
-def _bytes(record: McapRecord) -> bytes:
+def file_end(begin: int, groups: Mapping[Opcode, bytes]) -> bytes:
+    """Summary and footer of a file: from byte `begin` on the records of the summary by opcode."""
+    at, offsets = begin, RecordBuilder()
+    for opcode, records in groups.items():
+        SummaryOffset(opcode, at, len(records)).write(offsets)
+        at += len(records)
+    summary = b"".join((*groups.values(), _content(offsets)))
+    footer = _FOOTER.pack(Opcode.FOOTER, 20, begin, at)
+    checksum = zlib.crc32(footer, zlib.crc32(summary))
+    return summary + record_bytes(Footer(begin, at, checksum)) + MCAP0_MAGIC
+
+
+def record_bytes(record: McapRecord) -> bytes:
+    """The record as it stands in a file."""
     builder = RecordBuilder()
     record.write(builder)
     return _content(builder)

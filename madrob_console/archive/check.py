@@ -181,7 +181,7 @@ def check_run(run: RunPath) -> CheckedRun:
     folder = run.path
     run.demand_recording()
     try:
-        stored = read_whole_result(str(folder)) if folder.is_dir() else None
+        stored = read_whole_result(str(folder), attached=True)
     except FileNotFoundError:
         stored = None
     except UnusableResultError as error:
@@ -190,6 +190,8 @@ def check_run(run: RunPath) -> CheckedRun:
         raise MadrobError(
             f"{folder}: has no {RESULT_FILE} to check: name a run folder with a result"
         )
+    if not (folder / RESULT_FILE).is_file():  # attached to a bag alone
+        stored.pop("files", None)
     checked = compare(stored, score_recording(folder)[0], folder)
     return dataclasses.replace(checked, found=(*_journal_differences(folder), *checked.found))
 
@@ -308,7 +310,7 @@ class Comparison:
 def stored_result(path: Path) -> ResultDocument | str:
     """A bag alone has none; then why, in words."""
     try:
-        return read_result(str(path))
+        return read_result(str(path), attached=True)
     except FileNotFoundError:
         return "no stored result lies beside the recording"
     except UnusableResultError as error:

@@ -9,12 +9,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from madrob_console.archive.folders import RESULT_FILE
 from madrob_console.common.files import open_plain, refusal
 from madrob_console.referee.records import Sha256
 
 LARGEST_DIGESTED = 4_000_000_000
 """Larger files have no digest, bytes: it would take a minute. A run of 3 h takes half of that."""
 
+_BLOCK = 1 << 20
 _RECORDING = ".mcap"
 _METADATA = "metadata.yaml"
 _DATA = (_RECORDING, ".yaml", ".csv")
@@ -38,7 +40,8 @@ def digests_of(
 ) -> tuple[dict[str, FileDigest], tuple[str, ...]]:
     """Digests of recording and data files, `new` ones included; then why others have none.
 
-    `run` names the recording; by default it is called like the folder.
+    `run` names the recording; by default it is called like the folder. A result that is attached
+    to it does not count.
     """
     digests, left_out, new = {}, [], new or {}
     names = {f"{run or folder.name}_0.mcap", _METADATA, *filter(_is_data, _names(folder)), *new}
@@ -89,11 +92,19 @@ def _is_data(name: str) -> bool:
 
 
 def _digest(path: Path) -> FileDigest:
+    from recorder.attachments import Ending, detach
+
     with os.fdopen(open_plain(path), "rb") as file:
         if (size := os.fstat(file.fileno()).st_size) > LARGEST_DIGESTED:
             raise OSError(errno.EFBIG, f"{size / 1e9:.1f} GB, too much for a digest")
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-        return FileDigest(sha256=digest, bytes=file.tell())
+        ending = detach(file, RESULT_FILE) if path.name.endswith(_RECORDING) else None
+        rest = Ending(size, b"") if ending is None else ending
+        file.seek(0)
+        digest = hashlib.sha256()
+        while block := file.read(min(_BLOCK, rest.begin - file.tell())):
+            digest.update(block)
+        digest.update(rest.data)
+        return FileDigest(sha256=digest.hexdigest(), bytes=file.tell() + len(rest.data))
 
 
 def _digest_of(content: bytes) -> FileDigest:

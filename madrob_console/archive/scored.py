@@ -255,7 +255,7 @@ def _journal_file(path: Path) -> tuple[tuple[Entry, ...], tuple[str, ...]]:
 
 def lines_lost(folder: Path) -> Iterator[Entry]:
     """The lines of the recording's own journal that the journal file has not."""
-    with _naming(folder), suppress(FileNotFoundError):
+    with _naming(folder), suppress(FileNotFoundError, NotADirectoryError):
         lines = {*read_all(folder / JOURNAL_FILE, LARGEST_JOURNAL).split(b"\n")}
         yield from (
             entry for entry in _journal_in(Bag(folder)) if entry.to_json().encode() not in lines

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Self
+from typing import BinaryIO, Self
 
 import msgspec
 from pandas import DataFrame
@@ -17,6 +17,7 @@ from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE,
 from madrob_console.archive.nearest_frames import PICTURE_TYPES
 from madrob_console.archive.result_document import SCHEMA_FILE, ResultDocument, schema_text
 from madrob_console.archive.result_files import StoredRun, stored_run
+from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.archive.run_journal import (
     UnusableJournalError,
     evidence_removed,
@@ -40,6 +41,7 @@ from madrob_console.export.papers import (
 from madrob_console.export.zip_file import Archive
 from madrob_console.referee.run import Run
 from madrob_console.referee.run_summary import RunSummary
+from recorder.attachments import Ending, attach
 from recorder.bag import METADATA_FILE, is_evidence, is_left_of_evidence
 from recorder.survey import listing
 from scoring.eurobench.run_files import LARGEST_TABLE, parse_table
@@ -164,7 +166,9 @@ def pack(
 def _add_run(
     archive: Archive, run: Path, bag: PackedBag, what: Contents, report: Rendering
 ) -> None:
-    before = stamp_of(str(run / RESULT_FILE))
+    before, result = stamp_of(str(run / RESULT_FILE)), None
+    with suppress(OSError):  # then the list of runs says why
+        result = read_all(run / RESULT_FILE, LARGEST_RESULT)
     wanted = what.dossier or stamp_of(str(run / REPORT_FILE)) is not None
     rendered, problems = report(run) if wanted else ({}, ())
     timed, untimed = _in_seconds(run, what.runs[run].started)
@@ -174,7 +178,12 @@ def _add_run(
     def without(path: str) -> bool:  # anybody may have written the report in the folder
         return path in made or path == REPORT_FILE or bag.without(posixpath.basename(path))
 
-    archive.add_folder(run, run.name, without)
+    def with_result(path: str, file: BinaryIO) -> Ending | None:
+        if path != f"{run.name}_0.mcap" or result is None:
+            return None
+        return attach(file, RESULT_FILE, "application/json", result)
+
+    archive.add_folder(run, run.name, without, with_result)
     for name, data in made.items():
         archive.add_file(f"{run.name}/{name}", data, what.time)
     if what.dossier:

@@ -56,7 +56,7 @@ _OF_RUNS: Mapping[str, str] = {
     f"/{SECONDS_FOLDER}/": f"in the folder {SECONDS_FOLDER}: with s since the start of the run",
     "tables/": f"what the sensors said, as tables; see {COLUMNS_FILE}",
     "_evidence_": "evidence: cameras and other topics; nothing is scored from it",
-    ".mcap": "the recording (MCAP): open it in Foxglove, or with ROS 2: ros2 bag play {folder}",
+    ".mcap": "the recording (MCAP) with its result: for Foxglove, or ROS 2: ros2 bag play {folder}",
     METADATA_FILE: "makes a rosbag2 bag of the recording and its evidence",
     ".csv": f"EUROBENCH's data file, in s since 1970; see {COLUMNS_FILE}",
     ".yaml": "EUROBENCH's file of an indicator (none in an aborted run), a condition or the run",

@@ -9,11 +9,13 @@ import time
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import IO, BinaryIO, NamedTuple
 
 from madrob_console.common.files import open_plain, refusal
 from madrob_console.common.names import terminal_safe
+from recorder.attachments import Ending
 from recorder.bag import is_evidence
 
 LONGEST_PATH = 400
@@ -48,19 +50,25 @@ class Archive:
         self._zip = zipfile.ZipFile(file, "w")
 
     def add_folder(
-        self, folder: Path, called: str, without: Callable[[str], bool] = lambda _path: False
+        self,
+        folder: Path,
+        called: str,
+        without: Callable[[str], bool] = lambda _path: False,
+        ending: Callable[[str, BinaryIO], Ending | None] = lambda _path, _file: None,
     ) -> None:
         """Adds the files of a folder, which is `called` so in the archive.
 
         What cannot be read, or unpacked everywhere, is a problem. Links are not followed; hidden
-        files are temporary. `without` says of a path within the folder whether it is left out.
+        files are temporary. `without` says of a path within the folder whether it is left out,
+        `ending` how its copy ends where it does so in another way.
 
         Raises:
             OSError: the archive cannot be written.
         """
         for found in self._files_in(folder, called):
-            if not without(found.name.removeprefix(f"{called}/")):
-                self._add(found)
+            path = found.name.removeprefix(f"{called}/")
+            if not without(path):
+                self._add(found, partial(ending, path))
 
     @contextmanager
     def new_file(self, name: str, modified: float, size: int = 0) -> Iterator[ZippedFile]:
@@ -90,7 +98,7 @@ class Archive:
         with suppress(OSError):  # whoever was cut short throws the file away
             self._zip.close()
 
-    def _add(self, found: _Found) -> None:
+    def _add(self, found: _Found, ending: Callable[[BinaryIO], Ending | None]) -> None:
         """Copies what the file holds now; what it grows by meanwhile is left out."""
         try:
             number = open_plain(found.path, folder=found.folder)
@@ -99,9 +107,12 @@ class Archive:
             return
         with os.fdopen(number, "rb") as file:
             state = os.fstat(number)
+            end = ending(file) or Ending(state.st_size, b"")
+            file.seek(0)
             try:
                 with self.new_file(found.name, state.st_mtime, state.st_size) as member:
-                    _copy(file, member, state.st_size)
+                    _copy(file, member, end.begin)
+                    member.write(end.data)
             except _TornError as torn:
                 self.problems.append(f"{found.name}: {torn}")
 

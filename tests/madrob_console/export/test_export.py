@@ -54,6 +54,7 @@ from madrob_console.referee.journal import HOLD_FILE
 from madrob_console.referee.records import Protest, RemovedEvidence
 from madrob_console.referee.run import Run
 from madrob_console.testbeds.simulated import Scenario
+from recorder.attachments import attach
 from recorder.bag import evidence_file_name, is_evidence
 from recorder.reader import Bag
 from recorder.writer import BagWriter
@@ -152,7 +153,9 @@ def test_a_team_opens_every_file_of_its_zip_as_the_text_in_it_says(
     assert sums.stdout.count(": OK") == sum(path.is_file() for path in home.rglob("*")) - 1
     (run,) = recorded_root.glob("practice/*")
     assert all(
-        (home / run.name / one.name).read_bytes() == one.read_bytes() for one in run.iterdir()
+        (home / run.name / one.name).read_bytes() == one.read_bytes()
+        for one in run.iterdir()
+        if one.suffix != ".mcap"  # that has the result with it
     )
     text = (home / "README.txt").read_text()
     begin = text.index("import pandas")
@@ -171,6 +174,33 @@ def test_a_team_opens_every_file_of_its_zip_as_the_text_in_it_says(
     zero = (float(above["value"]) + float(below["value"])) / 2
     assert zero == pytest.approx(5.9, abs=0.1)  # of the newest run
     assert f"({zero:.2f} N, run " in above["label"]
+
+
+def test_a_bag_alone_from_a_zip_is_compared_with_the_result_that_is_attached_to_it(
+    recorded_root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (run,) = recorded_root.glob("practice/*")
+    stored = {path.name: path.read_bytes() for path in run.iterdir()}
+    command(recorded_root, "--practice", "--output", tmp_path / "home.zip")
+    assert {path.name: path.read_bytes() for path in run.iterdir()} == stored
+    home = unpacked(tmp_path / "home.zip", tmp_path / "home") / run.name
+    bag = f"{run.name}_0.mcap"
+    assert (home / bag).read_bytes() != stored[bag]
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    for name in (bag, "metadata.yaml"):
+        shutil.copy(home / name, alone)
+    capsys.readouterr()
+    for path in (home, alone, alone / bag):
+        assert main(["score", "--check", str(path)]) == 0
+        assert "same digits" in capsys.readouterr().out
+    result = json.loads((home / "result.json").read_text())
+    result["indicators"]["execution_time"]["value"] = 1.0
+    other = attach(BytesIO(stored[bag]), "result.json", "", json.dumps(result).encode())
+    assert other is not None
+    (alone / bag).write_bytes(stored[bag][: other.begin] + other.data)
+    assert main(["score", "--check", str(alone)]) == 1
+    assert "execution_time" in capsys.readouterr().out
 
 
 def test_only_the_teams_official_runs_are_packed_oldest_first_into_the_same_bytes(
@@ -546,10 +576,8 @@ def test_a_result_that_changes_meanwhile_is_named(
     first = folders(root)[0]
     add_folder = zip_file.Archive.add_folder
 
-    def ruled(
-        self: zip_file.Archive, folder: Path, called: str, without: Callable[[str], bool]
-    ) -> None:
-        add_folder(self, folder, called, without)
+    def ruled(self: zip_file.Archive, folder: Path, called: str, *rest: Callable[..., Any]) -> None:
+        add_folder(self, folder, called, *rest)
         if folder == first:
             (folder / "result.json").write_text("{}")
 
