@@ -26,7 +26,7 @@ _INDEX = frozenset({Opcode.ATTACHMENT_INDEX})
 
 
 @dataclass(frozen=True, slots=True)
-class Ending:
+class FileEnding:
     """Another end of a file: `data` from the byte `begin` on."""
 
     begin: int
@@ -45,7 +45,7 @@ def read_attachment(file: BinaryIO, name: str) -> bytes | None:
     return None
 
 
-def attach(file: BinaryIO, name: str, media_type: str, data: bytes) -> Ending | None:
+def attach(file: BinaryIO, name: str, media_type: str, data: bytes) -> FileEnding | None:
     """How a copy of the file ends that has an attachment.
 
     None where `detach` could not give the file back to the last byte.
@@ -63,7 +63,7 @@ def attach(file: BinaryIO, name: str, media_type: str, data: bytes) -> Ending | 
     return summary.ending(at, record, index)
 
 
-def detach(file: BinaryIO, name: str) -> Ending | None:
+def detach(file: BinaryIO, name: str) -> FileEnding | None:
     """How the file ended before `attach`; None where no such attachment is at its end."""
     try:
         summary = _Summary(file)
@@ -105,11 +105,13 @@ class _Summary:
             raise DamageError("it has no statistics")
         self.statistics = statistics
 
-    def ending(self, at: int, record: bytes = b"", index: AttachmentIndex | None = None) -> Ending:
+    def ending(
+        self, at: int, record: bytes = b"", index: AttachmentIndex | None = None
+    ) -> FileEnding:
         """The end of a file from byte `at` on, with one attachment or none."""
         self.statistics.attachment_count = 0 if index is None else 1
         groups = self._groups | {Opcode.STATISTICS: record_bytes(self.statistics)}
         if index is not None:
             groups[Opcode.ATTACHMENT_INDEX] = record_bytes(index)
         data = record + _DATA_END
-        return Ending(at, data + file_end(at + len(data), groups))
+        return FileEnding(at, data + file_end(at + len(data), groups))

@@ -238,7 +238,7 @@ StreamItem: TypeAlias = McapRecord | Gap
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class StoredRecord:
     """A record as it is stored; `whole`: the file did not end before it."""
 
     opcode: int
@@ -356,7 +356,10 @@ class ChunkPlace:
 
 
 def chunk_places(file: BinaryIO) -> list[ChunkPlace]:
-    """In stored order, by the summary; if it lacks some, as while a file is written, by heads."""
+    """In stored order, by the summary; without it by the heads of the chunks.
+
+    It is missing while a file is written; without a checksum it may be damaged anywhere.
+    """
     places: dict[int, ChunkPlace] = {}
     told = None
     with suppress(DamageError):
@@ -368,6 +371,8 @@ def chunk_places(file: BinaryIO) -> list[ChunkPlace]:
                 places[offset] = ChunkPlace(
                     offset, record.message_start_time, record.message_end_time, frozenset(channels)
                 )
+        file.seek(-len(MCAP0_MAGIC) - _CRC_SIZE, io.SEEK_END)
+        told = told if any(file.read(_CRC_SIZE)) else None
     if len(places) != told:
         places.clear()
         with suppress(DamageError):
@@ -394,7 +399,7 @@ def frames_of(
     size: int,
     wanted: AbstractSet[Opcode] = _WANTED,
     most: int = RECORD_LIMIT,
-) -> Iterator[Frame]:
+) -> Iterator[StoredRecord]:
     """The wanted records from `offset` to byte `size`, where one must end; `most` bytes of each.
 
     A chunk may be cut, as the last frame; any other record that is not whole is a DamageError.
@@ -411,16 +416,16 @@ def frames_of(
         if following > size:
             if opcode == Opcode.CHUNK and opcode in wanted:
                 rest = min(size - stream.tell(), most)
-                yield Frame(opcode, offset, stream.read(rest), whole=False)
+                yield StoredRecord(opcode, offset, stream.read(rest), whole=False)
             raise DamageError(f"it is torn at byte {offset}", offset)
         if opcode in wanted:
             if length > RECORD_LIMIT:
                 raise DamageError(f"the record at byte {offset} claims {length} bytes", offset)
-            yield Frame(opcode, offset, stream.read(min(length, most)), whole=True)
+            yield StoredRecord(opcode, offset, stream.read(min(length, most)), whole=True)
         offset = following
 
 
-def _chunk(frame: Frame) -> Iterator[StreamItem]:
+def _chunk(frame: StoredRecord) -> Iterator[StreamItem]:
     content = unpack(frame.body)
     problem = content.problem
     try:
@@ -449,7 +454,7 @@ def records_in(records: bytes) -> Iterator[McapRecord]:
             data = records[start + MESSAGE_HEAD.size : end]
             yield Message(channel, log_time, data, publish_time, sequence)
         elif opcode in _IN_CHUNKS:
-            yield parse(Frame(opcode, start, records[start:end], whole=True))
+            yield parse(StoredRecord(opcode, start, records[start:end], whole=True))
 
 
 class _Fields(ReadDataStream):
@@ -460,7 +465,7 @@ class _Fields(ReadDataStream):
         return data
 
 
-def parse(frame: Frame) -> McapRecord:
+def parse(frame: StoredRecord) -> McapRecord:
     fields = _Fields(io.BytesIO(frame.body))
     try:
         if frame.opcode == Opcode.MESSAGE:

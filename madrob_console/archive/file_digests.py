@@ -92,13 +92,13 @@ def _is_data(name: str) -> bool:
 
 
 def _digest(path: Path) -> FileDigest:
-    from recorder.attachments import Ending, detach
+    from recorder.attachments import FileEnding, detach
 
     with os.fdopen(open_plain(path), "rb") as file:
         if (size := os.fstat(file.fileno()).st_size) > LARGEST_DIGESTED:
             raise OSError(errno.EFBIG, f"{size / 1e9:.1f} GB, too much for a digest")
         ending = detach(file, RESULT_FILE) if path.name.endswith(_RECORDING) else None
-        rest = Ending(size, b"") if ending is None else ending
+        rest = FileEnding(size, b"") if ending is None else ending
         file.seek(0)
         digest = hashlib.sha256()
         while block := file.read(min(_BLOCK, rest.begin - file.tell())):

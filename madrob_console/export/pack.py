@@ -41,7 +41,7 @@ from madrob_console.export.papers import (
 from madrob_console.export.zip_file import Archive
 from madrob_console.referee.run import Run
 from madrob_console.referee.run_summary import RunSummary
-from recorder.attachments import Ending, attach
+from recorder.attachments import FileEnding, attach
 from recorder.bag import METADATA_FILE, is_evidence, is_left_of_evidence
 from recorder.survey import listing
 from scoring.eurobench.run_files import LARGEST_TABLE, parse_table
@@ -178,7 +178,7 @@ def _add_run(
     def without(path: str) -> bool:  # anybody may have written the report in the folder
         return path in made or path == REPORT_FILE or bag.without(posixpath.basename(path))
 
-    def with_result(path: str, file: BinaryIO) -> Ending | None:
+    def with_result(path: str, file: BinaryIO) -> FileEnding | None:
         if path != f"{run.name}_0.mcap" or result is None:
             return None
         return attach(file, RESULT_FILE, "application/json", result)

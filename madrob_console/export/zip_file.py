@@ -15,7 +15,7 @@ from typing import IO, BinaryIO, NamedTuple
 
 from madrob_console.common.files import open_plain, refusal
 from madrob_console.common.names import terminal_safe
-from recorder.attachments import Ending
+from recorder.attachments import FileEnding
 from recorder.bag import is_evidence
 
 LONGEST_PATH = 400
@@ -54,7 +54,7 @@ class Archive:
         folder: Path,
         called: str,
         without: Callable[[str], bool] = lambda _path: False,
-        ending: Callable[[str, BinaryIO], Ending | None] = lambda _path, _file: None,
+        ending: Callable[[str, BinaryIO], FileEnding | None] = lambda _path, _file: None,
     ) -> None:
         """Adds the files of a folder, which is `called` so in the archive.
 
@@ -98,7 +98,7 @@ class Archive:
         with suppress(OSError):  # whoever was cut short throws the file away
             self._zip.close()
 
-    def _add(self, found: _Found, ending: Callable[[BinaryIO], Ending | None]) -> None:
+    def _add(self, found: _Found, ending: Callable[[BinaryIO], FileEnding | None]) -> None:
         """Copies what the file holds now; what it grows by meanwhile is left out."""
         try:
             number = open_plain(found.path, folder=found.folder)
@@ -107,7 +107,7 @@ class Archive:
             return
         with os.fdopen(number, "rb") as file:
             state = os.fstat(number)
-            end = ending(file) or Ending(state.st_size, b"")
+            end = ending(file) or FileEnding(state.st_size, b"")
             file.seek(0)
             try:
                 with self.new_file(found.name, state.st_mtime, state.st_size) as member:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from recorder.attachments import Ending, attach, detach, read_attachment
+from recorder.attachments import FileEnding, attach, detach, read_attachment
 from recorder.reader import Bag
 from recorder.writer import BagWriter
 from tests.recorder.samples import door_messages, door_topics
@@ -26,7 +26,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "run_0.mcap"
 
 
-def ending_with(stored: bytes, ending: Ending | None) -> bytes:
+def ending_with(stored: bytes, ending: FileEnding | None) -> bytes:
     assert ending is not None
     return stored[: ending.begin] + ending.data
 
