@@ -9,6 +9,7 @@ import re
 import runpy
 import shlex
 import shutil
+import sys
 import tomllib
 from collections.abc import Iterable, Iterator
 from importlib import resources
@@ -328,19 +329,26 @@ def test_the_guide_has_the_keys_and_words_that_the_referee_publishes() -> None:
         assert set(required) <= set(re.findall(r"\w+", table[what])), what
 
 
-def test_the_launch_file_of_the_guide_starts_a_command() -> None:
-    calls = [
-        n
-        for n in ast.walk(ast.parse(example("import LaunchDescription")))
-        if isinstance(n, ast.Call)
-    ]
-    given = {word.arg: word.value for call in calls for word in call.keywords}
-    assert build_parser().parse_args(ast.literal_eval(given["arguments"])).testbed == ["ros"]
-    assert Path(ast.literal_eval(given["executable"])).name == "madrob"
+def test_the_launch_file_starts_a_command() -> None:
+    launch = (ROOT / "madrob_console/ros_package/launch/referee.launch.py").read_text()
+    calls = [n for n in ast.walk(ast.parse(launch)) if isinstance(n, ast.Call)]
+    words = {word.arg: word.value for call in calls for word in call.keywords}
+    assert build_parser().parse_args(ast.literal_eval(words["arguments"])).testbed == ["ros"]
+    assert ast.literal_eval(words["executable"]) == "madrob"
+
+
+def test_ros_finds_the_package_where_it_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    packages = pytest.importorskip("ament_index_python.packages")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
+    share = Path(packages.get_package_share_directory("madrob_console"))
+    source = ROOT / "madrob_console/ros_package"
+    assert (share / "package.xml").read_bytes() == (source / "package.xml").read_bytes()
+    assert [path.name for path in share.glob("**/*.launch.py")] == ["referee.launch.py"]
 
 
 def test_the_package_names_what_of_ros_is_imported() -> None:
-    package = ET.parse(ROOT / "madrob_console/package.xml").getroot()
+    package = ET.parse(ROOT / "madrob_console/ros_package/package.xml").getroot()
+    assert package.findtext("export/build_type") == "ament_python"
     assert package.findtext("name") == "madrob_console"
     assert package.findtext("version") == RELEASE
     needed = {one.text for one in package.iter("exec_depend")}
