@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from madrob_console.ui.link import ConsoleDefaults
 
 _KEYS = "F1 lists the keys, ^P finds every command."
-_PRACTICE = "Practice: Enter sets up, F7 zeroes the handle, F6 confirms the pose, F5 starts."
 _REPLAY = "A replay: nothing is recorded. Space pauses, j jumps to a time. F1 lists the keys."
 _FIRST_TIME = "No run yet. To practise: `madrob console --testbed simulated`. F1 lists the keys."
 
@@ -221,6 +220,7 @@ def _defaults(arguments: argparse.Namespace, settings: Settings, results: Path) 
     import socket
 
     from madrob_console.config.tables import DEFAULT_START_POSES
+    from madrob_console.ui.keys.key_table import A_RUN
     from madrob_console.ui.link import ConsoleDefaults
 
     competition = settings.competition
@@ -230,7 +230,7 @@ def _defaults(arguments: argparse.Namespace, settings: Settings, results: Path) 
     if kind == SourceKind.REPLAY:
         hint = _REPLAY
     elif kind == SourceKind.SIMULATED and first_time:
-        hint = _PRACTICE
+        hint = f"Practice: {A_RUN}"
     return ConsoleDefaults(
         results=results,
         host=socket.gethostname(),

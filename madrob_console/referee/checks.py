@@ -31,6 +31,9 @@ class CheckState(StrEnum):
 _ANOTHER_CLOCK = 10.0
 """s; larger offsets of stamps mean another clock (protocol section 3)."""
 
+CORRECT_TEAM, OR_WAIVE = "correct the team", ", or waive the check"
+CHANGE_SETUP = "change it in the set-up"
+
 _NO_ZERO = "not yet done since the engine started"
 
 
@@ -38,7 +41,7 @@ _NO_ZERO = "not yet done since the engine started"
 class Check:
     """One pre-start check; it is not `waivable` where nothing would be detected.
 
-    `finding` says what is so, `remedy` what to do, a key if there is one; empty = nothing.
+    `finding` says what is so, `remedy` what to do; empty = nothing. The screens add the key.
     """
 
     name: CheckName
@@ -194,7 +197,7 @@ def _team(r: Readings, setup: RunSetup | None) -> Iterator[Check]:
         text = "this run is out of plan"
     else:
         return
-    remedy = "F2 corrects the team, Enter waives"
+    remedy = f"{CORRECT_TEAM}{OR_WAIVE}"
     yield Check(CheckName.TEAM, CheckState.FAILED, text, remedy=remedy)
 
 
@@ -202,13 +205,13 @@ def _plan(plan: Plan, setup: RunSetup | None) -> Iterator[Check]:
     """A line that cannot be used, where this may be its team."""
     words = "" if setup is None or setup.practice else plan.unusable_line(setup.subject)
     if words:
-        remedy = "correct the plan, Enter waives"
+        remedy = f"correct the plan{OR_WAIVE}"
         yield Check(CheckName.PLAN, CheckState.FAILED, words, remedy=remedy)
 
 
 def _settings(usual: RunSetup | None, setup: RunSetup | None) -> Iterator[Check]:
     if setup is not None and usual is not None and setup != usual:
-        words = f"{'; '.join(setup.differences(usual))}: F2 changes it"
+        words = f"{'; '.join(setup.differences(usual))}: {CHANGE_SETUP}"
         yield Check(CheckName.SETTINGS, CheckState.WARNING, words)
 
 
@@ -237,8 +240,8 @@ def _handle(r: Readings, run: Run) -> Check:
     text = f"{r.force:+.2f} N from zero, at rest up to {r.rest_force:.2f} N"
     rests = abs(r.force) <= r.rest_force
     if not (rests or run.handle_zero):
-        return _verdict(CheckName.HANDLE, False, _NO_ZERO, "F7 zeroes the handle")
-    return _verdict(CheckName.HANDLE, rests, text, "F7 zeroes the handle, if nobody holds it")
+        return _verdict(CheckName.HANDLE, False, _NO_ZERO, "zero the handle")
+    return _verdict(CheckName.HANDLE, rests, text, "zero the handle, if nobody holds it")
 
 
 def _zero(r: Readings) -> Iterator[Check]:
@@ -252,7 +255,7 @@ def _zero(r: Readings) -> Iterator[Check]:
         text = f"samples span {zero.span:.2f} N, steady up to {r.rest_force:.2f} N"
     else:
         return
-    remedy = "F7 zeroes the handle again"
+    remedy = "zero the handle again"
     yield Check(CheckName.HANDLE_ZERO, CheckState.FAILED, text, remedy=remedy)
 
 
@@ -353,7 +356,7 @@ def _referee(r: Readings) -> Check:
 
 def _pose(run: Run) -> Check:
     confirmed = "confirmed" if run.pose_confirmed else ""
-    return _verdict(CheckName.POSE, run.pose_confirmed, confirmed, "F6 confirms the start pose")
+    return _verdict(CheckName.POSE, run.pose_confirmed, confirmed, "confirm the start pose")
 
 
 # How alive a topic is: fresh, stale, lost (protocol section 3).

@@ -33,8 +33,7 @@ from madrob_console.engine.requests import (
     PlaybackCommand,
     TakeOver,
 )
-from madrob_console.referee.acts import Abort, Act, SetUp, Start, Void
-from madrob_console.referee.acts.act import NO_REASON, Ask
+from madrob_console.referee.acts import Abort, Act, SetUp, Start
 from madrob_console.referee.run import Phase
 from madrob_console.ui.awaited import PendingRequests
 from madrob_console.ui.cells.lines import Tone
@@ -45,15 +44,7 @@ from madrob_console.ui.keys.console_app import (
     KeysDropped,
     TypeAhead,
 )
-from madrob_console.ui.keys.dialogs import (
-    Copy,
-    Intent,
-    Leave,
-    OtherName,
-    Press,
-    RunMeant,
-    ask_abort,
-)
+from madrob_console.ui.keys.console_questions import SelectedRun
 from madrob_console.ui.keys.key_table import (
     FUNCTION_KEYS,
     KEYS,
@@ -61,6 +52,17 @@ from madrob_console.ui.keys.key_table import (
     Key,
     bindings,
 )
+from madrob_console.ui.keys.questions import (
+    NO_REASON,
+    Ask,
+    Copy,
+    Intent,
+    Leave,
+    OtherName,
+    Press,
+)
+from madrob_console.ui.keys.result_questions import ask_void_instead
+from madrob_console.ui.keys.run_questions import ask_abort
 from madrob_console.ui.keys.terminal_input import MOST_KEYS
 from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink, OpenClient
 from madrob_console.ui.look.themes import (
@@ -309,7 +311,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         elif now is not None:
             for dialog in [one for one in self._console.dialogs if one.name == key.name]:
                 self._console.close(dialog)
-            self._open_dialog(key, ask_abort(now), partial(key.question, pressed=""))
+            self._open_dialog(key, ask_abort(now, ""), partial(key.question, pressed=""))
 
     def _start_engine(self, key: Key) -> None:
         if (refused := self.key_refusal(key)) is not None:
@@ -349,13 +351,13 @@ class MadrobApp(App[None], inherit_bindings=False):
             self._refuse_key(key, problem)
         elif (refused := self.key_refusal(key) or self._elsewhere(key)) is not None:
             self._refuse_key(key, refused)
-        elif key.ask is not None and (now := self._link.snapshot()) is not None:
-            await self._ask(key, key.ask(now, pressed), partial(key.question, pressed=pressed))
-        else:
+        elif (now := self._link.snapshot()) is None or (intent := key.intent(now, pressed)) is None:
             await self._press_own(key)
+        else:
+            await self._ask(key, intent, partial(key.question, pressed=pressed))
 
     async def _press_own(self, key: Key) -> None:
-        console, meant = self._console, self._console.run_meant()
+        console, selected = self._console, self._console.selected_run()
         match key.name:
             case "menu":
                 await self._ask(key, console.menu(), lambda _now: console.menu())
@@ -366,17 +368,17 @@ class MadrobApp(App[None], inherit_bindings=False):
                 await self._next_run(key)
             case "export":
                 await self._do(console.export, key.name, key.act)
-            case _ if isinstance(meant, str):
-                console.refuse(key.label, meant)
+            case _ if isinstance(selected, str):
+                console.refuse(key.label, selected)
             case "open":
-                if not console.ask_about(meant.folder):
-                    await self._open_run(OpenRun(meant.folder))
+                if not console.ask_about(selected.folder):
+                    await self._open_run(OpenRun(selected.folder))
             case "dossier":
-                await self._do(ExportDossier(meant.folder), key.name, key.act)
+                await self._do(ExportDossier(selected.folder), key.name, key.act)
             case "replay":
-                self._show_replay(meant)
+                self._show_replay(selected)
 
-    def _show_replay(self, meant: RunMeant) -> None:
+    def _show_replay(self, selected: SelectedRun) -> None:
         """Runs another console on this terminal until it is left; never while a run goes on."""
         snapshot = self._link.snapshot()
         if snapshot is None or snapshot.run.active or snapshot.playback is not None:
@@ -385,8 +387,8 @@ class MadrobApp(App[None], inherit_bindings=False):
             return
         look = self._look
         words = [
-            *("console", "--testbed", "replay", str(self._console.results / meant.folder)),
-            *(() if meant.at is None else (f"--at={meant.at:.3f}",)),
+            *("console", "--testbed", "replay", str(self._console.results / selected.folder)),
+            *(() if selected.at is None else (f"--at={selected.at:.3f}",)),
             *(f"--theme={look.theme}", *["--ascii"] * bool(look.ascii)),
             *["--no-mouse"] * (not look.mouse),
         ]
@@ -417,8 +419,8 @@ class MadrobApp(App[None], inherit_bindings=False):
     async def _ask(
         self,
         key: Key,
-        intent: Intent | Ask[Intent],
-        question: Callable[[Snapshot], Ask[Intent] | str],
+        intent: Intent,
+        question: Callable[[Snapshot], Ask | str],
     ) -> None:
         """Carries out `intent`, or asks first; `question` asks as things stand later."""
         if not isinstance(intent, Ask):
@@ -429,12 +431,12 @@ class MadrobApp(App[None], inherit_bindings=False):
     def _open_dialog(
         self,
         key: Key,
-        ask: Ask[Intent],
-        question: Callable[[Snapshot], Ask[Intent] | str],
+        ask: Ask,
+        question: Callable[[Snapshot], Ask | str],
     ) -> None:
         tiny = self._console.tiny
 
-        def fresh() -> Ask[Intent] | str:
+        def fresh() -> Ask | str:
             snapshot = self._link.snapshot()
             asked = NOT_YET if snapshot is None else question(snapshot)
             return asked.shortest if tiny and isinstance(asked, Ask) else asked
@@ -490,7 +492,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         if snapshot is None or snapshot.run.phase is not Phase.STOPPED:
             return
         if key.refusal(snapshot) is None:
-            void = Void.instead_of_abort(reason)
+            void = ask_void_instead(reason)
             await self._ask(key, void, lambda now: key.refusal(now) or void)
             self._ahead.replaced("the question has just changed")
 

@@ -1,4 +1,4 @@
-"""What a referee can do: each act is one class that says all of it, and their list.
+"""What a referee can do: each act is one class with its rules and its words, and their list.
 
 `impossible` says in words why there can be no such act now (the screens show it beside a dim
 key), `refusal` the same of an act with its fields; `apply` gives the new state.

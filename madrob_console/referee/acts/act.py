@@ -1,4 +1,4 @@
-"""What an act is, and the questions that its key asks."""
+"""What an act is, and the situation that it is checked against."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from enum import Flag as FlagEnum
 from enum import auto
 from functools import cached_property
-from typing import ClassVar, Generic, Protocol, TypeAlias, TypeVar
+from typing import ClassVar
 
 import msgspec
 
@@ -22,119 +22,6 @@ from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
 from scoring.rest import HandleRest
 from scoring.result import Indicator
-
-# The questions of a dialog: plain data, no terminal.
-
-
-T_co = TypeVar("T_co", covariant=True)
-
-
-@dataclass(frozen=True, slots=True)
-class Option:
-    """One answer; a `value` of None does nothing, and a `free` one asks for a text instead.
-
-    After a `last` one nothing more is asked. The one without a label is not listed: the words
-    beside the options tell of its key.
-    """
-
-    key: str
-    label: str
-    value: str | None
-    free: bool = False
-    last: bool = False
-
-    @property
-    def harmless(self) -> bool:
-        return self.value is None and not self.free
-
-
-@dataclass(frozen=True, slots=True)
-class Pick:
-    """A choice among options; Enter takes the marked one.
-
-    The first option is marked if it is harmless or the question is `quick`: an act that `z` takes
-    back, or one more question. Else none is. `listed` stands above the options, `below` under them.
-
-    Raises:
-        ValueError: two options have the same key: the second could never be chosen.
-    """
-
-    text: str
-    options: tuple[Option, ...]
-    listed: tuple[str, ...] = ()
-    below: tuple[str, ...] = ()
-    quick: bool = False
-
-    def __post_init__(self) -> None:
-        keys = [option.key for option in self.options]
-        if len(set(keys)) < len(keys):
-            raise ValueError(f"{self.text!r}: two options have the same key, of {' '.join(keys)}")
-
-    @property
-    def marked(self) -> int:
-        """The option that is marked at first; -1 = none."""
-        return 0 if self.quick or self.options[0].harmless else -1
-
-
-@dataclass(frozen=True, slots=True)
-class Write:
-    """Asks for a text. `missing` is the refusal of an empty one; empty = an empty text will do."""
-
-    text: str
-    initial: str = ""
-    missing: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Sure:
-    """Only `y` goes on; Enter, n and Escape close the dialog."""
-
-    text: str
-
-
-Question = Pick | Write | Sure
-
-
-@dataclass(frozen=True, slots=True)
-class Ask(Generic[T_co]):
-    """A dialog; `make` gets the answers of its `Pick` and `Write` questions, in order."""
-
-    title: str
-    questions: tuple[Question, ...]
-    make: Callable[..., T_co]
-
-    @property
-    def shortest(self) -> Ask[T_co]:
-        """For a screen with one free line: a question after a reason goes without it."""
-        if len(self.questions) < 2 or not isinstance(self.questions[-1], Sure):
-            return self
-        title = self.title.partition(":")[0]
-        return Ask(title, self.questions[-1:], lambda: self.make(NO_REASON))
-
-
-def reasons(*texts: str) -> tuple[Option, ...]:
-    """A short list of reasons under digits, and free text under `o`."""
-    listed = (Option(str(number), text, text) for number, text in enumerate(texts, 1))
-    return (*listed, Option("o", "other: type it", None, free=True))
-
-
-NO_REASON = "no reason given"
-"""What is recorded unless the referee chooses a reason: it claims nothing that nobody saw."""
-
-
-def ask_why(*texts: str) -> Pick:
-    """The reason of an act that `z` takes back: Enter takes none."""
-    none = Option("n", NO_REASON, NO_REASON)
-    return Pick("Why? Enter takes the marked one.", (none, *reasons(*texts)), quick=True)
-
-
-NO_THE_RUN_GOES_ON = Option("n", "no, the run goes on", None)
-
-
-def meanwhile(*texts: str) -> Pick:
-    return Pick(
-        "Why? The run and its clock go on meanwhile.", (NO_THE_RUN_GOES_ON, *reasons(*texts))
-    )
 
 
 @dataclass(frozen=True)
@@ -181,33 +68,6 @@ class Situation:
         return self.measure()
 
 
-class RunView(Protocol):
-    """What the referee sees when asking for an act."""
-
-    @property
-    def run(self) -> Run: ...
-
-    @property
-    def checks(self) -> tuple[Check, ...]: ...
-
-    @property
-    def teams(self) -> TeamList: ...
-
-    @property
-    def steps(self) -> tuple[StepRecord, ...]: ...
-
-    @property
-    def indicators(self) -> Mapping[IndicatorName, Indicator]:
-        """Of the result; empty without one."""
-
-    @property
-    def flags(self) -> tuple[Flag, ...]: ...
-
-    @property
-    def elapsed(self) -> float | None:
-        """Time since the start of the run, s; None outside a run."""
-
-
 class Consequence(FlagEnum):
     """Side effects of an act beside the new state of the run; the engine carries them out."""
 
@@ -227,9 +87,6 @@ LONGEST_TEXT = 2000
 
 RESULT_IS_WRITTEN = "the result is being written"
 
-Asked: TypeAlias = "Act | Ask[Asked] | str"
-"""What a key or an answer brings: an act, a question, or a refusal in words."""
-
 
 class Act(ABC):
     """One act of the referee: plain data that can cross a socket.
@@ -238,7 +95,6 @@ class Act(ABC):
         name: in the journal and on the screens.
         elsewhere: refuses it outside its `phases`; empty = the phase says why.
         missing: refuses it without its reason or text; empty = none is needed.
-        title, questions: the dialog before it, whose answers are its fields; none = no dialog.
         done, log: its effect, for the referee and the event log, as formats of the `act`; empty =
             its name.
         urgent: it ends a danger: no other request and no disk delays it.
@@ -252,8 +108,6 @@ class Act(ABC):
     phases: ClassVar[tuple[Phase, ...]]
     elsewhere: ClassVar[str] = ""
     missing: ClassVar[str] = ""
-    title: ClassVar[str] = ""
-    questions: ClassVar[tuple[Question, ...]] = ()
     done: ClassVar[str] = ""
     log: ClassVar[str] = ""
     urgent: ClassVar[bool] = False
@@ -302,11 +156,6 @@ class Act(ABC):
         if _longest(msgspec.to_builtins(self)) <= LONGEST_TEXT:
             return None
         return f"a text has at most {LONGEST_TEXT} characters: write the rest beside it"
-
-    @classmethod
-    def ask_questions(cls, view: RunView, pressed: str) -> Asked:
-        """The act, the dialog before it, or a refusal, after a key of those that ask for it."""
-        return Ask(cls.title, cls.questions, cls) if cls.questions else cls()
 
     def settled(self, situation: Situation) -> Act:
         """The act as it is carried out and journalled, with the fields that the engine sets."""

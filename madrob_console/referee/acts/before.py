@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from madrob_console.referee.acts.act import (
     Act,
-    Ask,
     Consequence,
-    Option,
-    Pick,
-    RunView,
     Situation,
-    ask_why,
 )
-from madrob_console.referee.checks import blocking, causes
+from madrob_console.referee.checks import Check, blocking, causes
 from madrob_console.referee.records import CheckName, DecisionKind, RunSetup, Waiver
 from madrob_console.referee.run import Phase, Run, begin_countdown
 from scoring.rest import HandleRest
@@ -66,9 +62,6 @@ class SetUp(Act):
         return f"{kind} {self.setup.run_number} of subject {self.setup.subject} is set up"
 
 
-# Confirm the start pose: the robot stands there.
-
-
 @dataclass(frozen=True, slots=True)
 class ConfirmPose(Act):
     """Confirm that the robot stands at its start pose."""
@@ -79,9 +72,6 @@ class ConfirmPose(Act):
 
     def apply(self, situation: Situation, at: float) -> Run:
         return replace(situation.run, pose_confirmed=True)
-
-
-# Start: the countdown begins.
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,11 +99,7 @@ class Start(Act):
         return begin_countdown(situation.run, at)
 
 
-# Waive a check: it may fail in this run.
-
-
-_NONE_FAILS = "no check fails"
-_WHY = ask_why("checked by hand", "known testbed fault", "the organiser agrees")
+NO_CHECK_FAILS = "no check fails"
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,30 +117,10 @@ class Waive(Act):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        return None if blocking(situation.checks) else _NONE_FAILS
+        return None if blocking(situation.checks) else NO_CHECK_FAILS
 
     def problem(self, situation: Situation) -> str | None:
-        return _passes(self.check, situation)
-
-    @classmethod
-    def ask_questions(cls, view: RunView, pressed: str) -> Ask[Act] | str:
-        blocks = blocking(view.checks)
-        failing = [check.name for check in blocks if check.waivable or len(blocks) == 1]
-        if len(failing) < 2:
-            return cls.ask_why(view, failing[0]) if failing else _NONE_FAILS
-        which = tuple(Option(str(i), str(name), str(name)) for i, name in enumerate(failing, 1))
-        return Ask(
-            "Waive a failing check for this run",
-            (Pick("Which?", which), _WHY),
-            lambda name, reason: cls(CheckName(name), reason),
-        )
-
-    @classmethod
-    def ask_why(cls, view: RunView, check: CheckName) -> Ask[Act] | str:
-        if refused := _passes(check, view):
-            return refused
-        title = f"Waive '{check}' for this run"
-        return Ask(title, (_WHY,), lambda reason: cls(check, reason))
+        return waiver_problem(self.check, situation.checks)
 
     def apply(self, situation: Situation, at: float) -> Run:
         run = situation.run
@@ -164,14 +130,12 @@ class Waive(Act):
         )
 
 
-def _passes(check: CheckName, where: Situation | RunView) -> str | None:
-    found = next((found for found in blocking(where.checks) if found.name is check), None)
-    if found is None:
-        return f"the check '{check}' does not fail"
-    return None if found.waivable else f"the check '{check}' cannot be waived: {found.reason}"
-
-
-# Zero the handle.
+def waiver_problem(name: CheckName, checks: Iterable[Check]) -> str | None:
+    """Why the check of that name cannot be waived; None = it can."""
+    check = next((check for check in blocking(checks) if check.name is name), None)
+    if check is None:
+        return f"the check '{name}' does not fail"
+    return None if check.waivable else f"the check '{name}' cannot be waived: {check.reason}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,25 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import relative_text
-from madrob_console.common.names import clean_name
 from madrob_console.referee.acts.act import (
     RESULT_IS_WRITTEN,
     Act,
-    Ask,
-    Asked,
-    Option,
-    Pick,
-    RunView,
     Situation,
-    Write,
-    ask_why,
 )
 from madrob_console.referee.acts.during import RULED
 from madrob_console.referee.acts.protest import closed
 from madrob_console.referee.flags import doubted_words
-from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import (
     Correction,
     DecisionKind,
@@ -34,13 +24,9 @@ from madrob_console.referee.records import (
     TakenBack,
 )
 from madrob_console.referee.run import Phase, Run, changed
-from scoring.protocol import BenchmarkType, Condition
+from scoring.protocol import Condition
 
-_NO_RUN = "no run is set up yet"
-_WHY = replace(
-    ask_why("typed wrongly", "the set-up of the run before was kept"),
-    text="Why? The run gets the next number of the right subject and condition.",
-)
+NO_RUN = "no run is set up yet"
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,72 +53,11 @@ class Correct(Act):
     def problem(self, situation: Situation) -> str | None:
         setup = situation.run.setup
         if setup is None:
-            return _NO_RUN
+            return NO_RUN
         if (self.subject, self.condition) == (setup.subject, setup.condition):
             return "that is what is set up"
         scored = None if situation.scored else RESULT_IS_WRITTEN
         return self._corrected(setup, 1).problem() or scored
-
-    @classmethod
-    def ask_questions(cls, view: RunView, pressed: str) -> Ask[Asked] | str:
-        setup = view.run.setup
-        if setup is None:
-            return _NO_RUN
-        condition = setup.condition
-        opening, starting = condition.opening_side, condition.starting_side
-        types = [kind for kind in BenchmarkType if kind is not condition.benchmark_type]
-        found: dict[str, Condition] = {
-            "opening": replace(condition, opening_side=opening.opposite),
-            "starting": replace(condition, starting_side=starting.opposite),
-            **{kind.value: replace(condition, benchmark_type=kind) for kind in types},
-        }
-        options = (
-            Option("s", f"subject: it is not {setup.subject}", "subject"),
-            Option("o", f"opening side: it is {opening.opposite.upper()}", "opening"),
-            Option("t", f"starting side: it is {starting.opposite.upper()}", "starting"),
-            *(Option(str(n), f"type: it is {kind}", kind.value) for n, kind in enumerate(types, 1)),
-        )
-
-        def right(what: str) -> Ask[Asked]:
-            if what == "subject":
-                return cls._ask_subject(setup, view.teams)
-            after = replace(setup, condition=found[what])
-            return Ask(
-                f"Correct the {corrected_words(setup, after)}",
-                (_WHY,),
-                lambda reason: cls(setup.subject, found[what], reason),
-            )
-
-        title = "Correct what was set up: the run is scored again"
-        return Ask(title, (Pick("What was wrong? Its folder keeps its name.", options),), right)
-
-    @classmethod
-    def _ask_subject(cls, setup: RunSetup, teams: TeamList) -> Ask[Asked]:
-        def right(text: str) -> Asked:
-            if not (text.isascii() and text.isdigit() and len(text) < 4):
-                return f"subject '{text[:20]}': use a number from 1 to 999"
-            number, title = int(text), f"Correct the {_subject_words(setup.subject, int(text))}"
-            if teams.names:
-                listed = teams.names.get(number, "which is not in the list of teams!")
-                return Ask(
-                    f"{title}, {listed}",
-                    (_WHY,),
-                    lambda reason: cls(number, setup.condition, reason),
-                )
-
-            def named(name: str, reason: str) -> Act | str:
-                try:
-                    return cls(number, setup.condition, reason, clean_name(name, "team"))
-                except MadrobError as error:
-                    return str(error)
-
-            return Ask(title, (Write("Team (Enter for no name):"), _WHY), named)
-
-        return Ask(
-            f"Correct the subject, which is {setup.subject}",
-            (Write("Subject:", missing="a number is needed"),),
-            right,
-        )
 
     def numbered(self, number: int) -> Correct:
         return replace(self, run_number=number)
@@ -153,7 +78,7 @@ class Correct(Act):
         run = changed(self.opened_again(situation.run, at), at)
         setup = run.setup
         if setup is None:
-            raise ValueError(_NO_RUN)
+            raise ValueError(NO_RUN)
         corrected = self._corrected(setup, self.run_number)
         words = corrected_words(setup, corrected)
         correction = Correction(at, self.reason, run.referee, words, setup)
@@ -181,7 +106,7 @@ def corrected_words(before: RunSetup, after: RunSetup) -> str:
 
 def _changes(before: RunSetup, after: RunSetup) -> Iterator[str]:
     if before.subject != after.subject:
-        yield _subject_words(before.subject, after.subject)
+        yield f"subject from {before.subject} to {after.subject}"
     old, new = before.condition, after.condition
     if old.opening_side is not new.opening_side:
         yield f"opening side from {old.opening_side.upper()} to {new.opening_side.upper()}"
@@ -191,14 +116,7 @@ def _changes(before: RunSetup, after: RunSetup) -> Iterator[str]:
         yield f"benchmark type from {old.benchmark_type} to {new.benchmark_type}"
 
 
-def _subject_words(before: int, after: int) -> str:
-    return f"subject from {before} to {after}"
-
-
-# Take back: a decision of the referee counts no more.
-
-
-_NOTHING = "there is nothing to take back"
+NOTHING_TO_TAKE_BACK = "there is nothing to take back"
 _FINAL = "the result is final: re-issue it first"
 _OF_A_FINAL_RESULT = (DecisionKind.VOID, DecisionKind.CORRECTION, DecisionKind.PROTEST)
 _CHANGES = (DecisionKind.RULING, DecisionKind.VOID, DecisionKind.CORRECTION)
@@ -244,7 +162,7 @@ class TakeBack(Act):
             return None
         if run.decided:
             return _FINAL
-        return _NOTHING
+        return NOTHING_TO_TAKE_BACK
 
     def problem(self, situation: Situation) -> str | None:
         """Refuses all but the last of its kind, and on a final result what does not concern it."""
@@ -252,18 +170,6 @@ class TakeBack(Act):
         if self._found(run) is None:
             return f"this {self.kind} is not the last one that stands"
         return None if _within_reach(self.kind, run) else _FINAL
-
-    @classmethod
-    def ask_questions(cls, view: RunView, pressed: str) -> Ask[Act] | str:
-        last = last_decision(view.run)
-        if last is None:
-            return _NOTHING
-        opens = ", which opens the signed result again" * (view.run.phase is Phase.FINAL)
-        return Ask(
-            f"Take back the last decision{opens}: {last.words}",
-            (ask_why("my mistake", "seen on video", "protest upheld"),),
-            lambda reason: cls(last.kind, last.time, reason),
-        )
 
     def apply(self, situation: Situation, at: float) -> Run:
         before = self.opened_again(situation.run, at)

@@ -11,7 +11,6 @@ from textual.containers import Vertical
 from textual.message import Message
 from textual.widgets import Input
 
-from madrob_console.referee.acts.act import Ask, Option, Pick, Question, Sure, Write
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.cells.lines import (
     Line,
@@ -24,7 +23,7 @@ from madrob_console.ui.cells.lines import (
     width_of,
 )
 from madrob_console.ui.keys.console_app import TypeAhead
-from madrob_console.ui.keys.dialogs import Intent
+from madrob_console.ui.keys.questions import Ask, Option, Pick, Question, Sure, Write
 from madrob_console.ui.look.words import cut_inside
 
 
@@ -45,7 +44,7 @@ class Drafts:
         self.typed = {}
 
 
-FreshAsk = Callable[[], Ask[Intent] | str]
+FreshAsk = Callable[[], Ask | str]
 """What a dialog asks as things stand now, or in words why it asks nothing any more."""
 
 _CLOSES = "Escape closes"
@@ -134,7 +133,7 @@ class Dialog(Vertical):
     def __init__(
         self,
         name: str,
-        ask: Ask[Intent],
+        ask: Ask,
         about: str = "",
         fresh: FreshAsk | None = None,
         ahead: TypeAhead | None = None,
@@ -187,7 +186,7 @@ class Dialog(Vertical):
         if not same or self.overtaken:
             self._change("")
 
-    def _take_questions(self, before: Ask[Intent], now: Ask[Intent]) -> None:
+    def _take_questions(self, before: Ask, now: Ask) -> None:
         """Takes other questions; keeps the answers so far that also answer these."""
         asked = len(now.questions) - len(self._open)
         alike = [*map(_kind, before.questions)] == [*map(_kind, now.questions)]
@@ -337,7 +336,7 @@ def _kind(question: Question) -> object:
     return question.options if isinstance(question, Pick) else type(question)
 
 
-def _without_words(ask: Ask[Intent]) -> tuple[object, ...]:
+def _without_words(ask: Ask) -> tuple[object, ...]:
     """Title and questions, without the words beside the same options: sensors change those."""
     asked = (
         replace(one, text="", below=()) if isinstance(one, Pick) else one for one in ask.questions

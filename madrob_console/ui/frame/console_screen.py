@@ -42,15 +42,13 @@ from madrob_console.ui.frame.frame_lines import (
     TinyClock,
     TopLine,
 )
-from madrob_console.ui.keys.dialogs import (
-    Copy,
-    Press,
-    RunMeant,
+from madrob_console.ui.keys.console_questions import (
+    SelectedRun,
     ask_copy,
     ask_false_start,
     ask_unfinished,
 )
-from madrob_console.ui.keys.key_table import KEYS, MENU, ask_menu
+from madrob_console.ui.keys.key_table import KEYS, MENU, ask_menu, with_caps
 from madrob_console.ui.link import NOT_YET
 from madrob_console.ui.look.words import PHASES, export_text
 from madrob_console.ui.panes.run_status import who_text
@@ -63,10 +61,9 @@ if TYPE_CHECKING:
     from textual.widget import Widget
 
     from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.referee.acts.act import Ask
     from madrob_console.ui.cells.dialog import Dialog, FreshAsk
     from madrob_console.ui.keys.console_app import ConsoleApp, TypeAhead
-    from madrob_console.ui.keys.dialogs import Intent
+    from madrob_console.ui.keys.questions import Ask
     from madrob_console.ui.link import ConsoleDefaults, EngineLink
     from madrob_console.ui.panes.all_panes import Panes
 
@@ -194,7 +191,7 @@ class ConsoleScreen(Screen[None]):
             return "no team is marked or set up: h shows all runs"
         return ExportTeam(setup.subject, now.practice, setup.competition)
 
-    def menu(self) -> Ask[Press] | str:
+    def menu(self) -> Ask | str:
         """Asks what to do with the marked run of the history, else with the one that is shown."""
         now = self._latest
         if now is None:
@@ -217,19 +214,19 @@ class ConsoleScreen(Screen[None]):
         title = which if about else "There is no run here. What do you want to do?"
         return ask_menu(title, found, direct, hint)
 
-    def run_meant(self) -> RunMeant | str:
+    def selected_run(self) -> SelectedRun | str:
         """The marked run of the history, else the one that is shown; else why there is none."""
         if self.pane == "history":
             marked = self.panes.history.table.selected
-            return "no run is marked" if marked is None else RunMeant.of_list(marked)
+            return "no run is marked" if marked is None else SelectedRun.of_list(marked)
         now = self._latest
         if now is None or now.folder is None:
             return "there is no run here: h shows all runs"
         if now.run.active:
             return "a run is going on"
-        return RunMeant.of_shown(now.folder, now.run)
+        return SelectedRun.of_shown(now.folder, now.run)
 
-    def ask_copy(self, user: str) -> Ask[Copy] | str:
+    def ask_copy(self, user: str) -> Ask | str:
         """Asks what to copy on this pane; `user` can log in here."""
         now, panes = self._latest, self.panes
         if now is None:
@@ -264,7 +261,7 @@ class ConsoleScreen(Screen[None]):
         if now is None or now.run.held in (None, self._asked_held) or self.dialogs:
             return
 
-        def asked() -> Ask[Intent] | str:
+        def asked() -> Ask | str:
             now = self._latest
             if now is None:
                 return NOT_YET
@@ -279,7 +276,7 @@ class ConsoleScreen(Screen[None]):
     def ask_about(self, folder: str) -> bool:
         """Asks what becomes of a run that was cut off; False if nobody here can decide it."""
 
-        def asked() -> Ask[Intent] | str:
+        def asked() -> Ask | str:
             now = self._latest
             runs = () if now is None or now.refusal(SetUp.name) else now.unfinished
             found = (ask_unfinished(run) for run in runs if run.folder == folder)
@@ -448,7 +445,7 @@ class ConsoleScreen(Screen[None]):
         self._status.say(text, tone)
 
     def refuse(self, what: str, why: str) -> None:
-        self.say(f"Refused: {what}: {why}", Tone.BAD)
+        self.say(f"Refused: {what}: {with_caps(why)}", Tone.BAD)
 
     def key_pressed(self) -> None:
         """Drops the message: it is about what was before."""
@@ -495,7 +492,7 @@ class ConsoleScreen(Screen[None]):
         else:
             self.panes[self.pane].enter()
 
-    def open(self, name: str, ask: Ask[Intent], fresh: FreshAsk | None = None) -> None:
+    def open(self, name: str, ask: Ask, fresh: FreshAsk | None = None) -> None:
         """Opens a dialog in front of everything; `fresh` asks as things stand later.
 
         It has every key from now on, before it is drawn.

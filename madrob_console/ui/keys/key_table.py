@@ -7,6 +7,7 @@ those that act.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -27,14 +28,33 @@ from madrob_console.engine.requests import (
     TakeOver,
 )
 from madrob_console.referee import acts
-from madrob_console.referee.acts.act import Ask, Option, Pick
-from madrob_console.referee.records import CheckName
-from madrob_console.ui.keys import dialogs
-from madrob_console.ui.keys.dialogs import Press
+from madrob_console.referee.acts.after import PROTEST_OPEN
+from madrob_console.referee.acts.protest import WRITE_NOTE
+from madrob_console.referee.checks import CHANGE_SETUP, CORRECT_TEAM, OR_WAIVE
+from madrob_console.ui.keys.console_questions import JUMP, ask_leave, ask_take
+from madrob_console.ui.keys.questions import Ask, Intent, Option, Pick, Press
+from madrob_console.ui.keys.result_questions import (
+    REISSUE,
+    VOID,
+    ask_correction,
+    ask_doubts,
+    ask_protest,
+    ask_signature,
+    ask_take_back,
+)
+from madrob_console.ui.keys.run_questions import (
+    ACCEPT_FALSE_START,
+    ADD_NOTE,
+    DECLARE_TIMEOUT,
+    ask_abort,
+    ask_incident,
+    ask_restart,
+    ask_ruling,
+    ask_waiver,
+)
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.ui.keys.dialogs import Intent
 
 START_ENGINE = "start the engine again"
 
@@ -50,7 +70,7 @@ class Key:
         keys: as textual names them, separated by commas; empty = it is only in the menu.
         cap: as the footer and the menu show it.
         act: name of the act whose refusal says why it is not possible; empty = always possible.
-        ask: what it brings about, or what is asked before; None = the screen itself does it.
+        asks: what it asks before, or brings about at once; None = the screen itself does it.
         pane: the pane that it shows; empty = none.
         commits: what is typed in the set-up counts before the act.
         over: it works while a dialog is open.
@@ -64,7 +84,7 @@ class Key:
     label: str
     help: str
     act: str = ""
-    ask: Callable[[Snapshot, str], Intent | Ask[Intent]] | None = None
+    asks: Intent | Callable[[Snapshot, str], Intent] | None = None
     pane: str = ""
     commits: bool = False
     over: bool = False
@@ -76,18 +96,20 @@ class Key:
             if snapshot.right.only_watches:
                 return FINDS_BY_ITSELF
             return None if snapshot.pulse.gone else "the engine has not ended"
-        return snapshot.refusal(self.act) if self.act else None
+        refused = snapshot.refusal(self.act) if self.act else None
+        return None if refused is None else with_caps(refused)
 
-    def question(self, snapshot: Snapshot, pressed: str) -> Ask[Intent] | str:
+    def intent(self, snapshot: Snapshot, pressed: str) -> Intent | None:
+        return self.asks(snapshot, pressed) if callable(self.asks) else self.asks
+
+    def question(self, snapshot: Snapshot, pressed: str) -> Ask | str:
         """What it asks as things stand, or in words why it asks nothing."""
         if (refused := self.refusal(snapshot)) is not None:
             return refused
-        intent = None if self.ask is None else self.ask(snapshot, pressed)
-        match intent:
-            case str() | Ask():
-                return intent
-            case _:
-                return "it needs no question now: press its key again"
+        intent = self.intent(snapshot, pressed)
+        if isinstance(intent, Ask | str):
+            return intent
+        return "it needs no question now: press its key again"
 
 
 _LIVE = frozenset({"live"})
@@ -105,27 +127,27 @@ FUNCTION_KEYS = (
     Key("results", "f4", "F4", "Result", "the result of the run", pane="results"),
     Key(
         "start", "f5", "F5", "START", "open the recording and begin the countdown",
-        acts.Start.name, acts.Start.ask_questions, commits=True,
+        acts.Start.name, acts.Start(), commits=True,
     ),
     Key(
         "pose", "f6", "F6", "Pose", "confirm: the robot stands at its start pose",
-        acts.ConfirmPose.name, acts.ConfirmPose.ask_questions, commits=True,
+        acts.ConfirmPose.name, acts.ConfirmPose(), commits=True,
     ),
     Key(
         "zero", "f7", "F7", "Zero", "take the handle force of the last second as zero",
-        acts.ZeroHandle.name, acts.ZeroHandle.ask_questions, where=_SETUP | _LIVE,
+        acts.ZeroHandle.name, acts.ZeroHandle(), where=_SETUP | _LIVE,
     ),
     Key(
         "abort", "f8", "F8", "ABORT", "interrupt the run: F8 y, or a reason, then y; it is invalid",
-        acts.Abort.name, lambda s, _k: dialogs.ask_abort(s), over=True, answered=True,
+        acts.Abort.name, ask_abort, over=True, answered=True,
     ),
     Key(
         "timeout", "f9", "F9", "Timeout", "the robot gave up; asks why, y confirms; it is valid",
-        acts.DeclareTimeout.name, acts.DeclareTimeout.ask_questions, answered=True,
+        acts.DeclareTimeout.name, DECLARE_TIMEOUT, answered=True,
     ),
     Key(
         "leave", "f10,ctrl+q,ctrl+c", "F10", "Leave", "leave the console; a run goes on",
-        ask=lambda s, _k: dialogs.ask_leave(s), over=True,
+        asks=ask_leave, over=True,
     ),
 )  # fmt: skip
 
@@ -137,16 +159,16 @@ LETTER_KEYS = (
     ),
     Key(
         "rule", "1,2,3,4,5,6", "1-6", "Step", "confirm or deny a step",
-        acts.Rule.name, acts.Rule.ask_questions, where=_RUN,
+        acts.Rule.name, ask_ruling, where=_RUN,
     ),
     Key(
         "incident", "i", "i", "Incident", "mark an incident, or write a note",
-        acts.MarkIncident.name, acts.MarkIncident.ask_questions, where=_RUN,
+        acts.MarkIncident.name, ask_incident, where=_RUN,
     ),
     Key(
         "take_back", "z", "z", "Take back",
         "take back the last decision",
-        acts.TakeBack.name, acts.TakeBack.ask_questions, where=_RUN | _SETUP,
+        acts.TakeBack.name, ask_take_back, where=_RUN | _SETUP,
     ),
     Key("history", "h", "h", "History", "all runs", pane="history"),
     Key("plan", "p", "p", "Plan", "the competition's plan: done, next and left", pane="plan"),
@@ -162,54 +184,47 @@ LETTER_KEYS = (
 _LISTS = frozenset({"history"})
 
 
-def _ask_waiver(snapshot: Snapshot, check: str) -> Intent:
-    """About the check that the list of checks names; else about any, for the menu."""
-    if check in [*CheckName]:
-        return acts.Waive.ask_why(snapshot, CheckName(check))
-    return acts.Waive.ask_questions(snapshot, "")
-
-
 MENU = (
     Key("open", "", "o", "Open", "show its result and what can be decided", where=_LISTS),
     Key(
         "doubts", "", "d", "Accept doubts", "the values to check stand as they are",
-        acts.AcceptDoubts.name, acts.AcceptDoubts.ask_questions, where=_RESULTS,
+        acts.AcceptDoubts.name, ask_doubts, where=_RESULTS,
     ),
     Key(
         "restart", "r", "r", "Restart", "begin the countdown again",
-        acts.RestartCountdown.name, acts.RestartCountdown.ask_questions, where=_LIVE,
+        acts.RestartCountdown.name, ask_restart, where=_LIVE,
     ),
     Key(
         "accept", "a", "a", "Accept", "accept the false start",
-        acts.AcceptFalseStart.name, acts.AcceptFalseStart.ask_questions, where=_RUN,
+        acts.AcceptFalseStart.name, ACCEPT_FALSE_START, where=_RUN,
     ),
     Key(
         "finalise", "", "f", "Sign", "sign the result with the team's word",
-        acts.Finalise.name, acts.Finalise.ask_questions, where=_RESULTS,
+        acts.Finalise.name, ask_signature, where=_RESULTS,
     ),
     Key(
         "correct", "", "c", "Correct", "another subject, side or type; it is scored again",
-        acts.Correct.name, acts.Correct.ask_questions, where=_RESULTS,
+        acts.Correct.name, ask_correction, where=_RESULTS,
     ),
     Key(
         "void", "", "v", "Void", "it does not count; z takes that back",
-        acts.Void.name, acts.Void.ask_questions, where=_RESULTS,
+        acts.Void.name, VOID, where=_RESULTS,
     ),
     Key(
         "protest", "", "P", "Protest", "file one; decide an open one, or the team withdraws it",
-        acts.FileProtest.name, acts.FileProtest.ask_questions, where=_RESULTS,
+        acts.FileProtest.name, ask_protest, where=_RESULTS,
     ),
     Key(
         "reissue", "", "u", "Re-issue", "change a signed result; the old version stays",
-        acts.Reissue.name, acts.Reissue.ask_questions, where=_RESULTS,
+        acts.Reissue.name, REISSUE, where=_RESULTS,
     ),
     Key(
         "waive", "", "w", "Waive", "let a failing check pass for this run",
-        acts.Waive.name, _ask_waiver, where=_LIVE,
+        acts.Waive.name, ask_waiver, where=_LIVE,
     ),
     Key(
         "note", "", "n", "Note", "write a note beside the run",
-        acts.AddNote.name, acts.AddNote.ask_questions, where=_RUN,
+        acts.AddNote.name, ADD_NOTE, where=_RUN,
     ),
     Key(
         "again", "", "X", "Again", "set up the same team and condition",
@@ -234,7 +249,7 @@ MENU = (
     Key("copy", "", "y", "Copy", "row, result, path or a line for scp", where=_RUN | _LISTS),
     Key(
         "take", "", "t", "Take over", "take the right to act from the other console",
-        TakeOver.name, lambda s, _k: dialogs.ask_take(s), where=_RUN,
+        TakeOver.name, ask_take, where=_RUN,
     ),
 )  # fmt: skip
 """The lines of the menu, by pane; first what decides an open question. Two are keys, too."""
@@ -242,7 +257,7 @@ MENU = (
 
 def ask_menu(
     title: str, lines: Sequence[tuple[Key, str | None]], direct: Sequence[Key] = (), hint: str = ""
-) -> Ask[Press] | str:
+) -> Ask | str:
     """Asks what to do; `lines` are keys of the menu, each with why it is not possible.
 
     The keys `direct` work here, too, and a line above the menu names them.
@@ -273,7 +288,7 @@ _PLAYED = _RUN
 PLAYBACK_KEYS = (
     Key(
         "play", "space", "Spc", "Pause", "pause the replay, go on",
-        PlaybackCommand.name, lambda _s, _k: PlayOrPause(), where=_PLAYED,
+        PlaybackCommand.name, PlayOrPause(), where=_PLAYED,
     ),
     Key(
         "sample", "full_stop,comma", ",.", "20ms", "one door sample back, or on; pauses",
@@ -289,12 +304,12 @@ PLAYBACK_KEYS = (
     ),
     Key(
         "jump", "j", "j", "Jump", "to a time of the run",
-        PlaybackCommand.name, lambda _s, _k: dialogs.JUMP, where=_PLAYED,
+        PlaybackCommand.name, JUMP, where=_PLAYED,
     ),
     Key(
         "frames", "o", "o", "Frames",
         "what the cameras saw at the instant that is shown, as files; y copies where",
-        PlaybackCommand.name, lambda _s, _k: GiveFrames(), where=_PLAYED,
+        PlaybackCommand.name, GiveFrames(), where=_PLAYED,
     ),
 )  # fmt: skip
 """Keys of a replay; elsewhere they do not exist and are left to the panes."""
@@ -305,6 +320,34 @@ def _skip(pressed: str, duration: float) -> Skip:
 
 
 KEYS = {key.name: key for key in (*FUNCTION_KEYS, *LETTER_KEYS, *PLAYBACK_KEYS, *MENU)}
+CAPS: Mapping[str, str] = {key.name: key.cap for key in KEYS.values()}
+"""The caps of the keys, for sentences that name one: `{zero} zeroes the handle`."""
+
+A_RUN = (
+    "{menu} sets up, {zero} zeroes the handle, {pose} confirms the pose, {start} starts."
+).format_map(CAPS)
+
+_BY_KEY = {
+    words: with_key.format_map(CAPS)
+    for words, with_key in (
+        (acts.ZeroHandle.name, "{zero} zeroes the handle"),
+        (acts.ConfirmPose.name, "{pose} confirms the start pose"),
+        (CORRECT_TEAM, "{setup} corrects the team"),
+        (CHANGE_SETUP, "{setup} changes it"),
+        (OR_WAIVE, ", {menu} waives"),
+        (PROTEST_OPEN, f"{PROTEST_OPEN} ({{menu}}, then {{protest}})"),
+        (WRITE_NOTE, f"{WRITE_NOTE} ({{note}})"),
+    )
+}
+"""What a rule says is to be done -> the same with the key that does it."""
+
+_DONE_BY_KEY = re.compile(rf"({'|'.join(_BY_KEY)})(?! \()")
+
+
+def with_caps(text: str) -> str:
+    """A sentence of the rules, which know no keys, with the keys that do what it says."""
+    return _DONE_BY_KEY.sub(lambda words: _BY_KEY[words[1]], text)
+
 
 CALLED: Mapping[str, str] = {
     "setup": "team condition practice",

@@ -21,6 +21,7 @@ from madrob_console.ui.cells.lines import (
     plain,
 )
 from madrob_console.ui.keys.key_table import (
+    A_RUN,
     FUNCTION_KEYS,
     KEYS,
     LETTER_KEYS,
@@ -33,8 +34,8 @@ from madrob_console.ui.panes.top_view import LEGEND
 if TYPE_CHECKING:
     from madrob_console.ui.keys.console_app import ConsoleApp
 
-_FIRST = """\
-A run: Enter sets up, F7 zeroes the handle, F6 confirms the pose, F5 starts.
+_FIRST = f"""\
+A run: {A_RUN}
 F8 y aborts, F9 declares a timeout: it asks why, then for y; the clock runs.
 1-6, then c or d, rules on a step. i marks an incident. z takes it back.
 Enter on a result or a run: the menu to sign, correct, void or protest.

@@ -25,6 +25,7 @@ from madrob_console.ui.cells.lines import (
     width_of,
     with_keys,
 )
+from madrob_console.ui.keys.key_table import with_caps
 from madrob_console.ui.look.words import (
     OUTCOMES,
     PHASES,
@@ -340,7 +341,9 @@ def _next(snapshot: Snapshot, *, silent: bool) -> str:
             return "F2: set up a run"
         case Phase.READY:
             refused = snapshot.refusal(Start.name)
-            return "F5 starts the countdown" if refused is None else f"F5 waits: {refused}"
+            return (
+                "F5 starts the countdown" if refused is None else f"F5 waits: {with_caps(refused)}"
+            )
         case Phase.COUNTDOWN:
             return "countdown: nobody touches the handle or the door"
         case Phase.RUNNING:

@@ -26,7 +26,8 @@ from madrob_console.referee.records import RunSetup
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.field import Field, NumberField
 from madrob_console.ui.cells.lines import Choice, Label, Line, PushButton, Span, Tone, line
-from madrob_console.ui.keys.dialogs import OtherName
+from madrob_console.ui.keys.key_table import CAPS
+from madrob_console.ui.keys.questions import OtherName
 from madrob_console.ui.link import FIRST_CONDITION, ConsoleDefaults
 from madrob_console.ui.look.words import shortened
 from madrob_console.ui.panes.top_view import TopView
@@ -60,7 +61,7 @@ def state_words(
         return f"Not set up yet{planned}: Enter sets it up.{other}", Tone.WARN
     then = "F5 starts." if now.refusal(Start.name) is None else "See the checks."
     if not run.pose_confirmed:
-        then = "F6 confirms its pose."
+        then = f"{CAPS['pose']} confirms its pose."
     what = f"Run {setup.run_number} of subject {setup.subject}{planned}"
     return f"{what} is set up. {then}{other}", Tone.GOOD
 

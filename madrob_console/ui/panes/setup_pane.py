@@ -18,7 +18,6 @@ from madrob_console.common.formatting import time_of_day
 from madrob_console.engine.requests import NextRunNumber
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import SetUp, Waive
-from madrob_console.referee.acts.act import Ask
 from madrob_console.referee.checks import Check, CheckState, causes
 from madrob_console.referee.competition_plan import Task
 from madrob_console.referee.records import CheckName, RunSetup
@@ -39,7 +38,9 @@ from madrob_console.ui.cells.lines import (
     width_of,
     with_keys,
 )
-from madrob_console.ui.keys.dialogs import OtherName, ask_other_name
+from madrob_console.ui.keys.console_questions import ask_other_name
+from madrob_console.ui.keys.key_table import with_caps
+from madrob_console.ui.keys.questions import Ask, OtherName
 from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink
 from madrob_console.ui.look.words import shortened
 from madrob_console.ui.panes.plan_pane import PlanReader
@@ -145,7 +146,8 @@ class CheckList(View, can_focus=True):
 def _rows(check: Check, width: int, *, marked: bool) -> list[Line]:
     sign, tone = _MARKS[check.state]
     head = line(Span("> " if marked else "  ", Tone.STRONG), Span(f"{sign} ", tone))
-    text = check.reason if check.blocks else f"{check.name}: {check.reason}"
+    reason = with_caps(check.reason)
+    text = reason if check.blocks else f"{check.name}: {reason}"
     plain = tone if tone is Tone.DIM else Tone.PLAIN
     row = (*head, Span(shortened(text, width - width_of(head)), plain))
     rows = paragraph(text, width, Tone.CURSOR, head) if marked else [row]
@@ -184,7 +186,7 @@ class SetupPane(Vertical):
     class Naming(Message):
         """The referee wants another name for the team than the list has."""
 
-        ask: Ask[OtherName | str]
+        ask: Ask
 
     def __init__(self, link: EngineLink, defaults: ConsoleDefaults, plan: PlanReader) -> None:
         self._form = SetupForm(defaults)

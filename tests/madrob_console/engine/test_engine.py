@@ -128,7 +128,7 @@ def test_checks_stand_in_the_way_until_they_are_waived(drive: Drive) -> None:
     states = {c.name: c.state for c in drive.engine.snapshot().checks}
     assert states[CheckName.DOOR] is CheckState.NO_DATA
     drive.wait(1.5)
-    said = "F7 zeroes the handle: not yet done since the engine started"
+    said = "zero the handle: not yet done since the engine started"
     assert str(drive.engine.perform(Start())).startswith(said)
     drive.act(Waive(CheckName.HANDLE, "spring is warm"), ConfirmPose(), Start())
     drive.give_up()

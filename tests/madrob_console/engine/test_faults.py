@@ -361,7 +361,7 @@ def test_a_door_that_flickers_is_told_once_and_costs_the_journal_little(drive: F
         ),
         (
             *(HANDLE, 20.0, CheckName.HANDLE),
-            r"F7 zeroes the handle, if nobody holds it: \+14\.\d+ N from zero, at rest up to 0",
+            r"zero the handle, if nobody holds it: \+14\.\d+ N from zero, at rest up to 0",
             EventName.HANDLE_IS_TOUCHED,
         ),
         (

@@ -139,7 +139,7 @@ def team_check(hall: Rehearsal) -> CheckState | None:
     return next((check.state for check in checks if check.name is CheckName.TEAM), None)
 
 
-UNLISTED = "F2 corrects the team, Enter waives: 9 is not in the list"
+UNLISTED = "correct the team, or waive the check: 9 is not in the list"
 NINE = replace(make_setup(timeout=1.0), subject=9, team="")
 
 
@@ -149,7 +149,7 @@ NINE = replace(make_setup(timeout=1.0), subject=9, team="")
         (NINE, UNLISTED),
         (
             replace(make_setup(timeout=1.0), team="Delft Walkers", out_of_plan=True),
-            "F2 corrects the team, Enter waives: this run is out of plan",
+            "correct the team, or waive the check: this run is out of plan",
         ),
     ],
     ids=["no team of the list", "out of plan"],
@@ -182,7 +182,7 @@ def test_a_line_of_the_plan_that_cannot_be_used_blocks_its_team_until_mended(
         return Start.impossible(drive.engine.situation())
 
     line = "plan.csv line 2: condition 'push, from CCW': benchmark type missing; did you mean"
-    words = f"correct the plan, Enter waives: {line} 'push, from CCW, No Force'?"
+    words = f"correct the plan, or waive the check: {line} 'push, from CCW, No Force'?"
     bad = '3,1,1\n7,"push, from CCW",1\n'
     assert start(7, bad) == words
     assert [start(3, bad), start(7, bad, practice=True)] == [None, None]
@@ -199,12 +199,15 @@ def test_what_differs_from_the_settings_is_said_before_the_start(tmp_path: Path)
     usual = Settings().usual_setup(make_setup())
     pose = replace(usual.start_pose, x=1.25)
     for setup, words in (
-        (replace(usual, timeout=25.0), "timeout 25 s, the settings say 300 s: F2 changes it"),
+        (
+            replace(usual, timeout=25.0),
+            "timeout 25 s, the settings say 300 s: change it in the set-up",
+        ),
         (
             replace(usual, countdown=2.0, start_pose=pose),
             (
                 "countdown 2 s, the settings say 5 s; "
-                "start pose 1.25 0 180, the settings say 1.5 0 180: F2 changes it"
+                "start pose 1.25 0 180, the settings say 1.5 0 180: change it in the set-up"
             ),
         ),
     ):

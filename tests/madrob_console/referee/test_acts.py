@@ -6,8 +6,8 @@ import importlib
 import json
 import math
 import pkgutil
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -48,11 +48,10 @@ from madrob_console.referee.acts import (
     act_named,
     refusals,
 )
-from madrob_console.referee.acts.act import NO_REASON, Ask, Option, Pick, Write, ask_why
 from madrob_console.referee.checks import Check, CheckState, Freshness, Health
-from madrob_console.referee.flags import Doubts, Flag, FlagKind, FlagWeight
+from madrob_console.referee.flags import Doubts
 from madrob_console.referee.journal import Entry, Origin
-from madrob_console.referee.lists import NO_TEAMS, TeamList
+from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import (
     CheckName,
     DecisionKind,
@@ -71,7 +70,6 @@ from madrob_console.referee.records import (
 from madrob_console.referee.run import Phase, Run, begin_countdown, begin_run, stop
 from madrob_console.ui.look.words import done_text
 from scoring.indicator_table import IndicatorName
-from scoring.procedure import StepRecord
 from scoring.protocol import (
     BenchmarkType,
     Condition,
@@ -396,7 +394,7 @@ def set_up(**changes: object) -> SetUp:
         refused("needs the name of the team", FileProtest("slow", ""), STOPPED),
         refused("a text has at most 2000 characters", FileProtest("x" * 2001, "Graz"), STOPPED),
         refused("60 s outside it", FileProtest("slow", "Graz", "", math.nan), STOPPED),
-        refused("add a note (n)", FileProtest("slow", "Graz"), FULL),
+        refused("add a note", FileProtest("slow", "Graz"), FULL),
         refused("needs words", DecideProtest(1, ProtestEnd.UPHELD, " ", "Ada"), PROTESTED),
         refused("referee's name", DecideProtest(1, ProtestEnd.UPHELD, "?", ""), PROTESTED),
         refused("protest 2 is not open", DecideProtest(2, ProtestEnd.UPHELD, "?", "A"), PROTESTED),
@@ -430,278 +428,6 @@ def test_what_is_not_possible_is_refused_with_words(
         assert words in (said[: len(words)], said[-len(words) :])
 
 
-@dataclass
-class View:
-    """What a screen shows of a run."""
-
-    run: Run
-    checks: tuple[Check, ...] = ()
-    steps: tuple[StepRecord, ...] = ()
-    flags: tuple[Flag, ...] = ()
-    teams: TeamList = NO_TEAMS
-    elapsed: float | None = None
-    indicators: Mapping[IndicatorName, Indicator] = field(default_factory=dict)
-
-
-CROSSED = (StepRecord(Step.CROSS, Step.CROSS.text, sensors=111.0, final=112.0),)
-TWO = replace(PROTESTED, protests=(PROTEST, replace(PROTEST, number=2)))
-NAMELESS = replace(PROTESTED, setup=replace(SETUP, referee=""))
-CW = replace(SETUP.condition, starting_side=Side.CW)
-TO_OPEN = replace(SETUP.condition, opening_side=Side.CW)
-WIND = replace(SETUP.condition, benchmark_type=BenchmarkType.WIND_RAMP)
-TIME, PASSAGE = DOUBTED
-OPEN_DOOR = View(READY, (FAILED, replace(FAILED, name=CheckName.POSE), FIXED))
-LISTED = View(STOPPED, teams=TeamList({3: "Delft", 12: "Graz"}))
-CANNOT = "the check 'clock skew' cannot be waived: another clock"
-UNDECIDED = Flag(FlagKind.DOUBT, "doubted: all", FlagWeight.ALARM, undecided=True)
-
-
-@pytest.mark.parametrize(
-    ("act", "view", "keys", "found"),
-    [
-        (Correct, View(STOPPED), "t 1", Correct(3, CW, "typed wrongly")),
-        (Correct, View(STOPPED), "o o slip", Correct(3, TO_OPEN, "slip")),
-        (Correct, View(STOPPED), "4 o slip", Correct(3, WIND, "slip")),
-        (Correct, View(STOPPED), "s 12 Graz o slip", Correct(12, SETUP.condition, "slip", "Graz")),
-        (Correct, View(STOPPED), "s 12a", "subject '12a': use a number from 1 to 999"),
-        (Correct, View(STOPPED), "s 1234", "subject '1234': use a number from 1 to 999"),
-        (Correct, LISTED, "s 12 o slip", Correct(12, SETUP.condition, "slip")),
-        (Correct, View(Run()), "", "no run is set up yet"),
-        (TakeBack, View(STOPPED), "", "there is nothing to take back"),
-        (TakeBack, View(RUNS[Phase.STOPPED]), "o ?", TakeBack(DecisionKind.INCIDENT, 110.0, "?")),
-        (FileProtest, View(STOPPED), "w o Graz slow", FileProtest("slow", "Graz")),
-        (FileProtest, View(STOPPED), "w 1 slow", FileProtest("slow", "Delft")),
-        (
-            FileProtest,
-            View(STOPPED, steps=CROSSED),
-            "4 1 slow",
-            FileProtest("slow", "Delft", "step 4: cross the threshold", 7.0),
-        ),
-        (
-            FileProtest,
-            View(STOPPED),
-            "t 1:05 1 x",
-            FileProtest("x", "Delft", "65.000 s", 65.0),
-        ),
-        (FileProtest, View(STOPPED), "t soon", "'soon' is no time: 12.5, -3 or 1:05 is one"),
-        (
-            FileProtest,
-            View(STOPPED),
-            "t 76",
-            "the recording goes from -5 s to 15 s: 76 s is more than 60 s outside it",
-        ),
-        (
-            FileProtest,
-            View(STOPPED),
-            "t -66",
-            "the recording goes from -5 s to 15 s: -66 s is more than 60 s outside it",
-        ),
-        (FileProtest, View(STOPPED), "t -65 1 x", FileProtest("x", "Delft", "-65.000 s", -65.0)),
-        (FileProtest, View(STOPPED), "i a 1 x", FileProtest("x", "Delft", "execution time")),
-        (
-            FileProtest,
-            View(STOPPED, indicators=DOUBTED),
-            "i b 1 x",
-            FileProtest("x", "Delft", "passage time"),
-        ),
-        (FileProtest, View(PROTESTED), "a w 1 x", FileProtest("x", "Delft")),
-        (FileProtest, View(PROTESTED), "w 1", WithdrawProtest(1, "satisfied by the explanation")),
-        (FileProtest, View(PROTESTED), "d r no", DecideProtest(1, ProtestEnd.REJECTED, "no", ADA)),
-        (DecideProtest, View(TWO), "b p yes", DecideProtest(2, ProtestEnd.PARTLY, "yes", ADA)),
-        (DecideProtest, View(NAMELESS), "u x Eve", DecideProtest(1, ProtestEnd.UPHELD, "x", "Eve")),
-        (WithdrawProtest, View(STOPPED), "", "no protest is open"),
-        (AcceptDoubts, View(STOPPED), "", "no doubt waits for the referee"),
-        (AcceptDoubts, View(STOPPED, indicators=DOUBTED), "a 2", "every"),
-        (
-            AcceptDoubts,
-            View(STOPPED, indicators=DOUBTED),
-            "2 o ?",
-            AcceptDoubts({PASSAGE: ONE_SAMPLE[TIME]}, "?"),
-        ),
-        (
-            AcceptDoubts,
-            View(STOPPED, indicators={TIME: DOUBTED[TIME]}),
-            "1",
-            AcceptDoubts(ONE_SAMPLE, "seen on video: right"),
-        ),
-        (Finalise, View(STOPPED), "a fine", Finalise(TeamWord.ACKNOWLEDGED, ADA, "fine")),
-        (
-            Finalise,
-            View(STOPPED, flags=(UNDECIDED,)),
-            "y b fine",
-            Finalise(TeamWord.ABSENT, ADA, "fine", ("doubted: all",)),
-        ),
-        (Finalise, View(NAMELESS), "a fine Eve", Finalise(TeamWord.ACKNOWLEDGED, "Eve", "fine")),
-        (Waive, View(READY), "", "no check fails"),
-        (Waive, View(READY, (FIXED,)), "", CANNOT),
-        (Waive, View(READY, (FAILED,)), "n", Waive(CheckName.DOOR, NO_REASON)),
-        (Waive, View(READY, (FAILED,)), "1", Waive(CheckName.DOOR, "checked by hand")),
-        (Waive, OPEN_DOOR, "2 o ?", Waive(CheckName.POSE, "?")),
-        (MarkIncident, View(RUNNING, elapsed=3.0), "f", MarkIncident(IncidentKind.FALL)),
-        (
-            MarkIncident,
-            View(RUNNING, elapsed=3.0),
-            "o bang",
-            MarkIncident(IncidentKind.OTHER, "bang", 3.0),
-        ),
-        (MarkIncident, View(STOPPED), "c 1:05", MarkIncident(IncidentKind.COLLISION, "", 65.0)),
-        (MarkIncident, View(STOPPED), "o a 2", MarkIncident(IncidentKind.OTHER, "a", 2.0)),
-        (MarkIncident, View(STOPPED), "h x", "'x' is no time: 12.5, -3 or 1:05 is one"),
-        (MarkIncident, View(RUNNING), "n slow", AddNote("slow")),
-        (Rule, View(STOPPED), "c", Rule(Step.CROSS, confirmed=True, reason=NO_REASON)),
-        (Rule, View(STOPPED), "d", Rule(Step.CROSS, confirmed=False, reason=NO_REASON)),
-        (Rule, View(STOPPED, steps=CROSSED), "s", Rule(Step.CROSS, None, NO_REASON)),
-        (Rule, View(STOPPED), "r o arm d", Rule(Step.CROSS, confirmed=False, reason="arm")),
-        (Abort, View(RUNNING), "1", Abort("robot unsafe")),
-        (Reissue, View(DONE), "o appeal", Reissue("appeal")),
-        (RestartCountdown, View(RUNS[Phase.COUNTDOWN]), "", RestartCountdown()),
-        (RestartCountdown, View(COUNTDOWN), "1", RestartCountdown("robot not ready")),
-    ],
-)
-def test_the_keys_of_a_dialog_make_the_act(
-    act: type[Act], view: View, keys: str, found: object
-) -> None:
-    every = AcceptDoubts(
-        dict.fromkeys((TIME, PASSAGE), ONE_SAMPLE[TIME]), "no effect on the ranking"
-    )
-    expected = every if found == "every" else found
-    assert answered(act.ask_questions(view, "4"), *keys.split()) == expected
-
-
-def answered(asked: object, *keys: str) -> object:
-    """What comes of a dialog: for each question the key of an option, or a text."""
-    rest = iter(keys)
-    while isinstance(asked, Ask):
-        answers = []
-        for question in asked.questions:
-            match question:
-                case Pick(options=options):
-                    key = next(rest)
-                    (option,) = (one for one in options if one.key == key)
-                    answers.append(next(rest) if option.free else option.value)
-                case Write():
-                    answers.append(next(rest))
-        asked = asked.make(*answers)
-    assert list(rest) == []
-    return asked
-
-
-def shown(asked: object) -> str:
-    """All that the next dialog says, a line for each title, question and listed line."""
-    assert isinstance(asked, Ask)
-    lines = [asked.title]
-    for question in asked.questions:
-        options = question.options if isinstance(question, Pick) else ()
-        lines += [*(question.listed if isinstance(question, Pick) else ()), question.text]
-        lines += [f"{option.key} {option.label}" for option in options]
-    return "\n".join(lines)
-
-
-ANSWER = ProtestAnswer(210.0, ProtestEnd.UPHELD, "video", ADA)
-OUTDATED = replace(PROTEST, answer=ANSWER)
-UPHELD = replace(STOPPED, protests=(OUTDATED,))
-MANY_DOUBTS = {TIME: replace(DOUBTED[TIME], doubts=tuple(f"doubt {n}" for n in range(6)))}
-HINT = "! protest 1 (step 4) was upheld: nothing was changed since"
-REJECTED = replace(OUTDATED, answer=replace(ANSWER, end=ProtestEnd.REJECTED))
-
-
-@pytest.mark.parametrize(
-    ("asked", "words", "said"),
-    [
-        (lambda: Finalise.ask_questions(View(UPHELD), "f"), HINT, True),
-        (
-            lambda: Finalise.ask_questions(View(replace(UPHELD, protests=(REJECTED,))), "f"),
-            HINT,
-            False,
-        ),
-        (lambda: Finalise.ask_questions(View(replace(UPHELD, changed=131.0)), "f"), HINT, False),
-        (
-            lambda: Finalise.ask_questions(View(STOPPED, flags=(UNDECIDED,)), "f"),
-            "! doubted: all",
-            True,
-        ),
-        (lambda: FileProtest.ask_questions(View(PROTESTED), "P"), "it was slower", True),
-        (lambda: FileProtest.ask_questions(View(TWO), "P"), "2 protests are open", True),
-        (lambda: DecideProtest.ask_questions(View(PROTESTED), "P"), "! Graz: it was slower", True),
-        (
-            lambda: WithdrawProtest.ask_questions(View(PROTESTED), "P"),
-            "! Graz: it was slower",
-            True,
-        ),
-        (
-            lambda: TakeBack.ask_questions(View(RUNS[Phase.STOPPED]), "z"),
-            "Take back the last decision: incident at 5.000 s: fall",
-            True,
-        ),
-        (
-            lambda: AcceptDoubts.ask_questions(View(STOPPED, indicators=DOUBTED), "d"),
-            "a on all of them\n1 time to handle: 1 doubt\n2 passage time: 1 doubt",
-            True,
-        ),
-        (
-            lambda: AcceptDoubts.ask_questions(
-                View(STOPPED, indicators={TIME: DOUBTED[TIME]}), "d"
-            ),
-            "? the touch rests on 1 sample\nWhy? Enter takes the marked one.",
-            True,
-        ),
-        (
-            lambda: AcceptDoubts.ask_questions(View(STOPPED, indicators=MANY_DOUBTS), "d"),
-            "? doubt 3\n? and 2 more: the result has all of them\nWhy?",
-            True,
-        ),
-        (
-            lambda: Finalise.ask_questions(View(STOPPED, steps=CROSSED, flags=(UNDECIDED,)), "f"),
-            "completed, steps 4\n! doubted: all",
-            True,
-        ),
-        (
-            lambda: Finalise.ask_questions(View(STOPPED, flags=(UNDECIDED,)), "f"),
-            "completed, steps none\n",
-            True,
-        ),
-        (
-            lambda: FileProtest.ask_questions(View(STOPPED, steps=CROSSED), "P"),
-            (
-                "What is it about?\nw the whole run\n4 cross the threshold\n"
-                "i an indicator\nt a time of the run: type it"
-            ),
-            True,
-        ),
-        (
-            lambda: FileProtest.ask_questions(View(PROTESTED), "P"),
-            "What becomes of it?\nd decide it\nw the team withdraws it\na another protest is filed",
-            True,
-        ),
-        (
-            lambda: WithdrawProtest.ask_questions(View(PROTESTED), "P"),
-            "What does the team say?\nn no reason given\n1 satisfied by the explanation\n2 filed",
-            True,
-        ),
-        (
-            lambda: Rule.ask_questions(View(STOPPED), "4"),
-            "\nc confirm\nd deny\ns as the sensors say\nr give a reason",
-            True,
-        ),
-        (lambda: Void.instead_of_abort("unsafe"), "was over before the abort (unsafe)", True),
-        (
-            lambda: Rule.ask_questions(View(STOPPED), "4"),
-            "Sensors: not done. Referee: nothing yet.",
-            True,
-        ),
-        (
-            lambda: Rule.ask_questions(View(STOPPED, steps=CROSSED), "4"),
-            "Step 4: cross the threshold (no reason given)\nSensors: 6.000 s. Referee: nothing",
-            True,
-        ),
-    ],
-)
-def test_a_dialog_shows_what_the_answer_hangs_on(
-    asked: Callable[[], object], words: str, said: bool
-) -> None:
-    assert (words in shown(asked())) is said
-
-
 @pytest.mark.parametrize(
     ("confirmed", "told", "logged"),
     [
@@ -730,12 +456,6 @@ def test_what_the_sensors_say_is_worked_out_only_for_who_needs_it() -> None:
     assert looked == []
     assert refusals(replace(here, run=READY))
     assert sorted(looked) == ["checks", "force"]
-
-
-def test_two_answers_to_a_question_never_have_the_same_key() -> None:
-    fall, fire = Option("f", "fall", "fall"), Option("f", "fire", "fire")
-    with pytest.raises(ValueError, match="'Which\\?': two options have the same key"):
-        Pick("Which?", (fall, fire))
 
 
 @pytest.mark.parametrize("name", ["dance", "void"])
@@ -862,8 +582,3 @@ def test_a_topic_ages_and_has_the_rate_of_its_last_two_seconds(
 def test_fresh_means_a_message_within_half_a_second(times: list[float], now: float) -> None:
     fresh = health(*times).freshness(now) is Freshness.FRESH
     assert fresh == (abs(now - times[-1]) <= 0.5)
-
-
-def test_a_reason_that_nobody_chose_claims_nothing() -> None:
-    why = ask_why("seen on video: right")
-    assert why.options[why.marked].value == NO_REASON == "no reason given"

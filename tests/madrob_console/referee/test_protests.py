@@ -51,7 +51,7 @@ def test_a_protest_is_decided_before_the_result_is_signed() -> None:
     assert (flag.kind, flag.weight) == (FlagKind.PROTEST, FlagWeight.ALARM)
     assert "protest 1 (step 4) OPEN" in flag.words
     knowing = replace(SIGN, undecided=(flag.words,))
-    refused = "a protest is open: decide it first (Enter, then P)"
+    refused = "a protest is open: decide it first"
     assert knowing.refusal(Situation(filed(), scored=True)) == refused
     decided = done(filed(), UPHELD, 300.0)
     assert SIGN.refusal(Situation(decided, scored=True)) is None

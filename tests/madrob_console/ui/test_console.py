@@ -20,13 +20,13 @@ from madrob_console.engine.ipc.wire import EngineClient, UnsureError
 from madrob_console.engine.requests import UNSURE, PlaybackCommand, Role, TakeOver
 from madrob_console.engine.snapshot import Pulse, RightToAct
 from madrob_console.referee.acts import Abort, DeclareTimeout
-from madrob_console.referee.acts.act import NO_REASON
 from madrob_console.referee.lists import TeamList
 from madrob_console.referee.run import Phase
 from madrob_console.ui import awaited
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.key_table import FINDS_BY_ITSELF, KEYS
+from madrob_console.ui.keys.questions import NO_REASON
 from madrob_console.ui.link import LOOKING_PERIOD
 from tests.madrob_console.run_folders import summary
 from tests.madrob_console.ui.driver import (

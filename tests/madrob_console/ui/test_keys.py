@@ -33,13 +33,13 @@ from madrob_console.referee.acts import (
     WithdrawProtest,
     ZeroHandle,
 )
-from madrob_console.referee.acts.act import NO_REASON
 from madrob_console.referee.competition_plan import Plan, PlanLine, Task
 from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase, stop
 from madrob_console.ui.cells.lines import Choice, Lines, Target
 from madrob_console.ui.cells.table import Table
 from madrob_console.ui.keys.key_table import KEYS, MENU
+from madrob_console.ui.keys.questions import NO_REASON
 from madrob_console.ui.look.words import cut_inside, wrapped
 from madrob_console.ui.panes.help_pane import HelpText
 from madrob_console.ui.panes.runs_pane import HistoryPane

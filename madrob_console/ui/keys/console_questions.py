@@ -1,29 +1,31 @@
-"""What a key or a dialog brings about, and what is asked that is no act of the referee."""
+"""What is asked that leads to no act of the referee, or to another key."""
 
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import PurePath
-from typing import TYPE_CHECKING, ClassVar, TypeAlias
+from typing import TYPE_CHECKING
 
 from madrob_console.archive.folders import lies_in_practice
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import seconds_of
 from madrob_console.common.names import clean_name
-from madrob_console.engine.requests import (
-    ExportDossier,
-    ExportTeam,
-    GiveFrames,
-    JumpTo,
-    OpenRun,
-    PlaybackCommand,
-    TakeOver,
-)
-from madrob_console.referee.acts import Abort, Act
-from madrob_console.referee.acts.act import Ask, Option, Pick, Sure, Write, reasons
+from madrob_console.engine.requests import JumpTo, OpenRun, TakeOver
 from madrob_console.referee.records import open_protests
 from madrob_console.referee.run import Phase, Run
+from madrob_console.ui.keys.questions import (
+    Ask,
+    Copy,
+    Leave,
+    Option,
+    OtherName,
+    Pick,
+    Press,
+    Sure,
+    Write,
+    reasons,
+)
 
 if TYPE_CHECKING:
     from madrob_console.archive.run_journal import Unfinished
@@ -32,30 +34,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Leave:
-    """Leave the console."""
-
-
-@dataclass(frozen=True, slots=True)
-class Copy:
-    """Copies a text to the clipboard; `what` names it."""
-
-    name: ClassVar[str] = "copy"
-    what: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class OtherName:
-    """The next run's team has another name than in the list of teams; `name` is cleaned."""
-
-    subject: int
-    name: str
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class RunMeant:
+class SelectedRun:
     """The run that a key is about; `folder` as seen from the results folder.
 
     `at` is the instant that a protest is about, s from its start; None = nobody protested.
@@ -65,12 +44,12 @@ class RunMeant:
     at: float | None
 
     @classmethod
-    def of_list(cls, run: RunSummary) -> RunMeant:
+    def of_list(cls, run: RunSummary) -> SelectedRun:
         at = 0.0 if run.protest_filed is not None else None  # where none was named
         return cls(run.folder, at if run.protest_at is None else run.protest_at)
 
     @classmethod
-    def of_shown(cls, folder: str, run: Run) -> RunMeant:
+    def of_shown(cls, folder: str, run: Run) -> SelectedRun:
         """The current run; `folder` is its whole path."""
         path = PurePath(folder)
         name = f"{path.parent.name}/{path.name}"
@@ -79,21 +58,6 @@ class RunMeant:
         if of and run.start is not None:
             at = 0.0 if of[0].at is None else of[0].at - run.start
         return cls(name if lies_in_practice(name) else path.name, at)
-
-
-@dataclass(frozen=True, slots=True)
-class Press:
-    """Presses the key of that name (`key_table.KEYS`), as chosen in the menu."""
-
-    name: str
-    pressed: str
-
-
-Intent: TypeAlias = (
-    "Act | PlaybackCommand | OpenRun | TakeOver | ExportTeam | ExportDossier | GiveFrames | Leave"
-    " | Copy | OtherName | Press | Ask[Intent] | str"
-)
-"""What a key or a dialog brings about, maybe one more question; a text says why nothing."""
 
 
 def _jump(text: str) -> JumpTo | str:
@@ -109,7 +73,7 @@ JUMP = Ask(
 """Asks where to; what is shown there is worked out anew."""
 
 
-def ask_other_name(subject: int, listed: str, typed: str) -> Ask[OtherName | str]:
+def ask_other_name(subject: int, listed: str, typed: str) -> Ask:
     """Asks what a team is called, and why not as in the list (`listed`; empty = not in it)."""
 
     def named(text: str, reason: str) -> OtherName | str:
@@ -135,7 +99,7 @@ def ask_other_name(subject: int, listed: str, typed: str) -> Ask[OtherName | str
     )
 
 
-def ask_unfinished(run: Unfinished) -> Ask[OpenRun]:
+def ask_unfinished(run: Unfinished) -> Ask:
     options: tuple[Option, ...] = (
         Option("l", "leave it for later: the history (h) opens it", None),
         Option("s", "score it: interrupted, no attempt used; a declared timeout stays", "score"),
@@ -150,7 +114,7 @@ def ask_unfinished(run: Unfinished) -> Ask[OpenRun]:
     )
 
 
-def ask_false_start(run: Run) -> Ask[Press] | str:
+def ask_false_start(run: Run) -> Ask | str:
     """Asks what becomes of a held countdown; a text says that it is not held."""
     mark = run.undecided_false_start
     if run.held is None or run.start is None or mark is None:
@@ -174,7 +138,7 @@ def ask_false_start(run: Run) -> Ask[Press] | str:
 
 def ask_copy(
     row: str, result: str, folder: str, zipped: str, host: str, pictures: str = ""
-) -> Ask[Copy] | str:
+) -> Ask | str:
     """Asks what to copy of what there is; empty = there is none.
 
     `row` is the marked one, with its heads. `folder`, `zipped` (the last zip) and `pictures`
@@ -207,15 +171,7 @@ def _offer(copy: Copy) -> str:
     return f"{copy.what}: {copy.text}" if len(lines) == 1 else copy.what
 
 
-def ask_abort(snapshot: Snapshot) -> Ask[Abort]:
-    """The same two keys on every console: one without the right to act takes it over with y."""
-    why, *more = Abort.questions
-    if snapshot.right.holder:
-        why = replace(why, text=f"{snapshot.right.holder} has the right to act: y takes it over.")
-    return Ask(Abort.title, (why, *more), Abort)
-
-
-def ask_take(snapshot: Snapshot) -> Ask[TakeOver]:
+def ask_take(snapshot: Snapshot, _pressed: str) -> Ask:
     """Asks before taking the right to act; the console that loses it is told, can take it back."""
     goes_on = " A run goes on." if snapshot.run.active else ""
     return Ask(
@@ -225,7 +181,7 @@ def ask_take(snapshot: Snapshot) -> Ask[TakeOver]:
     )
 
 
-def ask_leave(snapshot: Snapshot) -> Ask[Leave] | Leave:
+def ask_leave(snapshot: Snapshot, _pressed: str) -> Ask | Leave:
     """Leaves at once; with the right to act asks first during a run and before a run is on disk."""
     run, pulse = snapshot.run, snapshot.pulse
     if snapshot.playback is not None or pulse.gone or snapshot.right.only_watches:
