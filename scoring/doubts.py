@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scoring.braking import largest_brake
 from scoring.door_angle import DoorAngle, Flags, last_closing, runs, without_spikes
 from scoring.indicator_table import IndicatorName as Name
 from scoring.indicators import (
@@ -37,7 +38,7 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.quality import QualityCounter
-from scoring.rest import FEWEST_SAMPLES, RestForce, largest_brake
+from scoring.rest import FEWEST_SAMPLES, RestForce
 from scoring.result import Indicator, Uncertainty, value_text
 from scoring.rulesets import Ruleset
 from scoring.signals import DecidingEdge, EdgeKind

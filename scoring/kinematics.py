@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scoring.figure_table import Quantity
 from scoring.imports import imports_kept
-from scoring.indicator_table import Quantity
 from scoring.protocol import PassageSensor, ScoringError, Thresholds
 from scoring.rulesets import JerkRule, LowPassRule, Ruleset, WindowRule
 

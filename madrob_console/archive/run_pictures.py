@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 import msgspec
 
 from madrob_console.archive.folders import PICTURES_FOLDER, PICTURES_INDEX
+from madrob_console.archive.moments import Moment, moments_called, moments_of
 from madrob_console.archive.nearest_frames import (
     FARTHEST,
     SIDE,
@@ -20,7 +21,6 @@ from madrob_console.archive.nearest_frames import (
     has_evidence,
 )
 from madrob_console.archive.run_journal import evidence_removed
-from madrob_console.archive.run_record import Moment, moments_called, moments_of
 from madrob_console.archive.scored import Scored, score_opened
 from madrob_console.common.clock import seconds
 from madrob_console.common.errors import MadrobError

@@ -18,7 +18,7 @@ import msgspec
 from madrob_console.common.clock import TICK
 from madrob_console.referee.acts import act_details, is_urgent
 from madrob_console.referee.competition_plan import PlanProgress
-from scoring.indicator_table import Quantity
+from scoring.figure_table import Quantity
 from scoring.protocol import Outcome
 
 if TYPE_CHECKING:

@@ -21,7 +21,8 @@ from madrob_console.archive.run_pictures import (
     nothing_near,
 )
 from madrob_console.pages.templates import NOTHING, render
-from scoring.indicator_table import FigureName, FigurePart, IndicatorName
+from scoring.figure_table import FigureName, FigurePart
+from scoring.indicator_table import IndicatorName
 from scoring.result import Result
 from scoring.rulesets import ruleset
 

@@ -12,6 +12,7 @@ from madrob_console.archive.scored import Scored
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.drawings import Scale, rows_of_words
 from madrob_console.pages.templates import render
+from scoring.figure_table import FigureName, Quantity
 from scoring.figures.run_drawings import (
     BAND,
     BLUE,
@@ -21,7 +22,7 @@ from scoring.figures.run_drawings import (
     PassageFigure,
     passage_figure,
 )
-from scoring.indicator_table import FigureName, IndicatorName, Quantity
+from scoring.indicator_table import IndicatorName
 
 NO_MATPLOTLIB = "they need matplotlib: install madrob-console with its extra `report`"
 

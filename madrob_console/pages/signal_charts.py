@@ -13,8 +13,8 @@ from markupsafe import Markup
 
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages.templates import render
+from scoring.figure_table import Quantity
 from scoring.figures.run_drawings import passage_figure
-from scoring.indicator_table import Quantity
 from scoring.kinematics import Rows
 from scoring.protocol import Condition
 from scoring.result import Result

@@ -13,6 +13,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.referee import journal
 from madrob_console.referee.acts import (
+    ACT_CALLED,
     Act,
     Consequence,
     Correct,
@@ -25,7 +26,6 @@ from madrob_console.referee.acts import (
     Void,
     WithdrawProtest,
     act_named,
-    is_act,
 )
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry
@@ -79,7 +79,7 @@ class Change(StrEnum):
 
 def act_of(entry: Entry) -> Act | None:
     """The act in a journal line, None in others; MadrobError where the details do not fit."""
-    if not is_act(entry.what):
+    if entry.what not in ACT_CALLED:
         return None
     try:
         return act_named(entry.what, entry.details)

@@ -38,12 +38,6 @@ from madrob_console.referee.run import Phase
 from madrob_console.ui.awaited import PendingRequests
 from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.frame.console_screen import ConsoleScreen
-from madrob_console.ui.keys.console_app import (
-    UNSEEN,
-    ConsoleDriver,
-    KeysDropped,
-    TypeAhead,
-)
 from madrob_console.ui.keys.console_questions import SelectedRun
 from madrob_console.ui.keys.key_table import (
     FUNCTION_KEYS,
@@ -63,7 +57,9 @@ from madrob_console.ui.keys.questions import (
 )
 from madrob_console.ui.keys.result_questions import ask_void_instead
 from madrob_console.ui.keys.run_questions import ask_abort
+from madrob_console.ui.keys.terminal_driver import ConsoleDriver, KeysDropped
 from madrob_console.ui.keys.terminal_input import MOST_KEYS
+from madrob_console.ui.keys.type_ahead import UNSEEN, TypeAhead
 from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink, OpenClient
 from madrob_console.ui.look.themes import (
     ASCII,
@@ -119,7 +115,7 @@ def _user() -> str:
 
 
 def console_commands() -> type[Provider]:
-    from madrob_console.ui.keys.console_app import ConsoleCommands
+    from madrob_console.ui.keys.command_palette import ConsoleCommands
 
     return ConsoleCommands
 

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+from scoring.braking import braking_table, door_controller_mode
 from scoring.protocol import BenchmarkType, Condition, ScoringError, Side, StartPose
-from scoring.rest import braking_table, door_controller_mode
 
 CONDITION_KEYS = ("benchmark_type", "door_opening_side", "robot_approach_side")
 

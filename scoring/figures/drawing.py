@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.typing import LineStyleType
 
+from scoring.figure_table import EventMark
 from scoring.figures.run_drawings import (
     GREY,
     LABEL_SIZE,
@@ -28,7 +29,6 @@ from scoring.figures.run_drawings import (
     stretches,
     text_width,
 )
-from scoring.indicator_table import EventMark
 from scoring.kinematics import Array
 
 Events = Mapping[EventMark, Sequence[float]]

@@ -19,18 +19,17 @@ from matplotlib import style
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from scoring.figures.drawing import Band, Panel, draw_sheet, largest_at
-from scoring.figures.run_drawings import BLUE, ORANGE, Interval, inside
-from scoring.indicator_table import (
+from scoring.figure_table import (
     EventMark,
     FigureName,
     FigurePart,
     FigureSpec,
-    IndicatorName,
     Quantity,
     marked_events,
-    unit_text,
 )
+from scoring.figures.drawing import Band, Panel, draw_sheet, largest_at
+from scoring.figures.run_drawings import BLUE, ORANGE, Interval, inside
+from scoring.indicator_table import IndicatorName, unit_text
 from scoring.kinematics import Array, Rows
 from scoring.protocol import Condition, EventName, Outcome
 from scoring.result import Indicator, Result, value_text

@@ -14,7 +14,8 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from scoring.indicator_table import EventMark, IndicatorName
+from scoring.figure_table import EventMark
+from scoring.indicator_table import IndicatorName
 from scoring.kinematics import Array, Rows
 from scoring.protocol import PASSAGE_SENSORS, Condition, EventName, PassageSensor, Side, Step
 from scoring.result import Result

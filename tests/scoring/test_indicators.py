@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scoring import indicator_table
+from scoring.braking import braking_table, door_controller_mode
 from scoring.indicator_table import IndicatorName
 from scoring.indicators import (
     capability_level,
@@ -32,7 +33,6 @@ from scoring.protocol import (
     Step,
     Thresholds,
 )
-from scoring.rest import braking_table, door_controller_mode
 from scoring.result import Indicator, Uncertainty, distinguishable, uncertainty_text, value_text
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset, RulesetName, ruleset
 

@@ -11,7 +11,7 @@ from itertools import accumulate
 from pathlib import Path
 
 from madrob_console.archive.check import Comparison, compared, stored_result
-from madrob_console.archive.run_record import moments_called
+from madrob_console.archive.moments import moments_called
 from madrob_console.archive.scored import keep_stored_remarks, read_recorded_run, report_bag
 from madrob_console.common.clock import LONGEST, NS, TICK, nanoseconds, seconds
 from madrob_console.common.errors import MadrobError

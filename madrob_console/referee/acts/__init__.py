@@ -30,6 +30,7 @@ from madrob_console.referee.acts.protest import DecideProtest, FileProtest, With
 
 __all__ = [
     "ACTS",
+    "ACT_CALLED",
     "Abort",
     "AcceptDoubts",
     "AcceptFalseStart",
@@ -56,7 +57,6 @@ __all__ = [
     "ZeroHandle",
     "act_details",
     "act_named",
-    "is_act",
     "is_urgent",
     "refusals",
 ]
@@ -85,7 +85,7 @@ ACTS: tuple[type[Act], ...] = (
     TakeBack,
 )
 
-_BY_NAME = {act.name: act for act in ACTS}
+ACT_CALLED = {act.name: act for act in ACTS}
 
 
 def refusals(situation: Situation) -> dict[str, str]:
@@ -94,12 +94,8 @@ def refusals(situation: Situation) -> dict[str, str]:
     return {name: why for name, why in judged if why is not None}
 
 
-def is_act(name: str) -> bool:
-    return name in _BY_NAME
-
-
 def is_urgent(name: str) -> bool:
-    act = _BY_NAME.get(name)
+    act = ACT_CALLED.get(name)
     return act is not None and act.urgent
 
 
@@ -111,7 +107,7 @@ def act_details(act: Act) -> dict[str, object]:
 
 def act_named(name: str, details: Mapping[str, object]) -> Act:
     """Makes an act; MadrobError where name or fields do not fit."""
-    kind = _BY_NAME.get(name)
+    kind = ACT_CALLED.get(name)
     if kind is None:
         raise MadrobError(f"no act is called {name!r}")
     try:

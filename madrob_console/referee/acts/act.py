@@ -116,12 +116,6 @@ class Act(ABC):
     stands_out: ClassVar[bool] = False
     undoable: ClassVar[bool] = False
 
-    def __init_subclass__(cls) -> None:
-        """Raises TypeError for an act without a name or phases."""
-        for said in ("name", "phases"):
-            if not hasattr(cls, said):
-                raise TypeError(f"{cls.__name__} does not say its {said}")
-
     @classmethod
     def impossible(cls, situation: Situation) -> str | None:
         """Why no such act is possible now, whatever its fields; None when it is."""
@@ -178,7 +172,7 @@ class Act(ABC):
     @property
     def signature(self) -> str:
         """The name that the referee signed with; empty where nothing is signed."""
-        return ""
+        return str(getattr(self, "referee", ""))
 
     @property
     def done_text(self) -> str:

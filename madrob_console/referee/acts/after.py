@@ -68,10 +68,6 @@ class Finalise(Act):
             signed_evidence=run.evidence,
         )
 
-    @property
-    def signature(self) -> str:
-        return self.referee
-
 
 NO_DOUBT = "no doubt waits for the referee"
 
@@ -81,6 +77,8 @@ class AcceptDoubts(Act):
     """Accept doubts (section 11); a later issue's doubt for another reason waits again."""
 
     name = "accept doubts"
+    done = "doubt accepted: {act.values}"
+    log = "referee accepts the doubt on {act.values}"
     phases = (Phase.STOPPED,)
     missing = "accepting a doubt needs a reason"
     undoable = True
@@ -113,12 +111,8 @@ class AcceptDoubts(Act):
         )
 
     @property
-    def done_text(self) -> str:
-        return f"doubt accepted: {doubted_words(self.doubts)}"
-
-    @property
-    def logged(self) -> str:
-        return f"referee accepts the doubt on {doubted_words(self.doubts)}"
+    def values(self) -> str:
+        return doubted_words(self.doubts)
 
 
 @dataclass(frozen=True, slots=True)

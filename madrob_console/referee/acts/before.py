@@ -110,8 +110,7 @@ class Waive(Act):
     name = "waive a check"
     phases = (Phase.READY,)
     missing = "a waiver needs a reason"
-    done = "check waived: {act.check}"
-    log = "check waived: {act.check}"
+    done = log = "check waived: {act.check}"
     check: CheckName
     reason: str
 

@@ -160,9 +160,7 @@ class TakeBack(Act):
         run = situation.run
         if last_decision(run) is not None:
             return None
-        if run.decided:
-            return _FINAL
-        return NOTHING_TO_TAKE_BACK
+        return _FINAL if run.decided else NOTHING_TO_TAKE_BACK
 
     def problem(self, situation: Situation) -> str | None:
         """Refuses all but the last of its kind, and on a final result what does not concern it."""

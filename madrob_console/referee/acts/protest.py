@@ -98,10 +98,6 @@ class DecideProtest(Act):
         run = closed(self.opened_again(situation.run, at), self.number, answer)
         return replace(run, decided=run.decided_and(DecisionKind.PROTEST))
 
-    @property
-    def signature(self) -> str:
-        return self.referee
-
 
 MOST_PROTESTS = 20
 """Protests against one run."""

@@ -39,8 +39,8 @@ from madrob_console.testbeds.source import (
     simulated_in,
 )
 from recorder.bag import Durability, Qos, RawMessage, Reliability, Topic
+from scoring.braking import braking_table, door_controller_mode
 from scoring.protocol import Condition, Side
-from scoring.rest import braking_table, door_controller_mode
 
 _OURS = re.compile(r"console_(?P<host>\w+)_(?P<pid>\d+)_(?P<machine>[0-9a-f]{6})", re.ASCII)
 _NAMELESS = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_", "")

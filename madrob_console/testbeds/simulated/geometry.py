@@ -22,6 +22,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from scoring.braking import braking_table
 from scoring.kinematics import Array
 from scoring.protocol import (
     GRAM_FORCE,
@@ -33,7 +34,6 @@ from scoring.protocol import (
     Strip,
     Thresholds,
 )
-from scoring.rest import braking_table
 
 SENSORS_PER_SIDE = 8
 _ROWS = {

@@ -22,8 +22,8 @@ from madrob_console.ui.cells.lines import (
     paragraph,
     width_of,
 )
-from madrob_console.ui.keys.console_app import TypeAhead
 from madrob_console.ui.keys.questions import Ask, Option, Pick, Question, Sure, Write
+from madrob_console.ui.keys.type_ahead import TypeAhead
 from madrob_console.ui.look.words import cut_inside
 
 

@@ -62,8 +62,9 @@ if TYPE_CHECKING:
 
     from madrob_console.engine.snapshot import Snapshot
     from madrob_console.ui.cells.dialog import Dialog, FreshAsk
-    from madrob_console.ui.keys.console_app import ConsoleApp, TypeAhead
+    from madrob_console.ui.keys.console_app import ConsoleApp
     from madrob_console.ui.keys.questions import Ask
+    from madrob_console.ui.keys.type_ahead import TypeAhead
     from madrob_console.ui.link import ConsoleDefaults, EngineLink
     from madrob_console.ui.panes.all_panes import Panes
 

@@ -283,33 +283,31 @@ def ask_menu(
     return Ask(title, (question,), lambda each: Press(pressed[each], each))
 
 
-_PLAYED = _RUN
-
 PLAYBACK_KEYS = (
     Key(
         "play", "space", "Spc", "Pause", "pause the replay, go on",
-        PlaybackCommand.name, PlayOrPause(), where=_PLAYED,
+        PlaybackCommand.name, PlayOrPause(), where=_RUN,
     ),
     Key(
         "sample", "full_stop,comma", ",.", "20ms", "one door sample back, or on; pauses",
-        PlaybackCommand.name, lambda _s, k: _skip(k, SAMPLE_STEP), where=_PLAYED,
+        PlaybackCommand.name, lambda _s, k: _skip(k, SAMPLE_STEP), where=_RUN,
     ),
     Key(
         "second", "greater_than_sign,less_than_sign", "<>", "1s", "a second back, or on; pauses",
-        PlaybackCommand.name, lambda _s, k: _skip(k, LONG_STEP), where=_PLAYED,
+        PlaybackCommand.name, lambda _s, k: _skip(k, LONG_STEP), where=_RUN,
     ),
     Key(
         "speed", "plus,equals_sign,minus", "+-", "Speed", "from half to ten times as fast",
-        PlaybackCommand.name, lambda _s, k: Slower() if k == "minus" else Faster(), where=_PLAYED,
+        PlaybackCommand.name, lambda _s, k: Slower() if k == "minus" else Faster(), where=_RUN,
     ),
     Key(
         "jump", "j", "j", "Jump", "to a time of the run",
-        PlaybackCommand.name, JUMP, where=_PLAYED,
+        PlaybackCommand.name, JUMP, where=_RUN,
     ),
     Key(
         "frames", "o", "o", "Frames",
         "what the cameras saw at the instant that is shown, as files; y copies where",
-        PlaybackCommand.name, GiveFrames(), where=_PLAYED,
+        PlaybackCommand.name, GiveFrames(), where=_RUN,
     ),
 )  # fmt: skip
 """Keys of a replay; elsewhere they do not exist and are left to the panes."""

@@ -69,16 +69,12 @@ class Option:
     free: bool = False
     last: bool = False
 
-    @property
-    def harmless(self) -> bool:
-        return self.value is None and not self.free
-
 
 @dataclass(frozen=True, slots=True)
 class Pick:
     """A choice among options; Enter takes the marked one.
 
-    The first option is marked if it is harmless or the question is `quick`: an act that `z` takes
+    The first option is marked if it does nothing or the question is `quick`: an act that `z` takes
     back, or one more question. Else none is. `listed` stands above the options, `below` under them.
 
     Raises:
@@ -99,7 +95,8 @@ class Pick:
     @property
     def marked(self) -> int:
         """The option that is marked at first; -1 = none."""
-        return 0 if self.quick or self.options[0].harmless else -1
+        first = self.options[0]
+        return 0 if self.quick or (first.value is None and not first.free) else -1
 
 
 @dataclass(frozen=True, slots=True)

@@ -119,7 +119,6 @@ def ask_abort(snapshot: Snapshot, _pressed: str) -> Ask:
 
 
 _MARK = "Mark an incident"
-_NOTE = "note"
 _WHICH = Pick(
     "Which? It changes no indicator.",
     (
@@ -129,7 +128,7 @@ _WHICH = Pick(
             if kind is not IncidentKind.OTHER
         ),
         Option("o", "other: type it", IncidentKind.OTHER),
-        Option("n", "a note, no incident", _NOTE),
+        Option("n", "a note, no incident", AddNote.name),
     ),
 )
 _WHAT = Write("What happened?", missing="say what happened")
@@ -144,7 +143,7 @@ def ask_incident(snapshot: Snapshot, _pressed: str) -> Ask:
     stopped, now = snapshot.run.phase is Phase.STOPPED, snapshot.elapsed
 
     def chosen(word: str) -> Intent:
-        if word == _NOTE:
+        if word == AddNote.name:
             return ADD_NOTE
         kind = IncidentKind(word)
         other = kind is IncidentKind.OTHER

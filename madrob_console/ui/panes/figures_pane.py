@@ -16,7 +16,7 @@ from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line, paragra
 from madrob_console.ui.cells.plot import LARGEST, Frame, Mark, Plot, Window
 from madrob_console.ui.look.words import fitted
 from madrob_console.ui.panes.run_status import what_text
-from scoring.indicator_table import (
+from scoring.figure_table import (
     EventMark,
     FigureName,
     FigurePart,

@@ -10,7 +10,7 @@ from madrob_console.engine.requests import Curve
 from madrob_console.referee.checks import Freshness
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, joined, line
 from madrob_console.ui.cells.plot import Frame, Mark, Plot, Window
-from scoring.indicator_table import Quantity, marked_events
+from scoring.figure_table import Quantity, marked_events
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import HandleView, LatchView, Recent, Snapshot

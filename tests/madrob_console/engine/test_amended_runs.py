@@ -29,6 +29,7 @@ from madrob_console.engine.runtime.disk import DiskThreads
 from madrob_console.pages.competition import competition_standings
 from madrob_console.pages.templates import render
 from madrob_console.referee.acts import (
+    ACT_CALLED,
     Abort,
     AcceptDoubts,
     Act,
@@ -43,7 +44,6 @@ from madrob_console.referee.acts import (
     SetUp,
     TakeBack,
     Void,
-    is_act,
 )
 from madrob_console.referee.acts.correct import last_decision
 from madrob_console.referee.flags import undecided
@@ -309,7 +309,7 @@ def test_whatever_is_decided_the_files_say_it_and_all_of_it_can_be_taken_back(
         result, begun = desk.run_folder / RESULT_FILE, len(desk.lines)
         first, before = desk.document, result.read_bytes()
         done = sum(asked(desk, disk, act, silent=silent) for act, silent in sequence)
-        assert done == sum(is_act(line.what) for line in desk.lines[begun:])
+        assert done == sum(line.what in ACT_CALLED for line in desk.lines[begun:])
         assert desk.agrees()
         if desk.engine.run.phase is Phase.FINAL:
             desk.act(Reissue("back to the start"))

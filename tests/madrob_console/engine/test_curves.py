@@ -17,7 +17,8 @@ from madrob_console.engine.requests import (
     curves_of,
 )
 from madrob_console.testbeds.simulated import Scenario
-from scoring.indicator_table import IndicatorName, Quantity
+from scoring.figure_table import Quantity
+from scoring.indicator_table import IndicatorName
 from scoring.kinematics import JointState, Rows
 from scoring.procedure import StepRecord
 from scoring.protocol import Event, EventName, LockDetection, Outcome, Step, Thresholds

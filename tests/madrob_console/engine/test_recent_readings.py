@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from madrob_console.engine.core.sensors import EXTENT, RECENT, RecentReadings
 from madrob_console.engine.snapshot import Recent
-from scoring.indicator_table import EventMark, marked_events
+from scoring.figure_table import EventMark, marked_events
 from scoring.protocol import Event
 from tests.madrob_console.engine.drive import EPOCH_NS, PULL, STEP, Drive, make_setup
 

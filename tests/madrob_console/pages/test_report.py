@@ -55,8 +55,9 @@ from madrob_console.referee.records import (
 from madrob_console.referee.records import TestbedFault as Fault
 from madrob_console.referee.run_summary import RunSummary
 from madrob_console.testbeds.simulated import Scenario
+from scoring.figure_table import FigureName
 from scoring.figures.run_drawings import TimedPhase
-from scoring.indicator_table import FigureName, IndicatorName
+from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import EventName, Outcome, Step
 from scoring.result import EventRecord, Indicator, Uncertainty, value_text

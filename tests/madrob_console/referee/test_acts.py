@@ -173,16 +173,6 @@ def test_all_acts_are_here() -> None:
     assert len({act.name for act in ACTS}) == len(ACTS)
 
 
-def test_an_act_has_to_say_when_it_is_possible() -> None:
-    with pytest.raises(TypeError, match="Void does not say its phases"):
-
-        class Void(Act):
-            name = "void"
-
-            def apply(self, situation: Situation, at: float) -> Run:
-                return situation.run
-
-
 @pytest.mark.parametrize("phase", list(Phase))
 @pytest.mark.parametrize(("act", "phases"), POSSIBLE, ids=lambda x: getattr(x, "name", ""))
 def test_an_act_is_possible_in_its_phases_and_refused_with_words_elsewhere(

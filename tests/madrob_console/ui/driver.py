@@ -40,7 +40,7 @@ from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.cells.lines import TONE_CLASSES
 from madrob_console.ui.cells.table import Table
 from madrob_console.ui.frame.console_screen import ConsoleScreen
-from madrob_console.ui.keys.console_app import TypeAhead
+from madrob_console.ui.keys.type_ahead import TypeAhead
 from madrob_console.ui.link import ConsoleDefaults, OpenClient
 from madrob_console.ui.panes.runs_pane import RunsPane
 from scoring.protocol import Outcome, Step

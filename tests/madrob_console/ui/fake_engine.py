@@ -67,7 +67,8 @@ from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.records import FalseStart, RunSetup
 from madrob_console.referee.run import Phase, Run, begin_run, stop
 from madrob_console.referee.run_summary import RunSummary
-from scoring.indicator_table import IndicatorName, Quantity
+from scoring.figure_table import Quantity
+from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
 from scoring.protocol import (
     PASSAGE_SENSORS,

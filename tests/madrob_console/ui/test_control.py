@@ -31,7 +31,7 @@ from madrob_console.referee import run as runs
 from madrob_console.referee.acts import Abort, Start
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.frame.console_screen import ConsoleScreen
-from madrob_console.ui.keys.console_app import TypeAhead
+from madrob_console.ui.keys.type_ahead import TypeAhead
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup
 from tests.madrob_console.engine.reporting import no_reporting
 from tests.madrob_console.ui.driver import DEFAULTS, Hand, Shown

@@ -21,7 +21,8 @@ from madrob_console.ui.cells.lines import Line
 from madrob_console.ui.cells.plot import TOP, Extreme, Frame, Mark, Plot, Window
 from madrob_console.ui.look.themes import to_ascii
 from madrob_console.ui.panes.figures_pane import FIGURES, FiguresPane, Sheet
-from scoring.indicator_table import IndicatorName, Quantity
+from scoring.figure_table import Quantity
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import EventName
 from scoring.result import Indicator, Uncertainty
 from tests.madrob_console.ui.driver import PANE, Alone, PaneApp, Story, follow, showing

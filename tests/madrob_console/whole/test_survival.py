@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 
 from madrob_console.referee.rebuild import Change
-from madrob_console.ui.keys.console_app import UNSEEN
+from madrob_console.ui.keys.type_ahead import UNSEEN
 from recorder.reader import Bag
 from scoring.protocol import EventName
 from tests.madrob_console.console_process import F8, F10, Hall, start_a_run

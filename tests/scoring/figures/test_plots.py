@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from scoring.figure_table import LARGEST_JERK, FigureName, Quantity
 from scoring.figures.drawing import MOST_POINTS
 from scoring.figures.plots import alternatives_of, figures_of, missing_figures, svg
 from scoring.figures.run_drawings import (
@@ -26,13 +27,7 @@ from scoring.figures.run_drawings import (
     phases_of,
     stretches,
 )
-from scoring.indicator_table import (
-    LARGEST_JERK,
-    FigureName,
-    IndicatorName,
-    Quantity,
-    unit_text,
-)
+from scoring.indicator_table import IndicatorName, unit_text
 from scoring.kinematics import Rows
 from scoring.protocol import PASSAGE_SENSORS, Outcome, Side, Step
 from scoring.result import Ending, Result, Uncertainty, value_text

@@ -1,0 +1,59 @@
+"""The command palette: every key by name, and the themes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import cast
+
+from textual.command import Hit, Hits, Provider
+from textual.content import Content
+
+from madrob_console.ui.keys.console_app import ConsoleApp
+from madrob_console.ui.keys.key_table import CALLED, KEYS
+from scoring.protocol import Step
+
+_TEXT = 22
+"""Cells of a command before what it means."""
+
+
+class ConsoleCommands(Provider):
+    """Searches the console's commands; those that are not possible now come last."""
+
+    def discover(self) -> Hits:
+        return self.search("")
+
+    async def search(self, query: str) -> Hits:
+        matcher = self.matcher(query)
+        for text, command, help_text, words, possible in _commands(cast("ConsoleApp", self.app)):
+            score = max(matcher.match(text), matcher.match(words) / 2) if query else 1.0
+            if score > 0:
+                shown = matcher.highlight(text) if query else Content(text)
+                blank = max(1, _TEXT - shown.cell_length)
+                row = Content.assemble(shown.pad_right(blank), (help_text, "dim"))
+                yield Hit(score if possible else score / 4, row, command, text)
+
+
+_Command = tuple[str, Callable[[], object], str, str, bool]
+"""A command's text, what it does, what that means, what people call it, whether it is possible."""
+
+
+def _commands(app: ConsoleApp) -> Iterator[_Command]:
+    for key in KEYS.values():
+        if key.name in ("menu", "palette", "open") or not app.has_key(key):
+            continue
+        refused = app.key_refusal(key)
+        help_text = key.help if refused is None else f"not now: {refused}"
+        cap = key.cap if key.keys else f"Enter {key.cap}"
+        texts = {key.keys.partition(",")[0]: f"{cap}  {key.label}"}
+        if key.name == "rule":
+            texts = {str(int(step)): f"{int(step)}  step {int(step)}: {step.text}" for step in Step}
+        for each, text in texts.items():
+            press = partial(app.action_press, key.name, each)
+            yield text, press, help_text, f"{CALLED.get(key.name)} {key.help}", refused is None
+    for name in app.theme_names:
+        look = "colours of the screens"
+        yield f"Theme: {name}", partial(app.set_theme, name), look, look, True
+    state = "off" if app.rings else "on"
+    rings = "rings on start, stop and fault"
+    yield f"Bell: switch {state}", app.toggle_bell, rings, rings, True

@@ -1,0 +1,193 @@
+"""The figures: what each shows, explains and marks, in one table (protocol section 6).
+
+Two renderers draw them: `scoring.figures` with matplotlib draws the five of the protocol
+document for one run; the console's screens draw them into cells. NumPy is not imported here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from enum import Enum, StrEnum, auto
+
+from scoring.indicator_table import IndicatorName
+from scoring.protocol import Condition, EventName, NamedRow
+
+LARGEST_JERK = 2.0
+"""Jerk is drawn up to here, as in the document, rad/s^3."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PanelSpec:
+    """How a quantity is drawn over time.
+
+    Attributes:
+        least: an axis of few rows spans at least this much, so that noise looks like noise.
+        clip: absolute values are drawn, at most this large; None = values as they are.
+        peak: whether the largest absolute value is the indicator.
+        unrecorded: why there is no figure without recorded values; empty = it is derived.
+    """
+
+    name: str
+    label: str
+    unit: str
+    filtered: str = ""
+    remark: str = ""
+    least: float
+    clip: float | None = None
+    closed_zone: bool = False
+    peak: bool = False
+    unrecorded: str = ""
+
+
+class Quantity(NamedRow):
+    """The quantities that figures show over time."""
+
+    spec: PanelSpec
+
+    POSITION = PanelSpec(
+        name="position",
+        label="position",
+        unit="rad",
+        least=0.1,
+        closed_zone=True,
+        unrecorded="no door angle was recorded during the run",
+    )
+    ACCELERATION = PanelSpec(
+        name="acceleration",
+        label="acceleration",
+        unit="rad/s^2",
+        filtered="low-passed",
+        least=0.1,
+        peak=True,
+    )
+    JERK = PanelSpec(
+        name="jerk", label="abs jerk", unit="rad/s^3", least=LARGEST_JERK, clip=LARGEST_JERK
+    )
+    FORCE = PanelSpec(
+        name="force",
+        label="force",
+        unit="N",
+        remark="as recorded",
+        least=1.0,
+        peak=True,
+        unrecorded="no handle force was recorded during the run",
+    )
+
+
+class FigurePart(Enum):
+    """Which part of a run a figure shows."""
+
+    WHOLE = auto()
+    OPENING = auto()
+    CLOSING = auto()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FigureSpec:
+    """One or two panels over a common time axis; the indicator follows from the last one."""
+
+    name: str
+    title: str
+    panels: tuple[Quantity, ...]
+    indicator: IndicatorName
+    meaning: str
+    caption: str
+    part: FigurePart = FigurePart.WHOLE
+
+
+_OF_THE_JERK = FigureSpec(
+    name="figure_2_jerk",
+    title=f"position and jerk clipped at {LARGEST_JERK:g} rad/s^3",
+    panels=(Quantity.POSITION, Quantity.JERK),
+    indicator=IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION,
+    meaning="10/mean abs jerk",
+    caption=(
+        "Door angle, and how abruptly its acceleration changes while the door is open (jerk). "
+        "Smoothness is 10 divided by the mean."
+    ),
+)
+
+
+class FigureName(NamedRow):
+    """The figures in the document's order, named like their files."""
+
+    spec: FigureSpec
+
+    ACCELERATION = FigureSpec(
+        name="figure_1_acceleration",
+        title="position and low-passed acceleration",
+        panels=(Quantity.POSITION, Quantity.ACCELERATION),
+        indicator=IndicatorName.UNSAFETY_OF_DOOR_OPERATION,
+        meaning="the maximum",
+        caption=(
+            "Door angle, and angular acceleration without its quick trembling. The largest "
+            "value, in either direction, is the unsafety."
+        ),
+    )
+    JERK = _OF_THE_JERK
+    JERK_OF_THE_OPENING = replace(
+        _OF_THE_JERK,
+        name="figure_3_jerk_of_the_opening",
+        title="jerk while the door opens",
+        caption="The same, from the first opening until wide open.",
+        part=FigurePart.OPENING,
+    )
+    JERK_OF_THE_CLOSING = replace(
+        _OF_THE_JERK,
+        name="figure_4_jerk_of_the_closing",
+        title="jerk while the door closes",
+        caption="The same, from wide open until the last closing.",
+        part=FigurePart.CLOSING,
+    )
+    FORCE = FigureSpec(
+        name="figure_5_force",
+        title="handle force",
+        panels=(Quantity.FORCE,),
+        indicator=IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION,
+        meaning="the maximum",
+        caption=(
+            "Force on the handle as recorded. The largest value, in either direction, is the "
+            "roughness."
+        ),
+    )
+
+    @property
+    def number(self) -> int:
+        return list(FigureName).index(self) + 1
+
+
+class EventMark(StrEnum):
+    """The events that figures mark; their first letters differ except for `letter`."""
+
+    TOUCH = "touch"
+    OPENING = "opening"
+    CROSSING = "crossing"
+    CLOSING = "closing"
+
+    @property
+    def letter(self) -> str:
+        return "x" if self is EventMark.CROSSING else self[0]
+
+    def event(self, condition: Condition | None) -> EventName | None:
+        """The marked event; None for a crossing if the run's condition is not known."""
+        match self:
+            case EventMark.TOUCH:
+                return EventName.HANDLE_IS_TOUCHED
+            case EventMark.OPENING:
+                return EventName.DOOR_OPENS
+            case EventMark.CROSSING:
+                return None if condition is None else EventName.moves_to(condition.destination_side)
+            case EventMark.CLOSING:
+                return EventName.DOOR_CLOSES
+
+
+def marked_events(
+    events: Iterable[tuple[float, str]], condition: Condition | None
+) -> dict[EventMark, list[float]]:
+    """The times of the marked events that happened; `events` are in order of time."""
+    told = list(events)
+    found = {
+        mark: [time for time, name in told if name == mark.event(condition)] for mark in EventMark
+    }
+    return {mark: times for mark, times in found.items() if times}
