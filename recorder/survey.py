@@ -237,7 +237,7 @@ def write_metadata(folder_fd: int, information: BagInformation) -> None:
 
 
 def remove_metadata_parts(folder_fd: int) -> None:
-    """Remove what killed writers of `metadata.yaml` left; a part names its writer's thread."""
+    """Remove stale temporary files of `metadata.yaml`; each names its writer's thread."""
     for name in os.listdir(folder_fd):
         part = _PART.fullmatch(name)
         if part is not None and not os.path.exists(f"/proc/{part[1]}"):  # noqa: PTH110

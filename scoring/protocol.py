@@ -304,7 +304,7 @@ class DoubtLimits:
         filter_reach: what is near a largest acceleration, s: its filters reach as far.
         missing: more of the door's samples missing while it is open, as a part of them.
         jitter: of the door's stamps, a larger standard deviation of their intervals, s.
-        one_sample: a value that is another by more without one bad sample, as a part of its U.
+        one_sample: removing one bad sample moves the value by more, as a part of its U.
         range_end: forces from this part of `largest_force` on may have been larger.
         clipped: so many consecutive samples exactly at the largest force.
         stuck_time: ranges of a strip that do not change for longer, s.

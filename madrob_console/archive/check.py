@@ -56,7 +56,7 @@ class Grade(StrEnum):
         return max(grades, key=list(cls).index, default=cls.SAME)
 
 
-def libraries_told(stored: Libraries | None, now: Libraries) -> str:
+def library_words(stored: Libraries | None, now: Libraries) -> str:
     if stored is None:
         return f"the stored result does not name its libraries, now {now.words}"
     if stored == now:
@@ -112,21 +112,21 @@ class CheckedRun:
     The grade does not depend on `uncertainties`. `stored_by` None = the result does not say.
     """
 
-    found: tuple[Difference, ...]
+    differences: tuple[Difference, ...]
     uncertainties: tuple[Difference, ...]
     stored_by: Libraries | None
     libraries: Libraries
 
     @property
     def grade(self) -> Grade:
-        return Grade.worst(difference.grade for difference in self.found)
+        return Grade.worst(difference.grade for difference in self.differences)
 
     def differences_of(self, grade: Grade) -> tuple[Difference, ...]:
-        return tuple(difference for difference in self.found if difference.grade is grade)
+        return tuple(difference for difference in self.differences if difference.grade is grade)
 
     @property
     def of_the_rest(self) -> Grade:
-        return Grade.worst(each.grade for each in self.found if not _DOUBTS.match(each.what))
+        return Grade.worst(each.grade for each in self.differences if not _DOUBTS.match(each.what))
 
     @property
     def values_hold(self) -> bool:
@@ -138,28 +138,28 @@ class CheckedRun:
             case Grade.SAME:
                 return str(grade)
             case Grade.CLOSE:
-                return f"{grade} ({libraries_told(self.stored_by, self.libraries)})"
+                return f"{grade} ({library_words(self.stored_by, self.libraries)})"
             case Grade.DIFFERS:
-                told = f"{grade} in {len(self.differences_of(grade))}"
+                words = f"{grade} in {len(self.differences_of(grade))}"
                 if not self.values_hold:
-                    return told
-                return f"{told}, only doubts; the values: {self.of_the_rest}"
+                    return words
+                return f"{words}, only doubts; the values: {self.of_the_rest}"
 
     @property
     def uncertainty_words(self) -> str:
         """Which uncertainties differ, on one line; empty where none does."""
         last = {each.what.split(".")[1]: each for each in self.uncertainties}  # the expanded one
-        told = (
+        changes = (
             f"{name} {_short(each.recomputed)} was {_short(each.stored)}"
             for name, each in last.items()
         )
-        return f"uncertainties differ in {len(last)}: {', '.join(told)}" if last else ""
+        return f"uncertainties differ in {len(last)}: {', '.join(changes)}" if last else ""
 
     def content(self) -> dict[str, Any]:
-        def values(found: Iterable[Difference]) -> list[dict[str, object]]:
+        def values(differences: Iterable[Difference]) -> list[dict[str, object]]:
             return [
                 {"what": each.what, "stored": each.stored, "recomputed": each.recomputed}
-                for each in found
+                for each in differences
             ]
 
         return {
@@ -193,7 +193,9 @@ def check_run(run: RunPath) -> CheckedRun:
     if not (folder / RESULT_FILE).is_file():  # attached to a bag alone
         stored.pop("files", None)
     checked = compare(stored, score_recording(folder)[0], folder)
-    return dataclasses.replace(checked, found=(*_journal_differences(folder), *checked.found))
+    return dataclasses.replace(
+        checked, differences=(*_journal_differences(folder), *checked.differences)
+    )
 
 
 def compare(stored: dict[str, Any], scored: Scored, folder: Path) -> CheckedRun:
@@ -202,10 +204,10 @@ def compare(stored: dict[str, Any], scored: Scored, folder: Path) -> CheckedRun:
     first = dataclasses.replace(scored.run, issue=max(1, scored.run.issue))
     scored = dataclasses.replace(scored, run=first)
     recomputed = msgspec.json.encode(document_of(scored, folder, {}))
-    found = tuple(_compare(stored, msgspec.json.decode(recomputed), folder))
+    differences = tuple(_compare(stored, msgspec.json.decode(recomputed), folder))
     return CheckedRun(
-        found=tuple(each for each in found if not _UNCERTAINTY.match(each.what)),
-        uncertainties=tuple(each for each in found if _UNCERTAINTY.match(each.what)),
+        differences=tuple(each for each in differences if not _UNCERTAINTY.match(each.what)),
+        uncertainties=tuple(each for each in differences if _UNCERTAINTY.match(each.what)),
         stored_by=msgspec.convert(stored.get("libraries"), Libraries | None),
         libraries=libraries_here(),
     )
@@ -216,8 +218,8 @@ def _compare(
 ) -> Iterator[Difference]:
     files, stored_files = recomputed.pop("files"), stored.pop("files", None)
     remarks = recomputed["quality"].pop("remarks")
-    kept = {key: value for key, value in recomputed.items() if key not in _NOT_COMPARED}
-    yield from _differences("", stored, kept)
+    compared = {key: value for key, value in recomputed.items() if key not in _NOT_COMPARED}
+    yield from _differences("", stored, compared)
     yield from _remark_differences(_remarks(stored), remarks)
     yield from _file_differences(stored_files, files, folder)
 
@@ -253,9 +255,9 @@ def _remarks(stored: Mapping[str, Any]) -> list[Any]:
 
 
 def _remark_differences(stored: list[Any], recomputed: list[str]) -> Iterator[Difference]:
-    known = {_without_place(str(remark)) for remark in stored}
+    stored_remarks = {_without_place(str(remark)) for remark in stored}
     for remark in recomputed:
-        if _without_place(remark) not in known:
+        if _without_place(remark) not in stored_remarks:
             yield Difference("quality.remarks", None, remark)
 
 
@@ -265,7 +267,7 @@ def _without_place(remark: str) -> str:
 
 
 def _file_differences(
-    stored: object, found: Mapping[str, Any], folder: Path
+    stored: object, digests: Mapping[str, Any], folder: Path
 ) -> Iterator[Difference]:
     if stored is None:  # an older version: it wrote no digests
         return
@@ -275,8 +277,8 @@ def _file_differences(
     for name, digest in stored.items():
         if name == METADATA_FILE and lists_evidence(folder):
             continue
-        if name in found:
-            yield from _differences(f"files.{name}", digest, found[name])
+        if name in digests:
+            yield from _differences(f"files.{name}", digest, digests[name])
         else:
             there = (folder / Path(name).name).exists()
             yield Difference(f"files.{name}", digest, "unreadable" if there else "missing")
@@ -321,38 +323,38 @@ def compared(stored: ResultDocument | str, result: Result) -> Comparison:
     """With enough digits to tell two values apart."""
     if isinstance(stored, str):
         return Comparison(stored)
-    found = tuple(_differences("", _appealed(stored), _appealed(result)))
-    grade = Grade.worst(each.grade for each in found)
-    values = "; ".join(_beside_stored(each) for each in found if each.grade is grade)
+    differences = tuple(_differences("", _appealed(stored), _appealed(result)))
+    grade = Grade.worst(each.grade for each in differences)
+    values = "; ".join(_beside_stored(each) for each in differences if each.grade is grade)
     match grade:
         case Grade.SAME:
             return Comparison(EQUAL, grade)
         case Grade.CLOSE:
-            told = terminal_safe(libraries_told(stored.libraries or None, libraries_here()))
-            return Comparison(f"equals the stored result to 1e-9: {values} ({told})", grade)
+            why = terminal_safe(library_words(stored.libraries or None, libraries_here()))
+            return Comparison(f"equals the stored result to 1e-9: {values} ({why})", grade)
         case Grade.DIFFERS:
             return Comparison(f"differs from the stored result: {values}", grade)
 
 
 def _appealed(result: Result) -> dict[str, Any]:
-    """What an appeal is about; the same of a stored result as of a fresh one."""
-    known = {name: result.indicators.get(name) for name in IndicatorName}
+    """The fields of a result that an appeal is about."""
+    indicators = {name: result.indicators.get(name) for name in IndicatorName}
     return {
         "ruleset": result.ruleset,
         "outcome": result.outcome,
         "start": result.start,
-        "indicators": {name: {"value": one and one.value} for name, one in known.items()},
+        "indicators": {name: {"value": one and one.value} for name, one in indicators.items()},
     }
 
 
-def _beside_stored(found: Difference) -> str:
-    now, stored = found.recomputed, found.stored
-    if found.indicator is not None:
+def _beside_stored(difference: Difference) -> str:
+    now, stored = difference.recomputed, difference.stored
+    if difference.indicator is not None:
         here, there = distinct_texts(now, stored)
-        return f"{found.indicator.replace('_', ' ')} {here}, stored {there}"
-    if found.what == "start":
+        return f"{difference.indicator.replace('_', ' ')} {here}, stored {there}"
+    if difference.what == "start":
         return f"start {now - stored:+.6g} s from the stored one"
-    return f"{found.what} {now}, stored {terminal_safe(stored)}"
+    return f"{difference.what} {now}, stored {terminal_safe(stored)}"
 
 
 def distinct_texts(one: float | None, other: float | None) -> tuple[str, str]:

@@ -19,7 +19,7 @@ from madrob_console.archive.folders import (
     parse_folder_name,
     with_name,
 )
-from madrob_console.archive.history import History, twins_told
+from madrob_console.archive.history import History, mark_duplicates
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import refusal
 from madrob_console.common.names import terminal_safe
@@ -77,17 +77,21 @@ def collected(paths: Sequence[Path], testbed: str | None = None) -> Collection:
         except MadrobError as error:
             unlisted.append(Unlisted(str(root), str(error).removeprefix(f"{root}: ")))
             continue
-        found = {run.folder: run for run in history if run.folder in names}
-        unlisted += [Unlisted(str(root / name), LEFT_OUT_LINK) for name in sorted(names - {*found})]
+        runs_of_root = {run.folder: run for run in history if run.folder in names}
+        unlisted += [
+            Unlisted(str(root / name), LEFT_OUT_LINK) for name in sorted(names - {*runs_of_root})
+        ]
         if alone:
-            runs += found.values()
+            runs += runs_of_root.values()
             continue
         within = str(root / "_")[:-1]  # joining a hundred thousand Paths takes too long
-        runs += [replace(run, folder=f"{within}{name}", twin="") for name, run in found.items()]
+        runs += [
+            replace(run, folder=f"{within}{name}", twin="") for name, run in runs_of_root.items()
+        ]
     wanted = runs if testbed is None else of_testbed(runs, testbed)
     ordered = sorted(wanted, key=lambda run: (run.started, run.folder))
     root = with_name(paths[0]) if alone else Path()
-    return Collection(root, twins_told(ordered), tuple(unlisted))
+    return Collection(root, mark_duplicates(ordered), tuple(unlisted))
 
 
 def collected_in(results: Path, testbed: str | None = None) -> Collection:
@@ -97,12 +101,12 @@ def collected_in(results: Path, testbed: str | None = None) -> Collection:
 
 def of_testbed(runs: Iterable[RunSummary], name: str) -> list[RunSummary]:
     every = list(runs)
-    _demand_known("--testbed-name", name, {run.testbed for run in every})
+    _demand_existing("--testbed-name", name, {run.testbed for run in every})
     return [run for run in every if run.testbed == name]
 
 
 def demand_competition(name: str, competitions: Iterable[str]) -> None:
-    _demand_known("--competition", name, competitions)
+    _demand_existing("--competition", name, competitions)
 
 
 def the_competition(runs: Iterable[RunSummary], name: str | None) -> str | None:
@@ -121,8 +125,8 @@ def the_competition(runs: Iterable[RunSummary], name: str | None) -> str | None:
     return next(iter(names), None)
 
 
-def _demand_known(option: str, name: str, known: Iterable[str]) -> None:
-    names = {*known}
+def _demand_existing(option: str, name: str, existing: Iterable[str]) -> None:
+    names = {*existing}
     if name not in names:
         there = _listed(names) or "none"
         raise MadrobError(f"{option} '{terminal_safe(name)}': no such runs; there are {there}")
@@ -175,12 +179,12 @@ def matches(run: RunSummary, text: str) -> bool:
 
 def filter_problem(text: str) -> str | None:
     """Why no run can pass a filter: it names an unknown field."""
-    found = (_FIELD.fullmatch(word) for word in text.casefold().split())
-    known = (*_NUMBERS, *_TEXTS)
-    unknown = next((word[1] for word in found if word and word[1] not in known), None)
+    matches = (_FIELD.fullmatch(word) for word in text.casefold().split())
+    fields = (*_NUMBERS, *_TEXTS)
+    unknown = next((word[1] for word in matches if word and word[1] not in fields), None)
     if unknown is None:
         return None
-    return f"no field {unknown}: there are {', '.join(known)}"
+    return f"no field {unknown}: there are {', '.join(fields)}"
 
 
 def _has(run: RunSummary, word: str) -> bool:

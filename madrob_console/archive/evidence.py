@@ -70,7 +70,7 @@ def repair_evidence(folder: Path) -> bool:
         raise MadrobError(str(error)) from None
 
 
-def evidence_told(folder: Path, run: Run) -> EvidenceAccount | None:
+def evidence_account_of(folder: Path, run: Run) -> EvidenceAccount | None:
     """The journal's account of the evidence; without one, the folder's."""
     if run.evidence is not None or run.removed_evidence:
         return run.evidence
@@ -80,10 +80,10 @@ def evidence_told(folder: Path, run: Run) -> EvidenceAccount | None:
     return None
 
 
-def settled_account(folder: Path, told: EvidenceAccount) -> EvidenceAccount | None:
+def settled_account(folder: Path, account: EvidenceAccount) -> EvidenceAccount | None:
     """The account of complete evidence files, by their summaries; None while one is incomplete.
 
-    `told` is the account while they were written.
+    `account` is the account while they were written.
     """
     from recorder.survey import summarised  # few runs need it
 
@@ -92,8 +92,8 @@ def settled_account(folder: Path, told: EvidenceAccount) -> EvidenceAccount | No
     size = 0
     folder_fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
     try:
-        found = filter(is_left_of_evidence, os.listdir(folder_fd))  # noqa: PTH208
-        names = sorted(found, key=natural_order)
+        evidence_files = filter(is_left_of_evidence, os.listdir(folder_fd))  # noqa: PTH208
+        names = sorted(evidence_files, key=natural_order)
         for name in names:
             try:
                 of_file = os.stat(name, dir_fd=folder_fd, follow_symlinks=False).st_size
@@ -110,7 +110,7 @@ def settled_account(folder: Path, told: EvidenceAccount) -> EvidenceAccount | No
                 counts[topic.name] = topic.type, before + file.counts.get(topic.name, 0)
     finally:
         os.close(folder_fd)
-    return told.settled(counts, problems, size) if any(map(is_evidence, names)) else None
+    return account.settled(counts, problems, size) if any(map(is_evidence, names)) else None
 
 
 def settle_account(folder: Path, now: float) -> bool:
@@ -124,8 +124,8 @@ def settle_account(folder: Path, now: float) -> bool:
         if not any(map(is_evidence, names)) or _unsettled(folder) is None:
             return False
         with journal_held(folder) as journal:
-            told = _unsettled(folder)
-            account = None if told is None else settled_account(folder, told)
+            unsettled = _unsettled(folder)
+            account = None if unsettled is None else settled_account(folder, unsettled)
             if account is None:
                 return False
             if not journal.append([account_entry(account, now)]):
@@ -142,8 +142,8 @@ def _unsettled(folder: Path) -> EvidenceAccount | None:
     """The account, if the journal has no final one of the evidence."""
     run = read_run_journal(folder).run
     over = run.phase in (Phase.STOPPED, Phase.FINAL)
-    told = evidence_told(folder, run) if over else run.evidence
-    return None if told is None or told.unwritten == 0 else told
+    account = evidence_account_of(folder, run) if over else run.evidence
+    return None if account is None or account.unwritten == 0 else account
 
 
 def account_entry(account: EvidenceAccount, now: float) -> Entry:
@@ -189,14 +189,14 @@ class TidyLimits:
 class RunEvidence:
     """The evidence files of a run and what repairs have left of them; `size` in bytes.
 
-    `kept` says why it stays; empty = it may go.
+    `why_kept` is the reason why it stays; empty = it may go.
     """
 
     folder: Path
     run: RunSummary
     files: tuple[str, ...]
     size: int
-    kept: str = ""
+    why_kept: str = ""
 
 
 def evidence_at(root: Path, limits: TidyLimits, now: float, free: float) -> list[RunEvidence]:
@@ -206,22 +206,22 @@ def evidence_at(root: Path, limits: TidyLimits, now: float, free: float) -> list
     for practice in (True, False):
         kind = [run.folder for run in runs if run.practice is practice]
         newest |= {folder: place for place, folder in enumerate(reversed(kind), start=1)}
-    found: list[RunEvidence] = []
+    evidence: list[RunEvidence] = []
     for run in runs:
         folder = root / run.folder
         if (files := _files(folder)) is None:
             continue
         one = RunEvidence(folder, run, tuple(files), sum(files.values()))
-        kept = (
-            _always_kept(one, newest[run.folder])
+        why_kept = (
+            _why_never_removed(one, newest[run.folder])
             or _within(limits, one, newest, now)
             or _may_be_protested(folder, now)
         )
-        if not kept and limits.until_free is not None and free >= limits.until_free:
-            kept = "there is room enough"
-        free += 0 if kept else one.size
-        found.append(replace(one, kept=kept))
-    return found
+        if not why_kept and limits.until_free is not None and free >= limits.until_free:
+            why_kept = "there is room enough"
+        free += 0 if why_kept else one.size
+        evidence.append(replace(one, why_kept=why_kept))
+    return evidence
 
 
 def run_going_on(root: Path) -> str | None:
@@ -242,13 +242,13 @@ def remove_evidence(of: RunEvidence, now: float) -> None:
             journal_held(folder) as journal,
             opened_folder(folder.parent, folder.name) as folder_fd,
         ):
-            known = read_run_journal(folder)
-            why = _why_not_now(of, known) or _protest_words(known.run, now)
+            journalled = read_run_journal(folder)
+            why = _why_not_now(of, journalled) or _protest_words(journalled.run, now)
             if why:
                 raise MadrobError(f"{folder}: {why}: nothing of it was removed")
             files = _files(folder) or {}
             _list_without(folder, folder_fd, files, check_only=True)
-            if not _is_told(known, files):
+            if not _says_removed(journalled, files):
                 details = {"files": sorted(files), "bytes": sum(files.values())}
                 entry = Entry(now, Origin.SYSTEM, Change.EVIDENCE_REMOVED, details=details)
                 if not journal.append([entry]):
@@ -272,7 +272,7 @@ def remove_evidence(of: RunEvidence, now: float) -> None:
 
 
 def _files(folder: Path) -> dict[str, int] | None:
-    found: dict[str, int] = {}
+    sizes: dict[str, int] = {}
     try:
         names = os.listdir(folder)  # noqa: PTH208  of the names only
     except OSError:
@@ -283,11 +283,11 @@ def _files(folder: Path) -> dict[str, int] | None:
         except OSError:
             continue
         if stat.S_ISREG(state.st_mode):
-            found[name] = state.st_size
-    return found or None
+            sizes[name] = state.st_size
+    return sizes or None
 
 
-def _always_kept(one: RunEvidence, place: int) -> str:
+def _why_never_removed(one: RunEvidence, place: int) -> str:
     """Why the evidence stays whatever the limits; empty = it need not."""
     run = one.run
     if run.problem is not None:
@@ -351,20 +351,20 @@ def _is_recorded(one: RunEvidence) -> bool:
     return False
 
 
-def _why_not_now(of: RunEvidence, known: RunJournal) -> str:
+def _why_not_now(of: RunEvidence, journal: RunJournal) -> str:
     """Why the evidence stays by the journal as it is now, locked; empty = it need not."""
-    if known.run.phase is not Phase.FINAL and not of.run.practice:
+    if journal.run.phase is not Phase.FINAL and not of.run.practice:
         return "its result is not final any more"
     return "it was protested" if ever_protested(of.folder) else ""
 
 
-def _is_told(known: RunJournal, files: Iterable[str]) -> bool:
+def _says_removed(journal: RunJournal, files: Iterable[str]) -> bool:
     """Whether the journal already says that these files are removed: a removal was cut off."""
-    told: Sequence[object] = ()
-    for entry in known.entries:
+    removed: Sequence[object] = ()
+    for entry in journal.entries:
         if entry.what == Change.EVIDENCE_REMOVED:
-            told = entry.details["files"]
-    return set(files) <= set(map(str, told))
+            removed = entry.details["files"]
+    return set(files) <= set(map(str, removed))
 
 
 def _list_without(

@@ -142,10 +142,10 @@ def run_folder_names(root: Path) -> list[str]:
 
 def _folder_names(root: Path) -> list[str]:
     try:
-        with os.scandir(root) as found:
+        with os.scandir(root) as entries:
             return [
                 item.name
-                for item in found
+                for item in entries
                 if (item.name == PRACTICE_FOLDER or _FOLDER.fullmatch(item.name))
                 and item.is_dir(follow_symlinks=False)
             ]
@@ -185,7 +185,7 @@ def reserve_run_folder(
         place.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise _unusable(place, error) from None
-    if run.run in _used_numbers(place, run.subject, run.condition) or not _given_out(place, run):
+    if run.run in _used_numbers(place, run.subject, run.condition) or not _take_number(place, run):
         free = next_run_number(root, run.subject, run.condition, practice=practice)
         raise MadrobError(
             f"run {run.run} of subject {run.subject} in condition {run.condition} exists: "
@@ -196,7 +196,7 @@ def reserve_run_folder(
 
 def give_out_run_number(root: Path, subject: int, condition: int) -> int:
     """Give out an unused run number for good; `root` holds the runs (practice has its own)."""
-    while not _given_out(
+    while not _take_number(
         root, run := RunName(subject, condition, next_run_number(root, subject, condition))
     ):
         pass  # another program was faster
@@ -228,7 +228,7 @@ def _used_numbers(root: Path, subject: int, condition: int) -> set[int]:
     return {int(line) for line in lines} | {int(n) for n in folders if n.isdecimal()}
 
 
-def _given_out(root: Path, run: RunName) -> bool:
+def _take_number(root: Path, run: RunName) -> bool:
     """Write a number down for good; returns whether it was unused.
 
     There is no lock: of two programs that append the same line, the first one has the number.
@@ -372,12 +372,12 @@ def runs_at(path: Path) -> list[RunPath]:
 
 def all_runs_at(paths: Iterable[Path]) -> list[RunPath]:
     """Without the duplicates of overlapping paths, in their order."""
-    return _found_at(paths, by_name=False)
+    return _listed_runs(paths, by_name=False)
 
 
 def listed_at(paths: Iterable[Path]) -> list[RunPath]:
     """As `all_runs_at`, for lists: a folder called like a run is one, whatever it holds."""
-    return _found_at(map(with_name, paths), by_name=True)
+    return _listed_runs(map(with_name, paths), by_name=True)
 
 
 def with_name(path: Path) -> Path:
@@ -385,12 +385,12 @@ def with_name(path: Path) -> Path:
     return path if path.name not in ("", "..") else Path(os.path.abspath(path))  # noqa: PTH100
 
 
-def _found_at(paths: Iterable[Path], *, by_name: bool) -> list[RunPath]:
-    found: dict[tuple[str, str], RunPath] = {}
+def _listed_runs(paths: Iterable[Path], *, by_name: bool) -> list[RunPath]:
+    runs: dict[tuple[str, str], RunPath] = {}
     for path in paths:
         for run in list(_runs_below(path, by_name=by_name)) or [RunPath(path)]:
-            found.setdefault((os.path.realpath(run.path), run.prefix), run)
-    return list(found.values())
+            runs.setdefault((os.path.realpath(run.path), run.prefix), run)
+    return list(runs.values())
 
 
 def _runs_below(top: Path, *, by_name: bool) -> Iterator[RunPath]:
@@ -403,14 +403,14 @@ def _runs_below(top: Path, *, by_name: bool) -> Iterator[RunPath]:
             continue
         try:
             with os.scandir(path) as entries:
-                found = sorted(entries, key=attrgetter("name"), reverse=True)
+                ordered = sorted(entries, key=attrgetter("name"), reverse=True)
         except NotADirectoryError:
             continue
         except OSError:  # reading it says why; the path that was named is looked at by the caller
             if path is not top:
                 yield RunPath(path)
             continue
-        names = [entry.name for entry in found]
+        names = [entry.name for entry in ordered]
         if not _is_bag(names) and (prefixes := run_prefixes(names)):
             yield from (RunPath(path, prefix) for prefix in prefixes)
         elif named or _is_bag(names):  # its recording may be missing
@@ -418,7 +418,7 @@ def _runs_below(top: Path, *, by_name: bool) -> Iterator[RunPath]:
         else:
             places += [
                 path / entry.name
-                for entry in found
+                for entry in ordered
                 if entry.name[0] != "." and entry.is_dir(follow_symlinks=False)
             ]
 
@@ -442,12 +442,12 @@ class RunPlace:
 
 def places_that_count(places: Iterable[RunPlace]) -> dict[str, str]:
     """By `run_id`, the name of the place that counts: official, of the latest issue, the first."""
-    kept: dict[str, RunPlace] = {}
+    counting: dict[str, RunPlace] = {}
     for place in places:
-        other = kept.get(place.run_id)
+        other = counting.get(place.run_id)
         if place.run_id and (other is None or _rank(place) > _rank(other)):
-            kept[place.run_id] = place
-    return {run_id: place.name for run_id, place in kept.items()}
+            counting[place.run_id] = place
+    return {run_id: place.name for run_id, place in counting.items()}
 
 
 def _rank(place: RunPlace) -> tuple[bool, int]:

@@ -57,7 +57,7 @@ class History:
         self._place = str(root)
         self._rehearsal = holds_rehearsals(root)
         self._lock = threading.Lock()
-        self._known: dict[str, tuple[_Stamps, RunSummary]] = {}
+        self._cached: dict[str, tuple[_Stamps, RunSummary]] = {}
 
     def refresh(self) -> tuple[RunSummary, ...]:
         """Every run, oldest first; only a `result.json` that changed is read.
@@ -67,17 +67,17 @@ class History:
         with self._lock:
             runs = list(self._listed())
         runs.sort(key=attrgetter("started"))
-        return twins_told(runs)
+        return mark_duplicates(runs)
 
     def _listed(self) -> Iterator[RunSummary]:
         """In the order of their folders' names."""
-        names, before, self._known = sorted(run_folder_names(self._root)), self._known, {}
+        names, before, self._cached = sorted(run_folder_names(self._root)), self._cached, {}
         for name in names:
             files = (f"{self._place}/{name}/{file}" for file in (RESULT_FILE, JOURNAL_FILE))
-            stamps, kept = tuple(map(stamp_of, files)), before.get(name)
-            if kept is not None and kept[0] == stamps:
-                self._known[name] = kept
-                yield kept[1]
+            stamps, cached = tuple(map(stamp_of, files)), before.get(name)
+            if cached is not None and cached[0] == stamps:
+                self._cached[name] = cached
+                yield cached[1]
             elif (run := self._read(name, stamps)) is not None:
                 yield run
 
@@ -102,19 +102,19 @@ class History:
                 return _unusable(unread, folder, why)
             if (why := disagreement(result, Path(folder))) is not None:
                 if is_held(Path(folder, JOURNAL_FILE)):
-                    return self._told(unread, result)  # it is about to be written
+                    return self._with_protests(unread, result)  # it is about to be written
                 return _unusable(unread, folder, out_of_date(why), repairable=True)
         except FileNotFoundError:
             run = _of_journal(unread, Path(folder))
             if run.competition is not None and (why := self._mixed(run.competition)) is not None:
                 run = replace(run, problem=why)
-            self._known[name] = (stamps, run)
+            self._cached[name] = (stamps, run)
             return run
         except (UnusableResultError, UnusableJournalError) as problem:
             damaged = isinstance(problem, DamagedResultError)
             return _unusable(unread, folder, str(problem), repairable=damaged)
-        run = self._told(unread, result)
-        self._known[name] = (stamps, run)
+        run = self._with_protests(unread, result)
+        self._cached[name] = (stamps, run)
         return run
 
     def _mixed(self, competition: str) -> str | None:
@@ -125,7 +125,7 @@ class History:
             return "is not of a rehearsal: move it out of this rehearsal's results folder"
         return "is of a rehearsal: move it into a results folder whose name ends in `rehearsal`"
 
-    def _told(self, unread: RunSummary, result: ResultDocument) -> RunSummary:
+    def _with_protests(self, unread: RunSummary, result: ResultDocument) -> RunSummary:
         """Adds the result; an earlier issue of it may have been protested."""
         run = with_result(unread, result)
         if run.protested or run.issue <= 1:
@@ -133,15 +133,15 @@ class History:
         return replace(run, protested=ever_protested(self._root / unread.folder))
 
 
-def twins_told(runs: Sequence[RunSummary]) -> tuple[RunSummary, ...]:
+def mark_duplicates(runs: Sequence[RunSummary]) -> tuple[RunSummary, ...]:
     """Sets `twin` of each duplicate that does not count."""
     counting = places_that_count(
         RunPlace(run.folder, run.run_id, run.practice, run.issue) for run in runs
     )
     return tuple(
-        run if kept == run.folder else replace(run, twin=kept)
+        run if first == run.folder else replace(run, twin=first)
         for run in runs
-        for kept in [counting.get(run.run_id, run.folder)]
+        for first in [counting.get(run.run_id, run.folder)]
     )
 
 
@@ -220,7 +220,7 @@ def _of_journal(unread: RunSummary, folder: Path) -> RunSummary:
 
 def with_result(unread: RunSummary, result: ResultDocument) -> RunSummary:
     """A run in a list with what its result says of it."""
-    found = result.indicators
+    indicators = result.indicators
     closure, waiting = result.closure, result.open_protest
     signed_so = closure is not None and closure.team_word == TeamWord.PROTESTED
     return replace(
@@ -233,11 +233,11 @@ def with_result(unread: RunSummary, result: ResultDocument) -> RunSummary:
         outcome=result.outcome,
         reason=result.why_invalid[:_LONGEST_REASON],
         voided=result.voided is not None,
-        values={name: one.value for name, one in found.items() if one.value is not None},
+        values={name: one.value for name, one in indicators.items() if one.value is not None},
         uncertainties={
-            name: one.uncertainty for name, one in found.items() if one.uncertainty is not None
+            name: one.uncertainty for name, one in indicators.items() if one.uncertainty is not None
         },
-        doubts={name: len(one.doubts) for name, one in found.items() if one.doubts},
+        doubts={name: len(one.doubts) for name, one in indicators.items() if one.doubts},
         flags=result.flags,
         thresholds=result.thresholds.unlike_protocol if result.thresholds else None,
         issue=result.issue,

@@ -124,9 +124,9 @@ def _write(folder: Path, files: ResultFiles, stored: bytes | None, number: int) 
         if name != RESULT_FILE and not has_content(folder / name, content)
     }
     atomic_writes(folder, beside)
-    kept = folder / ISSUE_FILE.format(number - 1)
-    if number > 1 and stored is not None and not kept.exists():
-        atomic_write(kept, stored)
+    earlier = folder / ISSUE_FILE.format(number - 1)
+    if number > 1 and stored is not None and not earlier.exists():
+        atomic_write(earlier, stored)
     atomic_write(folder / RESULT_FILE, files[RESULT_FILE])
 
 
@@ -168,8 +168,8 @@ class _Samples(msgspec.Struct):
     signals: tuple[_SignalSamples, ...]
 
 
-class _Made(msgspec.Struct):
-    """What a result says that it was made of."""
+class _Sources(msgspec.Struct):
+    """What a result says of the files that it was computed from."""
 
     issue: int
     quality: _Samples
@@ -181,7 +181,7 @@ class _Made(msgspec.Struct):
     def recording(self) -> set[str]:
         return {each.sha256 for name, each in self.files.items() if name.endswith(".mcap")}
 
-    def is_of_recording_of(self, other: _Made, *, incomplete: bool) -> bool:
+    def is_of_recording_of(self, other: _Sources, *, incomplete: bool) -> bool:
         """`incomplete`: the recording lacks messages that are in the stored result."""
         same = bool(self.recording) and self.recording == other.recording
         return (same and not incomplete) or self.quality == other.quality
@@ -197,7 +197,7 @@ def _check(
     in_console: bool,
 ) -> None:
     """Refuse a result that may not take the place of the stored one; `noted` by the journal."""
-    new, old = msgspec.json.decode(result, type=_Made), _made(stored)
+    new, old = msgspec.json.decode(result, type=_Sources), _sources_of(stored)
     lost = MadrobError(
         f"{folder}: {JOURNAL_FILE} lacks lines that {RESULT_FILE} was made of: put a copy of it "
         f"back, or rename {RESULT_FILE} and decide in the console"
@@ -234,9 +234,9 @@ def _check(
         )
 
 
-def _made(stored: bytes) -> _Made | None:
+def _sources_of(stored: bytes) -> _Sources | None:
     """None where the stored result is damaged."""
     try:
-        return msgspec.json.decode(stored, type=_Made)
+        return msgspec.json.decode(stored, type=_Sources)
     except (msgspec.MsgspecError, UnicodeDecodeError):
         return None

@@ -41,19 +41,19 @@ def moments_of(events: Sequence[tuple[str, float]], run: Run, start: float) -> t
     """
     if len(events) > 2 * _MOST_EVENTS:
         events = (*events[:_MOST_EVENTS], *events[-_MOST_EVENTS:])
-    found = [Moment(name, event_words(name), at, at - start) for name, at in events]
+    moments = [Moment(name, event_words(name), at, at - start) for name, at in events]
     for incident in run.incidents[:_MOST_MARKS]:
         name, at = _NOT_A_WORD.sub("_", f"incident_{incident.kind}"), incident.time
-        found.append(Moment(name, f"incident: {incident.kind}", at, at - start, logged=True))
+        moments.append(Moment(name, f"incident: {incident.kind}", at, at - start, logged=True))
     for mark in run.false_starts[:_MOST_MARKS]:
         words, name = f"false start: {mark.event.words}", f"false_start_{mark.event}"
-        found.append(Moment(name, words, mark.time, mark.time - start))
-    found += [
+        moments.append(Moment(name, words, mark.time, mark.time - start))
+    moments += [
         Moment(f"protest_{one.number}", one.title, one.at, one.at - start)
         for one in run.protests[:_MOST_MARKS]
         if one.at is not None
     ]
-    return tuple(sorted(found, key=lambda moment: moment.since_start))
+    return tuple(sorted(moments, key=lambda moment: moment.since_start))
 
 
 def moments_called(
@@ -69,11 +69,11 @@ def moments_called(
         # a file name keeps no sign
         name = f"at_{'minus_' if typed < 0 else ''}{abs(typed):.3f} s"
         return (Moment(name, f"{typed:.3f} s", start + typed, typed),)
-    known = [one for one in _named(events, run, start) if math.isfinite(one.time)]
+    moments = [one for one in _named(events, run, start) if math.isfinite(one.time)]
     wanted = _key(text)
-    if found := [one for one in known if wanted in map(_key, (one.name, one.words))]:
-        return tuple(found)
-    there = ", ".join(dict.fromkeys(terminal_safe(one.name) for one in known))
+    if matching := [one for one in moments if wanted in map(_key, (one.name, one.words))]:
+        return tuple(matching)
+    there = ", ".join(dict.fromkeys(terminal_safe(one.name) for one in moments))
     raise MadrobError(
         f"'{terminal_safe(text)}' is no time and no event of this run: give seconds, or one of "
         f"{there}"

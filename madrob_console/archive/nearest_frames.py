@@ -52,7 +52,7 @@ class Cameras:
             self._delay = _delay_of_testbed(folder, mappings)
         except (OSError, RecorderError) as error:
             raise MadrobError(str(error)) from None
-        self.topics = self._found_cameras()
+        self.topics = self._cameras_of_files()
 
     def _open(self, path: Path) -> None:
         try:
@@ -78,19 +78,19 @@ class Cameras:
         if not FARTHEST <= log < seconds(_LATEST):
             return None
         at_ns, within_ns = nanoseconds(log), nanoseconds(FARTHEST)
-        found = (file.nearest(camera.name, at_ns, within_ns) for file in self._files)
-        frames = (message for message in found if message is not None)
+        nearest = (file.nearest(camera.name, at_ns, within_ns) for file in self._files)
+        frames = (message for message in nearest if message is not None)
         return min(frames, key=lambda frame: abs(frame.receive_ns - at_ns), default=None)
 
-    def _found_cameras(self) -> tuple[Topic, ...]:
-        known: dict[str, Topic] = {}
+    def _cameras_of_files(self) -> tuple[Topic, ...]:
+        cameras: dict[str, Topic] = {}
         for file in self._files:
             for topic in file.topics:
                 if topic.type in PICTURE_TYPES:
-                    known.setdefault(topic.name, topic)
-        if len(known) > MOST_CAMERAS:
-            self._problems.append(f"{len(known)} cameras: {MOST_CAMERAS} are shown")
-        return tuple(known[name] for name in sorted(known)[:MOST_CAMERAS])
+                    cameras.setdefault(topic.name, topic)
+        if len(cameras) > MOST_CAMERAS:
+            self._problems.append(f"{len(cameras)} cameras: {MOST_CAMERAS} are shown")
+        return tuple(cameras[name] for name in sorted(cameras)[:MOST_CAMERAS])
 
 
 def _delay_of_testbed(folder: Path, mappings: Sequence[TopicMapping]) -> float:

@@ -80,7 +80,7 @@ def _small(decode: Callable[[], Image.Image], side: int) -> Image.Image:
     except Exception as error:  # noqa: BLE001  damaged pictures raise what they like
         words = terminal_safe(str(error))[:100] or type(error).__name__
         raise PictureError(f"it cannot be decoded ({words})") from None
-    picture.info.clear()  # comments and profiles are not for whoever gets the file
+    picture.info.clear()  # comments, profiles
     return picture
 
 

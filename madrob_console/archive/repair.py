@@ -228,11 +228,11 @@ def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextI
     if before.outcome is Outcome.ABORTED:
         return None
     recorded, entry = opened.recorded, change.entry
-    found = _differences(folder, Scored.of(recorded.record, before, opened.assessment))
-    if not found:
+    differences = _differences(folder, Scored.of(recorded.record, before, opened.assessment))
+    if not differences:
         return None
     reissued = replace(after(before, entry), journal=mark_of((*recorded.entries, entry)))
-    values = {name: each for each in found if (name := each.indicator) is not None}
+    values = {name: each for each in differences if (name := each.indicator) is not None}
     data: dict[str, bytes] = {}
     if files:
         data = result_files(folder, Scored.of(recorded.record, reissued, opened.assessment))
@@ -240,7 +240,7 @@ def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextI
         folder,
         reissued.issue,
         values,
-        len(found) - len(values),
+        len(differences) - len(values),
         None if before.closure is None else before.closure.team_word,
         recorded.entries,
         entry,
@@ -248,24 +248,24 @@ def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextI
     )
 
 
-def write_next_issue(made: NextIssue, now: float) -> None:
+def write_next_issue(issue: NextIssue, now: float) -> None:
     """Journal and write a next issue; the one before stays under its number.
 
-    `made` has its files, `now` is in s since the epoch.
+    `issue` has its files, `now` is in s since the epoch.
 
     Raises:
         MadrobError: somebody works on the run or did so since, or the disk refuses the line, or
             the result alone.
     """
-    folder, path = made.folder, made.folder / JOURNAL_FILE
+    folder, path = issue.folder, issue.folder / JOURNAL_FILE
     if is_held(path):
         raise _busy(folder)
     try:
         with journal_held(folder) as journal:
             entries, _ = read_journal(path)
-            if entries != made.made_of:
+            if entries != issue.made_of:
                 raise MadrobError(f"{folder}: the referee went on meanwhile: re-issue it once more")
-            _issue_in(folder, made.files, entries, journal, now, made.entry)
+            _issue_in(folder, issue.files, entries, journal, now, issue.entry)
     except BlockingIOError:
         raise _busy(folder) from None
     except OSError as error:
@@ -283,19 +283,20 @@ def _differences(folder: Path, scored: Scored) -> Sequence[Difference]:
         stored = read_whole_result(str(folder))
     except UnusableResultError as error:
         raise MadrobError(f"{folder}: {error}") from None
-    found = compare(stored, scored, folder).differences_of(Grade.DIFFERS)
+    differences = compare(stored, scored, folder).differences_of(Grade.DIFFERS)
     lacks = scored.run.unrecorded > 0
     if any(
-        _RECORDING.match(each.what) or (lacks and _SAMPLES.fullmatch(each.what)) for each in found
+        _RECORDING.match(each.what) or (lacks and _SAMPLES.fullmatch(each.what))
+        for each in differences
     ):
         raise MadrobError(
             f"{folder}: the recording is not the one that its result was made of: put that back, "
             "or decide in the console"
         )
-    for each in found:
+    for each in differences:
         if each.what in _WHOSE and each.stored:
             raise MadrobError(
                 f"{folder}: {RESULT_FILE} is of another run than journal and recording "
                 f"({each.words}): put its own back, or decide in the console"
             )
-    return [each for each in found if not each.what.startswith("files")]
+    return [each for each in differences if not each.what.startswith("files")]

@@ -199,8 +199,8 @@ def result_schema() -> dict[str, Any]:
             part["required"] = [key for key in part["properties"] if key not in _ADDED]
             for key in part["properties"].values():
                 key.pop("default", None)
-    told = whole["properties"]["indicators"]["description"]
-    whole["properties"]["indicators"] = {"$ref": "#/$defs/Indicators", "description": told}
+    description = whole["properties"]["indicators"]["description"]
+    whole["properties"]["indicators"] = {"$ref": "#/$defs/Indicators", "description": description}
     parts["Indicators"] = {
         "title": "Indicators",
         "description": "The performance indicators (protocol section 6).",
@@ -249,7 +249,7 @@ def _describe(part: dict[str, Any], *docs: str) -> None:
                 for name in names:
                     part["properties"][name]["description"] += f" {line.strip()}"
                 continue
-            told, _, text = line.strip().partition(": ")
-            names = told.split(", ")
+            named, _, text = line.strip().partition(": ")
+            names = named.split(", ")
             for name in names:
                 part["properties"][name]["description"] = text

@@ -150,15 +150,15 @@ class StoredRun:
 
     @property
     def label(self) -> RunLabel:
-        told = self.result
+        result = self.result
         return RunLabel(
-            told.subject,
-            told.team,
-            told.condition_number,
-            told.run_number,
-            told.run_id,
-            told.testbed,
-            told.competition,
+            result.subject,
+            result.team,
+            result.condition_number,
+            result.run_number,
+            result.run_id,
+            result.testbed,
+            result.competition,
         )
 
     @property
@@ -178,24 +178,24 @@ class StoredRun:
 
     @property
     def libraries(self) -> str:
-        given = self.result.libraries
-        told = {} if given is UNSET else asdict(given)
-        return "; ".join(f"{name} {version}" for name, version in told.items())
+        stored = self.result.libraries
+        versions = {} if stored is UNSET else asdict(stored)
+        return "; ".join(f"{name} {version}" for name, version in versions.items())
 
     @property
     def thresholds_changed(self) -> str:
-        given = self.result.thresholds
-        unlike = {} if given is UNSET else given.unlike_protocol
+        stored = self.result.thresholds
+        unlike = {} if stored is UNSET else stored.unlike_protocol
         return "; ".join(f"{name} {value}" for name, value in unlike.items())
 
     @property
     def mapping_digest(self) -> str:
         """Equal where all signals were read alike; empty where the result does not tell."""
-        given = self.result.mappings
-        if given is UNSET:
+        stored = self.result.mappings
+        if stored is UNSET:
             return ""
-        told = msgspec.json.encode(sorted(given, key=lambda one: one.signal.value))
-        return sha256(told).hexdigest()[:_SHORT]
+        ordered = msgspec.json.encode(sorted(stored, key=lambda one: one.signal.value))
+        return sha256(ordered).hexdigest()[:_SHORT]
 
     @property
     def recording_digest(self) -> str:

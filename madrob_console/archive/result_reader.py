@@ -132,12 +132,12 @@ def _document(data: bytes, folder: str) -> ResultDocument:
 
 def earlier_issues(folder: Path, reissues: Iterable[Reissuing]) -> tuple[ResultDocument, ...]:
     """The earlier issues of a result; those that cannot be read are missing."""
-    found = []
+    issues = []
     for number in {one.issue - 1 for one in reissues}:
         with suppress(OSError, *_DAMAGED):
             data, _ = read_bounded(str(folder / ISSUE_FILE.format(number)), LARGEST_RESULT)
-            found.append(_documents.decode(data))
-    return tuple(found)
+            issues.append(_documents.decode(data))
+    return tuple(issues)
 
 
 def read_whole_result(folder: str, *, attached: bool = False) -> dict[str, Any]:

@@ -247,7 +247,7 @@ MOST_READ = 2 * LARGEST_JOURNAL
 
 @dataclass(frozen=True, slots=True)
 class Unfinished:
-    """What is known of a run that was cut off; numbers are 0 and texts empty where unknown.
+    """A run that was cut off; numbers are 0 and texts empty where unknown.
 
     Attributes:
         folder: relative to the results folder.
@@ -272,12 +272,12 @@ class Unfinished:
     def words(self) -> str:
         kind = "practice run" if lies_in_practice(self.folder) else "run"
         who = f"{kind} {self.run_number} of subject {self.subject} {self.team}".rstrip()
-        known = [f"{who} was cut off while {self.phase}"]
+        facts = [f"{who} was cut off while {self.phase}"]
         if self.started is not None and self.last_time is not None:
-            known.append(f"last line {self.last_time - self.started:+.1f} s from the start")
-        known.append(f"last event {self.last_event}" if self.last_event else "no event yet")
-        known.append(f"{self.recorded / 1e6:.1f} MB recorded")
-        return ", ".join(known)
+            facts.append(f"last line {self.last_time - self.started:+.1f} s from the start")
+        facts.append(f"last event {self.last_event}" if self.last_event else "no event yet")
+        facts.append(f"{self.recorded / 1e6:.1f} MB recorded")
+        return ", ".join(facts)
 
 
 def find_unfinished(root: Path) -> tuple[Unfinished, ...]:
@@ -287,7 +287,7 @@ def find_unfinished(root: Path) -> tuple[Unfinished, ...]:
     (nothing to decide), or whose journal cannot be used (the history says so). Beyond `MOST_READ`
     bytes of journals the later runs wait until those before them are decided.
     """
-    found: list[Unfinished] = []
+    unfinished: list[Unfinished] = []
     left = MOST_READ
     for name in sorted(run_folder_names(root), key=lambda name: name[-15:]):
         folder = root / name
@@ -300,8 +300,8 @@ def find_unfinished(root: Path) -> tuple[Unfinished, ...]:
                 break
             journal = read_run_journal(folder)
             if journal.run.start is not None:
-                found.append(_known(name, folder, journal.entries, journal.run))
-    return tuple(found)
+                unfinished.append(_unfinished(name, folder, journal.entries, journal.run))
+    return tuple(unfinished)
 
 
 def is_held(journal: Path) -> bool:
@@ -310,8 +310,8 @@ def is_held(journal: Path) -> bool:
     Where the hold does not tell (another user's run, or one of an older version), the lock of the
     journal does: everybody can take it who may read the file.
     """
-    if (told := files.is_held(journal.with_name(HOLD_FILE))) is not None:
-        return told
+    if (held := files.is_held(journal.with_name(HOLD_FILE))) is not None:
+        return held
     try:
         file = open_plain(journal)
     except OSError:
@@ -322,7 +322,7 @@ def is_held(journal: Path) -> bool:
         os.close(file)
 
 
-def _known(name: str, folder: Path, entries: tuple[Entry, ...], run: Run) -> Unfinished:
+def _unfinished(name: str, folder: Path, entries: tuple[Entry, ...], run: Run) -> Unfinished:
     events = [e.details.get("event", "") for e in entries if e.what == Change.EVENT]
     setup = run.setup
     return Unfinished(

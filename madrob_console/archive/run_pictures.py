@@ -131,8 +131,8 @@ def pictures_of(
     if not has_pillow():
         return _NONE_MADE[1]
     try:
-        found = Cameras(folder, mappings)
-        return _Maker(found, monotonic, name_distance=name_distance).pictures(moments)
+        cameras = Cameras(folder, mappings)
+        return _Maker(cameras, monotonic, name_distance=name_distance).pictures(moments)
     except MadrobError as error:
         return RunPictures(PictureIndex(problems=(terminal_safe(str(error)),)))
 
@@ -162,17 +162,17 @@ def stored_pictures(folder: Path) -> RunPictures:
 
 def run_pictures(folder: Path, scored: Scored) -> RunPictures:
     """The pictures of a run from its evidence; without evidence or Pillow, those made before."""
-    made = pictures_of(folder, moments_in(scored), scored.record.mappings)
-    return stored_pictures(folder) or made if made in _NONE_MADE else made
+    pictures = pictures_of(folder, moments_in(scored), scored.record.mappings)
+    return stored_pictures(folder) or pictures if pictures in _NONE_MADE else pictures
 
 
 def renewed_pictures(folder: Path, scored: Scored) -> RunPictures:
     """As `run_pictures`, written to the pictures folder of the run in place of those before."""
-    made = pictures_of(folder, moments_in(scored), scored.record.mappings)
-    if made in _NONE_MADE:
-        return stored_pictures(folder) or made
-    _write(folder / PICTURES_FOLDER, made)
-    return made
+    pictures = pictures_of(folder, moments_in(scored), scored.record.mappings)
+    if pictures in _NONE_MADE:
+        return stored_pictures(folder) or pictures
+    _write(folder / PICTURES_FOLDER, pictures)
+    return pictures
 
 
 def write_frames(folder: Path, at: str, output: Path) -> Sequence[str]:
@@ -186,16 +186,18 @@ def write_frames(folder: Path, at: str, output: Path) -> Sequence[str]:
     try:
         scored = score_opened(folder)
         moments = moments_called(at, events_of(scored), scored.run, scored.result.start)
-        made = pictures_of(folder, moments, scored.record.mappings, name_distance=True)
-        if made.files:
+        pictures = pictures_of(folder, moments, scored.record.mappings, name_distance=True)
+        if pictures.files:
             output.mkdir(exist_ok=True)
-            atomic_writes(output, made.files)
+            atomic_writes(output, pictures.files)
             return []
     except OSError as error:
         return [f"{output}: cannot be made ({error.strerror})"]
     except MadrobError as error:
         return [str(error)]
-    return [*made.index.problems, *map(nothing_near, made.index.pictures)] or ["it has no camera"]
+    return [*pictures.index.problems, *map(nothing_near, pictures.index.pictures)] or [
+        "it has no camera"
+    ]
 
 
 def _write(place: Path, pictures: RunPictures) -> None:
@@ -216,7 +218,7 @@ class _Maker:
         self._names = _file_names([camera.name for camera in cameras.topics])
         self._monotonic = monotonic
         self._until = monotonic() + WORKING_TIME
-        self._made: dict[tuple[str, int], Jpeg | str] = {}
+        self._decoded: dict[tuple[str, int], Jpeg | str] = {}
         self._files: dict[str, bytes] = {}
         self._left_out = 0
 
@@ -254,22 +256,26 @@ class _Maker:
 
     def _of_frame(self, entry: PictureEntry, frame: RawMessage, log: float) -> PictureEntry:
         received = seconds(frame.receive_ns)
-        known = msgspec.structs.replace(entry, log_time=received, difference=received - log)
-        made = self._picture(frame)
-        if isinstance(made, str):
-            return msgspec.structs.replace(known, problem=made)
-        ms = _ms(known)
+        received_entry = msgspec.structs.replace(
+            entry, log_time=received, difference=received - log
+        )
+        picture = self._picture(frame)
+        if isinstance(picture, str):
+            return msgspec.structs.replace(received_entry, problem=picture)
+        ms = _ms(received_entry)
         side = "" if not ms else "_later" if ms > 0 else "_earlier"
         distance = f"_{abs(ms)}_ms{side}" if self._name_distance else ""
         name = f"{entry.moment:02d}_{_plain(entry.event)}_{self._names[entry.topic]}{distance}.jpg"
-        self._files[name] = made.data
-        return msgspec.structs.replace(known, file=name, width=made.width, height=made.height)
+        self._files[name] = picture.data
+        return msgspec.structs.replace(
+            received_entry, file=name, width=picture.width, height=picture.height
+        )
 
     def _picture(self, frame: RawMessage) -> Jpeg | str:
         key = frame.topic, frame.receive_ns
-        if key not in self._made:
-            self._made[key] = self._decode(frame)
-        return self._made[key]
+        if key not in self._decoded:
+            self._decoded[key] = self._decode(frame)
+        return self._decoded[key]
 
     def _decode(self, message: RawMessage) -> Jpeg | str:
         from madrob_console.archive.picture import MOST_BYTES, PictureError, decoded, jpeg

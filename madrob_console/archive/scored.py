@@ -118,34 +118,34 @@ def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[Scored
 
     None = the ruleset of the run; `protocol` for EUROBENCH files whose run info names none.
     """
-    found: list[tuple[Flag, ...]]
+    flags: list[tuple[Flag, ...]]
     with _naming(run.path):
         if run.prefix:
             published = read_run(run.path, run.prefix)
-            chosen = [ruleset(name or _rules_told(published)) for name in rules]
+            chosen = [ruleset(name or _own_rules(published)) for name in rules]
             pairs = [evaluate_published(published, one) for one in chosen]
             condition = published.condition
             subject, _, number = numbers_of(run.prefix) or (None, 0, None)
             label = RunLabel(subject, "", condition.number, number)
-            found = [_flags_told(published) for _ in pairs]
+            flags = [_flags_of(published) for _ in pairs]
         else:
             scored = score_recording(run.path, rules)
             pairs = [(one.result, one.rows) for one in scored]
-            found = [one.flags for one in scored]
+            flags = [one.flags for one in scored]
             condition = scored[0].record.setup.condition
             label = scored[0].record.label
     return tuple(
         ScoredPath(Path(run.name), Evaluation.of(*pair, condition), label, flagged)
-        for pair, flagged in zip(pairs, found, strict=True)
+        for pair, flagged in zip(pairs, flags, strict=True)
     )
 
 
-def _rules_told(published: EurobenchRun) -> str:
+def _own_rules(published: EurobenchRun) -> str:
     name = published.run_info.get("ruleset")
     return name if isinstance(name, str) else PROTOCOL.name
 
 
-def _flags_told(published: EurobenchRun) -> tuple[Flag, ...]:
+def _flags_of(published: EurobenchRun) -> tuple[Flag, ...]:
     settings = published.run_info.get("settings")
     if not isinstance(settings, dict):
         return ()
@@ -233,8 +233,8 @@ def read_recorded_run(path: Path) -> RecordedRun:
             record = RunRecord.from_metadata(metadata)
     except MadrobError as error:
         raise MadrobError(f"{path}: {error}") from None
-    found = rebuild(entries, record.handle_zero, record.zero_samples)
-    run = replace(found, journal=mark_of(entries))
+    rebuilt = rebuild(entries, record.handle_zero, record.zero_samples)
+    run = replace(rebuilt, journal=mark_of(entries))
     if run.setup is not None:  # journals of earlier versions do not have it
         run = replace(run, setup=replace(run.setup, competition=record.competition))
     if run.start is None:
@@ -339,7 +339,7 @@ def report_bag(assessment: Assessment, recorded: RecordedRun) -> None:
 
 
 def _lost_steps(assessment: Assessment, recorded: RecordedRun) -> str | None:
-    """What completed a run but is not in its torn bag; None = all of it is.
+    """The steps of a completed run that its torn bag lacks, in words; None = it has all.
 
     A line of the journal is on disk at once, the samples behind it up to half a second later.
     """
@@ -349,8 +349,8 @@ def _lost_steps(assessment: Assessment, recorded: RecordedRun) -> str | None:
     before = takewhile(lambda entry: entry.what != Change.RUN_STOPS, entries)
     rulings = rebuild(tuple(before), recorded.record.handle_zero).rulings
     # other rules than those that stopped the run find the last steps a little after its stop
-    found = (assessment.procedure(rulings, until) for until in (run.stop, None))
-    done = {record.step for procedure in found for record in procedure.steps if record.done}
+    procedures = (assessment.procedure(rulings, until) for until in (run.stop, None))
+    done = {record.step for procedure in procedures for record in procedure.steps if record.done}
     lost = [str(step.value) for step in Step if step not in done]
     if not lost:
         return None
@@ -382,10 +382,10 @@ def _out_of_date(folder: Path, run: Run) -> bool:
 
 def keep_stored_remarks(assessment: Assessment, run: Run, folder: Path) -> None:
     """Keep what a stored result says of the data and the bag cannot tell: what was dropped."""
-    known = {*assessment.quality().remarks, *run.remarks()}
+    own_remarks = {*assessment.quality().remarks, *run.remarks()}
     stored = read_sound_result(str(folder))
     for remark in () if stored is None else stored.quality.remarks:
-        if remark not in known and not _of_the_moment(remark):
+        if remark not in own_remarks and not _of_the_moment(remark):
             assessment.report_problem(remark)
 
 

@@ -36,7 +36,7 @@ class RowSource(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class TidyColumn:
+class TableColumn:
     """One column; an empty `unit` is none, `meaning` explains empty cells, too.
 
     `cell` is called with the source of a row; for a `SampledRun` it gives the whole column.
@@ -58,7 +58,7 @@ class TidyTable:
 
     name: str
     row: str
-    columns: Sequence[TidyColumn]
+    columns: Sequence[TableColumn]
     items: Callable[[Any], Iterable[object]] = lambda _run: (None,)
 
     def row_of(self, run: object, item: object = None) -> Row:
@@ -83,9 +83,9 @@ def column_lines(tables: Sequence[TidyTable]) -> Iterator[str]:
 
 def _column(
     kind: CellKind, name: str, meaning: str, cell: str | Callable[[RowSource], Any], unit: str = ""
-) -> TidyColumn:
+) -> TableColumn:
     """A column whose cell is a path of attributes, which ends at a None, or a function."""
-    return TidyColumn(kind, name, meaning, _at(cell) if isinstance(cell, str) else cell, unit)
+    return TableColumn(kind, name, meaning, _at(cell) if isinstance(cell, str) else cell, unit)
 
 
 def _at(path: str) -> Callable[[RowSource], Any]:
@@ -107,7 +107,7 @@ def _since_start(
     time: str,
     name: str = "since_start",
     meaning: str = "the same, since the start of the run",
-) -> TidyColumn:
+) -> TableColumn:
     """The column of a path to times, s."""
     at = _at(time)
     return _number(name, meaning, lambda row: row.since_start(at(row)), "s")
@@ -118,7 +118,7 @@ def _since_start(
 
 class _OfIndicator(NamedTuple):
     name: str
-    found: Indicator
+    indicator: Indicator
 
 
 WHOSE = (
@@ -228,24 +228,24 @@ INDICATORS = TidyTable(
         _OUTCOME,
         _VALID,
         _text("indicator", "its name", "item.name"),
-        _number("value", "in its unit; empty: there is none", "item.found.value"),
-        _text("unit", "of value and uncertainties", "item.found.unit"),
-        _text("reason", "why there is no value; empty: there is one", "item.found.reason"),
-        _number("uncertainty", "standard; empty: not known", "item.found.uncertainty.u"),
+        _number("value", "in its unit; empty: there is none", "item.indicator.value"),
+        _text("unit", "of value and uncertainties", "item.indicator.unit"),
+        _text("reason", "why there is no value; empty: there is one", "item.indicator.reason"),
+        _number("uncertainty", "standard; empty: not known", "item.indicator.uncertainty.u"),
         _number(
             "expanded_uncertainty",
             "of 95 in 100; empty: not known",
-            "item.found.uncertainty.expanded",
+            "item.indicator.uncertainty.expanded",
         ),
         _number(
             "at_rest",
             "how much of the value the sensor reads at rest",
-            "item.found.uncertainty.rest",
+            "item.indicator.uncertainty.rest",
         ),
         _text(
             "doubts",
             "sentences, with ; between; empty: none",
-            lambda row: "; ".join(row.item.found.doubts),
+            lambda row: "; ".join(row.item.indicator.doubts),
         ),
     ),
     lambda run: map(_OfIndicator._make, run.result.indicators.items()),
@@ -300,7 +300,7 @@ UNREADABLE = TidyTable(
 # Tables of a recording's samples: their columns, each cell of which is a whole column.
 
 
-def _series(name: str, row: str, time: str, *columns: TidyColumn) -> TidyTable:
+def _series(name: str, row: str, time: str, *columns: TableColumn) -> TidyTable:
     times = _number("time", "stamp, since 1970 (UTC)", time, "s")
     run = replace(_NAME, cell=lambda row: [row.run.name] * times.cell(row).size)
     return TidyTable(name, row, (run, times, _since_start(time), *columns))

@@ -182,11 +182,13 @@ class Frames(Mapping[str, "DataFrame"]):
     _tables: ClassVar = {table.name: table for table in (*RUN_TABLES, *SAMPLE_TABLES)}
 
     def __init__(self, path: Path) -> None:
-        found = collected([path])
-        for one in found.unlisted:
+        collection = collected([path])
+        for one in collection.unlisted:
             warn(f"{one.place} {one.why}", stacklevel=3)
-        self._runs = [RunPath(found.root / one.folder) for one in found.runs if not one.twin]
-        self._made: dict[str, DataFrame] = {}
+        self._runs = [
+            RunPath(collection.root / one.folder) for one in collection.runs if not one.twin
+        ]
+        self._frames: dict[str, DataFrame] = {}
 
     def __iter__(self) -> Iterator[str]:
         return iter((*self._tables, "samples"))
@@ -195,9 +197,9 @@ class Frames(Mapping[str, "DataFrame"]):
         return len(self._tables) + 1
 
     def __getitem__(self, name: str) -> DataFrame:
-        if name not in self._made:
-            self._made[name] = self._all_samples() if name == "samples" else self._frame(name)
-        return self._made[name]
+        if name not in self._frames:
+            self._frames[name] = self._all_samples() if name == "samples" else self._frame(name)
+        return self._frames[name]
 
     def _frame(self, name: str) -> DataFrame:
         from pandas import DataFrame, Series

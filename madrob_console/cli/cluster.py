@@ -35,7 +35,7 @@ _Item = TypeVar("_Item")
 _Done = TypeVar("_Done")
 
 
-class Misfit(NamedTuple):
+class WrongVersion(NamedTuple):
     """A worker's answer if its results would not be those of this machine; `why` in words."""
 
     worker: str
@@ -67,12 +67,12 @@ def why_unfit(asked: tuple[str, ...], paths: Sequence[str] = ()) -> str | None:
 
 def answer_of(
     work: Callable[[_Item], _Done], item: _Item, asked: tuple[str, ...]
-) -> _Done | Misfit:
+) -> _Done | WrongVersion:
     """Do the work on an item, which may write files, if the worker fits."""
     from distributed import get_worker
 
     why = why_unfit(asked)
-    return work(item) if why is None else Misfit(str(get_worker().contact_address), why)
+    return work(item) if why is None else WrongVersion(str(get_worker().contact_address), why)
 
 
 def on_cluster(
@@ -110,7 +110,7 @@ class _ClusterWorkers(Generic[_Item, _Done]):
     def __init__(self, client: Client, work: Callable[[_Item], _Done]) -> None:
         self._client = client
         self._work = work
-        self._misfits: dict[str, Misfit] = {}
+        self._misfits: dict[str, WrongVersion] = {}
 
     def hand_out(self, item: _Item) -> Future:
         fitting = None
@@ -146,7 +146,7 @@ class _ClusterWorkers(Generic[_Item, _Done]):
         from distributed import KilledWorker
 
         try:
-            answer: _Done | Misfit = handle.result(timeout=_LOOK)
+            answer: _Done | WrongVersion = handle.result(timeout=_LOOK)
         except _CANCELLED:
             raise _gone() from None
         except KilledWorker:
@@ -157,7 +157,7 @@ class _ClusterWorkers(Generic[_Item, _Done]):
                 raise AgainError from None
             why = f"the cluster could not do it ({type(error).__name__}: {str(error)[:200]})"
             raise DeadWorkerError(terminal_safe(why)) from None
-        if not isinstance(answer, Misfit):
+        if not isinstance(answer, WrongVersion):
             return answer
         if answer.worker not in self._misfits:
             complain(f"worker {answer.worker} {answer.why}; others do its share")

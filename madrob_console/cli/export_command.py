@@ -20,7 +20,7 @@ from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from madrob_console.export.pack import Export
-    from madrob_console.pages.surroundings import Surroundings
+    from madrob_console.pages.related_runs import RelatedRuns
 
 
 @command(
@@ -78,7 +78,7 @@ def export(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.export.contents import dossier_contents, team_contents
         from madrob_console.export.pack import BagParts, pack
-        from madrob_console.pages.surroundings import Surroundings
+        from madrob_console.pages.related_runs import RelatedRuns
 
     notes: tuple[str, ...] = ()
     with Complaints() as complaints:
@@ -101,7 +101,7 @@ def export(arguments: argparse.Namespace) -> int:
     with progress("runs") as tell:
         packed = pack(
             contents,
-            partial(rendered_report, around=Surroundings()),
+            partial(rendered_report, around=RelatedRuns()),
             target=arguments.output,
             parts=BagParts(not arguments.without_bags, not arguments.without_evidence),
             tell=tell,
@@ -141,7 +141,7 @@ def check_options(arguments: argparse.Namespace) -> None:
         )
 
 
-def rendered_report(run: Path, around: Surroundings) -> tuple[dict[str, bytes], list[str]]:
+def rendered_report(run: Path, around: RelatedRuns) -> tuple[dict[str, bytes], list[str]]:
     """Render a run's report as of now, with pictures if it has none; returns files and problems.
 
     The files go into the zip only. They are named as in the run's folder.

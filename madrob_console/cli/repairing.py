@@ -13,7 +13,7 @@ from madrob_console.archive.history import History
 from madrob_console.archive.run_journal import is_held
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import OpenFolder, atomic_write, stamp_of
-from madrob_console.pages.surroundings import Surroundings, has_report, report_is_old
+from madrob_console.pages.related_runs import RelatedRuns, has_report, report_is_old
 from recorder.bag import METADATA_FILE
 
 if TYPE_CHECKING:
@@ -37,17 +37,17 @@ def repair_run(folder: Path, *, restore: bool = False) -> bool:
     if scored is None:
         return False
     if has_report(folder):
-        write_report(folder, scored, Surroundings())
+        write_report(folder, scored, RelatedRuns())
     return True
 
 
-def renew_report(folder: Path, around: Surroundings) -> None:
+def renew_report(folder: Path, around: RelatedRuns) -> None:
     from madrob_console.archive.scored import score_once
 
     write_report(folder, score_once(folder), around)
 
 
-def write_report(folder: Path, scored: Scored, around: Surroundings) -> None:
+def write_report(folder: Path, scored: Scored, around: RelatedRuns) -> None:
     from madrob_console.archive.run_pictures import renewed_pictures
     from madrob_console.common.version import software_version
     from madrob_console.pages.report import report_html
@@ -77,7 +77,7 @@ def repair_all(root: Path) -> Iterator[str]:
             if told_anew or folder in repairable or report_is_old(folder):
                 remade = repair_run(folder)
                 if told_anew and not remade and has_report(folder):  # it tells of the evidence
-                    renew_report(folder, Surroundings())
+                    renew_report(folder, RelatedRuns())
         except MadrobError as error:
             yield str(error)
     yield from renew_all(root)
@@ -88,11 +88,11 @@ def renew_all(root: Path) -> Iterator[str]:
 
     Yields what could not be remade, in words.
     """
-    around = Surroundings()
+    around = RelatedRuns()
     yield from renew_reports(around.old_reports(root), around)
 
 
-def renew_reports(folders: Iterable[Path], around: Surroundings) -> Iterator[str]:
+def renew_reports(folders: Iterable[Path], around: RelatedRuns) -> Iterator[str]:
     """Remake the reports of runs; yields what could not be remade, in words."""
     for folder in folders:
         try:

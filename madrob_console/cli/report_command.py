@@ -17,7 +17,7 @@ from madrob_console.pages import PictureFormat
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from madrob_console.pages.surroundings import Surroundings
+    from madrob_console.pages.related_runs import RelatedRuns
     from scoring.kinematics import Rows
     from scoring.protocol import Condition
     from scoring.result import Result
@@ -52,9 +52,9 @@ NamedFile: TypeAlias = tuple[Path, bytes]
 def report(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.archive.folders import all_runs_at
-        from madrob_console.pages.surroundings import Surroundings
+        from madrob_console.pages.related_runs import RelatedRuns
 
-    around = Surroundings()
+    around = RelatedRuns()
     written: set[Path] = set()
     runs = list(dict.fromkeys(run.path for run in all_runs_at(arguments.paths)))
     with Complaints() as bad:
@@ -69,7 +69,7 @@ def _make(
     pictures: PictureFormat | None,
     output: Path | None,
     written: set[Path],
-    around: Surroundings,
+    around: RelatedRuns,
 ) -> None:
     from madrob_console.common.files import atomic_write, make_folder
 
@@ -83,14 +83,14 @@ def _make(
         print(terminal_safe(str(target)))
 
 
-def _page(path: Path, output: Path | None, around: Surroundings) -> Iterator[NamedFile]:
+def _page(path: Path, output: Path | None, around: RelatedRuns) -> Iterator[NamedFile]:
     with imports_kept():
         from madrob_console.archive.folders import REPORT_FILE
         from madrob_console.archive.run_pictures import renewed_pictures, run_pictures
         from madrob_console.archive.scored import score_opened
         from madrob_console.common.version import software_version
+        from madrob_console.pages.related_runs import NOWHERE
         from madrob_console.pages.report import report_html
-        from madrob_console.pages.surroundings import NOWHERE
 
     if _published(path):
         raise MadrobError(

@@ -262,10 +262,10 @@ def _renew_reports(runs: Sequence[RunPath], bad: Complaints) -> None:
     """Remake the reports of re-issued runs; one that a console works on is left to it."""
     from madrob_console.archive.run_journal import is_held
     from madrob_console.cli.repairing import renew_all, renew_reports
-    from madrob_console.pages.surroundings import Surroundings, report_is_old
+    from madrob_console.pages.related_runs import RelatedRuns, report_is_old
 
     old = [run.path for run in runs if report_is_old(run.path)]
     free = (folder for folder in old if not is_held(folder / JOURNAL_FILE))
     others = (renew_all(results) for results in dict.fromkeys(map(results_folder_of, old)))
-    for problem in chain(renew_reports(free, Surroundings()), *others):
+    for problem in chain(renew_reports(free, RelatedRuns()), *others):
         bad.add_complaint(problem, problem.partition(":")[0])

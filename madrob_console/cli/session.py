@@ -15,7 +15,7 @@ from socket import gethostname
 from types import FrameType
 from typing import TypeAlias, assert_never
 
-from madrob_console.cli import aside, options
+from madrob_console.cli import chore_worker, options
 from madrob_console.cli.batch import named_places, site_arguments
 from madrob_console.cli.output import StoppedError
 from madrob_console.cli.score_output import result_lines
@@ -134,7 +134,7 @@ def reporting_of(
         named_places(arguments, settings),
         settings.results.command_words,
     )
-    return Reporting(aside.COMMAND, engine.config.results, lambda: engine.busy, wanted)
+    return Reporting(chore_worker.COMMAND, engine.config.results, lambda: engine.busy, wanted)
 
 
 def _evidence_plan(settings: Settings) -> EvidencePlan | None:

@@ -79,7 +79,7 @@ def tidy(arguments: argparse.Namespace) -> int:
     found = evidence_at(root, limits, now, free)
     for line in _lines(found, now):
         print(terminal_safe(line))
-    going = [one for one in found if not one.kept]
+    going = [one for one in found if not one.why_kept]
     room = sum(one.size for one in going)
     stays = format_size(sum(one.size for one in found) - room)
     then = f"{format_size(free)} free now, {format_size(free + room)} then"
@@ -119,13 +119,13 @@ def _lacking(limits: TidyLimits, free: float) -> str:
 
 def _lines(found: Sequence[RunEvidence], now: float) -> list[str]:
     rows = [
-        (one.run.folder, _age(now - one.run.started), format_size(one.size), one.kept)
+        (one.run.folder, _age(now - one.run.started), format_size(one.size), one.why_kept)
         for one in found
     ]
     longest = max((len(row[0]) for row in rows), default=0)
     return [
-        f"{folder:<{longest}}  {age:>6}  {amount:>7}  {f'stays: {kept}' if kept else 'goes'}"
-        for folder, age, amount, kept in rows
+        f"{folder:<{longest}}  {age:>6}  {amount:>7}  {f'stays: {why}' if why else 'goes'}"
+        for folder, age, amount, why in rows
     ]
 
 
@@ -136,7 +136,7 @@ def _age(seconds: float) -> str:
 def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int:
     from madrob_console.archive.evidence import remove_evidence
     from madrob_console.cli.repairing import renew_reports
-    from madrob_console.pages.surroundings import Surroundings, has_report
+    from madrob_console.pages.related_runs import RelatedRuns, has_report
 
     removed: list[RunEvidence] = []
     with Complaints() as bad:
@@ -145,7 +145,7 @@ def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int
                 remove_evidence(one, time.time())
                 removed.append(one)
         reported = filter(has_report, (one.folder for one in removed))
-        for problem in renew_reports(reported, Surroundings()):
+        for problem in renew_reports(reported, RelatedRuns()):
             bad.add_complaint(problem, problem.partition(":")[0])
     free = free_space(root)
     total = format_size(sum(one.size for one in removed))

@@ -22,7 +22,7 @@ from madrob_console.common.formatting import utc_text
 from madrob_console.common.names import REHEARSAL, SourceKind, is_rehearsal, terminal_safe
 from madrob_console.export.foxglove_layout import LAYOUT_FILE
 from madrob_console.export.zip_file import SUMS_FILE
-from madrob_console.referee.flags import FlagKind, weighty
+from madrob_console.referee.flags import FlagKind, serious
 from madrob_console.referee.run import Run
 from madrob_console.referee.run_summary import VOID, RunSummary
 from recorder.bag import METADATA_FILE
@@ -167,7 +167,7 @@ def _ended_words(run: RunSummary) -> str:
     practice = "PRACTICE" if run.practice else ""
     void = f"{VOID} ({run.reason})" if run.voided else ""
     told = (FlagKind.VOID, FlagKind.PROTEST)  # by the words before them
-    flagged = [flag.words for flag in weighty(run.flags) if flag.kind not in told]
+    flagged = [flag.words for flag in serious(run.flags) if flag.kind not in told]
     unofficial = next((told for kind, told in _UNOFFICIAL.items() if run.source == kind), practice)
     if is_rehearsal(run.competition):
         unofficial = f"{REHEARSAL} {practice}".rstrip()

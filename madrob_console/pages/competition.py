@@ -36,7 +36,7 @@ from madrob_console.referee.competition_plan import (
     Task,
     delay,
 )
-from madrob_console.referee.flags import undecided, weighty
+from madrob_console.referee.flags import serious, undecided
 from madrob_console.referee.run_summary import RunSummary, condition_words
 from scoring.indicator_table import WITH_EXTREMES, IndicatorName
 from scoring.protocol import Condition, Thresholds
@@ -230,7 +230,7 @@ def competition_standings(
         best=best,
         groups=groups,
         left_out=tuple(named(run) for run in entering if not run.valid and not run.never_ran),
-        flagged=tuple(named(run) for run in entering if run.valid and weighty(run.flags)),
+        flagged=tuple(named(run) for run in entering if run.valid and serious(run.flags)),
         provisional=sum(run.valid and not run.final for run in entering),
         protested=sum(run.valid and run.closing == "protested" for run in entering),
         open_protests=tuple(

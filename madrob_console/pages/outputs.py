@@ -38,7 +38,7 @@ from madrob_console.pages.tally import (
     subjects_text,
 )
 from madrob_console.pages.templates import NONE, render, task_text
-from madrob_console.referee.flags import weighty
+from madrob_console.referee.flags import serious
 from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Condition
@@ -142,7 +142,7 @@ def standings_document(found: CompetitionStandings, software: str) -> dict[str, 
                 "subject": run.subject,
                 "condition": run.condition,
                 "run_number": run.run_number,
-                "flags": weighty(run.flags),
+                "flags": serious(run.flags),
             }
             for run in found.flagged
         ],
@@ -262,7 +262,7 @@ def _name(tally: Tally) -> Markup:
 
 
 def flag_words(run: RunSummary) -> str:
-    return "; ".join(flag.words for flag in weighty(run.flags))
+    return "; ".join(flag.words for flag in serious(run.flags))
 
 
 def run_words(run: RunSummary) -> str:

@@ -10,7 +10,7 @@ from madrob_console.archive.history import rank
 from madrob_console.archive.scored import Scored
 from madrob_console.common.formatting import counted
 from madrob_console.pages.drawings import Scale
-from madrob_console.pages.surroundings import ComparedRun, PagePlace
+from madrob_console.pages.related_runs import ComparedRun, PagePlace
 from madrob_console.pages.templates import date_text
 from scoring.figures.run_drawings import (
     Interval,

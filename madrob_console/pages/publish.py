@@ -37,6 +37,7 @@ from madrob_console.common.files import (
 )
 from madrob_console.pages.competition import plan_json
 from madrob_console.pages.outputs import standings_csv, standings_json
+from madrob_console.pages.related_runs import RelatedRuns, team_digest, team_runs
 from madrob_console.pages.site_content import (
     PLAN,
     SiteContent,
@@ -52,7 +53,6 @@ from madrob_console.pages.site_pages import (
     plan_page,
     team_page,
 )
-from madrob_console.pages.surroundings import Surroundings, team_digest, team_runs
 from madrob_console.pages.templates import date_text
 from madrob_console.referee.run_summary import RunSummary
 
@@ -284,7 +284,7 @@ def runs_without_report(content: SiteContent) -> list[RunSummary]:
 
 def site_files(content: SiteContent) -> Iterator[SiteFile]:
     """All files, those that others link to first."""
-    around = Surroundings()
+    around = RelatedRuns()
     for run in content.with_result:
         yield from _of_run(content, run, around)
     yield from _tables(content)
@@ -298,7 +298,7 @@ def site_files(content: SiteContent) -> Iterator[SiteFile]:
     yield SiteFile(INDEX_PAGE, partial(overview_page, content, written))
 
 
-def _of_run(content: SiteContent, run: RunSummary, around: Surroundings) -> Iterator[SiteFile]:
+def _of_run(content: SiteContent, run: RunSummary, around: RelatedRuns) -> Iterator[SiteFile]:
     folder = content.source(run)
     if (page := content.places.get(run.folder)) is not None:
         sources = (RESULT_FILE, JOURNAL_FILE, f"{PICTURES_FOLDER}/{PICTURES_INDEX}")
@@ -323,7 +323,7 @@ def _ways(content: SiteContent, run: RunSummary) -> Markup:
     return links.ways(links.team(run.subject), links.condition(run.condition))
 
 
-def _report(content: SiteContent, run: RunSummary, around: Surroundings) -> bytes:
+def _report(content: SiteContent, run: RunSummary, around: RelatedRuns) -> bytes:
     """Rendered from journal and recording: anybody may have written the report in the folder."""
     # they load numpy, SciPy and matplotlib, which a site without new reports does without
     from madrob_console.archive.run_pictures import stored_pictures

@@ -20,14 +20,14 @@ from madrob_console.pages.notes import (
     unofficial_words,
 )
 from madrob_console.pages.phases import phases
-from madrob_console.pages.surroundings import NOWHERE, PagePlace
+from madrob_console.pages.related_runs import NOWHERE, PagePlace
 from madrob_console.pages.templates import NONE, render
 from madrob_console.referee.flags import (
     FlagKind,
     common_reason,
+    other_remarks,
+    serious,
     undecided,
-    untold_remarks,
-    weighty,
 )
 from madrob_console.referee.records import Reissuing
 from madrob_console.referee.run_summary import OUTCOME_WORDS, VOID, RunSummary
@@ -90,7 +90,7 @@ def report_html(
         sources=SOURCES,
         team_words=TEAM_WORDS,
         quality_columns=_QUALITY,
-        quality_remarks=untold_remarks(run, result.quality),
+        quality_remarks=other_remarks(run, result.quality),
         pictures=pictures(seen, beside=bool(place.files)),
         figures=figures(scored),
         events=_events(result, anchors(seen)),
@@ -185,7 +185,7 @@ def _top(scored: Scored) -> dict[str, object]:
     )
     told = (FlagKind.PRACTICE, FlagKind.VOID)
     others = [f for f in scored.flags if f not in waiting and f.kind not in told]
-    heavy = weighty(others)
+    heavy = serious(others)
     whole = result.ended == result.outcome_reason  # else the summary says how many steps count
     return {
         "banners": [words for words in banners if words],

@@ -35,7 +35,7 @@ from madrob_console.pages.site_drawings import (
 from madrob_console.pages.tally import counts
 from madrob_console.pages.templates import path_link, render
 from madrob_console.referee.competition_plan import PlanProgress
-from madrob_console.referee.flags import FlagKind, weighty
+from madrob_console.referee.flags import FlagKind, serious
 from madrob_console.referee.run_summary import PROTEST_OPEN, RunSummary, condition_words
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Condition, Outcome
@@ -111,7 +111,7 @@ def _task_of(number: int) -> str:
 
 def _outcome_notes(run: RunSummary) -> str:
     told = (FlagKind.VOID, FlagKind.PRACTICE, FlagKind.PROTEST)
-    words = [flag.words for flag in weighty(run.flags) if flag.kind not in told]
+    words = [flag.words for flag in serious(run.flags) if flag.kind not in told]
     if run.closing != "final" and (run.valid or run.protest_filed is not None):
         words.insert(0, _CLOSING_WORDS.get(run.closing, run.closing))
     return "; ".join(words)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from madrob_console.archive.history import rank
 from madrob_console.common.formatting import listed as first_of
-from madrob_console.referee.flags import undecided, weighty
+from madrob_console.referee.flags import serious, undecided
 from madrob_console.referee.lists import TeamName
 from madrob_console.referee.run_summary import VOID, RunSummary
 from scoring.indicator_table import IndicatorName
@@ -337,7 +337,7 @@ def _tally(
         voided += sum(run.voided for run in runs)
         protests += sum(run.protest_filed is not None for run in runs)
         valid = sorted((run for run in runs if run.valid), key=rank)
-        flagged += [run for run in valid if weighty(run.flags)]
+        flagged += [run for run in valid if serious(run.flags)]
         counted += valid[:best] if best else valid
     found = {name: aggregate_of(counted, name) for name in IndicatorName}
     doubts = {name: sum(run.doubts.get(name, 0) for run in counted) for name in IndicatorName}

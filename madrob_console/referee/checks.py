@@ -128,7 +128,7 @@ def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
     """
     if run.phase in (Phase.STOPPED, Phase.FINAL):
         run = Run()  # what was seen and let pass was for that run alone
-    found = (
+    checks = (
         *_team(readings, run.setup),
         *_plan(readings.plan, run.setup),
         *_settings(readings.usual, run.setup),
@@ -144,7 +144,7 @@ def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
         _referee(readings),
         _pose(run),
     )
-    return tuple(_waive(check, run.waivers) for check in found)
+    return tuple(_waive(check, run.waivers) for check in checks)
 
 
 def blocking(checks: Iterable[Check]) -> tuple[Check, ...]:
@@ -264,8 +264,8 @@ def _doorway(r: Readings) -> Check:
         words = "no reading of some passage sensor comes now"
         remedy = "look whether its driver runs, or set its `no_echo`"
         return Check(CheckName.DOORWAY, CheckState.NO_DATA, words, remedy=remedy)
-    found = f"something under {', '.join(r.occupied)}" if r.occupied else "sensors clear"
-    return _verdict(CheckName.DOORWAY, not r.occupied, found, "clear the doorway")
+    finding = f"something under {', '.join(r.occupied)}" if r.occupied else "sensors clear"
+    return _verdict(CheckName.DOORWAY, not r.occupied, finding, "clear the doorway")
 
 
 def _clock(r: Readings) -> Check:
@@ -403,7 +403,7 @@ class Health(Presence):
         self._window = window
         self._times: deque[float] = deque()
 
-    def seen(self, now: float) -> None:
+    def add(self, now: float) -> None:
         if self.newest is not None and now < self.newest:
             self._times.clear()  # the clock was stepped back
         self.newest = now

@@ -24,7 +24,7 @@ from typing import NamedTuple
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import format_duration, listed
 from madrob_console.common.names import terminal_safe
-from madrob_console.referee.lists import ListReader, quoted, told
+from madrob_console.referee.lists import ListReader, first_problems, quoted
 from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, Step
@@ -262,16 +262,16 @@ class PlanSource:
         """The plan now, or `before` where the file is unreadable or empty."""
         if self.file is None:
             return Plan(self.lines)
-        kept = before or Plan()
+        last = before or Plan()
         try:
-            found = read_plan(self.file, self.remedy)
+            plan = read_plan(self.file, self.remedy)
         except MadrobError as error:
-            return self._kept(kept, str(error))
-        if kept.lines and not found.lines:  # as while it is written
-            return self._kept(kept, f"plan {found.file}: it has no line")
-        return found
+            return self._as_before(last, str(error))
+        if last.lines and not plan.lines:  # as while it is written
+            return self._as_before(last, f"plan {plan.file}: it has no line")
+        return plan
 
-    def _kept(self, before: Plan, problem: str) -> Plan:
+    def _as_before(self, before: Plan, problem: str) -> Plan:
         stays = "; the plan stays as it was" if before.lines else ""
         problems = (f"{problem}{stays}",)
         return Plan(before.lines, problems, self.file_words, unusable=before.unusable)
@@ -283,9 +283,9 @@ def read_plan(path: Path, remedy: str = CORRECT_SETTINGS) -> Plan:
     reader.read()
     return Plan(
         tuple(reader.lines),
-        told(reader.problems),
+        first_problems(reader.problems),
         terminal_safe(str(path)),
-        told(reader.remarks),
+        first_problems(reader.remarks),
         reader.unusable,
     )
 
@@ -307,10 +307,10 @@ class _Reader(ListReader):
     def take_entry(self, number: int, subject: int, entry: Mapping[str, str]) -> Iterator[str]:
         """Takes a line; without a number of attempts it means one."""
         condition = condition_number(entry["condition"])
-        attempts = _ATTEMPTS.fullmatch(told := entry.get("attempts") or "1")
+        attempts = _ATTEMPTS.fullmatch(text := entry.get("attempts") or "1")
         if attempts is None:
             raise MadrobError(
-                f"attempts {quoted(told)} is no number from 1 to {MOST_ATTEMPTS}: write one"
+                f"attempts {quoted(text)} is no number from 1 to {MOST_ATTEMPTS}: write one"
             )
         if len(self.lines) == MOST_LINES:
             raise MadrobError(f"a plan has {MOST_LINES} lines at most, this one is left out")

@@ -65,16 +65,16 @@ def waiting_doubts(
         for name, sentences in one.doubts.items()
         for words in sentences
     }
-    found = {
+    waiting = {
         name: tuple(words for words in one.doubts if (name, words) not in passed)
         for name, one in indicators.items()
     }
-    return {name: sentences for name, sentences in found.items() if sentences}
+    return {name: sentences for name, sentences in waiting.items() if sentences}
 
 
-def doubted_words(found: Mapping[IndicatorName, tuple[str, ...]]) -> str:
+def doubted_words(doubts: Mapping[IndicatorName, tuple[str, ...]]) -> str:
     """The doubted indicators: `execution time, passage time`; of many the first."""
-    names = [name.words for name in found]
+    names = [name.words for name in doubts]
     more = len(names) - MOST_NAMED
     if more <= 1:
         return ", ".join(names)
@@ -167,13 +167,13 @@ def flags(
     quality: Quality = UNKNOWN_QUALITY,
     indicators: Mapping[IndicatorName, Indicator] = NO_INDICATORS,
 ) -> tuple[Flag, ...]:
-    """All flags of a run, the heaviest first.
+    """All flags of a run, the most serious first.
 
     The `steps` are empty before the stop. A `source` of None is not flagged.
     """
     # else there is nothing to decide
     counts = run.voided is None and run.outcome not in (Outcome.ABORTED, Outcome.INTERRUPTED)
-    found = (
+    unordered = (
         *(_false_starts(run.false_starts) if counts else ()),
         *(_undecided_steps(steps) if counts else ()),
         *(_doubts(run, indicators) if counts else ()),
@@ -185,8 +185,8 @@ def flags(
         *_waivers(run.waivers),
         *_other_name(run.team_reason),
     )
-    heaviest_first = sorted(found, key=lambda flag: -flag.weight.rank)
-    return tuple(replace(flag, words=_cut(flag.words)) for flag in heaviest_first)
+    most_serious_first = sorted(unordered, key=lambda flag: -flag.weight.rank)
+    return tuple(replace(flag, words=_cut(flag.words)) for flag in most_serious_first)
 
 
 _IN_THE_SAMPLES = {
@@ -195,17 +195,17 @@ _IN_THE_SAMPLES = {
     FaultKind.NO_READING: " values without a reading",
     FaultKind.SKEW: ": stamps differ from reception ",
 }
-"""What a remark on the data says where a fault has told the cause."""
+"""Words of a remark on the data whose cause a fault names already."""
 
 
-def untold_remarks(run: Run, quality: Quality) -> list[str]:
-    """Remarks on the data that no flag and no mark of the run tells, a line for each cause."""
-    told = {*run.remarks()} - {run.answer}
+def other_remarks(run: Run, quality: Quality) -> list[str]:
+    """Remarks on the data that stand in no flag and no mark of the run, a line for each cause."""
+    marks = {*run.remarks()} - {run.answer}
     causes = [_IN_THE_SAMPLES[f.kind] for f in run.faults if f.kind in _IN_THE_SAMPLES]
     left = [
         remark
         for remark in quality.remarks
-        if remark not in told
+        if remark not in marks
         and not remark.endswith(AGAINST_OPENING)
         and not remark.startswith(RECORD_LOST)
         and not any(cause in remark for cause in causes)
@@ -220,22 +220,22 @@ def merged_remarks(remarks: Sequence[str]) -> list[str]:
     return [*merged((name, words) for name, _, words in of_signals), *others]
 
 
-def common_reason(found: Mapping[IndicatorName, Indicator]) -> str:
+def common_reason(indicators: Mapping[IndicatorName, Indicator]) -> str:
     """The reason why a run has no indicator, where all have the same one; else empty."""
-    reasons = {indicator.reason for indicator in found.values()}
+    reasons = {indicator.reason for indicator in indicators.values()}
     return (reasons.pop() or "") if len(reasons) == 1 else ""
 
 
-def worst(found: Iterable[Flag]) -> FlagWeight | None:
-    return max((flag.weight for flag in found), key=lambda weight: weight.rank, default=None)
+def worst(flags: Iterable[Flag]) -> FlagWeight | None:
+    return max((flag.weight for flag in flags), key=lambda weight: weight.rank, default=None)
 
 
-def weighty(found: Iterable[Flag]) -> tuple[Flag, ...]:
-    return tuple(flag for flag in found if flag.weight is not FlagWeight.REMARK)
+def serious(flags: Iterable[Flag]) -> tuple[Flag, ...]:
+    return tuple(flag for flag in flags if flag.weight is not FlagWeight.REMARK)
 
 
-def undecided(found: Iterable[Flag]) -> tuple[Flag, ...]:
-    return tuple(flag for flag in found if flag.undecided)
+def undecided(flags: Iterable[Flag]) -> tuple[Flag, ...]:
+    return tuple(flag for flag in flags if flag.undecided)
 
 
 def _false_starts(marks: Sequence[FalseStart]) -> Iterator[Flag]:
@@ -352,9 +352,9 @@ def _recording(run: Run, quality: Quality | None) -> Iterator[Flag]:
         needed = [one for one in quality.signals if not one.signal.optional]
         silent = ((one.signal.value, _silence(one)) for one in needed)
         stepped = ((q.signal.value, "clock stepped, stamps shifted") for q in needed if q.shifted)
-        told = [*merged((name, words) for name, words in silent if words), *merged(stepped)]
-        told += [r.partition(":")[0] for r in quality.remarks if r.endswith(AGAINST_OPENING)]
-        yield from (Flag(FlagKind.FAULT, words, FlagWeight.CAUTION) for words in told)
+        faults = [*merged((name, words) for name, words in silent if words), *merged(stepped)]
+        faults += [r.partition(":")[0] for r in quality.remarks if r.endswith(AGAINST_OPENING)]
+        yield from (Flag(FlagKind.FAULT, words, FlagWeight.CAUTION) for words in faults)
     if run.faults:
         harmless = all(fault.kind not in _UNTOLD_OTHERWISE for fault in run.faults)
         weight = FlagWeight.REMARK if harmless else FlagWeight.CAUTION

@@ -97,9 +97,9 @@ def _whole_number(text: str) -> int:
     return int(text)
 
 
-def _number(found: str | float) -> float:
-    if not math.isfinite(value := float(found)):
-        raise ValueError(f"{found} is no number")
+def _number(field: str | float) -> float:
+    if not math.isfinite(value := float(field)):
+        raise ValueError(f"{field} is no number")
     return value
 
 
@@ -253,11 +253,11 @@ def up_to_date(path: Path, entries: Sequence[Entry], before: Journal | None = No
     except FileNotFoundError:
         journal.open(path)
     try:
-        known = {entry.to_json() for entry in read_journal(path)[0]}
+        written = {entry.to_json() for entry in read_journal(path)[0]}
     except OSError:
         journal.close()
         raise
-    missing = [entry for entry in entries if entry.to_json() not in known]
+    missing = [entry for entry in entries if entry.to_json() not in written]
     if journal.append(missing) < len(missing):
         journal.close()
         assert journal.refused is not None

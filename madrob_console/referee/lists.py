@@ -89,8 +89,8 @@ class ListReader(ABC):
         values = _fields(text, self._delimiter)
         subject = self._subject = subject_number(values[0])
         if len(values) > len(self._columns):
-            known = ", ".join(filter(None, self._columns))
-            raise MadrobError(f"{len(values)} values, use {known}; quote one with a separator")
+            columns = ", ".join(filter(None, self._columns))
+            raise MadrobError(f"{len(values)} values, use {columns}; quote one with a separator")
         entry = dict(zip(self._columns, values, strict=False))
         if not entry.get(self.columns[1]):
             raise MadrobError(f"subject {subject} has no {self.columns[1]}: add it")
@@ -116,10 +116,10 @@ class ListReader(ABC):
 
 def subject_number(value: str) -> int:
     """Parses a team's number; MadrobError for anything else."""
-    found = _SUBJECT.fullmatch(value)
-    if found is None:
+    match = _SUBJECT.fullmatch(value)
+    if match is None:
         raise MadrobError(f"subject {quoted(value)} is no number from 1 to 999: write one")
-    return int(found[1])
+    return int(match[1])
 
 
 def quoted(text: str) -> str:
@@ -127,7 +127,7 @@ def quoted(text: str) -> str:
     return repr(safe if len(safe) <= _SHOWN else safe[: _SHOWN - 3] + "...")
 
 
-def told(problems: list[str]) -> tuple[str, ...]:
+def first_problems(problems: list[str]) -> tuple[str, ...]:
     more = len(problems) - MOST_PROBLEMS
     if more <= 0:
         return tuple(problems)
@@ -197,11 +197,11 @@ class TeamList:
     def problem(self, setup: RunSetup) -> str | None:
         if setup.team_reason.strip() or not self.differs(setup.subject, setup.team):
             return None
-        known = self.names.get(setup.subject)
-        if known is None:
+        listed = self.names.get(setup.subject)
+        if listed is None:
             return f"subject {setup.subject} is not in the list of teams: a name needs a reason"
         return (
-            f"subject {setup.subject} is {quoted(known)} in the list of teams: another name needs"
+            f"subject {setup.subject} is {quoted(listed)} in the list of teams: another name needs"
             " a reason"
         )
 
@@ -239,18 +239,18 @@ class TeamSource:
         """The list now; what cannot be read stays as it was `before`."""
         if self.file is None:
             return TeamList(self.names)
-        kept = before or NO_TEAMS
+        last = before or NO_TEAMS
         try:
             listed = read_teams(self.file, self.remedy)
         except MadrobError as error:
-            return self._kept(kept, str(error))
-        if kept.names and not listed.names:  # as while it is written
-            return self._kept(kept, f"teams file {self.file_words}: it names no team")
+            return self._as_before(last, str(error))
+        if last.names and not listed.names:  # as while it is written
+            return self._as_before(last, f"teams file {self.file_words}: it names no team")
         if listed.unread:  # such a line may be that of a team that was known
-            listed = replace(listed, names={**kept.names, **listed.names})
+            listed = replace(listed, names={**last.names, **listed.names})
         return replace(merge_teams(self.names, listed), file=self.file_words)
 
-    def _kept(self, before: TeamList, problem: str) -> TeamList:
+    def _as_before(self, before: TeamList, problem: str) -> TeamList:
         stays = "; the list stays as it was" if before.names else ""
         return TeamList(before.names or self.names, (f"{problem}{stays}",), self.file_words)
 
@@ -259,7 +259,7 @@ def read_teams(path: Path, remedy: str = CORRECT_SETTINGS) -> TeamList:
     """Reads a teams file; MadrobError, with the `remedy`, where that fails."""
     reader = _Reader(path, "teams file", remedy)
     reader.read()
-    problems, remarks = told(reader.problems), told(reader.remarks)
+    problems, remarks = first_problems(reader.problems), first_problems(reader.remarks)
     return TeamList(reader.names, problems, unread=reader.unread, remarks=remarks)
 
 
@@ -272,7 +272,7 @@ def merge_teams(settings: Mapping[int, str], file: TeamList) -> TeamList:
         if file.names.get(subject, name) != name
     ]
     names = {**file.names, **settings}
-    return replace(file, names=names, remarks=(*file.remarks, *told(differing)))
+    return replace(file, names=names, remarks=(*file.remarks, *first_problems(differing)))
 
 
 class _Reader(ListReader):
@@ -294,13 +294,13 @@ class _Reader(ListReader):
                 f"subject {subject} is {quoted(name)} here, {quoted(self.names[subject])} in"
                 f" line {self._lines[subject]}, which counts: cut one"
             )
-        known = self._subjects.setdefault(name.casefold(), subject)
+        first = self._subjects.setdefault(name.casefold(), subject)
         self.names[subject] = name
         self._lines[subject] = number
-        if known != subject:
+        if first != subject:
             yield (
-                f"{quoted(name)} is subject {subject} here and {known} in line"
-                f" {self._lines[known]}, both count: correct one"
+                f"{quoted(name)} is subject {subject} here and {first} in line"
+                f" {self._lines[first]}, both count: correct one"
             )
         if changed := _loss(entry["team"]):
             yield f"{changed}: the team is {quoted(name)}"

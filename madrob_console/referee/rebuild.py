@@ -116,8 +116,8 @@ def after(run: Run, entry: Entry) -> Run:
         raise MadrobError(f"journal line {what}") from None
 
 
-def _time(found: float) -> float:
-    if not 0.0 <= (time := float(found)) <= _LATEST:
+def _time(field: float) -> float:
+    if not 0.0 <= (time := float(field)) <= _LATEST:
         raise ValueError(f"{time:g} is no time")
     return time
 
@@ -137,7 +137,7 @@ def _changed(run: Run, entry: Entry) -> Run:
         case Change.RUN_STOPS:
             return stop(run, Outcome(details["outcome"]), _time(details["time"]), entry.reason)
         case Change.FALSE_START | Change.ROBOT_STARTS | Change.FAULT:
-            return _with_seen(run, entry, _time(details["time"]))
+            return _with_observed(run, entry, _time(details["time"]))
         case Change.UNRECORDED | Change.EVIDENCE_RECORDED | Change.EVIDENCE_REMOVED:
             return _with_recorded(run, entry)
         case Change.REISSUED | Change.RESTORED if run.phase in (Phase.STOPPED, Phase.FINAL):
@@ -150,7 +150,7 @@ def _changed(run: Run, entry: Entry) -> Run:
             return run
 
 
-def _with_seen(run: Run, entry: Entry, at: float) -> Run:
+def _with_observed(run: Run, entry: Entry, at: float) -> Run:
     if entry.what == Change.ROBOT_STARTS:
         return replace(run, robot_start=at)
     if entry.what == Change.FALSE_START:

@@ -183,7 +183,7 @@ class TeamWord(StrEnum):
     ABSENT = "absent"
 
     @property
-    def told(self) -> str:
+    def words(self) -> str:
         """In words that follow `final`: `acknowledged by the team`."""
         return "the team was absent" if self is TeamWord.ABSENT else f"{self} by the team"
 
@@ -451,14 +451,14 @@ def numbers_in(words: str) -> tuple[float, ...]:
     return tuple(map(float, _NUMBER.findall(words)))
 
 
-def merged(told: Iterable[tuple[str, str]]) -> list[str]:
+def merged(remarks: Iterable[tuple[str, str]]) -> list[str]:
     """A line for each cause, from names of topics, each with words on it.
 
     Words that differ in nothing but numbers have one cause; the largest numbers are told. So all
     words count what is bad. What is on the same topics stands in one line.
     """
     causes: dict[str, dict[str, str]] = {}
-    for name, words in told:
+    for name, words in remarks:
         causes.setdefault(cause_of(words), {})[name] = words
     lines: dict[tuple[str, ...], list[str]] = {}
     for of in causes.values():

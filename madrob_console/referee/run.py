@@ -148,9 +148,9 @@ class Run:
         return self.corrections[0].before if self.corrections else self.setup
 
     def number_in(self, subject: int, condition: Condition) -> int | None:
-        known = [c.before for c in self.corrections] + ([self.setup] if self.setup else [])
+        setups = [c.before for c in self.corrections] + ([self.setup] if self.setup else [])
         return next(
-            (s.run_number for s in known if (s.subject, s.condition) == (subject, condition)), None
+            (s.run_number for s in setups if (s.subject, s.condition) == (subject, condition)), None
         )
 
     @property
@@ -257,8 +257,8 @@ def begin_run(run: Run) -> Run:
 def note_fault(run: Run, fault: TestbedFault) -> Run:
     """Adds a fault; one that was noted before gets its newest words."""
     same = (fault.time, fault.kind)
-    known = [one for one in run.faults if not fault.kind or (one.time, one.kind) != same]
-    return replace(run, faults=(*known, fault))
+    others = [one for one in run.faults if not fault.kind or (one.time, one.kind) != same]
+    return replace(run, faults=(*others, fault))
 
 
 def decide_false_starts(run: Run, reason: str) -> Run:

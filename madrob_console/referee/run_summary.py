@@ -49,10 +49,10 @@ class ConditionWords(NamedTuple):
 def condition_words(number: int) -> ConditionWords:
     """A condition in words; empty for a number that does not exist."""
     try:
-        found = Condition.from_number(number)
+        condition = Condition.from_number(number)
     except ScoringError:
         return ConditionWords("", "")
-    return ConditionWords(found.way, found.benchmark_type.value)
+    return ConditionWords(condition.way, condition.benchmark_type.value)
 
 
 class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
@@ -158,12 +158,12 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
     def value_words(self, name: IndicatorName) -> str:
         """`13.86? +- 0.02`, or a dash; of a run that failed the outcome instead of its time."""
-        value, known = self.values.get(name), self.uncertainties.get(name)
+        value, uncertainty = self.values.get(name), self.uncertainties.get(name)
         if value is None:
             return f"-{self.sign(name)}"
         if name is IndicatorName.EXECUTION_TIME and self.outcome is not Outcome.COMPLETED:
             return self.outcome_word
-        return quantity_text(value, known, self.sign(name))
+        return quantity_text(value, uncertainty, self.sign(name))
 
     @property
     def result_words(self) -> str:

@@ -150,7 +150,7 @@ static void end_all(void)
         if (!line[i])
             line[i] = ' ';
     line[length > 0 ? length : 0] = 0;
-    if (strstr(line, "cli.aside") && getppid() > 1)
+    if (strstr(line, "cli.chore_worker") && getppid() > 1)
         kill(-getpgid(getppid()), SIGKILL);
     kill(0, SIGKILL);
 }

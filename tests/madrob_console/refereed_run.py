@@ -451,7 +451,7 @@ def _differing(folder: Path) -> list[str]:
     torn = any(_BAG_FAILED in remark for remark in remarks)
     return [
         difference.words
-        for difference in check_run(RunPath(folder)).found
+        for difference in check_run(RunPath(folder)).differences
         if not torn or difference.what.partition(".")[0].partition("[")[0] in _NOT_OF_THE_BAG
     ]
 

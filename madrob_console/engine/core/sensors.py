@@ -109,7 +109,7 @@ class TopicWatch:
     def note_arrival(self, now: float) -> None:
         """`now` is s since the epoch."""
         self.received += 1
-        self.messages.seen(now)
+        self.messages.add(now)
 
     def receive(self, now: float, sample: Sample | None, error: str | None, angle: float) -> None:
         """Take a message, or why it cannot be read.
@@ -118,7 +118,7 @@ class TopicWatch:
         """
         self.note_arrival(now)
         if error is not None:
-            self._unreadable.seen(now)
+            self._unreadable.add(now)
             self._complaint = shorten(error, _LONGEST_WORDS, placeholder=" ...")
         if sample is None:
             return
@@ -130,7 +130,7 @@ class TopicWatch:
                 value = sample.angle if isinstance(sample, DoorSample) else sample.force
                 self._recent.add(now, value)
         else:
-            self._empty.seen(now)
+            self._empty.add(now)
             self._missing = missing
 
     def _follow_stamp(self, now: float, sample: Sample) -> None:
@@ -139,7 +139,7 @@ class TopicWatch:
             self._stamp = None
         previous, self._stamp = self._stamp, sample.time
         if sample.time == 0 or (previous is not None and sample.time <= previous):
-            self._disordered.seen(now)
+            self._disordered.add(now)
         if sample.time != 0:  # else it was never set
             self._skews.append((now, sample.time - sample.log_time))
         while self._skews and self._skews[0][0] < now - self._limits.averaging:

@@ -236,7 +236,7 @@ class Reporting:
     """Has reports, pages and zips made in the background, and the command of [results] run.
 
     Args:
-        command: the program that does it (`madrob_console.cli.aside`).
+        command: the program that does it (`madrob_console.cli.chore_worker`).
         results: the results folder.
         busy: whether a run goes on; may be asked from any thread.
         pause: before a chore is retried, s.

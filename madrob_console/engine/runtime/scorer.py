@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from madrob_console.archive.evidence import evidence_told
+from madrob_console.archive.evidence import evidence_account_of
 from madrob_console.archive.result_files import result_files
 from madrob_console.archive.scored import Scored, assess_recording, open_run
 from madrob_console.common.files import naming_folder
@@ -47,7 +47,7 @@ class ScoringDesk:
     def read(self, folder: Path) -> EarlierRun:
         opened = open_run(folder)
         recorded, data = opened.recorded, opened.assessment
-        run = replace(recorded.run, evidence=evidence_told(folder, recorded.run))
+        run = replace(recorded.run, evidence=evidence_account_of(folder, recorded.run))
         scored = rendered(Scored.of(recorded.record, run, data), data, {})
         self._keep(folder, data)
         return EarlierRun(folder, recorded.entries, scored, opened.out_of_date)

@@ -195,12 +195,12 @@ _WHY_NOT = {
 }
 
 
-def _longest(found: object) -> int:
-    match found:
+def _longest(field: object) -> int:
+    match field:
         case str():
-            return len(found)
+            return len(field)
         case dict():
-            return max(map(_longest, found.values()), default=0)
+            return max(map(_longest, field.values()), default=0)
         case list() | tuple():
-            return max(map(_longest, found), default=0)
+            return max(map(_longest, field), default=0)
     return 0

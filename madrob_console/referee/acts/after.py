@@ -30,8 +30,8 @@ class Finalise(Act):
     name = "finalise"
     phases = (Phase.STOPPED,)
     at_once = False
-    done = "the result is signed, {act.team_word.told}"
-    log = "result signed by {act.referee}, {act.team_word.told}"
+    done = "the result is signed, {act.team_word.words}"
+    log = "result signed by {act.referee}, {act.team_word.words}"
     team_word: TeamWord
     referee: str
     note: str = ""
@@ -49,10 +49,10 @@ class Finalise(Act):
         """Needs a signature, and every open question named."""
         if not self.referee.strip():
             return NAMELESS
-        found = [flag.words for flag in undecided(situation.flags)]
-        if unseen := [words for words in found if words not in self.undecided]:
+        open_questions = [flag.words for flag in undecided(situation.flags)]
+        if unseen := [words for words in open_questions if words not in self.undecided]:
             return f"decide it first, or sign it knowing so: {'; '.join(unseen)}"
-        if len(found) < len(self.undecided):
+        if len(open_questions) < len(self.undecided):
             return "what was undecided is decided by now: look again"
         return None
 
@@ -94,7 +94,7 @@ class AcceptDoubts(Act):
 
     def problem(self, situation: Situation) -> str | None:
         waiting = waiting_doubts(situation.indicators, situation.run.accepted_doubts)
-        named = [(name, words) for name, found in self.doubts.items() for words in found]
+        named = [(name, words) for name, doubts in self.doubts.items() for words in doubts]
         if not named:
             return "accepting doubts needs one that waits"
         if any(words not in waiting.get(name, ()) for name, words in named):

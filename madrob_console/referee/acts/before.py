@@ -171,5 +171,5 @@ class ZeroHandle(Act):
 
     @property
     def logged(self) -> str:
-        found = self.samples
-        return self.name if found is None else f"{self.name}: {found.mean:.3f} N, {found.scatter}"
+        rest = self.samples
+        return self.name if rest is None else f"{self.name}: {rest.mean:.3f} N, {rest.scatter}"

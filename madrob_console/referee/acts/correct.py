@@ -165,22 +165,24 @@ class TakeBack(Act):
     def problem(self, situation: Situation) -> str | None:
         """Refuses all but the last of its kind, and on a final result what does not concern it."""
         run = situation.run
-        if self._found(run) is None:
+        if self._standing(run) is None:
             return f"this {self.kind} is not the last one that stands"
         return None if _within_reach(self.kind, run) else _FINAL
 
     def apply(self, situation: Situation, at: float) -> Run:
         before = self.opened_again(situation.run, at)
-        found = self._found(before)
-        if found is None:
+        decision = self._standing(before)
+        if decision is None:
             raise ValueError(f"no {self.kind} of that time stands")
-        record = TakenBack(at, found.kind, found.time, found.words, self.reason, before.referee)
+        record = TakenBack(
+            at, decision.kind, decision.time, decision.words, self.reason, before.referee
+        )
         run = _without(before, self.kind)
         if self.kind in _CHANGES:
             run = changed(run, at)
         return replace(run, taken_back=(*run.taken_back, record))
 
-    def _found(self, run: Run) -> Decision | None:
+    def _standing(self, run: Run) -> Decision | None:
         if self.kind not in run.decided:
             return None
         last = _last_of(self.kind, run)
@@ -223,7 +225,7 @@ def _last_decided(run: Run) -> tuple[Protest, ProtestAnswer]:
         for one in run.protests
         if one.answer is not None and one.answer.end is not ProtestEnd.WITHDRAWN
     ]
-    return max(decided, key=lambda found: (found[1].time, found[0].number))
+    return max(decided, key=lambda pair: (pair[1].time, pair[0].number))
 
 
 def _without(run: Run, kind: DecisionKind) -> Run:

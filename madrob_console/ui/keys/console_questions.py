@@ -1,4 +1,4 @@
-"""What is asked that leads to no act of the referee, or to another key."""
+"""The questions before what is no act of the referee: open, copy, take over, leave."""
 
 from __future__ import annotations
 
@@ -82,12 +82,12 @@ def ask_other_name(subject: int, listed: str, typed: str) -> Ask:
         except MadrobError as error:
             return str(error)
 
-    known, why = "it is not in the list", reasons("not in the list yet", "a guest")
+    in_list, why = "it is not in the list", reasons("not in the list yet", "a guest")
     if listed:
-        known = f"it is {listed} in the list"
+        in_list = f"it is {listed} in the list"
         why = reasons("the list is wrong", "renamed since")
     return Ask(
-        f"ANOTHER NAME for subject {subject}: {known}",
+        f"ANOTHER NAME for subject {subject}: {in_list}",
         (
             Write("Name:", initial=typed or listed, missing="a name is needed"),
             Pick(

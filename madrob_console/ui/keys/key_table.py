@@ -276,10 +276,10 @@ def ask_menu(
     below = tuple(f"Not now: {', '.join(keys)}: {why}" for why, keys in reasons.items())
     pressed = {option.key: option.value or "" for option in options}
     pressed |= {each: key.name for key in direct for each in key.keys.split(",")}
-    told = [f"{key.cap} {key.help}" for key in direct]
+    hints = [f"{key.cap} {key.help}" for key in direct]
     unlisted = tuple(Option(each, "", each) for key in direct for each in key.keys.split(","))
     listed = tuple(replace(option, value=option.key) for option in options)
-    question = Pick(hint or "; ".join(told), (*listed, *unlisted), below=below)
+    question = Pick(hint or "; ".join(hints), (*listed, *unlisted), below=below)
     return Ask(title, (question,), lambda each: Press(pressed[each], each))
 
 

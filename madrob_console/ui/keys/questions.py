@@ -1,4 +1,4 @@
-"""What a dialog asks, and what a key or an answer brings about: plain data."""
+"""The types of questions, and of what a key or an answer brings about: plain data."""
 
 from __future__ import annotations
 

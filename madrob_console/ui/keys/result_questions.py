@@ -1,4 +1,4 @@
-"""What is asked before the acts on a result, protests among them."""
+"""The questions before acts on a result, protests among them."""
 
 from __future__ import annotations
 

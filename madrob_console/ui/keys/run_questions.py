@@ -1,4 +1,4 @@
-"""What is asked before the acts on a run that is prepared or goes on."""
+"""The questions before acts on a run, before its start and while it goes on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What comes from the terminal: whole keys, and clicks and drags of the mouse."""
+"""Textual's driver on our filter: whole keys, and clicks and drags of the mouse."""
 
 from __future__ import annotations
 

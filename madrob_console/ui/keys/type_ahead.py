@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from textual import events
 
 UNSEEN = 0.3
-"""What is typed so soon after a change was typed before the change could be seen, s."""
+"""Keys within this time after a change were typed before the change could be seen, s."""
 
 MISTYPED = 0.5
 """After a letter that answers nothing: what comes without such a pause is the rest of a text, s."""
@@ -18,7 +18,7 @@ QUIET = 2.0
 """The same after a key whose question did not come, s."""
 
 _ALWAYS = frozenset({"f8", "f10", "ctrl+q", "ctrl+c", "escape"})
-"""They mean the same whatever is shown, and none does harm before it is answered."""
+"""Safe keys, never ignored: each means the same on every screen, and asks before it does harm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +37,10 @@ class _Hold:
 
 
 class TypeAhead:
-    """Decides which keys are left out.
+    """Decides which keys are ignored: those typed before an unexpected change could be seen.
 
-    What a key of the referee brings about is foreseen and takes the next keys at once: `F8 1 y`
-    as fast as they can be typed. What comes by itself is not foreseen, nor what did not come.
-    `typed` tells when a key was typed, by the clock `now`, s.
+    The question that a key opens is expected and takes the next keys at once: `F8 1 y` as fast as
+    they can be typed. `typed` gives the time at which a key was typed, by the clock `now`, s.
     """
 
     def __init__(

@@ -21,9 +21,9 @@ from madrob_console.referee.flags import (
     FlagKind,
     common_reason,
     doubted_words,
+    other_remarks,
+    serious,
     undecided,
-    untold_remarks,
-    weighty,
 )
 from madrob_console.referee.records import Incident, Protest, RunSetup
 from madrob_console.referee.run import Phase, Run
@@ -76,7 +76,7 @@ class ResultHead(View):
     more = False
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        result, run, found = snapshot.result, snapshot.run, weighty(snapshot.flags)
+        result, run, found = snapshot.result, snapshot.run, serious(snapshot.flags)
         if result is None:
             return [line(_no_result(snapshot))]
         word, tone = phase_span(run, result)
@@ -110,7 +110,7 @@ def _no_result(snapshot: Snapshot) -> str:
 
 def _flags(snapshot: Snapshot) -> Iterator[Span]:
     """The flags that weigh."""
-    for flag in weighty(snapshot.flags):
+    for flag in serious(snapshot.flags):
         yield Span(flag.words, FLAG_TONES[flag.weight])
 
 
@@ -120,7 +120,7 @@ def _state(snapshot: Snapshot, result: Result, width: int, more: str) -> list[Li
     version = f"version {run.issue}" + (f" by ruleset {result.ruleset}" if other_rules else "")
     if (closure := run.closure) is not None:
         note = f" ({closure.note})" if closure.note else ""
-        text = f"{version}, signed by {closure.referee}, {closure.team_word.told}{note}"
+        text = f"{version}, signed by {closure.referee}, {closure.team_word.words}{note}"
         tone = Tone.GOOD
         if undecided(snapshot.flags):
             text, tone = f"{text}, with open questions", Tone.WARN
@@ -312,7 +312,7 @@ def _protest(one: Protest, run: Run) -> str:
 
 def recorded_lines(result: Result, run: Run, width: int) -> Iterator[Line]:
     """What is odd about the data; what was recorded beside them."""
-    for text in untold_remarks(run, result.quality):
+    for text in other_remarks(run, result.quality):
         yield from paragraph(text, width, Tone.WARN)
     if (evidence := run.evidence) is None:
         return

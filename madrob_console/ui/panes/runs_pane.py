@@ -25,7 +25,7 @@ from madrob_console.common.formatting import counted
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.pages.tally import Standing
-from madrob_console.referee.flags import undecided, weighty
+from madrob_console.referee.flags import serious, undecided
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run_summary import PROTEST_OPEN, RunSummary, condition_words
 from madrob_console.ui.cells.field import Field
@@ -381,7 +381,7 @@ def _outcome(run: RunSummary) -> Span:
         sign, tone = "P", Tone.BAD
     elif undecided(run.flags):
         sign, tone = f"{sign}!!", Tone.BAD
-    elif run.valid and weighty(run.flags):
+    elif run.valid and serious(run.flags):
         sign, tone = f"{sign}!", Tone.WARN
     word = shortened(run.outcome_word, _OUTCOME - 1 - len(sign))
     return Span(f"{word} {sign}".rstrip(), tone)
@@ -470,7 +470,7 @@ def about(run: RunSummary, name: str | None = None) -> str:
     ended = (version, run.closing, run.ruleset)
     told = (
         *(flag.words for flag in waiting),
-        *(flag.words for flag in weighty(run.flags) if flag not in waiting),
+        *(flag.words for flag in serious(run.flags) if flag not in waiting),
         f"{name}{recorded}: {task}" if name else task,
         run.outcome_word,
         *((run.never_ran or "it goes on, or it was cut off",) if run.outcome is None else ended),

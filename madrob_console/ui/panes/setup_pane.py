@@ -167,7 +167,7 @@ _SET_UP = "set up"
 class SetupPane(Vertical):
     """The set-up of the current run, or after a run a draft of the next one; Enter sets it up.
 
-    What is seen here is set up before F6 or F5 acts on it, too. `number_used` says that a start
+    Pose and start commit the form first. `number_used` says that a start
     was refused, which may have used the run's number: a later one is taken then.
     """
 

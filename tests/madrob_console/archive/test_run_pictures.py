@@ -48,8 +48,8 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.export.zip_file import is_safe_name
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.pages.camera_pictures import MOST_EMBEDDED
+from madrob_console.pages.related_runs import RelatedRuns
 from madrob_console.pages.report import report_html
-from madrob_console.pages.surroundings import Surroundings
 from madrob_console.referee.records import Protest
 from recorder.bag import RawMessage
 from tests.madrob_console.archive.frames import (
@@ -99,7 +99,7 @@ def frames_of(folder: Path) -> set[tuple[str, float | None]]:
 
 
 def page_of(folder: Path) -> str:
-    place = Surroundings().place_of(folder, scored())
+    place = RelatedRuns().place_of(folder, scored())
     return report_html(scored(), "1", place, renewed_pictures(folder, scored()))
 
 

@@ -23,7 +23,7 @@ from madrob_console.cli.repairing import repair_all
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold
 from madrob_console.pages.competition import competition_standings
-from madrob_console.pages.surroundings import made_of
+from madrob_console.pages.related_runs import made_of
 from madrob_console.referee.acts import Act, AddNote, Finalise, MarkIncident, Reissue, Rule
 from madrob_console.referee.journal import HOLD_FILE, Entry, Origin, read_journal
 from madrob_console.referee.rebuild import mark_of
@@ -226,7 +226,7 @@ def refused(folder: Path) -> str:
 def repaired(folder: Path) -> Files:
     assert list(repair_all(folder.parent)) == []
     assert summary(folder).problem is None
-    assert check_run(RunPath(folder)).found == ()
+    assert check_run(RunPath(folder)).differences == ()
     assert repair(folder) is None
     return files_of(folder)
 
@@ -362,7 +362,7 @@ def change(folder: Path, *edits: Edit) -> None:
 
 
 def found(folder: Path) -> list[str]:
-    return [difference.what for difference in check_run(RunPath(folder)).found]
+    return [difference.what for difference in check_run(RunPath(folder)).differences]
 
 
 @pytest.fixture
@@ -540,7 +540,7 @@ def test_times_counts_and_words_are_compared_to_the_last_digit_and_1e_9_is_the_b
     for factor in (1 + 0.9e-9, 1 - 0.9e-9, 1 + 1.1e-9, 1 - 1.1e-9, -1):
         (run / RESULT_FILE).write_bytes(before)
         change(run, scaled(factor))
-        (one,) = check_run(RunPath(run)).found
+        (one,) = check_run(RunPath(run)).differences
         near = abs(factor - 1) < 1e-9
         assert (one.what, one.grade) == (UNSAFETY, Grade.CLOSE if near else Grade.DIFFERS)
 
@@ -576,7 +576,7 @@ def _torn(run: Path) -> None:
 
 def _torn_and_known(run: Path) -> None:
     _torn(run)
-    (remark,) = check_run(RunPath(run)).found
+    (remark,) = check_run(RunPath(run)).differences
     change(run, lambda d: d["quality"]["remarks"].append(remark.recomputed))
     shutil.copytree(run, run.with_name("moved"))
     assert found(run.with_name("moved")) == []

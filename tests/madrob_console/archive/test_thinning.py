@@ -84,11 +84,11 @@ def put_evidence(folder: Path, number: int) -> Path:
 
 def look(root: Path, limits: TidyLimits = TidyLimits(), free: float = 0.0) -> dict[str, str]:  # noqa: B008
     """By folder why the evidence stays."""
-    return {one.run.folder: one.kept for one in evidence_at(root, limits, NOW, free)}
+    return {one.run.folder: one.why_kept for one in evidence_at(root, limits, NOW, free)}
 
 
 def the_one(root: Path) -> RunEvidence:
-    return next(one for one in evidence_at(root, TidyLimits(), NOW, 0.0) if not one.kept)
+    return next(one for one in evidence_at(root, TidyLimits(), NOW, 0.0) if not one.why_kept)
 
 
 def evidence_left(folder: Path) -> list[Path]:
@@ -189,7 +189,7 @@ def test_evidence_of_a_signed_run_stays_while_a_protest_may_come(root: Path, run
     assert signed is not None
     over = signed + 1800.0
     young = evidence_at(root, TidyLimits(older_than=-1e9), over - 60.0, 0.0)
-    (kept,) = (one.kept for one in young if one.folder == run)
+    (kept,) = (one.why_kept for one in young if one.folder == run)
     until = time.strftime("%H:%M", time.localtime(over))
     assert kept.startswith("a protest is possible until ")
     assert kept.endswith(until)
@@ -268,7 +268,7 @@ def test_lists_and_checks_find_the_run_as_it_was(
     remove_evidence(the_one(root), NOW)
     assert not evidence_left(run)
     assert History(root).refresh() == before
-    assert check_run(RunPath(run)).found == ()
+    assert check_run(RunPath(run)).differences == ()
     assert repair(run) is None
 
 

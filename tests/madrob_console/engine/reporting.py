@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from madrob_console.cli import aside
+from madrob_console.cli import chore_worker
 from madrob_console.engine.runtime.reports import EVERY_REPORT, Reporting, WantedPages
 from madrob_console.engine.runtime.supervisor import Supervisor
 from tests.watching import until
@@ -26,7 +26,7 @@ def reporting_on(
     busy: Callable[[], bool] = lambda: False,
 ) -> Iterator[Reporting]:
     """Chores that are asked for are done, until the end of the block."""
-    reporting = Reporting(aside.COMMAND, results, busy, wanted, SHORT_PAUSE)
+    reporting = Reporting(chore_worker.COMMAND, results, busy, wanted, SHORT_PAUSE)
     supervisor = Supervisor(*reporting.workers)
     try:
         yield reporting

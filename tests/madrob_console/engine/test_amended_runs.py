@@ -109,7 +109,7 @@ class Desk(Drive):
         run = self.engine.run
         told = replace(told, handle_zero=run.handle_zero, zero_samples=run.zero_samples)
         assert replace(told, journal=None) == run
-        assert check_run(RunPath(self.run_folder)).found == ()
+        assert check_run(RunPath(self.run_folder)).differences == ()
         assert self.listed.problem is None
         return True
 
@@ -230,7 +230,7 @@ def test_what_was_taken_back_is_not_kept_from_a_result_that_does_not_know_it(
     (desk.run_folder / RESULT_FILE).write_bytes(msgspec.json.encode(before))
     assert repair(desk.run_folder) is not None
     assert desk.document["quality"]["remarks"] == []
-    assert check_run(RunPath(desk.run_folder)).found == ()
+    assert check_run(RunPath(desk.run_folder)).differences == ()
 
 
 def test_the_report_tells_what_was_put_right(desk: Desk) -> None:

@@ -227,7 +227,7 @@ def test_what_waits_for_the_disk_is_done_once_it_is_there_or_refused_and_never_c
     if run.active:
         assert run.countdown_began == pytest.approx(back, abs=3 * STEP)
     else:
-        assert check_run(RunPath(hall.folder)).found == ()
+        assert check_run(RunPath(hall.folder)).differences == ()
     hall.engine.close()
 
 
@@ -301,7 +301,7 @@ def test_what_is_done_at_once_waits_for_no_disk_and_is_written_when_it_is_back(
     assert hall.told_by_journal() == replace(hall.engine.run, journal=None)
     stored = json.loads((hall.folder / "result.json").read_text())
     assert [note["text"] for note in stored["notes"]] == ["the disk hangs"]
-    assert check_run(RunPath(hall.folder)).found == ()
+    assert check_run(RunPath(hall.folder)).differences == ()
     hall.engine.close()
 
 

@@ -19,7 +19,7 @@ from madrob_console.engine.core.run_faults import RunFaults
 from madrob_console.engine.core.run_tracker import FLICKERS, MOST_NOTED
 from madrob_console.messages.message_types import Message
 from madrob_console.referee.acts import SetUp, Start, Waive, ZeroHandle
-from madrob_console.referee.flags import FlagKind, FlagWeight, undecided, weighty, worst
+from madrob_console.referee.flags import FlagKind, FlagWeight, serious, undecided, worst
 from madrob_console.referee.records import CheckName, FaultKind
 from madrob_console.referee.run import Phase
 from scoring.indicator_table import IndicatorName
@@ -207,7 +207,7 @@ def test_on_a_machine_that_stutters_no_clean_run_is_flagged(drive: FaultyDrive, 
     stutter(drive, seed)
     result, run = drive.result(), drive.engine.run
     assert result.outcome is Outcome.COMPLETED
-    assert weighty(drive.engine.snapshot().flags) == (), result.doubts
+    assert serious(drive.engine.snapshot().flags) == (), result.doubts
     kinds = [fault.kind for fault in run.faults]
     assert FaultKind.SKEW in kinds
     assert len(kinds) == len({*kinds})
@@ -234,7 +234,7 @@ def test_a_topic_that_was_silent_is_flagged_once_whatever_is_doubted(
     for topic in topics:
         drive.faulty.heal(topic)
     result = drive.result()
-    heavy = weighty(drive.engine.snapshot().flags)
+    heavy = serious(drive.engine.snapshot().flags)
     (lost,) = [flag for flag in heavy if flag.kind is FlagKind.FAULT]
     assert re.fullmatch(rf"{words}: no sample for {lasts:.0f}\.\d s", lost.words)
     assert bool(undecided(heavy)) is bool(result.doubts) is doubted

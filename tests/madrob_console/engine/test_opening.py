@@ -249,7 +249,7 @@ def test_a_timeout_that_was_declared_counts_though_the_engine_was_killed(tmp_pat
     run = drive.engine.run
     assert (run.outcome, run.outcome_reason) == (Outcome.TIMEOUT, "gave up")
     assert document(folder)["outcome"] == Outcome.TIMEOUT
-    assert check_run(RunPath(folder)).found == ()
+    assert check_run(RunPath(folder)).differences == ()
 
 
 @pytest.mark.parametrize("set_up_before", [False, True])

@@ -172,7 +172,7 @@ def test_official_and_practice_runs_lie_apart_and_have_numbers_of_their_own(
     assert [run.practice for run in runs] == [False, True, True]
     folders = {tmp_path / run.folder for run in runs}
     assert {one.path for one in runs_at(tmp_path)} == folders
-    assert [found for folder in folders for found in check_run(RunPath(folder)).found] == []
+    assert [found for folder in folders for found in check_run(RunPath(folder)).differences] == []
     tallies = [overall(runs, official=one) for one in (True, False)]
     assert [[team.counted for team in teams] for teams in tallies] == [[1], [2]]
     hall.act(SetUp(setup(2)))
@@ -195,7 +195,7 @@ def test_a_simulated_testbed_over_ros_makes_every_run_practice_and_is_in_the_bag
     assert (run.source, run.practice, run.official) == ("simulated", True, False)
     said = [one for one in Bag(hall.folder).messages() if one.topic == INFO_TOPIC]
     assert [one.data for one in said] == [SAID.data]
-    assert check_run(RunPath(hall.folder)).found == ()
+    assert check_run(RunPath(hall.folder)).differences == ()
 
 
 def test_what_is_announced_in_an_official_run_is_a_fault_of_it(
@@ -316,7 +316,7 @@ def test_a_drift_can_be_waived_for_one_run_and_is_not_asked_about_later(
     remarks = drifting.result().quality.remarks
     stored = json.loads((drifting.folder / "result.json").read_text())
     assert stored["zero_samples"] == msgspec.to_builtins(samples(drifting))  # of the run before
-    assert check_run(RunPath(drifting.folder)).found == ()
+    assert check_run(RunPath(drifting.folder)).differences == ()
     assert "check waived: handle zero: the cable was pulled" in remarks
     drifting.act(SetUp(make_setup(run_number=3)))
     assert not asked_for_a_zero(drifting)  # that run found the zero right

@@ -29,7 +29,7 @@ from madrob_console.referee.acts import (
     Start,
     Void,
 )
-from madrob_console.referee.flags import untold_remarks
+from madrob_console.referee.flags import other_remarks
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase
 from recorder.bag import RawMessage, Topic
@@ -178,7 +178,7 @@ def test_a_result_says_that_the_robot_answered_to_the_start_and_when(hall: Hall)
     assert result["quality"]["remarks"] == ["the robot answered to the start 0.031 s after it"]
     assert not result["flags"]
     scored = hall.scored()
-    assert untold_remarks(scored.run, scored.result.quality) == result["quality"]["remarks"]
+    assert other_remarks(scored.run, scored.result.quality) == result["quality"]["remarks"]
     told = [e for e in hall.published(REFEREE_EVENT_TOPIC) if e["what"] == Change.ROBOT_STARTS]
     assert [line["origin"] for line in told] == ["remote"]
     assert len(hall.recorded(ROBOT_STARTED_TOPIC)) == 3

@@ -27,8 +27,8 @@ from madrob_console.engine.requests import ExportTeam, OpenRun, Role
 from madrob_console.engine.runtime.engine_thread import LocalEngine
 from madrob_console.engine.runtime.reports import WantedPages
 from madrob_console.engine.snapshot import ExportView, Snapshot
+from madrob_console.pages.related_runs import RelatedRuns
 from madrob_console.pages.report import report_html
-from madrob_console.pages.surroundings import Surroundings
 from madrob_console.referee.acts import (
     Abort,
     ConfirmPose,
@@ -146,7 +146,7 @@ def test_report_and_pages_follow_every_result_as_madrob_report_makes_them(tmp_pa
         assert reporting.problem is None
         assert "PROTESTED" in team.read_text()
     page, scored = (drive.folder / "report.html").read_text(), score_opened(drive.folder)
-    place, seen = Surroundings().place_of(drive.folder, scored), run_pictures(drive.folder, scored)
+    place, seen = RelatedRuns().place_of(drive.folder, scored), run_pictures(drive.folder, scored)
     assert page == report_html(scored, software_version(), place, seen)
     assert "PROTESTED" in page
     assert page.count("<img ") == len(seen.files) > 0
@@ -310,7 +310,7 @@ def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_
 
 def processes_of(parent: int) -> list[str]:
     """The command lines of what makes reports for a process, zombies as well."""
-    return [line for line in children_of(parent).values() if not line or "cli.aside" in line]
+    return [line for line in children_of(parent).values() if not line or "cli.chore_worker" in line]
 
 
 def official_run(results: Path, **fields: object) -> Path:

@@ -22,15 +22,15 @@ from madrob_console.cli.report_command import report as report_command
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import software_version
 from madrob_console.pages import PictureFormat, report_pictures
-from madrob_console.pages.report import report_html
-from madrob_console.pages.signal_charts import signals_html
-from madrob_console.pages.surroundings import (
+from madrob_console.pages.related_runs import (
     NOWHERE,
     ComparedRun,
     LinkedRun,
     PagePlace,
-    Surroundings,
+    RelatedRuns,
 )
+from madrob_console.pages.report import report_html
+from madrob_console.pages.signal_charts import signals_html
 from madrob_console.referee.acts import (
     Abort,
     AddNote,
@@ -121,7 +121,7 @@ def run_of(kind: str) -> tuple[Path, Scored]:
 @cache
 def page_of(kind: str) -> str:
     folder, scored = run_of(kind)
-    return report_html(scored, place=Surroundings().place_of(folder, scored))
+    return report_html(scored, place=RelatedRuns().place_of(folder, scored))
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +149,7 @@ def test_the_page_of_any_run_is_whole_by_itself_and_has_the_numbers_of_its_resul
     kind: str,
 ) -> None:
     folder, scored = run_of(kind)
-    result, place = scored.result, Surroundings().place_of(folder, scored)
+    result, place = scored.result, RelatedRuns().place_of(folder, scored)
     text = page_of(kind)
     page = Page(text)
     assert report_html(scored, place=place) == text
@@ -617,7 +617,7 @@ def test_a_page_in_its_folder_knows_files_team_and_field(folder: Path, scored: S
         told = {"stop": run.started + 6, "steps": [] if name == "without steps" else done}
         path.write_text(json.dumps(json.loads(path.read_text()) | told))
         (path.parent / "report.html").write_text(name)
-    place = Surroundings().place_of(folder, scored)
+    place = RelatedRuns().place_of(folder, scored)
     named = {run.folder: name for name, run in BESIDE.items()}
     assert [named[one.summary.folder] for one in place.field] == ["own", "of another team"]
     assert [named[one.summary.folder] for one in place.team] == ["own", "own, another condition"]
@@ -627,14 +627,14 @@ def test_a_page_in_its_folder_knows_files_team_and_field(folder: Path, scored: S
     assert "report.html" not in place.files
     assert place.itself is not None
     for fields in ({"outcome": Outcome.TIMEOUT}, {"voided": Voiding(1.0, "wrong door", "Ada")}):
-        assert Surroundings().place_of(folder, of_run(scored, **fields)).field == ()
+        assert RelatedRuns().place_of(folder, of_run(scored, **fields)).field == ()
 
 
 def test_an_earlier_issue_that_is_damaged_costs_what_it_was_alone(tmp_path: Path) -> None:
     source, scored = run_of("reissued")
     folder = shutil.copytree(source, tmp_path / source.name)
     (folder / "result_issue_1.json").write_text("{")
-    page = Page(report_html(scored, place=Surroundings().place_of(folder, scored)))
+    page = Page(report_html(scored, place=RelatedRuns().place_of(folder, scored)))
     assert page.part("Issued again").endswith("the video shows more")
 
 
@@ -798,7 +798,7 @@ def test_the_report_made_later_is_that_of_the_run(
     folder: Path, scored: Scored, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert report(folder) == 0
-    place = Surroundings().place_of(folder, scored)
+    place = RelatedRuns().place_of(folder, scored)
     assert (folder / "report.html").read_text() == report_html(scored, software_version(), place)
     assert capsys.readouterr().out == f"{folder / 'report.html'}\n"
 

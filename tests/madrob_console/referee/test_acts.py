@@ -535,7 +535,7 @@ def test_identities_hang_on_time_and_chance_alone_as_in_rfc_9562() -> None:
 def health(*times: float) -> Health:
     found = Health()
     for time in times:
-        found.seen(time)
+        found.add(time)
     return found
 
 

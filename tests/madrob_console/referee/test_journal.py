@@ -30,7 +30,7 @@ from madrob_console.referee.flags import (
     FlagKind,
     FlagWeight,
     flags,
-    untold_remarks,
+    other_remarks,
     worst,
 )
 from madrob_console.referee.journal import Entry, Journal, Origin, read_journal, up_to_date
@@ -518,7 +518,7 @@ def test_a_remark_that_a_fault_has_told_is_not_told_again() -> None:
     others = ["door angle: 2 gaps, the longest 0.300 s", "the journal lacks 1 line"]
     each = [f"{signal.value}: {off} 0.{at} s" for at, signal in enumerate(NEEDED)]
     quality = Quality(remarks=(*each, *others))
-    assert untold_remarks(RUN, quality) == [f"all 6 topics: {off} 0.5 s", *others]
+    assert other_remarks(RUN, quality) == [f"all 6 topics: {off} 0.5 s", *others]
     run = replace(RUN, faults=(late(110.0),), false_starts=(TOUCH, ACCEPTED))
     assert run.remarks() == [
         "false start: handle_is_touched (not decided)",
@@ -526,7 +526,7 @@ def test_a_remark_that_a_fault_has_told_is_not_told_again() -> None:
         "fault at 10.0 s: all 6 topics: stamps 0.12 s late, for 1.0 s",
     ]
     told = replace(quality, remarks=(*quality.remarks, *run.remarks()))
-    assert untold_remarks(run, told) == others
+    assert other_remarks(run, told) == others
 
 
 @pytest.mark.parametrize(

@@ -156,7 +156,7 @@ class Referee:
         if doubted in self._window.wait_for(doubted, instead=word_asked):
             self.press("y", word_asked)
         self.press(word, "Note (Enter for none):")
-        self.press("Enter", f"signed by R. Eferee, {WORDS[word].told}")
+        self.press("Enter", f"signed by R. Eferee, {WORDS[word].words}")
 
     def decide(self, planned: Planned) -> None:
         """All that follows a run."""

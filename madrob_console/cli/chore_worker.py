@@ -1,4 +1,4 @@
-"""`python -m madrob_console.cli.aside [--guarded] HANDLE`: work that gives way to everything.
+"""`python -m madrob_console.cli.chore_worker [--guarded] HANDLE`: work of low priority.
 
 It does the chores that the engine at the other end of the socket with this handle asks for, one
 after the other. When the engine has ended, it does what it was asked for before. `--guarded`: what
@@ -24,7 +24,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.engine.ipc.wire import LENGTH, frame
 from madrob_console.engine.runtime.reports import Chore, ChoreKind, Finished
 
-COMMAND = (sys.executable, "-P", "-m", "madrob_console.cli.aside")
+COMMAND = (sys.executable, "-P", "-m", "madrob_console.cli.chore_worker")
 """Command line that starts a process for such work."""
 
 NICENESS = 10
@@ -110,12 +110,12 @@ def _done(chore: Chore) -> tuple[int, Sequence[Path]]:
     from madrob_console.archive.run_pictures import write_frames
     from madrob_console.cli.main import main as madrob
     from madrob_console.cli.repairing import renew_report, repair_all, without_report
-    from madrob_console.pages.surroundings import Surroundings
+    from madrob_console.pages.related_runs import RelatedRuns
 
     folder, missing = chore.place, list[Path]()
     match chore.kind:
         case ChoreKind.REPORT | ChoreKind.MISSING:
-            renew_report(folder, Surroundings())
+            renew_report(folder, RelatedRuns())
             return 0, ()
         case ChoreKind.REPAIR:
             problems: Sequence[str] = list(repair_all(folder))

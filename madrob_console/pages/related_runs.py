@@ -115,8 +115,8 @@ class PagePlace:
 NOWHERE = PagePlace()
 
 
-class Surroundings:
-    """Surroundings of runs; reads each results folder once, and each run's steps, too."""
+class RelatedRuns:
+    """The other runs that a page needs; reads each results folder and each run's steps once."""
 
     def __init__(self) -> None:
         self._runs: dict[Path, tuple[RunSummary, ...]] = {}
