@@ -19,7 +19,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted, format_size, listed
 from madrob_console.engine.ipc.engine_lock import no_state, state_folder
 from madrob_console.referee.competition_plan import PlanSource, plan_remarks
-from madrob_console.referee.evidence_account import EvidenceTopic
+from madrob_console.referee.evidence_state import EvidenceTopic
 from madrob_console.referee.lists import TeamSource
 from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
 from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes

@@ -149,8 +149,8 @@ def _evidence_client(
 ) -> EvidenceClient | None:
     if not settings.recording.topics:
         return None
+    from madrob_console.engine.runtime.evidence_orders import ListenFor
     from madrob_console.engine.runtime.evidence_process import EvidenceProcess
-    from madrob_console.engine.runtime.evidence_status import ListenFor
 
     observe = ListenFor(
         domain_id(options.ros_domain(arguments, settings), os.environ),

@@ -14,7 +14,7 @@ from madrob_console.engine.requests import PlaybackView, Role, TakeOver
 from madrob_console.referee.acts import Abort
 from madrob_console.referee.checks import Check, Freshness
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
-from madrob_console.referee.evidence_account import EvidenceStatus
+from madrob_console.referee.evidence_state import EvidenceState
 from madrob_console.referee.flags import NO_INDICATORS, Flag, flags
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.lists import NO_TEAMS, TeamList
@@ -127,50 +127,6 @@ class RecorderView:
     size: int = 0
     dropped: int = 0
     problem: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class EvidenceView:
-    """The evidence, live.
-
-    Attributes:
-        topics: how many there are.
-        byte_rate: bytes a second of what is recorded of all.
-        received, messages: of the current or last recording, bytes and how many; what waits for
-            the disk counts.
-        room: how long it can go on at the present rate, s; None = unknown, or nothing comes.
-        missing: when nothing was recorded in the current recording, in words.
-        worst: the topic that lacks most, in words.
-    """
-
-    topics: int = 0
-    byte_rate: float = 0.0
-    recording: bool = False
-    received: int = 0
-    messages: int = 0
-    room: float | None = None
-    problem: str | None = None
-    missing: str = ""
-    worst: str = ""
-
-    @classmethod
-    def of(cls, status: EvidenceStatus, start: float | None, room: float | None) -> EvidenceView:
-        """`start` of the run is in s since the epoch."""
-        over = [gap for gap in status.gaps if status.recording and gap.end is not None]
-        missing = f"missing {len(over)} times" if over else ""
-        if len(over) == 1 and start is not None:
-            missing = f"missing {over[0].since(start).words}"
-        return cls(
-            len(status.topics),
-            float(f"{status.byte_rate:.2g}"),
-            status.recording,
-            sum(one.bytes or 0 for one in status.recorded),
-            sum(one.messages for one in status.recorded),
-            room,
-            status.trouble(start),
-            missing,
-            status.worst(start),
-        )
 
 
 class Weight(StrEnum):
@@ -367,7 +323,7 @@ class Snapshot:
     result: Result | None = None
     result_source: SourceKind | None = None
     simulated: str | None = None
-    evidence: EvidenceView | None = None
+    evidence: EvidenceState | None = None
     rescoring: bool = False
     unfinished: tuple[Unfinished, ...] = ()
     opened: bool = False

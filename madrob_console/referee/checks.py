@@ -6,10 +6,11 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 
 from madrob_console.common.formatting import counted, format_duration, format_size, listed
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
-from madrob_console.referee.evidence_account import EvidenceStatus, unseen_words
+from madrob_console.referee.evidence_state import EvidenceState
 from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.records import CheckName, RunSetup, Waiver
 from madrob_console.referee.run import Phase, Run
@@ -61,23 +62,6 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True)
-class EvidenceReading:
-    """The state of the evidence recording before a run.
-
-    Attributes:
-        status: None = there is no ROS: the testbed is simulated in the engine's own process.
-        left: bytes that fit; None = unknown.
-        lasts: how long that lasts at the present rate, s; None = unknown, or nothing comes.
-        least: how long it must last, s.
-    """
-
-    status: EvidenceStatus | None
-    left: int | None
-    lasts: float | None
-    least: float
-
-
-@dataclass(frozen=True, slots=True)
 class Readings:
     """What the checks look at, in rad, N, s and bytes; None = no data now.
 
@@ -91,7 +75,8 @@ class Readings:
         skew: largest stamp - log time of the last second, with its sign.
         recorder_problem: why no run can be recorded; empty = one can; None = the disk has not
             answered.
-        evidence: None = no evidence is wanted.
+        evidence: None = there is no ROS: the testbed is simulated in the engine's own process.
+        least_evidence: how long evidence must fit, s; None = no evidence is wanted.
         least_skew: the smallest of the last second on the topic where that is largest.
         usual: the set-up of the run with the values of the settings; None = no run is set up.
         simulated_time: `/clock` - log time; None = nobody publishes it.
@@ -112,7 +97,8 @@ class Readings:
     disk_needed: int
     recorder_problem: str | None
     other_referee: str | None
-    evidence: EvidenceReading | None = None
+    evidence: EvidenceState | None = None
+    least_evidence: float | None = None
     least_skew: float | None = None
     simulated_time: float | None = None
     teams: TeamList = NO_TEAMS
@@ -140,7 +126,7 @@ def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
         _clock(readings),
         _disk(readings),
         _recorder(readings),
-        *_evidence(readings.evidence, 0.0 if run.setup is None else run.setup.timeout),
+        *_evidence(readings, run),
         _referee(readings),
         _pose(run),
     )
@@ -313,40 +299,41 @@ def _recorder(r: Readings) -> Check:
 _MAKE_ROOM = "`madrob tidy` makes room for evidence"
 
 
-def _evidence(e: EvidenceReading | None, timeout: float) -> Iterator[Check]:
-    if e is not None:
-        state, finding, remedy = _evidence_state(e, timeout)
-        yield Check(CheckName.EVIDENCE, state, finding, remedy=remedy)
+def _evidence(r: Readings, run: Run) -> Iterator[Check]:
+    if r.least_evidence is not None:
+        timeout = 0.0 if run.setup is None else run.setup.timeout
+        yield _evidence_check(r.evidence, r.least_evidence, timeout)
 
 
-def _evidence_state(e: EvidenceReading, timeout: float) -> tuple[CheckState, str, str]:
-    """State, finding and remedy."""
-    if (status := e.status) is None:
-        finding = "none: a testbed simulated in this process has no ROS topics"
-        return CheckState.OK, finding, ""
-    if status.problem is not None:
-        return CheckState.FAILED, f"evidence: {status.problem}", ""
-    if not status.ready:
-        return CheckState.NO_DATA, "the evidence's topics are not all seen yet", "wait"
-    if e.left is None:
-        return CheckState.NO_DATA, "room for evidence unknown", _LOOK
-    silent = [one.topic for one in status.topics if one.silent]
-    unseen = unseen_words(status.unseen) if status.unseen else ""
-    notes = [*filter(None, (unseen, f"{listed(silent)}: nothing comes now" if silent else ""))]
-    good = CheckState.WARNING if notes or not status.topics else CheckState.OK
-    sends = "; ".join((*notes, f"{counted(len(status.topics) - len(silent), 'topic')}, "))
-    if e.lasts is None:
-        text = f"room for {format_size(e.left)}"
-        if e.left or not e.least:
-            return good, f"{sends}{text}", ""
-        return CheckState.FAILED, f"{sends}{text}", _MAKE_ROOM
-    text = f"room for {format_duration(e.lasts)} at the rate of now"
-    if e.lasts < e.least:
-        return CheckState.FAILED, f"{text}, {format_duration(e.least)} needed", _MAKE_ROOM
-    if e.lasts < timeout:
-        run_takes = f"a run may take {format_duration(timeout)}"
-        return CheckState.WARNING, f"{sends}{text}: {run_takes}", ""
-    return good, f"{sends}{text}", ""
+def _evidence_check(evidence: EvidenceState | None, least: float, timeout: float) -> Check:
+    """`least` s must fit before a start, and should fit until the `timeout` of the run, s."""
+    check = partial(Check, CheckName.EVIDENCE)
+    if evidence is None:
+        return check(CheckState.OK, "none: a testbed simulated in this process has no ROS topics")
+    if evidence.problem is not None:
+        return check(CheckState.FAILED, f"evidence: {evidence.problem}")
+    if not evidence.ready:
+        pending = "the evidence's topics are not all discovered yet"
+        return check(CheckState.NO_DATA, pending, remedy="wait")
+    if evidence.room is None:
+        return check(CheckState.NO_DATA, "room for evidence unknown", remedy=_LOOK)
+    silent = [topic.topic for topic in evidence.topics if topic.silent]
+    notes = [*evidence.missing, *([f"{listed(silent)}: nothing comes now"] if silent else [])]
+    state = CheckState.WARNING if notes or not evidence.topics else CheckState.OK
+    topics = "; ".join((*notes, counted(len(evidence.topics) - len(silent), "topic")))
+    room, lasts = f"room for {format_size(evidence.room)}", evidence.lasts
+    if lasts is None:
+        if least and not evidence.room:
+            return check(CheckState.FAILED, f"{topics}, {room}", remedy=_MAKE_ROOM)
+        return check(state, f"{topics}, {room}")
+    room = f"room for {format_duration(lasts)} at the rate of now"
+    if lasts < least:
+        needed = f"{room}, {format_duration(least)} needed"
+        return check(CheckState.FAILED, needed, remedy=_MAKE_ROOM)
+    if lasts < timeout:
+        takes = f"a run may take {format_duration(timeout)}"
+        return check(CheckState.WARNING, f"{topics}, {room}: {takes}")
+    return check(state, f"{topics}, {room}")
 
 
 def _referee(r: Readings) -> Check:

@@ -1,13 +1,12 @@
-"""What is recorded of the evidence of a run, and what is lost of it: live, and its account."""
+"""The account of the evidence of a run: what was recorded of each topic, and what was lost."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-from madrob_console.common.formatting import counted, listed, time_of_day
-from madrob_console.referee.records import FaultKind
+from madrob_console.common.formatting import counted
 
 
 class EvidenceLoss(StrEnum):
@@ -88,83 +87,15 @@ class RecordedTopic:
         lost = f"messages are lost ({reasons})" if reasons else ""
         return ", ".join(filter(None, (lost, self.problem)))
 
-
-@dataclass(frozen=True, slots=True)
-class EvidenceTopic(RecordedTopic):
-    """One topic of the evidence, live. Times are s since the epoch.
-
-    Its counts are those of the current or last recording.
-
-    Attributes:
-        rate, byte_rate: messages and bytes a second of what is recorded.
-        publishers: how many there are.
-        kept: whether they keep messages for late joiners, so that silence is no fault.
-        silent_since: the last message of a steady topic on which nothing comes now; else null.
-        first: its first message in the file.
-    """
-
-    rate: float = 0.0
-    byte_rate: float = 0.0
-    publishers: int = 1
-    kept: bool = False
-    silent_since: float | None = None
-    first: float | None = None
-
-    @property
-    def silent(self) -> bool:
-        return not self.publishers or not (self.rate or self.kept)
-
-    def words_since(self, start: float | None) -> str:
-        """What is wrong with it, in words, live and afterwards.
-
-        Without a `start` of the run, in s since the epoch, it has the time of day.
-        """
-        since, silent = self.silent_since, ""
-        if since is not None:
-            at = time_of_day(since) if start is None else f"{since - start:+.1f} s"
-            silent = f"silent since {at}"
-        return ", ".join(filter(None, (silent, self.problem)))
-
-    def recorded(self, start: float) -> RecordedTopic:
-        """What stands in the account; `start` of the run is in s since the epoch."""
-        return RecordedTopic(
-            self.topic,
-            self.type,
-            self.messages,
-            self.bytes,
-            self.left_out,
-            self.lost,
-            self.words_since(start),
-        )
-
-    def after(self, before: EvidenceTopic) -> EvidenceTopic:
-        """With what an earlier process of the same recording counted."""
-        earlier = before.silent_since if self.first is None else None
-        lost = {
-            why: number
-            for why in EvidenceLoss
-            if (number := before.lost.get(why, 0) + self.lost.get(why, 0))
-        }
-        return replace(
-            self,
-            messages=before.messages + self.messages,
-            bytes=(before.bytes or 0) + (self.bytes or 0),
-            left_out=before.left_out + self.left_out,
-            lost=lost,
-            problem=self.problem or before.problem,
-            silent_since=self.silent_since or earlier,
-        )
-
-
-def _as_found(told: RecordedTopic, found: int) -> RecordedTopic:
-    """The topic with so many messages in the files; the others are lost, and the bytes unknown."""
-    if found == told.messages:
-        return told
-    lost = dict(told.lost)
-    if found < told.messages:
-        lost[EvidenceLoss.DISK] = lost.get(EvidenceLoss.DISK, 0) + told.messages - found
-    size = told.bytes and told.bytes * found // max(1, told.messages)
-    return replace(told, messages=found, bytes=size, lost=lost)
+    def with_count(self, number: int) -> RecordedTopic:
+        """The topic with so many messages in the files; the others are lost."""
+        if number == self.messages:
+            return self
+        lost = dict(self.lost)
+        if number < self.messages:
+            lost[EvidenceLoss.DISK] = lost.get(EvidenceLoss.DISK, 0) + self.messages - number
+        size = self.bytes and self.bytes * number // max(1, self.messages)
+        return replace(self, messages=number, bytes=size, lost=lost)
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,10 +154,12 @@ class EvidenceAccount:
 
         `counts` has type and number of messages by topic, in all files together.
         """
-        told = {one.topic: one for one in self.topics}
+        reported = {one.topic: one for one in self.topics}
         for topic, (type_name, _) in counts.items():
-            told.setdefault(topic, RecordedTopic(topic, type_name, bytes=None))
-        topics = tuple(_as_found(told[name], counts.get(name, ("", 0))[1]) for name in sorted(told))
+            reported.setdefault(topic, RecordedTopic(topic, type_name, bytes=None))
+        topics = tuple(
+            reported[name].with_count(counts.get(name, ("", 0))[1]) for name in sorted(reported)
+        )
         if all(one.bytes is not None for one in topics):
             file_bytes = None
         return EvidenceAccount(topics, (*self.problems, *problems), 0, self.gaps, file_bytes)
@@ -241,104 +174,6 @@ class EvidenceAccount:
             if words:
                 remarks.append(f"{one.topic}: {words}")
         return remarks
-
-
-@dataclass(frozen=True, slots=True)
-class EvidenceStatus:
-    """Status of the evidence; the recording is the current or last one.
-
-    Attributes:
-        ready: whether a process listens, and has had the time to find all topics.
-        topics: what comes; empty where the process has not reported lately.
-        recorded: the topics of the recording.
-        problems: what was wrong with all of the recording, in words.
-        unwritten: see `EvidenceAccount`.
-        gaps: when nothing was recorded, s since the epoch: the start of a run may still move.
-        finishing: whether one is over and not complete on disk.
-        stuck: that the disk takes nothing now, in words.
-        unseen: patterns of the settings for which nobody publishes anything.
-    """
-
-    ready: bool = False
-    topics: tuple[EvidenceTopic, ...] = ()
-    recorded: tuple[EvidenceTopic, ...] = ()
-    problems: tuple[str, ...] = ()
-    unwritten: int | None = 0
-    gaps: tuple[EvidenceGap, ...] = ()
-    recording: bool = False
-    finishing: bool = False
-    problem: str | None = None
-    stuck: str = ""
-    unseen: tuple[str, ...] = ()
-
-    @property
-    def byte_rate(self) -> float:
-        """Bytes a second of all that is recorded."""
-        return sum(topic.byte_rate for topic in self.topics)
-
-    @property
-    def gap(self) -> EvidenceGap | None:
-        last = self.gaps[-1] if self.recording and self.gaps else None
-        return None if last is None or last.end is not None else last
-
-    def trouble(self, start: float | None) -> str | None:
-        """What is wrong with all of it, in words; `start` of the run is in s since the epoch."""
-        if self.gap is None:
-            return self.problem or self.stuck or None
-        since = "" if start is None else f" since {self.gap.since(start).begin:+.1f} s"
-        return f"nothing is recorded{since}, it is starting again: {self.gap.why}"
-
-    def faults(self, start: float | None) -> Iterator[str]:
-        """What a run loses now, in words; `start` of the run is in s since the epoch.
-
-        What is missing before a run, or was never there, is a matter of the check.
-        """
-        if not (self.recording or self.finishing):
-            return
-        if (trouble := self.trouble(start)) is not None:
-            yield trouble
-            return
-        for one in self.topics:
-            if one.silent and one.messages and (words := self._words_of(one, start)):
-                yield f"{one.topic}: {words}"
-
-    def _words_of(self, topic: EvidenceTopic, start: float | None) -> str:
-        return topic.words_since(start if self.recording else None)
-
-    def worst(self, start: float | None) -> str:
-        """The topic that lacks most, a silent one before others, and how many more there are."""
-        poor = [
-            (not (wrong := self._words_of(one, start)), -one.lost_count, one.topic, wrong)
-            for one in self.topics
-        ]
-        poor = sorted(each for each in poor if each[1] or each[3])
-        if not poor:
-            return ""
-        _, lost, topic, wrong = poor[0]
-        least = "+" if self.recording and self.gaps else ""  # what comes in a gap is not counted
-        words = ", ".join(filter(None, (wrong, f"{-lost}{least} lost" if lost else "")))
-        more = f" and {len(poor) - 1} more" if len(poor) > 1 else ""
-        return f"{topic} {words}{more}"
-
-    def account_since(self, start: float) -> EvidenceAccount:
-        topics = tuple(one.recorded(start) for one in self.recorded)
-        gaps = tuple(gap.since(start) for gap in self.gaps)
-        return EvidenceAccount(topics, self.problems, self.unwritten, gaps)
-
-    @property
-    def troubles(self) -> dict[tuple[str, FaultKind], str]:
-        troubles = {
-            (topic.topic, FaultKind.EVIDENCE): words
-            for topic in self.recorded
-            if (words := topic.troubles)
-        }
-        if self.problem is not None and self.gap is None:
-            troubles["recording", FaultKind.EVIDENCE] = self.problem
-        return troubles
-
-
-def unseen_words(patterns: Sequence[str]) -> str:
-    return f"nobody publishes {listed(patterns)}"
 
 
 CUT_OFF = EvidenceAccount(

@@ -38,7 +38,8 @@ from madrob_console.engine.core.run_lines import RunLines
 from madrob_console.engine.core.run_tracker import Happening, RunTracker
 from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult, ToScore
 from madrob_console.engine.public_state import PublishedState
-from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceStatus
+from madrob_console.referee.evidence_account import EvidenceAccount
+from madrob_console.referee.evidence_state import EvidenceState
 from madrob_console.referee.flags import unrecorded_words
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
@@ -285,8 +286,8 @@ class CurrentRun:
             details = {"time": fault.time, "kind": fault.kind}
             self.note(Happening(Origin.SYSTEM, Change.FAULT, fault.text, details), now)
 
-    def note_evidence(self, status: EvidenceStatus, now: Now) -> None:
-        for words in self.state.evidence.due(status, self._start, now.time):
+    def note_evidence(self, state: EvidenceState, now: Now) -> None:
+        for words in self.state.evidence.due(state, self._start, now.time):
             self.note(Happening(Origin.SYSTEM, Change.EVIDENCE, words, {"time": now.time}), now)
 
     @property
@@ -305,8 +306,8 @@ class CurrentRun:
 
     def note_recording(self, closed: RecordingClosed, now: Now) -> None:
         self.state.missing, self.state.closing = closed.missing, False
-        if (status := now.workers.evidence) is not None:
-            self._note_account(status.account_since(self._start), now)
+        if (evidence := now.workers.evidence) is not None:
+            self._note_account(evidence.account_since(self._start), now)
         if closed.unrecorded:
             words = unrecorded_words(closed.unrecorded)
             details = {"messages": closed.unrecorded}

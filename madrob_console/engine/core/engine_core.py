@@ -183,8 +183,8 @@ class Core:
             current.count_evidence(now)
             return
         current.note_faults(self._faults(now), now)
-        if (status := now.workers.evidence) is not None:
-            current.note_evidence(status, now)
+        if (evidence := now.workers.evidence) is not None:
+            current.note_evidence(evidence, now)
 
     def _faults(self, now: Now) -> Mapping[tuple[str, FaultKind], str]:
         testbed = now.testbed

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from madrob_console.common.formatting import listed
 from madrob_console.engine.core.run_faults import FaultNotes
-from madrob_console.referee.evidence_account import EvidenceGap, EvidenceStatus
+from madrob_console.referee.evidence_state import EvidenceState
 
 PERIOD = 5.0
 """Topic faults are noted at most this often, s: many topics fail one after the other, and must not
@@ -23,45 +23,43 @@ class EvidenceNotes:
 
     def __init__(self) -> None:
         self._faults = FaultNotes()
-        self._told = -math.inf
-        self._gaps: list[EvidenceGap] = []
-        self._silent: dict[str, float] = {}
+        self._noted_at = -math.inf
+        self._before = EvidenceState()
 
-    def due(self, status: EvidenceStatus, start: float, now: float) -> list[str]:
+    def due(self, state: EvidenceState, start: float, now: float) -> list[str]:
         """What is to be noted now, in words; `start` of the run and `now` are s since the epoch."""
+        before, self._before = self._before, state
         return [
-            *self._of_gaps(status, start),
-            *self._of_silences(status, start),
-            *self._of_topics(status, now),
+            *_gaps(before, state, start),
+            *_silences(before, state, start),
+            *self._of_topics(state, now),
         ]
 
-    def _of_gaps(self, status: EvidenceStatus, start: float) -> Iterator[str]:
-        known, self._gaps = self._gaps, list(status.gaps)
-        for number, gap in enumerate(status.gaps):
-            since = gap.since(start)
-            if number >= len(known):
-                yield f"nothing is recorded since {since.begin:+.1f} s: {gap.why}"
-            if gap.end is not None and (number >= len(known) or known[number].end is None):
-                yield f"recorded again, missing {since.words}"
-
-    def _of_silences(self, status: EvidenceStatus, start: float) -> Iterator[str]:
-        known, silent = self._silent, dict[str, float]()
-        for one in status.recorded:
-            if one.silent_since is not None:
-                silent[one.topic] = one.silent_since
-        if begun := [topic for topic in silent if topic not in known]:
-            yield f"{listed(begun)}: silent since {silent[begun[0]] - start:+.1f} s"
-        if back := [topic for topic in known if topic not in silent]:
-            yield f"{listed(back)}: comes again, silent since {known[back[0]] - start:+.1f} s"
-        self._silent = silent
-
-    def _of_topics(self, status: EvidenceStatus, now: float) -> Iterator[str]:
-        if 0 <= now - self._told < PERIOD:
+    def _of_topics(self, state: EvidenceState, now: float) -> Iterator[str]:
+        if 0 <= now - self._noted_at < PERIOD:
             return
         topics: dict[str, list[str]] = {}
-        for key in self._faults.due(status.troubles, now):
-            topics.setdefault(status.troubles[key], []).append(key[0])
+        for key in self._faults.due(state.troubles, now):
+            topics.setdefault(state.troubles[key], []).append(key[0])
         if topics:
-            self._told = now
+            self._noted_at = now
         for words, names in topics.items():
             yield f"{listed(names)}: {words}"
+
+
+def _gaps(before: EvidenceState, state: EvidenceState, start: float) -> Iterator[str]:
+    earlier = {gap.begin: gap for gap in before.gaps}
+    for gap in state.gaps:
+        since, noted = gap.since(start), earlier.get(gap.begin)
+        if noted is None:
+            yield f"nothing is recorded since {since.begin:+.1f} s: {gap.why}"
+        if gap.end is not None and (noted is None or noted.end is None):
+            yield f"recorded again, missing {since.words}"
+
+
+def _silences(before: EvidenceState, state: EvidenceState, start: float) -> Iterator[str]:
+    known, silent = before.silences, state.silences
+    if begun := [topic for topic in silent if topic not in known]:
+        yield f"{listed(begun)}: silent since {silent[begun[0]] - start:+.1f} s"
+    if back := [topic for topic in known if topic not in silent]:
+        yield f"{listed(back)}: comes again, silent since {known[back[0]] - start:+.1f} s"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.snapshot import RecorderView
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
-from madrob_console.referee.evidence_account import EvidenceStatus
+from madrob_console.referee.evidence_state import EvidenceState
 from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.testbeds.source import SILENT, Announcement, Source, TopicStatus
 
@@ -73,8 +73,6 @@ class WorkerState:
         scoring: why a result is missing or late, in words; empty = all is well.
         hopeless: several tries to score failed: what comes next need not wait for the result.
         evidence: None = none is wanted, or there can be none.
-        evidence_room: bytes of evidence that can be recorded; None = unknown.
-        evidence_lasts: how long that is at its recent rate, s; None = unknown.
     """
 
     recorder: RecorderView = field(default_factory=lambda: RecorderView("closed"))
@@ -82,9 +80,7 @@ class WorkerState:
     dropped: Mapping[str, int] = field(default_factory=dict)
     scoring: str = ""
     hopeless: bool = False
-    evidence: EvidenceStatus | None = None
-    evidence_room: int | None = None
-    evidence_lasts: float | None = None
+    evidence: EvidenceState | None = None
 
 
 @dataclass(frozen=True, slots=True)

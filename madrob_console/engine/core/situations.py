@@ -9,7 +9,7 @@ from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.engine.core.now import Now
 from madrob_console.engine.core.observation import Observation
 from madrob_console.referee.acts import Situation
-from madrob_console.referee.checks import Check, EvidenceReading, Readings, preflight
+from madrob_console.referee.checks import Check, Readings, preflight
 from madrob_console.referee.records import new_run_id
 
 
@@ -44,11 +44,7 @@ class Situations:
 
     def _checks(self, now: Now) -> tuple[Check, ...]:
         sensors, config, run = self._observation.sensors, self.config, self._current.run
-        taken, testbed, workers = now.taken, now.testbed, now.workers
-        force, evidence = sensors.force(taken), None
-        if (plan := config.evidence) is not None:
-            room, lasts = workers.evidence_room, workers.evidence_lasts
-            evidence = EvidenceReading(workers.evidence, room, lasts, plan.least_room)
+        taken, testbed, force = now.taken, now.testbed, sensors.force(now.taken)
         readings = Readings(
             topic_faults=sensors.topic_faults(testbed.topics, taken),
             angle=sensors.angle(taken),
@@ -67,7 +63,8 @@ class Situations:
             disk_needed=config.disk_needed,
             recorder_problem=now.disk.problem,
             other_referee=testbed.other_referee,
-            evidence=evidence,
+            evidence=now.workers.evidence,
+            least_evidence=None if config.evidence is None else config.evidence.least_room,
             teams=now.teams,
             plan=now.plan,
             usual=None if run.setup is None else config.usual_setup(run.setup),

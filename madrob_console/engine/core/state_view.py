@@ -12,7 +12,6 @@ from madrob_console.engine.core.observation import NEWEST, Observation
 from madrob_console.engine.requests import PlaybackView
 from madrob_console.engine.snapshot import (
     DoorView,
-    EvidenceView,
     ExportView,
     LatchView,
     Snapshot,
@@ -96,9 +95,7 @@ def shown_state(  # noqa: PLR0913, PLR0917  all that there is to show
         topics=sensors.topics(testbed.topics, now.workers.dropped, taken),
         recorder=recorder,
         disk_free=now.disk.free,
-        evidence=None
-        if evidence is None
-        else EvidenceView.of(evidence, run.start, now.workers.evidence_lasts),
+        evidence=evidence,
         faults=tuple(filter(None, problems)),
         provisional=dict(observation.provisional),
         provisional_doubts=dict(observation.provisional_doubts),

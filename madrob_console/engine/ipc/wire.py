@@ -124,7 +124,7 @@ def given_up(answer: Future[T]) -> MadrobError:
     return MadrobError(NO_ANSWER) if answer.cancel() else UnsureError(UNSURE)
 
 
-VERSION = 16
+VERSION = 17
 """Version of this protocol; raised with every change that an older side would not understand."""
 
 LARGEST_REQUEST = 1_000_000
@@ -311,7 +311,7 @@ def frames(received: bytearray) -> Iterator[bytes]:
         yield data
 
 
-def frame(message: msgspec.Struct) -> bytes:
+def frame(message: object) -> bytes:
     data = _encoder.encode(message)
     return LENGTH.pack(len(data)) + data
 

@@ -1,10 +1,10 @@
-"""Evidence as the engine sees it."""
+"""The evidence recording as the engine uses it."""
 
 from __future__ import annotations
 
 import msgspec
 
-from madrob_console.referee.evidence_account import EvidenceStatus
+from madrob_console.referee.evidence_state import EvidenceState
 
 
 class EvidencePlace(msgspec.Struct, frozen=True):
@@ -26,15 +26,15 @@ class EvidencePlace(msgspec.Struct, frozen=True):
 
 
 class EvidenceClient:
-    """Records evidence beside the engine: this one none. Nothing waits; calls are the core's."""
+    """Records evidence beside the engine: this one none. The core calls it, and never waits."""
 
     @property
-    def status(self) -> EvidenceStatus | None:
+    def state(self) -> EvidenceState | None:
         """None = no evidence is wanted, or there can be none."""
         return None
 
     def warm(self) -> None:
-        """Get ready: topics shall be found before the first start."""
+        """Discover the topics before the first start."""
 
     def begin_recording(self, place: EvidencePlace) -> None:
         """It goes on until `end_recording`."""
@@ -43,10 +43,10 @@ class EvidenceClient:
         """Nothing more is recorded."""
 
     def await_account(self, limit: float) -> None:
-        """Wait until all that was recorded is counted, `limit` s at most; not for the core."""
+        """Wait until all that was recorded is in its file, `limit` s at most; not for the core."""
 
     def hold_writing(self, *, held: bool) -> None:
         """Leave the disk to scoring."""
 
     def close(self) -> None:
-        """End it; the recording gets complete by itself."""
+        """End it; its process finishes the file alone."""

@@ -1,4 +1,4 @@
-"""Evidence recorded by a process of its own: neither its load nor its end is the engine's."""
+"""Records evidence in a process of its own: its crash or its load does not affect the engine."""
 
 from __future__ import annotations
 
@@ -13,52 +13,43 @@ import msgspec
 
 from madrob_console.engine.ipc.wire import decoded
 from madrob_console.engine.runtime.evidence_client import EvidenceClient, EvidencePlace
-from madrob_console.engine.runtime.evidence_status import (
-    EvidenceNews,
-    EvidenceRecording,
-    FinishFile,
-    LeaveDisk,
-    ListenFor,
-    status_of,
-)
+from madrob_console.engine.runtime.evidence_orders import FinishFile, LeaveDisk, ListenFor
+from madrob_console.engine.runtime.evidence_recording import QUIET, EvidenceRecording
 from madrob_console.engine.runtime.supervisor import END_TIME, Worker
-from madrob_console.referee.evidence_account import EvidenceStatus
+from madrob_console.referee.evidence_state import EvidenceState
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.engine.runtime.evidence_worker")
 
-FIRST_WORD = 20.0
-"""Time of a new process until its first message, s."""
-
-NEARLY_WRITTEN = 0.1
-"""Wait of a recording's account for the last of it to be in its file, s."""
+FIRST_REPORT = 20.0
+"""Time of a new process until its first report, s."""
 
 _PERIOD = 0.25
-_told: msgspec.msgpack.Decoder[EvidenceNews] = msgspec.msgpack.Decoder(EvidenceNews)
+_reports: msgspec.msgpack.Decoder[EvidenceState] = msgspec.msgpack.Decoder(EvidenceState)
 
 
 class EvidenceProcess(Worker, EvidenceClient):
     """Has evidence recorded in a process of its own.
 
-    The process listens from `warm` on, so that all topics are found before a run, and writes into
-    the bag of a run while ordered to. One that has ended, or hangs, is started again and goes on in
-    a file of its own; the run is told and otherwise untouched.
+    The process listens from `warm` on, so that all topics are discovered before a run, and writes
+    into the bag of a run while ordered to. One that has ended, or hangs, is started again and goes
+    on in a file of its own; the run is otherwise untouched.
     """
 
     patience = 4.0
     longest = 30.0
-    status = EvidenceStatus()
+    state = EvidenceState()
 
     def __init__(self, observe: ListenFor, command: Sequence[str] = COMMAND) -> None:
         super().__init__(command)
         self._observe = observe
         self._warm = self._closed = self._held = False
         self._orders: deque[EvidencePlace | FinishFile | LeaveDisk] = deque()
-        self._counted, self._written = threading.Event(), threading.Event()
+        self._written = threading.Event()
         # Of the supervisor's thread.
         self._numbers = itertools.count(1)
         self._recording: EvidenceRecording | None = None
-        self._news: EvidenceNews | None = None
-        self._heard = 0.0
+        self._report: EvidenceState | None = None
+        self._reported = 0.0
         self._trouble = ""
 
     # ------------------------------------------------------------------ the engine's thread
@@ -68,7 +59,6 @@ class EvidenceProcess(Worker, EvidenceClient):
         self.ring()
 
     def begin_recording(self, place: EvidencePlace) -> None:
-        self._counted.clear()
         self._written.clear()
         self._orders.append(place)
         self.warm()
@@ -78,9 +68,7 @@ class EvidenceProcess(Worker, EvidenceClient):
         self.ring()
 
     def await_account(self, limit: float) -> None:
-        end = time.monotonic() + limit
-        if self._counted.wait(limit):
-            self._written.wait(min(NEARLY_WRITTEN, end - time.monotonic()))
+        self._written.wait(limit)
 
     def hold_writing(self, *, held: bool) -> None:
         self._held = held
@@ -101,10 +89,10 @@ class EvidenceProcess(Worker, EvidenceClient):
 
     @property
     def goes_on(self) -> bool:
-        return True  # its file gets complete
+        return True  # it completes its file
 
     def begin(self) -> None:
-        self._news, self._heard = None, time.monotonic() + FIRST_WORD - self.patience
+        self._report, self._reported = None, time.monotonic() + FIRST_REPORT - self.patience
         self.send(self._observe)
         if self._held:
             self.send(LeaveDisk(held=True))
@@ -121,12 +109,12 @@ class EvidenceProcess(Worker, EvidenceClient):
                     self._order(finish)
                 case LeaveDisk() as leave:
                     self._order(leave)
-        self._tell()
+        self._update_state()
         return _PERIOD
 
     def _begin(self, place: EvidencePlace) -> None:
         self._recording = EvidenceRecording(next(self._numbers), place)
-        if self._news is None:
+        if self._report is None:
             self._recording.open_gap(self._trouble or "its process was only being started")
         if self.pid is not None:
             self.send(self._recording.next_file())
@@ -136,30 +124,35 @@ class EvidenceProcess(Worker, EvidenceClient):
             self.send(order)
 
     def take(self, data: memoryview) -> None:
-        self._news, self._heard = (
-            decoded(_told, data, "a message of the process that records evidence"),
-            time.monotonic(),
-        )
+        self._report = decoded(_reports, data, "a report of the evidence process")
+        self._reported = time.monotonic()
         self._trouble = ""
-        recording = self._recording
-        if recording is not None:
-            recording.hear(self._news, self._heard)
-        self._tell()
-        if recording is not None and recording.counted:
-            self._counted.set()
-            if recording.unwritten == 0:
-                self._written.set()
+        if self._recording is not None:
+            self._recording.add_report(self._report, self._reported)
+        self._update_state()
+        if self._recording is not None and self._recording.is_written:
+            self._written.set()
 
     def lose(self, why: str) -> None:
-        self._trouble = why
+        self._trouble, self._report = why, None
         if self._recording is not None:
             self._recording.lose_process(why)
-        self._news = None
-        self._tell()
+        self._update_state()
 
     def due(self) -> float:
-        return self._heard
+        return self._reported
 
-    def _tell(self) -> None:
-        trouble = self._trouble and f"the evidence process is started again: {self._trouble}"
-        self.status = status_of(time.monotonic(), self._news, self._heard, trouble, self._recording)
+    def _update_state(self) -> None:
+        live = live_state(self._report, time.monotonic() - self._reported, self._trouble)
+        self.state = live if self._recording is None else self._recording.merged_into(live)
+
+
+def live_state(report: EvidenceState | None, silent: float, trouble: str = "") -> EvidenceState:
+    """What comes now: by the last `report`, `silent` s old, or why there is no process."""
+    if trouble:
+        return EvidenceState(problem=f"the evidence process is started again: {trouble}")
+    if report is None:
+        return EvidenceState()
+    if silent > QUIET:  # what came then says nothing of what comes now
+        return EvidenceState(problem=f"the evidence process is silent for {silent:.0f} s")
+    return report

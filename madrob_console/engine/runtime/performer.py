@@ -57,8 +57,8 @@ from madrob_console.engine.core.scored_run import RenderedResult, ToScore
 from madrob_console.engine.public_state import PublishedState
 from madrob_console.engine.runtime.disk import DiskThreads, why_not
 from madrob_console.engine.runtime.disk_watch import DiskWatch
+from madrob_console.engine.runtime.evidence_budget import EvidenceBudget
 from madrob_console.engine.runtime.evidence_client import EvidenceClient, EvidencePlace
-from madrob_console.engine.runtime.evidence_room import EvidenceRoom
 from madrob_console.engine.runtime.journal_writer import JournalLine, JournalWriter, OpenJournal
 from madrob_console.engine.runtime.recording import Recording
 from madrob_console.engine.runtime.result_writer import ResultWriter, Unwritten
@@ -115,7 +115,7 @@ class Performer:
         self._scorer = scorer
         self._evidence = evidence
         self._disk_watch = DiskWatch(config.results, disk.own)
-        self._room = EvidenceRoom(config, disk.reading)
+        self._budget = EvidenceBudget(config, disk.reading)
         self._line: JournalLine | None = None  # of the act that waits
         self._job: Future[Any] | None = None  # before its line is written
         self._opened: Recording | None = None  # until the core keeps it or gives it up
@@ -160,11 +160,9 @@ class Performer:
         place = "the run is safe on disk"
         if disk.journal_problem or disk.lines or (torn and recorded_here):
             place = "it is in memory alone: do not end the engine"
-        evidence, lasts = self._evidence.status, None
-        if self._config.evidence is not None:
-            self._room.measure_room(now)
+        evidence = self._evidence.state
         if evidence is not None:
-            lasts = self._room.lasts(disk.free, evidence.byte_rate, now)
+            evidence = self._budget.with_room(evidence, disk.free, now)
         return WorkerState(
             recorder,
             recorder_silent=self.recorder_silent,
@@ -172,8 +170,6 @@ class Performer:
             scoring=self._scorer.problem(place) or "",
             hopeless=self._scorer.hopeless,
             evidence=evidence,
-            evidence_room=self._room.left(disk.free),
-            evidence_lasts=lasts,
         )
 
     # ------------------------------------------------------------------ effects
@@ -344,12 +340,12 @@ class Performer:
         recording.add_topics(self._source.topics())
         recording.record_messages([with_fields(each, receive_ns=now_ns) for each in early])
         self._lost_before = self._lost()
-        if self._evidence.status is not None:
+        if self._evidence.state is not None:
             place = EvidencePlace(
                 str(recording.folder.absolute()),
                 now_ns,
                 time.monotonic_ns(),
-                most_bytes=self._room.budget_left,
+                most_bytes=self._budget.left,
                 least_free=self._config.disk_needed,
             )
             self._evidence.begin_recording(place)

@@ -1,4 +1,4 @@
-"""The topics of the evidence in a ROS domain: found, subscribed, taken as they are."""
+"""The topics of the evidence in a ROS domain: discovery, subscription, messages as bytes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from functools import cache, partial
 from typing import TypeVar
 
 from madrob_console.common.names import terminal_safe
-from madrob_console.referee.evidence_account import EvidenceLoss, EvidenceTopic
+from madrob_console.referee.evidence_account import EvidenceLoss
+from madrob_console.referee.evidence_state import EvidenceTopic
 from madrob_console.testbeds.evidence_choice import (
     EvidenceChoice,
     FlowMeter,
@@ -47,8 +48,8 @@ MOST_TOO_LARGE = 3
 MOST_AT_ONCE = 64
 """Messages of one topic in one take: a flood delays no other topic."""
 
-_KEPT, _KEPT_BYTES = 100, 4_000_000
-"""Messages and bytes kept of a topic for late joiners; a recording begins with them."""
+_HISTORY, _HISTORY_BYTES = 100, 4_000_000
+"""Messages and bytes remembered of a durable topic; a recording begins with them."""
 
 _TAKE_BYTES = 8_000_000
 """Bytes of one topic in one take, about: large messages are taken one by one."""
@@ -85,7 +86,7 @@ class EvidenceIntake:
         self._rate_limit = RateLimit(limit.most_rate)
         self._refusal = ""
         self._largest_seen = self._too_large = self._lost_before = 0
-        self._kept: deque[RawMessage] = deque(maxlen=_KEPT)
+        self._history: deque[RawMessage] = deque(maxlen=_HISTORY)
         self._size: int | None = None
         self._meter = FlowMeter(time.monotonic())
         self._silence = SilenceWatch(named=named)
@@ -96,11 +97,12 @@ class EvidenceIntake:
         return self._intake.topic
 
     @property
-    def kept(self) -> tuple[RawMessage, ...]:
-        return tuple(self._kept) if self._kept_for_late else ()
+    def history(self) -> list[RawMessage]:
+        """Earlier messages that its publishers keep for late joiners."""
+        return list(self._history) if self._durable else []
 
     @property
-    def _kept_for_late(self) -> bool:
+    def _durable(self) -> bool:
         topic = self.topic
         return topic is not None and topic.qos.durability is Durability.TRANSIENT_LOCAL
 
@@ -166,10 +168,10 @@ class EvidenceIntake:
 
     def _count(self, messages: Sequence[RawMessage]) -> None:
         self._meter.count(messages, time.monotonic())
-        if messages and self._kept_for_late:
-            self._kept.extend(m for m in messages if len(m.data) <= _KEPT_BYTES)
-            while sum(len(m.data) for m in self._kept) > _KEPT_BYTES:
-                self._kept.popleft()
+        if messages and self._durable:
+            self._history.extend(m for m in messages if len(m.data) <= _HISTORY_BYTES)
+            while sum(len(m.data) for m in self._history) > _HISTORY_BYTES:
+                self._history.popleft()
 
     @property
     def _lost(self) -> int:
@@ -198,7 +200,7 @@ class EvidenceIntake:
             rate=rate,
             byte_rate=byte_rate,
             publishers=self._intake.publishers,
-            kept=self._kept_for_late,
+            durable=self._durable,
             silent_since=self._silence.silent_since(self._now),
         )
 
@@ -210,7 +212,7 @@ class EvidenceIntake:
 
     def close(self) -> None:
         self._intake.close()
-        self._kept.clear()
+        self._history.clear()
 
 
 def _depth(size: int, depth: int) -> int:
@@ -288,11 +290,11 @@ class EvidenceIntakes:
                 yield taken
 
     def begin_recording(self) -> list[TakenEvidence]:
-        """Begins a recording; returns the earlier messages that are kept for late joiners."""
+        """Begins a recording; returns the earlier messages of durable topics."""
         for intake in self._intakes.values():
             intake.begin_recording()
         return [
-            TakenEvidence(intake.topic, list(intake.kept))
+            TakenEvidence(intake.topic, intake.history)
             for intake in self._intakes.values()
             if intake.topic is not None
         ]

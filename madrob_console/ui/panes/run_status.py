@@ -40,7 +40,8 @@ from scoring.procedure import UNSETTLED, StepRecord
 from scoring.protocol import Outcome
 
 if TYPE_CHECKING:
-    from madrob_console.engine.snapshot import EvidenceView, Snapshot
+    from madrob_console.engine.snapshot import Snapshot
+    from madrob_console.referee.evidence_state import EvidenceState
     from scoring.result import Result
 
 # The run's clock in large digits.
@@ -370,25 +371,27 @@ class EvidenceLine(View):
         if (evidence := snapshot.evidence) is None:
             return ()
         row = line(Span("evidence", Tone.STRONG))
-        for text, tone in _parts(evidence):
+        for text, tone in _parts(evidence, snapshot.run.start):
             if part := shortened(f"  {text}", width - width_of(row)):
                 row = (*row, Span(part, tone))
         return [row]
 
 
-def _parts(evidence: EvidenceView) -> Iterator[Span]:
-    if evidence.problem is not None:
-        yield Span(evidence.problem, Tone.BAD)
+def _parts(evidence: EvidenceState, start: float | None) -> Iterator[Span]:
+    if (trouble := evidence.trouble(start)) is not None:
+        yield Span(trouble, Tone.BAD)
     elif not evidence.topics:
         yield Span("none of its topics is there", Tone.WARN)
-    if evidence.missing:
-        yield Span(evidence.missing, Tone.WARN)
-    if evidence.room is not None:
-        yield Span(f"room for {format_duration(evidence.room)}")
-    if evidence.worst:
-        yield Span(evidence.worst, Tone.WARN)
-    if number := evidence.topics:
-        yield Span(f"{counted(number, 'topic')} {evidence.byte_rate / 1e6:.1f} MB/s")
+    if missing := evidence.missing_words(start):
+        yield Span(missing, Tone.WARN)
+    if evidence.lasts is not None:
+        yield Span(f"room for {format_duration(evidence.lasts)}")
+    if worst := evidence.worst(start):
+        yield Span(worst, Tone.WARN)
+    if number := len(evidence.topics):
+        rate = float(f"{evidence.byte_rate:.2g}")  # more digits would change all the time
+        yield Span(f"{counted(number, 'topic')} {rate / 1e6:.1f} MB/s")
     if evidence.recording:
-        size = f"{evidence.received / 1e6:.1f} MB"
-        yield Span(f"{size}, {counted(evidence.messages, 'message')}", Tone.DIM)
+        size = sum(topic.bytes or 0 for topic in evidence.recorded) / 1e6
+        messages = sum(topic.messages for topic in evidence.recorded)
+        yield Span(f"{size:.1f} MB, {counted(messages, 'message')}", Tone.DIM)

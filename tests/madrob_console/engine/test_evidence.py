@@ -14,34 +14,27 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from msgspec import structs
 
 from madrob_console.archive.evidence import settled_account
 from madrob_console.cli.repairing import repair_all
 from madrob_console.engine.core.engine_config import EvidencePlan
 from madrob_console.engine.core.engine_core import DISK_WAITS
+from madrob_console.engine.runtime.evidence_budget import STEADY_FOR
 from madrob_console.engine.runtime.evidence_client import EvidenceClient, EvidencePlace
-from madrob_console.engine.runtime.evidence_room import STEADY_FOR
-from madrob_console.engine.runtime.evidence_status import (
-    COMES_BACK,
-    EvidenceNews,
-    EvidenceRecording,
-    RecordInto,
-    status_of,
-)
-from madrob_console.engine.runtime.evidence_worker import QUEUE_BYTES, EvidenceFile
+from madrob_console.engine.runtime.evidence_file import QUEUE_BYTES, EvidenceFile, stuck_words
+from madrob_console.engine.runtime.evidence_orders import RecordInto
+from madrob_console.engine.runtime.evidence_process import live_state
+from madrob_console.engine.runtime.evidence_recording import COMES_BACK, EvidenceRecording
 from madrob_console.engine.runtime.recording import Recording
 from madrob_console.engine.runtime.testbed_engine import Engine
-from madrob_console.engine.snapshot import EvidenceView
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Start, Waive
 from madrob_console.referee.evidence_account import (
     EvidenceAccount,
     EvidenceGap,
     EvidenceLoss,
-    EvidenceStatus,
-    EvidenceTopic,
 )
+from madrob_console.referee.evidence_state import EvidenceState, EvidenceTopic
 from madrob_console.referee.journal import read_journal
 from madrob_console.referee.rebuild import Change, rebuild
 from madrob_console.referee.records import CheckName
@@ -59,6 +52,7 @@ RECORDED = EvidenceTopic(LEFT, COMES.type, 600, 120_000_000)
 MB = 1_000_000
 PLENTY = 10**12
 HOUR = 3600.0
+ALL = ("nobody publishes /camera/**",)
 KILLED = "it was ended by SIGKILL"
 
 # ------------------------------------------------- as the engine sees it
@@ -67,7 +61,7 @@ KILLED = "it was ended by SIGKILL"
 class ToldEvidence(EvidenceClient):
     """Says what a test tells it to."""
 
-    status = EvidenceStatus(ready=True, topics=(COMES,))
+    state = EvidenceState(ready=True, topics=(COMES,))
 
     def __init__(self) -> None:
         self.places: list[EvidencePlace] = []
@@ -83,14 +77,14 @@ class ToldEvidence(EvidenceClient):
 
     def await_account(self, limit: float) -> None:
         assert limit <= 0.5
-        assert not self.status.recording
+        assert not self.state.recording
         self.tell(**self.counted)
 
     def hold_writing(self, *, held: bool) -> None:
         self.held.append(held)
 
-    def tell(self, **changes: Any) -> None:  # noqa: ANN401  fields of the status
-        self.status = replace(self.status, **changes)
+    def tell(self, **changes: Any) -> None:  # noqa: ANN401  fields of the state
+        self.state = replace(self.state, **changes)
 
 
 class Watched(Drive):
@@ -209,7 +203,7 @@ def test_what_is_told_of_evidence_is_said_once_stands_in_the_result_and_doubts_n
         drive.evidence.tell(**one(start))
         drive.wait(1.0)
     assert drive.engine.snapshot().evidence.recording  # type: ignore[union-attr]
-    recorded = drive.evidence.status.recorded
+    recorded = drive.evidence.state.recorded
     drive.evidence.counted = {"recorded": tuple(replace(one, messages=613) for one in recorded)}
     drive.finish()
     assert [text.removeprefix("evidence: ") for text in drive.log()] == lines
@@ -230,7 +224,9 @@ def test_evidence_that_a_run_loses_is_a_fault_below_all_others_and_stops_no_run(
 ) -> None:
     quiet = replace(COMES, topic="/camera/quiet", rate=0.0, byte_rate=0.0)
     dead = replace(quiet, topic="/camera/dead", messages=7)
-    drive.evidence.tell(topics=(COMES, dead, quiet), unseen=("/camera/front",), problem="none")
+    drive.evidence.tell(
+        topics=(COMES, dead, quiet), missing=("nobody publishes /camera/front",), problem="none"
+    )
     drive.wait(2.5)
     assert drive.faults() == []  # before a run it is a matter of the check
     drive.evidence.tell(problem=None)
@@ -249,7 +245,7 @@ def test_evidence_that_a_run_loses_is_a_fault_below_all_others_and_stops_no_run(
     drive.evidence.tell(gaps=(EvidenceGap(start + 5.62, None, KILLED),))
     told = f"nothing is recorded since +5.6 s, it is starting again: {KILLED}"
     assert drive.faults() == [f"evidence: {told}"]
-    assert drive.engine.snapshot().evidence.problem == told  # type: ignore[union-attr]
+    assert drive.engine.snapshot().evidence.trouble(start) == told  # type: ignore[union-attr]
     drive.finish()
     before = (drive.folder / "result.json").read_bytes()
     drive.evidence.tell(problem="not complete on disk", finishing=True)
@@ -350,7 +346,6 @@ def test_evidence_that_left_the_disk_to_the_score_is_written_when_the_bag_is_clo
 NOTHING_COMES = replace(COMES, rate=0.0, byte_rate=0.0)
 FOUR = (COMES, *(EvidenceTopic(topic, "a/msg/B") for topic in ("/a", "/b", "/c")))
 TIDY = "failed: `madrob tidy` makes room for evidence: "
-ALL = ("/camera/**",)
 
 
 @pytest.mark.parametrize(
@@ -359,8 +354,8 @@ ALL = ("/camera/**",)
         ({}, 60, 0, "ok: 1 topic, room for "),
         ({}, 10, 0, f"{TIDY}room for 10 min at the rate of now, 60 min"),
         ({}, 120, 90, f"{TIDY}room for 30 min at the rate of now"),  # of earlier runs
-        ({"topics": (), "unseen": ALL}, 0, 0, f"{TIDY}nobody publishes /camera/**; 0 topics"),
-        ({"topics": (), "unseen": ALL, "ready": False}, 60, 0, "no data: wait: the evidence's"),
+        ({"topics": (), "missing": ALL}, 0, 0, f"{TIDY}nobody publishes /camera/**; 0 topics"),
+        ({"topics": (), "missing": ALL, "ready": False}, 60, 0, "no data: wait: the evidence's"),
         ({"topics": ()}, 60, 0, "warning: 0 topics, room for "),  # all are excluded
         ({"problem": "it hangs"}, 60, 0, "failed: evidence: it hangs"),
         (
@@ -374,12 +369,12 @@ ALL = ("/camera/**",)
             "warning: /a, /b and 1 more: nothing comes now; 1 topic, room for ",
         ),
         (
-            {"unseen": ("/camera/front", "/robot/**")},
+            {"missing": ("nobody publishes /camera/front, /robot/**",)},
             *(60, 0),
             "warning: nobody publishes /camera/front, /robot/**; 1 topic, room for ",
         ),
         (
-            {"topics": (), "unseen": ("/rosout",)},
+            {"topics": (), "missing": ("nobody publishes /rosout",)},
             *(60, 0),
             "warning: nobody publishes /rosout; 0 topics, room for ",
         ),
@@ -420,7 +415,7 @@ def test_the_room_does_not_jump_while_rates_begin_and_end(drive: Watched) -> Non
         drive.wait(after)
         evidence = drive.engine.snapshot().evidence
         assert evidence is not None
-        return evidence.room
+        return evidence.lasts
 
     drive.prepare(make_setup())
     free = shutil.disk_usage(drive.engine.config.results.parent).free
@@ -457,14 +452,14 @@ class Told:
         self.recording = EvidenceRecording(1, EvidencePlace("run", 0, 0, 10**9, 0))
         self.recording.next_file()
 
-    def told(self, at: float, *topics: EvidenceTopic, **news: object) -> EvidenceStatus:
+    def told(self, at: float, *topics: EvidenceTopic, **more: Any) -> EvidenceState:  # noqa: ANN401  fields
         """Its process says this of the recording."""
-        told = EvidenceNews(settled=True, topics=topics, number=1)
-        told = structs.replace(told, **news)
-        self.recording.hear(told, at)
-        return status_of(at, told, at, "", self.recording)
+        told = EvidenceState(ready=True, topics=topics, number=1, recording=True)
+        told = replace(told, **more)
+        self.recording.add_report(told, at)
+        return self.recording.merged_into(told)
 
-    def comes(self, at: float, first: dict[str, float], saved: float | None) -> EvidenceStatus:
+    def comes(self, at: float, first: dict[str, float], saved: float | None) -> EvidenceState:
         """Topics that come since then, and up to when there is something in the file."""
         return self.told(at, *(told_topic(n, first=when) for n, when in first.items()), saved=saved)
 
@@ -487,11 +482,13 @@ def run() -> Told:
 def test_what_ended_a_recording_is_told_while_it_goes_on_and_what_goes_wrong_later_for_good(
     run: Told,
 ) -> None:
-    assert run.told(1.0, failed="used up").problem == "used up"
+    used_up: dict[str, Any] = {"problem": "used up", "problems": ("used up",)}
+    assert run.told(1.0, **used_up).problem == "used up"
     run.recording.ended = 2.0
-    over = run.told(2.5, failed="used up", ended=True, finished=True)
+    over = run.told(2.5, **used_up, recording=False)
     assert (over.problem, over.problems) == (None, ("used up",))  # it holds up no next run
-    assert run.told(9.5, failed="it could not be finished", finished=True).problem is not None
+    failed: dict[str, Any] = {"problem": "torn", "problems": ("torn",), "recording": False}
+    assert run.told(9.5, **failed).problem is not None
 
 
 @pytest.mark.parametrize(
@@ -511,8 +508,8 @@ def test_what_a_process_had_on_its_way_is_known_only_if_it_has_counted_all(
         run.is_killed()
     run.recording.ended = 14.0
     if spoil != "silent":
-        run.told(14.1, told_topic(), ended=True)
-    account = status_of(14.5, None, 14.1, "", run.recording).account_since(0.0)
+        run.told(14.1, told_topic(), recording=False, finishing=True)
+    account = run.recording.merged_into(EvidenceState()).account_since(0.0)
     assert account.unwritten == unwritten
     assert problem in "".join(account.problems)
     assert account.words.endswith("not known how many of them are on disk") is (unwritten is None)
@@ -522,19 +519,17 @@ def test_what_was_told_before_a_process_fell_silent_is_not_told_as_what_comes_no
     run: Told,
 ) -> None:
     fresh = run.told(1.0, told_topic())
-    old = status_of(4.0, EvidenceNews(settled=True, topics=(told_topic(),)), 1.0, "", run.recording)
+    old = run.recording.merged_into(live_state(fresh, 3.0))
     assert old.problem == "the evidence process is silent for 3 s"
     assert (fresh.byte_rate, old.topics, old.byte_rate, old.ready) == (1e6, (), 0, False)
     assert old.recorded == fresh.recorded
 
 
 def test_a_disk_that_takes_nothing_is_told_beside_what_still_comes(run: Told) -> None:
-    assert run.told(1.0, told_topic(), unsynced=1.0, queued=3 * MB).trouble(0.0) is None
-    status = run.told(1.0, told_topic(), unsynced=9.8, queued=31_400_000)
+    assert run.told(1.0, told_topic(), stuck=stuck_words(1.0, 3 * MB)).trouble(0.0) is None
+    status = run.told(1.0, told_topic(), stuck=stuck_words(9.8, 31_400_000))
     assert status.trouble(0.0) == "the disk has taken nothing for 10 s, 31.4 MB wait in memory"
     assert status.problem is None  # it may take all of it yet
-    run.recording.ended = 2.0
-    assert run.told(2.0, told_topic(), unsynced=9.8).trouble(0.0) is None
 
 
 @pytest.mark.parametrize(
@@ -552,33 +547,31 @@ def test_the_same_is_told_of_a_topic_live_and_in_the_account(
     run: Told, told: EvidenceTopic, worst: str, remark: str
 ) -> None:
     status = run.told(40.0, told)
-    assert EvidenceView.of(status, 10.0, None).worst == (worst and f"{LEFT} {worst}")
+    assert status.worst(10.0) == (worst and f"{LEFT} {worst}")
     account = status.account_since(10.0)
     assert account.remarks() == ([f"{LEFT}: {remark}"] if remark else [])
     run.recording.ended = 41.0
-    run.told(41.1, told, ended=True)
-    after = run.told(60.0, told_topic(LEFT, 45.0), ended=True)
+    run.told(41.1, told, recording=False)
+    after = run.told(60.0, told_topic(LEFT, 45.0), recording=False)
     assert after.account_since(10.0) == account  # what comes after the recording is none of it
 
 
 def test_of_several_topics_the_worst_is_told_a_silent_one_before_others(run: Told) -> None:
     losing = [told_topic(f"/c{n}", lost={EvidenceLoss.BEHIND: n}) for n in range(9)]
-    assert EvidenceView.of(run.told(1.0, *losing), 0.0, None).worst == "/c8 8 lost and 7 more"
-    worst = EvidenceView.of(run.told(1.0, *losing, told_topic("/hall", 0.5)), 0.0, None).worst
+    assert run.told(1.0, *losing).worst(0.0) == "/c8 8 lost and 7 more"
+    worst = run.told(1.0, *losing, told_topic("/hall", 0.5)).worst(0.0)
     assert worst == "/hall silent since +0.5 s and 8 more"
 
 
 def test_what_all_processes_counted_is_in_the_account(run: Told) -> None:
     lost = {EvidenceLoss.BEHIND: 2}
-    run.told(20.0, told_topic(LEFT, 13.9, messages=10, bytes=100, lost=lost), size=1000)
+    run.told(20.0, told_topic(LEFT, 13.9, messages=10, bytes=100, lost=lost))
     run.is_killed()
     news: dict[str, Any] = {"messages": 5, "bytes": 50, "left_out": 1, "lost": lost}
-    both = run.told(23.0, told_topic(**news), size=600)
+    both = run.told(23.0, told_topic(**news))
     (one,) = both.recorded
     assert (one.messages, one.bytes, one.left_out, one.lost) == (15, 150, 1, {"behind": 4})
     assert one.silent_since == 13.9  # until something comes of it again
-    view = EvidenceView.of(both, 0.0, None)
-    assert (view.received, view.messages) == (150, 15)
     assert run.told(26.0, told_topic(first=25.2, **news)).recorded[0].silent_since is None
 
 
@@ -587,13 +580,13 @@ def test_what_nobody_published_stands_in_the_account_and_a_dead_topic_is_silent(
         EvidenceTopic("/camera/live", "a/msg/B", rate=30.0, byte_rate=6e6),
         EvidenceTopic("/camera/dead", "a/msg/B", 4, publishers=0, silent_since=0.2),
         EvidenceTopic("/camera/dead_before", "a/msg/B", publishers=0, silent_since=-9.0),
-        EvidenceTopic("/tf_static", "a/msg/C", kept=True),
-        EvidenceTopic("/map", "a/msg/C", publishers=0, kept=True),
+        EvidenceTopic("/tf_static", "a/msg/C", durable=True),
+        EvidenceTopic("/map", "a/msg/C", publishers=0, durable=True),
     )
-    unseen = ("/camera/front", "/robot/a")
-    begun = run.told(0.5, *topics, unseen=unseen, settled=False)
+    missing = ("nobody publishes /camera/front, /robot/a",)
+    begun = run.told(0.5, *topics, missing=missing, ready=False)
     assert begun.problems == ()  # it has only begun to look
-    status = run.told(1.0, *topics, unseen=unseen)
+    status = run.told(1.0, *topics, missing=missing)
     silent = [one.topic for one in status.topics if one.silent]
     assert silent == ["/camera/dead", "/camera/dead_before", "/map"]
     assert status.problems == ("nobody publishes /camera/front, /robot/a",)
@@ -615,7 +608,7 @@ def test_a_gap_lasts_from_what_is_in_the_file_until_all_that_came_is_back(run: T
     back = run.comes(9.0, {"/left": 8.2, "/right": 8.75}, saved=None)
     assert (back.gap, back.trouble(1.0)) == (None, None)
     assert back.gaps == (EvidenceGap(5.62, 8.75, KILLED),)
-    assert EvidenceView.of(back, 1.0, None).missing == "missing from +4.6 s to +7.8 s"
+    assert back.missing_words(1.0) == "missing from +4.6 s to +7.8 s"
 
 
 def test_a_gap_ends_without_what_never_comes_back_and_with_the_recording(run: Told) -> None:
@@ -626,7 +619,7 @@ def test_a_gap_ends_without_what_never_comes_back_and_with_the_recording(run: To
     assert later.gaps == (EvidenceGap(5.6, 7.0, KILLED),)
     run.is_killed()
     run.recording.ended = 20.0
-    account = status_of(20.0, None, 0.0, "", run.recording).account_since(0.0)
+    account = run.recording.merged_into(EvidenceState()).account_since(0.0)
     assert account.gaps[1].words == "from +10.0 s to the end"
 
 
@@ -656,23 +649,27 @@ class Written:
             self.file.record(TakenEvidence(CAMERA, [message]))
 
     @property
-    def news(self) -> EvidenceNews:
+    def state(self) -> EvidenceState:
         self.file.advance()
-        return self.file.told(EvidenceNews(topics=(EvidenceTopic(LEFT, CAMERA.type),)))
+        return self.file.with_counts(EvidenceState(topics=(EvidenceTopic(LEFT, CAMERA.type),)))
+
+    @property
+    def failed(self) -> str:
+        return "".join(self.state.problems)
 
     @property
     def topic(self) -> EvidenceTopic:
-        return self.news.topics[0]
+        return self.state.topics[0]
 
     def hold(self) -> None:
         """Once the file is there nothing more of it is written."""
-        until(lambda: self.news.size)
+        until(lambda: self.file.stats.file_bytes)
         self.file.hold_writing(held=True)
 
     def end(self) -> None:
         self.file.hold_writing(held=False)
         self.file.end()
-        until(lambda: self.news.finished)
+        until(lambda: self.file.finished)
 
 
 @contextmanager
@@ -701,16 +698,17 @@ def test_nothing_is_written_while_the_score_needs_the_disk_and_all_of_it_then(
 ) -> None:
     with written(folder) as run:
         run.hold()
-        before = run.news.size
+        before = run.file.stats.file_bytes
         run.take(*range(20))
-        until(lambda: run.news.unsynced > 1)  # who looks sees that nothing is taken
-        assert (run.news.size, run.news.unwritten) == (before, 20)
-        assert run.news.queued > 2 * MB
+        until(lambda: run.state.stuck)  # who looks sees that nothing is taken
+        assert (run.file.stats.file_bytes, run.state.unwritten) == (before, 20)
+        assert run.file.stats.queued_bytes > 2 * MB
         run.file.end()
-        assert run.news.ended
-        assert run.news.unwritten == 20  # told until it is in the file
+        assert not run.state.recording
+        assert run.state.stuck == ""  # it is waited for
+        assert run.state.unwritten == 20  # told until it is in the file
     assert run.topic.messages == 20
-    assert (run.news.unwritten, run.news.failed) == (0, "")
+    assert (run.state.unwritten, run.failed) == (0, "")
 
 
 def test_memory_is_bounded_and_what_finds_no_room_is_counted(folder: Path) -> None:
@@ -722,11 +720,11 @@ def test_memory_is_bounded_and_what_finds_no_room_is_counted(folder: Path) -> No
         ):  # what is being written goes on for a while
             run.take(*range(100))
             came += 100
-            assert run.news.queued <= 3 * MB
+            assert run.file.stats.queued_bytes <= 3 * MB
         assert run.topic.messages + run.topic.lost[EvidenceLoss.BEHIND] == came
     assert list(run.topic.lost) == [EvidenceLoss.BEHIND]
     assert run.topic.messages > 20
-    assert run.news.failed == ""
+    assert run.failed == ""
 
 
 @pytest.mark.parametrize("size", [2_000, 100_000, 2_500_000])
@@ -742,11 +740,11 @@ def test_evidence_that_fills_the_disk_stops_before_the_room_of_the_score(
         os, "fstatvfs", lambda _fd: SimpleNamespace(f_bavail=max(0, free()), f_frsize=1)
     )
     with written(folder, free=keeps) as run:
-        while not run.news.failed:
-            if run.news.queued < MB:
+        while not run.failed:
+            if run.file.stats.queued_bytes < MB:
                 run.take(*range(max(1, MB // (10 * size))), size=size)
-    assert run.news.failed.startswith("no more evidence is recorded: ")
-    assert "MB free, the score keeps 5.0 MB for itself; make room by" in run.news.failed
+    assert run.failed.startswith("no more evidence is recorded: ")
+    assert "MB free, the score keeps 5.0 MB for itself; make room by" in run.failed
     assert keeps < free() < keeps + 3 * MB + size
 
 
@@ -762,7 +760,7 @@ def test_a_folder_that_takes_no_file_ends_the_evidence_and_nothing_else(folder: 
     taken.touch()
     run = Written(folder, PLENTY, 0)
     run.take(0)
-    assert "exists already" in until(lambda: run.news.failed)
+    assert "exists already" in until(lambda: run.failed)
     assert (run.topic.messages, run.topic.lost) == (0, {EvidenceLoss.DISK: 1})
     run.end()
     assert taken.stat().st_size == 0
@@ -773,9 +771,9 @@ def test_what_the_disk_refuses_after_the_end_was_never_told_as_written(folder: P
         run.hold()
         run.take(*range(25))
         run.file.end()
-        told = EvidenceAccount((run.topic.recorded(0.0),), unwritten=run.news.unwritten)
+        told = EvidenceAccount((run.topic.recorded(0.0),), unwritten=run.state.unwritten)
     assert told.unwritten == 25
-    assert run.news.failed == "the budget is used up: raise `recording.budget`"
+    assert run.failed == "the budget is used up: raise `recording.budget`"
     account = settled_account(folder, told)
     assert account is not None
     in_file = published(folder)

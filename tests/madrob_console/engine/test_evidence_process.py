@@ -19,15 +19,14 @@ from rosbags.highlevel import AnyReader
 from madrob_console.archive.evidence import repair_evidence, settled_account
 from madrob_console.common.clock import NS
 from madrob_console.engine.runtime.evidence_client import EvidencePlace
+from madrob_console.engine.runtime.evidence_orders import ListenFor
 from madrob_console.engine.runtime.evidence_process import COMMAND, EvidenceProcess
-from madrob_console.engine.runtime.evidence_status import ListenFor
 from madrob_console.engine.runtime.supervisor import Supervisor
 from madrob_console.referee.evidence_account import (
     EvidenceAccount,
     EvidenceLoss,
-    EvidenceStatus,
-    EvidenceTopic,
 )
+from madrob_console.referee.evidence_state import EvidenceState, EvidenceTopic
 from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
 from recorder.bag import Durability, RawMessage, evidence_file_name
 from recorder.reader import Bag
@@ -54,20 +53,20 @@ class Hall:
         self.steady_ns = 0
 
     @property
-    def status(self) -> EvidenceStatus:
-        return self.evidence.status
+    def state(self) -> EvidenceState:
+        return self.evidence.state
 
-    def until(self, look: Callable[[EvidenceStatus], object]) -> EvidenceStatus:
-        until(lambda: look(self.status))
-        return self.status
+    def until(self, look: Callable[[EvidenceState], object]) -> EvidenceState:
+        until(lambda: look(self.state))
+        return self.state
 
     @property
     def account(self) -> EvidenceAccount:
         """Of a run that starts with its recording."""
-        return self.status.account_since(START)
+        return self.state.account_since(START)
 
     def topic(self, name: str = LEFT) -> EvidenceTopic:
-        found = (one for one in self.status.recorded if one.topic == name)
+        found = (one for one in self.state.recorded if one.topic == name)
         return next(found, EvidenceTopic(name, ""))
 
     def comes(self, *names: str, rate: float = 1.0) -> None:
@@ -325,7 +324,7 @@ def test_without_ros_it_is_said_and_nothing_is_started_again_and_again(
     evidence = EvidenceProcess(misread)
     with hall(tmp_path, ros_domain) as other, closing(Supervisor(evidence)), closing(evidence):
         evidence.warm()
-        assert "ROS does not understand" in until(lambda: evidence.status.problem or "")
+        assert "ROS does not understand" in until(lambda: evidence.state.problem or "")
         pid = evidence.pid
         other.until(lambda status: status.ready)
         assert evidence.pid == pid

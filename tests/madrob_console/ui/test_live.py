@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.core.state_view import NO_STEPS
 from madrob_console.engine.snapshot import (
-    EvidenceView,
     Pulse,
     RecorderView,
     RightToAct,
@@ -25,6 +25,8 @@ from madrob_console.referee.acts import (
     RestartCountdown,
 )
 from madrob_console.referee.checks import Freshness
+from madrob_console.referee.evidence_account import EvidenceGap, EvidenceLoss
+from madrob_console.referee.evidence_state import EvidenceState, EvidenceTopic
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.records import IncidentKind
 from madrob_console.testbeds.simulated import Scenario
@@ -121,14 +123,34 @@ async def test_the_live_pane_has_every_fault_with_all_its_words(driver: Driver) 
     await follow(driver, rows)
 
 
-def drawn(evidence: EvidenceView | None, width: int = 200) -> str:
-    snapshot: Snapshot = replace(FakeEngine().snapshot(), evidence=evidence)
+def drawn(evidence: EvidenceState | None, width: int = 200) -> str:
+    snapshot: Snapshot = FakeEngine().snapshot()
+    run = replace(snapshot.run, start=0.0)
+    snapshot = replace(snapshot, run=run, evidence=evidence)
     rows = EvidenceLine().draw_lines(snapshot, width)
     assert all(width_of(row) <= width for row in rows)
     return plain(rows).rstrip("\n")
 
 
 LEFT = "/camera/left/image/compressed"
+LOST = {EvidenceLoss.BEHIND: 12}
+
+
+def sends(byte_rate: float, topic: str = LEFT, **more: Any) -> EvidenceTopic:  # noqa: ANN401  fields
+    return EvidenceTopic(topic, "a/msg/B", rate=10.0, byte_rate=byte_rate, **more)
+
+
+def state(*topics: EvidenceTopic, **more: Any) -> EvidenceState:  # noqa: ANN401  fields
+    return EvidenceState(ready=True, topics=topics, recorded=topics, **more)
+
+
+RIGHT = sends(0.5e6, "/camera/right")
+LOSING = [
+    sends(6.1e6, lost={EvidenceLoss.BEHIND: 8}),
+    *(sends(6.1e6, f"/c{n}", lost={EvidenceLoss.BEHIND: 7}) for n in range(7)),
+    sends(6.1e6, "/whole"),
+]
+KILLED = EvidenceGap(5.62, 8.31, "it was ended by SIGKILL")
 GAP = "missing from +5.6 s to +8.3 s"
 ENDED = "the evidence process is started again: it was ended by SIGKILL"
 
@@ -136,29 +158,33 @@ ENDED = "the evidence process is started again: it was ended by SIGKILL"
 @pytest.mark.parametrize(
     ("evidence", "width", "told"),
     [
-        (EvidenceView(), 80, "none of its topics is there"),
-        (EvidenceView(problem=ENDED), 80, ENDED),
-        (EvidenceView(problem=ENDED), 40, "the evidence process is start…"),
-        (EvidenceView(1, 6.1e6, room=11 * 3600.0), 80, "room for 11 h  1 topic 6.1 MB/s"),
+        (EvidenceState(), 80, "none of its topics is there"),
+        (EvidenceState(problem=ENDED), 80, ENDED),
+        (EvidenceState(problem=ENDED), 40, "the evidence process is start…"),
+        (state(sends(6.1e6), lasts=11 * 3600.0), 80, "room for 11 h  1 topic 6.1 MB/s"),
         (
-            EvidenceView(2, 1.2e6, True, 3_120_000, 553, 11 * 3600.0, worst=f"{LEFT} 12 lost"),
+            state(
+                *(sends(0.7e6, messages=553, bytes=3_120_000, lost=LOST), RIGHT),
+                recording=True,
+                lasts=11 * 3600.0,
+            ),
             120,
             f"room for 11 h  {LEFT} 12 lost  2 topics 1.2 MB/s  3.1 MB, 553 messages",
         ),
         (
-            EvidenceView(9, 54.9e6, room=60.0, worst=f"{LEFT} 8 lost and 7 more"),
+            state(*LOSING, lasts=60.0),
             80,
             f"room for 60 s  {LEFT} 8 lost and 7 more  9 top…",
         ),
         (
-            EvidenceView(1, 6.1e6, room=5.0, missing=GAP, worst=f"{LEFT} 12+ lost"),
+            state(sends(6.1e6, lost=LOST), recording=True, lasts=5.0, gaps=(KILLED,)),
             80,
             f"{GAP}  room for 5 s  {LEFT[:24]}…",
         ),
     ],
 )
 def test_the_evidence_line_has_what_is_wrong_the_room_the_worst_topic_and_what_comes(
-    evidence: EvidenceView, width: int, told: str
+    evidence: EvidenceState, width: int, told: str
 ) -> None:
     assert drawn(evidence, width).startswith(f"evidence  {told}")
 
