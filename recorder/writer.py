@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -320,6 +321,17 @@ class BagWriter:
             ) from None
         self._thread = thread
 
+    def start(self, niceness: int) -> None:
+        """As `open`, in the writer's thread: nobody waits for the disk.
+
+        Messages wait in memory until the file is there. If it cannot be made, they are dropped and
+        `stats` has the error.
+        """
+        target = partial(self._open_and_run, niceness)
+        self._state = RecorderState.RECORDING
+        self._thread = threading.Thread(target=target, name="recorder", daemon=True)
+        self._thread.start()
+
     def __enter__(self) -> Self:
         self.open()
         return self
@@ -398,14 +410,18 @@ class BagWriter:
                 error=self._error,
             )
 
+    def finish(self) -> None:
+        """As `close`, without waiting for it."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+
     def close(self, timeout: float | None = 30.0) -> RecorderStats:
         """Write what is queued, finish the bag and its `metadata.yaml`; safe to call twice.
 
         `timeout` (s) is when an unresponsive disk counts as failed; None = never.
         """
-        with self._changed:
-            self._closing = True
-            self._changed.notify_all()
+        self.finish()
         if self._thread is not None:
             self._thread.join(timeout)
             if self._thread.is_alive():
@@ -458,6 +474,16 @@ class BagWriter:
             raise RecorderError(f"{problem}; correct the topic's configuration")
 
     # The writer thread.
+
+    def _open_and_run(self, niceness: int) -> None:
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), niceness)
+        try:
+            bag = BagFolder(self._place, self._first_topics, self._records)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the program goes on
+            self._fail(error)
+        else:
+            self._run(bag)
 
     def _run(self, bag: BagFolder) -> None:
         try:
@@ -552,7 +578,8 @@ class BagWriter:
                 kept = "what was written is lost, find out what deletes it before the next run"
                 self._account.saved.clear()
                 self._span, self._file_bytes = (None, None), 0
-            self._error = f"recording to {self.folder} failed: {cause}; {kept}"
+            failed = f"recording to {self.folder} failed: {cause}; {kept}"
+            self._error = str(error) if isinstance(error, RecorderError) else failed
             self._give_up_rest()
 
     def _give_up_rest(self) -> None:

@@ -149,16 +149,16 @@ def _evidence_client(
 ) -> EvidenceClient | None:
     if not settings.recording.topics:
         return None
-    from madrob_console.engine.runtime.evidence_orders import ListenFor
+    from madrob_console.engine.runtime.evidence_order import EvidenceOrder
     from madrob_console.engine.runtime.evidence_process import EvidenceProcess
 
-    observe = ListenFor(
+    order = EvidenceOrder(
         domain_id(options.ros_domain(arguments, settings), os.environ),
         settings.recording.choice,
         own_topics(settings, types),
         tuple(arguments.ros_args),
     )
-    return EvidenceProcess(observe)
+    return EvidenceProcess(order)
 
 
 def own_topics(settings: Settings, types: MessageTypes) -> tuple[str, ...]:

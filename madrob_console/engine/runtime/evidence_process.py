@@ -13,7 +13,7 @@ import msgspec
 
 from madrob_console.engine.ipc.wire import decoded
 from madrob_console.engine.runtime.evidence_client import EvidenceClient, EvidencePlace
-from madrob_console.engine.runtime.evidence_orders import FinishFile, LeaveDisk, ListenFor
+from madrob_console.engine.runtime.evidence_order import EvidenceOrder
 from madrob_console.engine.runtime.evidence_recording import QUIET, EvidenceRecording
 from madrob_console.engine.runtime.supervisor import END_TIME, Worker
 from madrob_console.referee.evidence_state import EvidenceState
@@ -39,15 +39,16 @@ class EvidenceProcess(Worker, EvidenceClient):
     longest = 30.0
     state = EvidenceState()
 
-    def __init__(self, observe: ListenFor, command: Sequence[str] = COMMAND) -> None:
+    def __init__(self, order: EvidenceOrder, command: Sequence[str] = COMMAND) -> None:
+        """`order` says where it listens to which topics."""
         super().__init__(command)
-        self._observe = observe
+        self._order = order
         self._warm = self._closed = self._held = False
-        self._orders: deque[EvidencePlace | FinishFile | LeaveDisk] = deque()
-        self._written = threading.Event()
-        # Of the supervisor's thread.
         self._numbers = itertools.count(1)
+        self._written = threading.Event()
         self._recording: EvidenceRecording | None = None
+        self._orders: deque[EvidenceOrder] = deque()
+        # Of the supervisor's thread.
         self._report: EvidenceState | None = None
         self._reported = 0.0
         self._trouble = ""
@@ -59,21 +60,34 @@ class EvidenceProcess(Worker, EvidenceClient):
         self.ring()
 
     def begin_recording(self, place: EvidencePlace) -> None:
+        recording = EvidenceRecording(next(self._numbers), place)
+        if self._report is None:
+            recording.open_gap(self._trouble or "its process was only being started")
         self._written.clear()
-        self._orders.append(place)
+        self._recording = recording
+        self._update_state()
+        self._submit_order()
         self.warm()
 
     def end_recording(self) -> None:
-        self._orders.append(FinishFile())
-        self.ring()
+        if self._recording is not None:
+            self._recording.ended = time.monotonic()
+        self._submit_order()
 
     def await_account(self, limit: float) -> None:
         self._written.wait(limit)
 
     def hold_writing(self, *, held: bool) -> None:
         self._held = held
-        self._orders.append(LeaveDisk(held))
+        self._submit_order()
+
+    def _submit_order(self) -> None:
+        self._orders.append(self._current_order())
         self.ring()
+
+    def _current_order(self) -> EvidenceOrder:
+        recording = None if self._recording is None else self._recording.order
+        return msgspec.structs.replace(self._order, recording=recording, held=self._held)
 
     def close(self) -> None:
         """An unfinished process goes on alone for a while."""
@@ -93,44 +107,23 @@ class EvidenceProcess(Worker, EvidenceClient):
 
     def begin(self) -> None:
         self._report, self._reported = None, time.monotonic() + FIRST_REPORT - self.patience
-        self.send(self._observe)
-        if self._held:
-            self.send(LeaveDisk(held=True))
-        if self._recording is not None and self._recording.goes_on:
-            self.send(self._recording.next_file())
+        self._orders.clear()
+        self.send(self._current_order())
 
     def work(self, now: float) -> float:
-        while self._orders:
-            match self._orders.popleft():
-                case EvidencePlace() as place:
-                    self._begin(place)
-                case FinishFile() as finish if self._recording is not None:
-                    self._recording.ended = now
-                    self._order(finish)
-                case LeaveDisk() as leave:
-                    self._order(leave)
+        while self.pid is not None and self._orders:
+            self.send(self._orders.popleft())
         self._update_state()
         return _PERIOD
 
-    def _begin(self, place: EvidencePlace) -> None:
-        self._recording = EvidenceRecording(next(self._numbers), place)
-        if self._report is None:
-            self._recording.open_gap(self._trouble or "its process was only being started")
-        if self.pid is not None:
-            self.send(self._recording.next_file())
-
-    def _order(self, order: FinishFile | LeaveDisk) -> None:
-        if self.pid is not None:
-            self.send(order)
-
     def take(self, data: memoryview) -> None:
         self._report = decoded(_reports, data, "a report of the evidence process")
-        self._reported = time.monotonic()
-        self._trouble = ""
-        if self._recording is not None:
-            self._recording.add_report(self._report, self._reported)
+        self._reported, self._trouble = time.monotonic(), ""
+        recording = self._recording
+        if recording is not None:
+            recording.add_report(self._report, self._reported)
         self._update_state()
-        if self._recording is not None and self._recording.is_written:
+        if recording is not None and recording.is_written:
             self._written.set()
 
     def lose(self, why: str) -> None:
@@ -144,7 +137,8 @@ class EvidenceProcess(Worker, EvidenceClient):
 
     def _update_state(self) -> None:
         live = live_state(self._report, time.monotonic() - self._reported, self._trouble)
-        self.state = live if self._recording is None else self._recording.merged_into(live)
+        recording = self._recording
+        self.state = live if recording is None else recording.merged_into(live)
 
 
 def live_state(report: EvidenceState | None, silent: float, trouble: str = "") -> EvidenceState:

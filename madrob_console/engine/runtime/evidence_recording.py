@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import replace
+
+import msgspec
 
 from madrob_console.common.clock import NS
 from madrob_console.common.formatting import counted, listed
 from madrob_console.engine.runtime.evidence_client import EvidencePlace
-from madrob_console.engine.runtime.evidence_orders import RecordInto
+from madrob_console.engine.runtime.evidence_order import RecordInto
 from madrob_console.referee.evidence_account import EvidenceGap
 from madrob_console.referee.evidence_state import EvidenceState, EvidenceTopic
 
@@ -35,7 +36,6 @@ class EvidenceRecording:
         self.gaps: tuple[EvidenceGap, ...] = ()
         self._number = number
         self._place = place
-        self._files = itertools.count()
         self._report = _NO_REPORT
         self._reported: float | None = None
         self._topics: dict[str, EvidenceTopic] = {}
@@ -61,10 +61,16 @@ class EvidenceRecording:
     @property
     def _finishing(self) -> bool:
         complete = self._is_counted and not self._report.finishing
-        return not (self.goes_on or complete or self._incomplete)
+        return not (self.goes_on or complete or self._incomplete) and self._reported is not None
 
-    def next_file(self) -> RecordInto:
-        return RecordInto(self._number, next(self._files), self._place)
+    @property
+    def order(self) -> RecordInto | None:
+        """The file of its present process, as long as it goes on."""
+        if not self.goes_on:
+            return None
+        used = sum(topic.bytes or 0 for topic in self._earlier.values())
+        place = msgspec.structs.replace(self._place, most_bytes=self._place.most_bytes - used)
+        return RecordInto(self._number, len(self._restarts), place)
 
     def add_report(self, report: EvidenceState, now: float) -> None:
         """Take a report of its present process; later ones do not mention this recording."""

@@ -25,13 +25,7 @@ from madrob_console.common.formatting import counted, listed
 from madrob_console.common.names import terminal_safe
 from madrob_console.engine.ipc.wire import frame, frames
 from madrob_console.engine.runtime.evidence_file import QUEUE_BYTES, EvidenceFile
-from madrob_console.engine.runtime.evidence_orders import (
-    EvidenceOrder,
-    FinishFile,
-    LeaveDisk,
-    ListenFor,
-    RecordInto,
-)
+from madrob_console.engine.runtime.evidence_order import EvidenceOrder, RecordInto
 from madrob_console.referee.evidence_state import EvidenceState
 from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes, TakenEvidence
 from madrob_console.testbeds.ros.watches import console_name
@@ -70,9 +64,8 @@ class EvidenceServer:
         self._received = bytearray()
         self._intakes: EvidenceIntakes | None = None
         self._files: list[EvidenceFile] = []
+        self._order: EvidenceOrder | None = None
         self._recording: EvidenceFile | None = None
-        self._anchor: tuple[int, int] | None = None
-        self._held = False
         self._problem: str | None = None
         self._ready_at = math.inf
 
@@ -90,8 +83,6 @@ class EvidenceServer:
                 self._intakes.discover(recording=self._recording is not None)
                 discovered = now
             self._take_messages()
-            for file in self._files:
-                file.advance()
             if orders or finished > before or now - reported >= REPORT_PERIOD:
                 self._report()
                 reported = now
@@ -113,22 +104,20 @@ class EvidenceServer:
         return [_decoder.decode(each) for each in frames(self._received)]
 
     def _carry_out(self, order: EvidenceOrder) -> None:
-        match order:
-            case ListenFor():
-                self._listen(order)
-            case RecordInto() if self._intakes is not None:
-                self._begin(order, self._intakes)
-            case FinishFile() if self._recording is not None:
-                self._take_messages()
-                self._recording.end()
-                self._report()  # before a topic that has gone is forgotten
-                self._recording = self._anchor = None
-            case LeaveDisk(held):
-                self._held = held
-                for file in self._files:
-                    file.hold_writing(held=held)
+        if self._order is None:
+            self._listen(order)
+        elif self._recording is not None and order.recording != self._order.recording:
+            self._take_messages()
+            self._recording.end()
+            self._report()  # before a topic that has gone is forgotten
+            self._recording = None
+        self._order = order
+        if order.recording is not None and self._recording is None:
+            self._begin(order.recording, held=order.held)
+        for file in self._files:
+            file.hold_writing(held=order.held)
 
-    def _listen(self, order: ListenFor) -> None:
+    def _listen(self, order: EvidenceOrder) -> None:
         try:
             self._intakes = EvidenceIntakes(
                 order.domain,
@@ -143,32 +132,32 @@ class EvidenceServer:
         self._ready_at = time.monotonic() + DISCOVERY_TIME
         gc.freeze()  # what was imported stays
 
-    def _begin(self, order: RecordInto, intakes: EvidenceIntakes) -> None:
+    def _begin(self, order: RecordInto, *, held: bool) -> None:
+        if self._intakes is None:
+            return
         self._files = [file for file in self._files if not file.finished]
         room = QUEUE_BYTES - sum(file.stats.queued_bytes for file in self._files)
-        self._anchor = (order.place.steady_ns, order.place.monotonic_ns)
         self._take_messages()  # what came before the recording is none of it
-        self._recording = EvidenceFile(order, max(room, LEAST_QUEUE_BYTES), held=self._held)
+        self._recording = EvidenceFile(order, max(room, LEAST_QUEUE_BYTES), held=held)
         self._files.append(self._recording)
-        for history in intakes.begin_recording():
+        for history in self._intakes.begin_recording():
             now = self._now_ns()
             messages = [msgspec.structs.replace(each, receive_ns=now) for each in history.messages]
             self._recording.record(TakenEvidence(history.topic, messages))
 
     def _take_messages(self) -> None:
-        recording = self._recording
-        if self._intakes is None or not (recording is None or recording.has_room):
+        if self._intakes is None:
             return
         for taken in self._intakes.take_messages(self._now_ns):
-            if recording is not None:
-                recording.record(taken)
+            if self._recording is not None:
+                self._recording.record(taken)
 
     def _now_ns(self) -> int:
         """Steady time: that of the engine while there is a recording (protocol section 8)."""
-        if self._anchor is None:
+        if self._order is None or self._order.recording is None:
             return time.time_ns()
-        steady, monotonic = self._anchor
-        return steady + time.monotonic_ns() - monotonic
+        place = self._order.recording.place
+        return place.steady_ns + time.monotonic_ns() - place.monotonic_ns
 
     def _report(self) -> None:
         state = EvidenceState(problem=self._problem)

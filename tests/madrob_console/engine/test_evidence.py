@@ -22,7 +22,7 @@ from madrob_console.engine.core.engine_core import DISK_WAITS
 from madrob_console.engine.runtime.evidence_budget import STEADY_FOR
 from madrob_console.engine.runtime.evidence_client import EvidenceClient, EvidencePlace
 from madrob_console.engine.runtime.evidence_file import QUEUE_BYTES, EvidenceFile, stuck_words
-from madrob_console.engine.runtime.evidence_orders import RecordInto
+from madrob_console.engine.runtime.evidence_order import RecordInto
 from madrob_console.engine.runtime.evidence_process import live_state
 from madrob_console.engine.runtime.evidence_recording import COMES_BACK, EvidenceRecording
 from madrob_console.engine.runtime.recording import Recording
@@ -450,7 +450,6 @@ class Told:
 
     def __init__(self) -> None:
         self.recording = EvidenceRecording(1, EvidencePlace("run", 0, 0, 10**9, 0))
-        self.recording.next_file()
 
     def told(self, at: float, *topics: EvidenceTopic, **more: Any) -> EvidenceState:  # noqa: ANN401  fields
         """Its process says this of the recording."""
@@ -465,7 +464,6 @@ class Told:
 
     def is_killed(self) -> None:
         self.recording.lose_process(KILLED)
-        self.recording.next_file()
 
 
 def told_topic(name: str = LEFT, silent_since: float | None = None, **more: Any) -> EvidenceTopic:  # noqa: ANN401  fields
@@ -650,7 +648,6 @@ class Written:
 
     @property
     def state(self) -> EvidenceState:
-        self.file.advance()
         return self.file.with_counts(EvidenceState(topics=(EvidenceTopic(LEFT, CAMERA.type),)))
 
     @property
@@ -736,9 +733,7 @@ def test_evidence_that_fills_the_disk_stops_before_the_room_of_the_score(
     def free() -> int:
         return disk - sum(file.stat().st_size for file in folder.iterdir())
 
-    monkeypatch.setattr(
-        os, "fstatvfs", lambda _fd: SimpleNamespace(f_bavail=max(0, free()), f_frsize=1)
-    )
+    monkeypatch.setattr(shutil, "disk_usage", lambda _path: SimpleNamespace(free=max(0, free())))
     with written(folder, free=keeps) as run:
         while not run.failed:
             if run.file.stats.queued_bytes < MB:

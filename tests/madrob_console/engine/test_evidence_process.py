@@ -19,7 +19,7 @@ from rosbags.highlevel import AnyReader
 from madrob_console.archive.evidence import repair_evidence, settled_account
 from madrob_console.common.clock import NS
 from madrob_console.engine.runtime.evidence_client import EvidencePlace
-from madrob_console.engine.runtime.evidence_orders import ListenFor
+from madrob_console.engine.runtime.evidence_order import EvidenceOrder
 from madrob_console.engine.runtime.evidence_process import COMMAND, EvidenceProcess
 from madrob_console.engine.runtime.supervisor import Supervisor
 from madrob_console.referee.evidence_account import (
@@ -100,7 +100,7 @@ def hall(
     tmp_path: Path, domain: int, *topics: str, command: Sequence[str] = COMMAND, **more: object
 ) -> Iterator[Hall]:
     choice = EvidenceChoice(topics or ("/camera/**",), **more)  # type: ignore[arg-type]
-    evidence = EvidenceProcess(ListenFor(domain, choice, ("/madrob/own",), ()), command)
+    evidence = EvidenceProcess(EvidenceOrder(domain, choice, ("/madrob/own",), ()), command)
     supervisor = Supervisor(evidence)
     evidence.warm()
     try:
@@ -320,7 +320,7 @@ def test_of_publishers_that_go_wrong_each_is_named_and_no_other_topic_pays(
 def test_without_ros_it_is_said_and_nothing_is_started_again_and_again(
     ros_domain: int, tmp_path: Path
 ) -> None:
-    misread = ListenFor(ros_domain, EvidenceChoice(("/**",)), (), ("-r", "nonsense"))
+    misread = EvidenceOrder(ros_domain, EvidenceChoice(("/**",)), (), ("-r", "nonsense"))
     evidence = EvidenceProcess(misread)
     with hall(tmp_path, ros_domain) as other, closing(Supervisor(evidence)), closing(evidence):
         evidence.warm()
