@@ -19,7 +19,7 @@ from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from madrob_console.archive.evidence import RunEvidence, TidyLimits
+    from madrob_console.archive.evidence_removal import RunEvidence, TidyLimits
 
 NOT_REMOVED = 1
 """Exit code if the user said no."""
@@ -65,7 +65,7 @@ NOT_REMOVED = 1
 )
 def tidy(arguments: argparse.Namespace) -> int:
     with imports_kept():
-        from madrob_console.archive.evidence import evidence_at, run_going_on
+        from madrob_console.archive.evidence_removal import evidence_at, run_going_on
 
     settings = options.settings_of(arguments)
     limits = _limits(arguments)
@@ -101,7 +101,7 @@ def tidy(arguments: argparse.Namespace) -> int:
 
 
 def _limits(arguments: argparse.Namespace) -> TidyLimits:
-    from madrob_console.archive.evidence import TidyLimits
+    from madrob_console.archive.evidence_removal import TidyLimits
 
     keep, age, free = arguments.keep_runs, arguments.older_than, arguments.until_free
     if keep is None and age is None and free is None:
@@ -134,7 +134,7 @@ def _age(seconds: float) -> str:
 
 
 def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int:
-    from madrob_console.archive.evidence import remove_evidence
+    from madrob_console.archive.evidence_removal import remove_evidence
     from madrob_console.cli.repairing import renew_reports
     from madrob_console.pages.related_runs import RelatedRuns, has_report
 

@@ -15,7 +15,7 @@ import pytest
 from rosbags.rosbag2 import Reader
 
 from madrob_console.archive.check import check_run
-from madrob_console.archive.evidence import (
+from madrob_console.archive.evidence_removal import (
     RunEvidence,
     TidyLimits,
     evidence_at,
