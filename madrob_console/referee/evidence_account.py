@@ -54,7 +54,7 @@ class RecordedTopic:
 
     Attributes:
         topic, type: its names.
-        messages, bytes: recorded; bytes are null where nobody has told them.
+        messages, bytes: recorded; bytes are null where they are unknown.
         left_out: messages that the settings leave out on purpose, by their rate.
         lost: messages that were lost, by reason.
         problem: what was wrong with it, in words; empty = nothing.
@@ -108,7 +108,7 @@ class EvidenceAccount:
         unwritten: how many of the messages were not in the file yet; null = nobody knows, their
             process was ended; 0 = all are there.
         gaps: when nothing was recorded; what came then is counted nowhere.
-        file_bytes: size of the files, where nobody has told what the topics have of it.
+        file_bytes: size of the files, where the bytes of a topic are unknown.
     """
 
     topics: tuple[RecordedTopic, ...] = ()
@@ -119,9 +119,9 @@ class EvidenceAccount:
 
     @property
     def words(self) -> str:
-        messages = sum(one.messages for one in self.topics)
-        size = (self.file_bytes or sum(one.bytes or 0 for one in self.topics)) / 1e6
-        lost = sum(one.lost_count for one in self.topics)
+        messages = sum(topic.messages for topic in self.topics)
+        size = (self.file_bytes or sum(topic.bytes or 0 for topic in self.topics)) / 1e6
+        lost = sum(topic.lost_count for topic in self.topics)
         missing = f", {self._at_least}{lost} lost" if lost else ""
         if self.gaps:
             missing += f", missing {self.gap_words}"
@@ -154,25 +154,25 @@ class EvidenceAccount:
 
         `counts` has type and number of messages by topic, in all files together.
         """
-        reported = {one.topic: one for one in self.topics}
-        for topic, (type_name, _) in counts.items():
-            reported.setdefault(topic, RecordedTopic(topic, type_name, bytes=None))
+        reported = {topic.topic: topic for topic in self.topics}
+        for name, (type_name, _) in counts.items():
+            reported.setdefault(name, RecordedTopic(name, type_name, bytes=None))
         topics = tuple(
             reported[name].with_count(counts.get(name, ("", 0))[1]) for name in sorted(reported)
         )
-        if all(one.bytes is not None for one in topics):
+        if all(topic.bytes is not None for topic in topics):
             file_bytes = None
         return EvidenceAccount(topics, (*self.problems, *problems), 0, self.gaps, file_bytes)
 
     def remarks(self) -> list[str]:
         remarks = list(self.problems)
-        if len(self.gaps) > 1:  # of one the words tell
+        if len(self.gaps) > 1:  # `words` has a single one
             remarks.append(f"missing {', '.join(gap.words for gap in self.gaps)}")
-        for one in self.topics:
-            lost = one.lost_words and self._at_least + one.lost_words
-            words = ", ".join(filter(None, (lost, one.left_out_words, one.problem)))
+        for topic in self.topics:
+            lost = topic.lost_words and self._at_least + topic.lost_words
+            words = ", ".join(filter(None, (lost, topic.left_out_words, topic.problem)))
             if words:
-                remarks.append(f"{one.topic}: {words}")
+                remarks.append(f"{topic.topic}: {words}")
         return remarks
 
 

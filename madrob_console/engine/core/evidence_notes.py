@@ -58,8 +58,8 @@ def _gaps(before: EvidenceState, state: EvidenceState, start: float) -> Iterator
 
 
 def _silences(before: EvidenceState, state: EvidenceState, start: float) -> Iterator[str]:
-    known, silent = before.silences, state.silences
-    if begun := [topic for topic in silent if topic not in known]:
+    earlier, silent = before.silences, state.silences
+    if begun := [topic for topic in silent if topic not in earlier]:
         yield f"{listed(begun)}: silent since {silent[begun[0]] - start:+.1f} s"
-    if back := [topic for topic in known if topic not in silent]:
-        yield f"{listed(back)}: comes again, silent since {known[back[0]] - start:+.1f} s"
+    if back := [topic for topic in earlier if topic not in silent]:
+        yield f"{listed(back)}: comes again, silent since {earlier[back[0]] - start:+.1f} s"

@@ -98,10 +98,9 @@ class EvidenceRecording:
         self._returned = None
         if self._gap_is_open:
             return
-        begin = self._report.saved or self._place.steady_ns / NS
         earlier = self.gaps
-        if earlier:
-            begin = max(begin, earlier[-1].end or 0.0)
+        since = (earlier[-1].end or 0.0) if earlier else self._place.steady_ns / NS
+        begin = max(self._report.saved or 0.0, since)
         if len(earlier) == _MOST_GAPS:  # the last one includes all later ones
             begin, earlier = earlier[-1].begin, earlier[:-1]
         self.gaps = *earlier, EvidenceGap(begin, None, why)
@@ -158,8 +157,8 @@ class EvidenceRecording:
         yield from self._report.problems
         if self._reported is None:
             yield "no process was there to record it"
-        elif self._finishing and not self._is_counted:
-            silent = (self.ended or 0.0) - self._reported
+        elif self.ended is not None and self._finishing and not self._is_counted:
+            silent = self.ended - self._reported
             if silent > QUIET:
                 yield (
                     f"the evidence process said nothing in the last {silent:.0f} s of the "
