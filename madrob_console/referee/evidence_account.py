@@ -54,7 +54,7 @@ class RecordedTopic:
 
     Attributes:
         topic, type: its names.
-        messages, bytes: recorded; bytes are null where they are unknown.
+        messages, bytes: recorded; bytes are null where nobody has told them.
         left_out: messages that the settings leave out on purpose, by their rate.
         lost: messages that were lost, by reason.
         problem: what was wrong with it, in words; empty = nothing.
@@ -108,7 +108,7 @@ class EvidenceAccount:
         unwritten: how many of the messages were not in the file yet; null = nobody knows, their
             process was ended; 0 = all are there.
         gaps: when nothing was recorded; what came then is counted nowhere.
-        file_bytes: size of the files, where the bytes of a topic are unknown.
+        file_bytes: size of the files, where nobody has told what the topics have of it.
     """
 
     topics: tuple[RecordedTopic, ...] = ()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -45,7 +44,6 @@ class EvidenceProcess(Worker, EvidenceClient):
         self._order = order
         self._warm = self._closed = self._held = False
         self._numbers = itertools.count(1)
-        self._written = threading.Event()
         self._recording: EvidenceRecording | None = None
         self._orders: deque[EvidenceOrder] = deque()
         # Of the supervisor's thread.
@@ -63,7 +61,6 @@ class EvidenceProcess(Worker, EvidenceClient):
         recording = EvidenceRecording(next(self._numbers), place)
         if self._report is None:
             recording.open_gap(self._trouble or "its process was only being started")
-        self._written.clear()
         self._recording = recording
         self._update_state()
         self._submit_order()
@@ -75,7 +72,8 @@ class EvidenceProcess(Worker, EvidenceClient):
         self._submit_order()
 
     def await_account(self, limit: float) -> None:
-        self._written.wait(limit)
+        if self._recording is not None:
+            self._recording.written.wait(limit)
 
     def hold_writing(self, *, held: bool) -> None:
         self._held = held
@@ -124,7 +122,7 @@ class EvidenceProcess(Worker, EvidenceClient):
             recording.add_report(self._report, self._reported)
         self._update_state()
         if recording is not None and recording.is_written:
-            self._written.set()
+            recording.written.set()
 
     def lose(self, why: str) -> None:
         self._trouble, self._report = why, None

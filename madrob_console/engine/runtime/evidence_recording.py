@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -29,10 +30,16 @@ class EvidenceRecording:
     """Merges the reports of one recording over restarts of its process.
 
     Times are s of a monotonic clock.
+
+    Attributes:
+        ended: when the recording was ended.
+        gaps: when nothing was recorded, s since the epoch.
+        written: set once all that was recorded is in its file, as far as its process reports.
     """
 
     def __init__(self, number: int, place: EvidencePlace) -> None:
         self.ended: float | None = None
+        self.written = threading.Event()
         self.gaps: tuple[EvidenceGap, ...] = ()
         self._number = number
         self._place = place
