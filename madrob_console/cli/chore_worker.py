@@ -1,8 +1,8 @@
 """`python -m madrob_console.cli.chore_worker [--guarded] HANDLE`: work of low priority.
 
-It does the chores that the engine at the other end of the socket with this handle asks for, one
-after the other. When the engine has ended, it does what it was asked for before. `--guarded`: what
-it starts ends with it.
+It does the chores that the engine asks for over the socket with this handle, one after the other.
+When the engine has ended, it finishes those it has got. `--guarded`: the programs that it starts
+end with it.
 """
 
 from __future__ import annotations
@@ -10,18 +10,15 @@ from __future__ import annotations
 import io
 import os
 import signal
-import socket
 import sys
 from collections.abc import Sequence
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
-
-import msgspec
 
 from madrob_console.cli.guarded import ENDING, TerminatedError, guarded, run_command
 from madrob_console.cli.output import BAD_INPUT, complain
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.ipc.wire import LENGTH, frame
+from madrob_console.engine.runtime.questions import answer_questions
 from madrob_console.engine.runtime.reports import Chore, ChoreKind, Finished
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.cli.chore_worker")
@@ -33,27 +30,6 @@ NICENESS = 10
 _AGAIN = 0.5  # s
 
 
-class ChoreLink:
-    """The socket to the engine, which may have ended."""
-
-    def __init__(self, link: socket.socket) -> None:
-        self._link = link
-        self._coming = link.makefile("rb")
-
-    def tell(self, finished: Finished) -> None:
-        with suppress(OSError):
-            self._link.sendall(frame(finished))
-
-    def wait_for_chore(self) -> Chore | None:
-        """Wait until the engine asks for something; None once it has ended."""
-        head = b""
-        with suppress(ConnectionError):
-            head = self._coming.read(LENGTH.size)
-        if len(head) < LENGTH.size:
-            return None
-        return msgspec.msgpack.decode(self._coming.read(*LENGTH.unpack(head)), type=Chore)
-
-
 def main() -> int:
     *options, handle = sys.argv[1:]
     os.nice(NICENESS)
@@ -62,13 +38,11 @@ def main() -> int:
 
 def work(handle: int) -> int:
     """Do what the engine asks for until it ends; the exit code of this process."""
-    link = ChoreLink(socket.socket(fileno=handle))
     try:
         try:
             for number in ENDING:
                 signal.signal(number, _end)
-            while (chore := link.wait_for_chore()) is not None:
-                link.tell(carry_out(chore))
+            answer_questions(handle, carry_out)
         finally:  # one that comes now is caught below, a later one has nothing to end
             for number in ENDING:
                 signal.signal(number, signal.SIG_IGN)
@@ -86,8 +60,8 @@ def carry_out(chore: Chore) -> Finished:
     out, err = io.StringIO(), io.StringIO()
     with redirect_stdout(out), redirect_stderr(err):
         code, missing = _code_of(chore)
-    said, complained = (text.getvalue().strip().rpartition("\n")[2] for text in (out, err))
-    return Finished(chore, code, said, complained, tuple(map(str, missing)))
+    output, error = (text.getvalue().strip().rpartition("\n")[2] for text in (out, err))
+    return Finished(code, output, error, tuple(map(str, missing)))
 
 
 def _code_of(chore: Chore) -> tuple[int, Sequence[Path]]:

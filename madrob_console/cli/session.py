@@ -134,7 +134,7 @@ def reporting_of(
         named_places(arguments, settings),
         settings.results.command_words,
     )
-    return Reporting(chore_worker.COMMAND, engine.config.results, lambda: engine.busy, wanted)
+    return Reporting(chore_worker.COMMAND, engine.config.results, wanted)
 
 
 def _evidence_plan(settings: Settings) -> EvidencePlan | None:
@@ -282,6 +282,8 @@ class UnattendedRun:
             MadrobError: it did not start; nothing was recorded.
         """
         engine = self._engine
+        if self._reporting is not None:
+            self._reporting.hold(held=True)
         engine.open()
         # the robot is getting ready: nobody should wait for imports when it is through the door
         engine.warm()
@@ -294,6 +296,8 @@ class UnattendedRun:
         finally:
             engine.close()
             self._log.print_new()
+            if self._reporting is not None:
+                self._reporting.hold(held=False)
         return self._report()
 
     def _prepare(self, setup: SetupMaker, wait: float, waive: str | None) -> None:

@@ -13,6 +13,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError, InvalidStateError
 from contextlib import suppress
+from os import fspath
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Union, get_args
 
 import msgspec
@@ -292,7 +293,7 @@ def _answer_type(kind: type[Request[Any]]) -> object:
 
 
 _MALFORMED = (msgspec.MsgspecError, ValueError, RecursionError)
-_encoder = msgspec.msgpack.Encoder()
+_encoder = msgspec.msgpack.Encoder(enc_hook=fspath)
 _firsts: msgspec.msgpack.Decoder[First] = msgspec.msgpack.Decoder(First)
 _calls = msgspec.msgpack.Decoder(Call)
 _requests: msgspec.msgpack.Decoder[Request[Any]] = msgspec.msgpack.Decoder(Union[REQUESTS])  # noqa: UP007

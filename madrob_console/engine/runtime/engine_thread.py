@@ -5,8 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, InvalidStateError
-from contextlib import suppress
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -182,6 +181,7 @@ class LocalEngine:
 
     def _look(self) -> None:
         others = [self._fallen(), self._reporting.problem]
+        self._reporting.hold(held=self._engine.busy)
         self._snapshot = self._engine.snapshot(self._reporting.exported, others)
 
     def begin_request(
@@ -260,7 +260,7 @@ class LocalEngine:
             self._put(QueuedRequest(question, deadline, answer))
 
         def read() -> None:
-            engine.read_run(self.results / folder).add_done_callback(show)
+            engine.read_run(self.results / folder, deadline).add_done_callback(show)
 
         # a bag takes long: listings go on, and so does whoever asks a scorer of this process
         threading.Thread(target=read, name="opening", daemon=True).start()
@@ -280,17 +280,7 @@ class LocalEngine:
         replay, shown = self._engine.replay, self.snapshot().playback
         if replay is None or shown is None:
             raise MadrobError(f"{NO_REPLAY}: replay the run")
-        answer: Future[str] = Future()
-
-        def done(folder: str, why: str) -> None:
-            if why:
-                fail(answer, why)
-            else:
-                with suppress(InvalidStateError):  # it was given up
-                    answer.set_result(folder)
-
-        self._reporting.frames(replay.source.path, shown.position, done)
-        return answer
+        return self._reporting.frames(replay.source.path, shown.position)
 
     def _curves(self) -> Curves | None:
         scored = self._engine.scored  # immutable: may be read from any thread

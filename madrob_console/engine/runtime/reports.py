@@ -1,16 +1,17 @@
 """Reports, pages and zips: made in the background by a process of low priority.
 
-What has to be made is kept in memory alone. An engine that starts finds it again from the results:
-no file in a results folder says what is done.
+The list of chores is in memory alone. An engine that starts makes it anew from the results: no file
+in a results folder says what is done.
 """
 
 from __future__ import annotations
 
+import math
 import os
-import threading
 import time
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from concurrent.futures import Future, InvalidStateError
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
@@ -21,7 +22,7 @@ import msgspec
 
 from madrob_console.archive.folders import FRAMES_FOLDER, INDEX_PAGE
 from madrob_console.common.names import terminal_safe
-from madrob_console.engine.ipc.wire import decoded
+from madrob_console.engine.ipc.wire import fail
 from madrob_console.engine.runtime.supervisor import Worker
 from madrob_console.engine.snapshot import ExportView
 
@@ -56,7 +57,8 @@ class ChoreKind(StrEnum):
 _URGENCY = {kind: number for number, kind in enumerate(ChoreKind)}
 
 
-class Chore(msgspec.Struct, frozen=True):
+@dataclass(frozen=True, slots=True)
+class Chore:
     """What the engine asks of the process; it replaces a waiting one of the same name."""
 
     name: str
@@ -70,131 +72,71 @@ class Chore(msgspec.Struct, frozen=True):
 
 
 class Finished(msgspec.Struct, frozen=True):
-    """The process's answer: outcome of a chore.
+    """The outcome of a chore.
 
     Attributes:
         code: its exit code.
-        said, complained: the last line that it printed, as output and as an error.
+        output, error: the last line that it printed, as output and as an error.
         missing: the folders of runs without a report, the newest first.
     """
 
-    chore: Chore
     code: int
-    said: str = ""
-    complained: str = ""
+    output: str = ""
+    error: str = ""
     missing: tuple[str, ...] = ()
 
     @property
-    def again(self) -> bool:
-        """Whether it lacked memory, file handles or a disk, and is retried by itself."""
+    def is_retried(self) -> bool:
+        """Whether it lacked its process, memory, file handles or a disk."""
         return self.code == os.EX_TEMPFAIL
 
     @property
-    def why_not(self) -> str:
+    def problem(self) -> str:
         """Why it was not done, in words; empty = it was."""
         if not self.code:
             return ""
-        why = terminal_safe(self.complained).removeprefix("madrob: ")
+        why = terminal_safe(self.error).removeprefix("madrob: ")
         why = why or f"its process ended with {self.code}"
-        return f"{why}; it is tried again" if self.again else why
+        return f"{why}; it is tried again" if self.is_retried else why
 
 
-_answers = msgspec.msgpack.Decoder(Finished)
-
-
-@dataclass(slots=True, eq=False)
-class _Waiting:
-    """A chore that is not done yet; `due` in monotonic s."""
-
-    chore: Chore
-    due: float = 0.0
+_FINISHED = msgspec.msgpack.Decoder(Finished)
 
 
 class ChoreWorker(Worker):
-    """Has chores done by a process, one after the other, never during a run.
-
-    A chore that a run, a crash or a full disk cut short is done again.
+    """Has chores done by a process, one after the other, never while it is `held` for a run.
 
     Args:
         command: starts the process.
-        busy: whether a run goes on; may be asked from any thread.
-        on_finished: gets each outcome.
-        on_lost: gets why the process ended before it was through.
-        pause: before a chore is retried, s.
+        work: what it makes, in words.
     """
 
-    def __init__(
-        self,
-        command: Sequence[str],
-        busy: Callable[[], bool],
-        on_finished: Callable[[Finished], None],
-        on_lost: Callable[[str], None],
-        pause: float,
-    ) -> None:
+    patience = math.inf  # a chore may wait for others
+
+    def __init__(self, command: Sequence[str], work: str) -> None:
         super().__init__(command)
-        self._busy = busy
-        self._on_finished = on_finished
-        self._on_lost = on_lost
-        self._retry_pause = pause
-        self._lock = threading.Lock()  # of `_waiting`
-        self._waiting: dict[str, _Waiting] = {}
-        self._sent: deque[_Waiting] = deque()
-        self._closing = False
+        self.loss = f"no {work}"
+        self.held = False
 
-    def submit(self, chore: Chore, *, anew: bool = True) -> None:
-        """Have a chore done, `anew` in place of one of this name that waits."""
-        with self._lock:
-            if anew or chore.name not in self._waiting:
-                self._waiting[chore.name] = _Waiting(chore)
-        self.ring()
+    def hold(self, *, held: bool) -> None:
+        """End what goes on now, and begin nothing until it is released."""
+        if held != self.held:
+            self.held = held
+            self.ring()
 
-    @property
-    def due_now(self) -> list[_Waiting]:
-        """The most urgent first."""
-        now = time.monotonic()
-        with self._lock:
-            due = [one for one in self._waiting.values() if one.due <= now]
-        return sorted(due, key=lambda one: _URGENCY[one.chore.kind])
-
-    def ignore_runs(self) -> None:
+    def finish_alone(self) -> None:
         """The engine is about to end: what waits goes on without it."""
-        self._closing = True
+        self.most_sent = math.inf
         self.ring()
-
-    # ------------------------------------------------------------------ the supervisor's thread
 
     @property
     def wanted(self) -> bool:
-        return bool(self.due_now) and (self._closing or not self._busy())
+        may_begin = not self.held or self.most_sent > 1  # no run begins any more
+        return may_begin and bool(self.due_questions())
 
     @property
     def goes_on(self) -> bool:
-        return not self._busy()  # a run ends it
-
-    def begin(self) -> None:
-        self._sent.clear()
-
-    def work(self, now: float) -> float:
-        if self.pid is not None and (self._closing or not self._sent):
-            waiting = [one for one in self.due_now if one not in self._sent]
-            for one in waiting if self._closing else waiting[:1]:
-                self._sent.append(one)
-                self.send(one.chore)
-        return 0.1  # s: a run may begin, or end
-
-    def take(self, data: memoryview) -> None:
-        finished = decoded(_answers, data, "a message of the process that makes reports")
-        sent = self._sent.popleft()
-        with self._lock:
-            if finished.again:
-                sent.due = time.monotonic() + self._retry_pause
-            elif self._waiting.get(sent.chore.name) is sent:  # else it is wanted anew
-                del self._waiting[sent.chore.name]
-        self._on_finished(finished)
-
-    def lose(self, why: str) -> None:
-        if self.due_now:
-            self._on_lost(f"{why}; it is tried again")
+        return not self.held
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,16 +171,17 @@ _UNMADE = {
 class _Unmade(NamedTuple):
     kind: ChoreKind
     words: str
-    again: bool
+    is_retried: bool
 
 
 class Reporting:
     """Has reports, pages and zips made in the background, and the command of [results] run.
 
+    A chore that a run, a crash or a full disk cut short is done again.
+
     Args:
         command: the program that does it (`madrob_console.cli.chore_worker`).
         results: the results folder.
-        busy: whether a run goes on; may be asked from any thread.
         pause: before a chore is retried, s.
     """
 
@@ -246,30 +189,24 @@ class Reporting:
         self,
         command: Sequence[str],
         results: Path,
-        busy: Callable[[], bool],
         wanted: WantedPages = EVERY_REPORT,
         pause: float = PAUSE,
     ) -> None:
         self.exported: ExportView | None = None
         self._results = results
         self._wanted = wanted
+        self._retry_pause = pause
         self._unmade: dict[str, _Unmade] = {}
-        self._frames: dict[str, Callable[[str], None]] = {}
-
-        self._lost = ""
-
-        def worker(what: str, *more: str) -> ChoreWorker:
-            lose = partial(self._lose, what)
-            return ChoreWorker((*command, *more), busy, self._hear, lose, pause)
-
-        self._pages = worker("reports, pages and zips")
+        self._pages = ChoreWorker(command, "reports, pages and zips")
         # a process of its own: a command may hang
-        self._hook = worker("command of [results]", "--guarded") if wanted.command else None
+        hook = ChoreWorker((*command, "--guarded"), "command of [results]")
+        self.workers: tuple[ChoreWorker, ...]
+        self.workers = (self._pages, hook) if wanted.command else (self._pages,)
 
-    @property
-    def workers(self) -> tuple[ChoreWorker, ...]:
-        """For the supervisor."""
-        return (self._pages,) if self._hook is None else (self._pages, self._hook)
+    def hold(self, *, held: bool) -> None:
+        """Make nothing while a run goes on. From any thread."""
+        for worker in self.workers:
+            worker.hold(held=held)
 
     def report(self, folder: Path) -> None:
         """Make the report of a run anew, if it is wanted; the latest result counts.
@@ -277,9 +214,9 @@ class Reporting:
         Then all else that is out of date, as reports of runs that are compared with it. Beside it
         the command of the settings is run.
         """
-        if self._hook is not None:
+        if self._wanted.command:
             words = (*self._wanted.command, str(folder.absolute()))
-            self._hook.submit(Chore(f"command {folder.name}", ChoreKind.COMMAND, words))
+            self._submit(f"command {folder.name}", ChoreKind.COMMAND, *words)
         if self._wanted.reports:
             self._submit(f"report {folder.name}", ChoreKind.REPORT, str(folder))
         self._submit("repair", ChoreKind.REPAIR, str(self._results))
@@ -312,19 +249,30 @@ class Reporting:
         self.exported = wanted
         self._submit(wanted.what, ChoreKind.EXPORT, *options, *self._wanted.options)
 
-    def frames(self, run: Path, at: float, done: Callable[[str, str], None]) -> None:
+    def frames(self, run: Path, at: float) -> Future[str]:
         """Write what the cameras saw `at` s from the start of a run into its folder.
 
-        `done` gets the folder with the files, or why there are none; in another thread.
+        The answer is the folder with the files; it fails with why there are none.
         """
-        folder, name = run.absolute() / FRAMES_FOLDER, f"frames at {at:.3f}"
-        self._frames[name] = lambda why: done("" if why else str(folder), why)
-        self._submit(name, ChoreKind.PICTURES, str(run.absolute()), f"{at:.3f}", str(folder))
+        folder, written = run.absolute() / FRAMES_FOLDER, Future[str]()
+
+        def answer(finished: Future[Finished]) -> None:
+            outcome = _outcome(finished)
+            if outcome.problem:
+                fail(written, outcome.problem)
+            else:
+                with suppress(InvalidStateError):  # it was given up
+                    written.set_result(str(folder))
+
+        words = (str(run.absolute()), f"{at:.3f}", str(folder))
+        chore = Chore(f"frames at {at:.3f}", ChoreKind.PICTURES, words)
+        self._pages.ask(chore, _FINISHED).add_done_callback(answer)
+        return written
 
     @property
     def problem(self) -> str | None:
         """Why reports could not be made, in words; None when the last one could, and all before."""
-        unmade = [*(one.words for one in self._unmade.values()), *[self._lost] * bool(self._lost)]
+        unmade = [each.words for each in self._unmade.values()]
         if not unmade:
             return None
         others = f" ({len(unmade) - 1} more wait)" if len(unmade) > 1 else ""
@@ -333,49 +281,59 @@ class Reporting:
     def wait(self, patience: float) -> bool:
         """Wait at most `patience` s; whether everything is made, or pauses after a failure."""
         end = time.monotonic() + patience
-        while (waits := any(one.due_now for one in self.workers)) and time.monotonic() < end:
+        while (left := any(w.due_questions() for w in self.workers)) and time.monotonic() < end:
             time.sleep(0.02)
-        return not waits
+        return not left
 
     def finish(self) -> None:
         """Ignore runs from now on, and wait for `CLOSING_TIME`; the rest goes on by itself."""
         for worker in self.workers:
-            worker.ignore_runs()
+            worker.finish_alone()
         self.wait(CLOSING_TIME)
 
-    def _submit(self, name: str, kind: ChoreKind, *arguments: str) -> None:
-        self._pages.submit(Chore(name, kind, arguments))
-
-    # ------------------------------------------------------------------ the supervisor's thread
-
-    def _lose(self, what: str, why: str) -> None:
-        self._lost = f"no {what}: {why}"
-        if self.exported is not None and not self.exported.path:
-            self.exported = replace(self.exported, problem=why)
-
-    def _hear(self, finished: Finished) -> None:
-        self._lost = ""
-        chore, why, said = finished.chore, finished.why_not, finished.said
-        if chore.kind is ChoreKind.EXPORT:
-            if self.exported is not None and self.exported.what == chore.name:  # the latest wanted
-                path = said if said.endswith(".zip") else ""
-                self.exported = replace(self.exported, path=path, problem=why)
+    def _submit(
+        self, name: str, kind: ChoreKind, *arguments: str, pause: float = 0.0, anew: bool = True
+    ) -> None:
+        """Have a chore done, `anew` in place of one of this name that waits."""
+        worker = self.workers[-1] if kind is ChoreKind.COMMAND else self._pages
+        before = [each.answer for each in worker.questions() if each.content.name == name]
+        if not anew and not all(answer.done() for answer in before):
             return
-        if chore.kind is ChoreKind.PICTURES:
-            if (done := self._frames.pop(chore.name, None)) is not None:
-                done(why)
+        for answer in before:
+            answer.cancel()
+        chore, due = Chore(name, kind, arguments), time.monotonic() + pause
+        worker.ask(chore, _FINISHED, due=due, urgency=_URGENCY[kind], retries=0).add_done_callback(
+            partial(self._note_outcome, chore)
+        )
+
+    def _note_outcome(self, chore: Chore, answer: Future[Finished]) -> None:
+        """In the supervisor's thread."""
+        if answer.cancelled():
             return
+        finished = _outcome(answer)
+        why, lost = finished.problem, answer.exception() is not None
+        if self.exported is not None and self.exported.what == chore.name:  # the latest wanted
+            path = finished.output if finished.output.endswith(".zip") else ""
+            self.exported = replace(self.exported, path=path, problem=why)
         for folder in finished.missing:
-            name = f"report {Path(folder).name}"
-            self._pages.submit(Chore(name, ChoreKind.MISSING, (folder,)), anew=False)
-        if said == str(chore.place / INDEX_PAGE):
+            self._submit(f"report {Path(folder).name}", ChoreKind.MISSING, folder, anew=False)
+        if finished.output == str(chore.place / INDEX_PAGE):
             why = ""  # the pages are there, and name what cannot be read
         unmade = {
-            name: one
-            for name, one in self._unmade.items()
-            if name != chore.name and (one.again or one.kind is not chore.kind)
+            name: each
+            for name, each in self._unmade.items()
+            if name != chore.name and (each.is_retried or each.kind is not chore.kind)
         }
-        if why:
-            words = _UNMADE[chore.kind].format(place=chore.place, why=why)
-            unmade[chore.name] = _Unmade(chore.kind, words, finished.again)
+        if why and (lost or chore.kind is not ChoreKind.EXPORT):
+            words = why if lost else _UNMADE[chore.kind].format(place=chore.place, why=why)
+            unmade[chore.name] = _Unmade(chore.kind, words, finished.is_retried)
         self._unmade = unmade  # a new one, not changed: others read it meanwhile
+        if finished.is_retried:
+            pause = self._retry_pause
+            self._submit(chore.name, chore.kind, *chore.arguments, pause=pause, anew=False)
+
+
+def _outcome(answer: Future[Finished]) -> Finished:
+    """A chore whose process was lost is retried."""
+    lost = answer.exception()
+    return answer.result() if lost is None else Finished(os.EX_TEMPFAIL, error=str(lost))

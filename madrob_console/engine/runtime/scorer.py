@@ -1,7 +1,8 @@
-"""What makes the results of an engine's runs, and the result as the engine holds it."""
+"""Scores the runs of an engine."""
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
@@ -34,28 +35,28 @@ def rendered(scored: Scored, assessment: Assessment, files: Mapping[str, bytes])
     )
 
 
-_KEPT = 2
-"""The current run, and one that is read meanwhile to be opened."""
+_MOST_CACHED = 2
+"""Samples are cached for two runs: the current one, and one that is read to be opened."""
 
 
-class ScoringDesk:
-    """Scores runs one after the other; keeps the samples of the last ones for corrections."""
+class RunScorer:
+    """Scores runs one after the other; caches the samples of the last ones for corrections."""
 
     def __init__(self) -> None:
-        self._kept: dict[Path, Assessment] = {}
+        self._cache: dict[Path, Assessment] = {}
 
     def read(self, folder: Path) -> EarlierRun:
         opened = open_run(folder)
         recorded, data = opened.recorded, opened.assessment
         run = replace(recorded.run, evidence=evidence_account_of(folder, recorded.run))
         scored = rendered(Scored.of(recorded.record, run, data), data, {})
-        self._keep(folder, data)
+        self._put_in_cache(folder, data)
         return EarlierRun(folder, recorded.entries, scored, opened.out_of_date)
 
     def score(self, wanted: ToScore) -> RenderedResult:
-        """Score a run from the samples it comes with, else from those kept or recorded."""
+        """Score a run from the samples it comes with, else from those cached or recorded."""
         run, folder, record = wanted.run, wanted.folder, wanted.record.corrected(wanted.run)
-        data = wanted.assessment or self._kept.pop(folder, None)
+        data = wanted.assessment or self._cache.pop(folder, None)
         inside = wanted.inside or folder
         with naming_folder(folder, inside):
             if data is None or data.condition != record.setup.condition:
@@ -63,22 +64,22 @@ class ScoringDesk:
             scored = Scored.of(record, run, data, wanted.missing)
             files = result_files(folder, scored, inside) if wanted.files else {}
         result = rendered(scored, data, files)
-        self._keep(folder, data)  # not after an error: then the recording is read
+        self._put_in_cache(folder, data)  # not after an error
         return result
 
-    def _keep(self, folder: Path, data: Assessment) -> None:
-        others = [(other, kept) for other, kept in self._kept.items() if other != folder]
-        self._kept = dict([*others, (folder, data)][-_KEPT:])
+    def _put_in_cache(self, folder: Path, data: Assessment) -> None:
+        others = [entry for entry in self._cache.items() if entry[0] != folder]
+        self._cache = dict([*others, (folder, data)][-_MOST_CACHED:])
 
 
 class Scorer:
     """Makes the results of one run after the other: this one at once, where it is asked.
 
-    Nothing else here waits.
+    Only `score` blocks.
     """
 
     def __init__(self) -> None:
-        self._desk = ScoringDesk()
+        self._runs = RunScorer()
 
     def problem(self, place: str) -> str | None:
         """Why a result is missing, or that it is retried; None = all well.
@@ -96,22 +97,22 @@ class Scorer:
         """Get ready in the background, so that the first result is not delayed."""
         threading.Thread(target=load_filters, name="filters", daemon=True).start()
 
-    def read(self, folder: Path) -> Future[EarlierRun]:
-        """From any thread."""
-        return DiskJobs().submit_job(partial(self._desk.read, folder))
+    def read(self, folder: Path, _deadline: float = math.inf) -> Future[EarlierRun]:
+        """Read an earlier run; not begun after the deadline, monotonic s. From any thread."""
+        return DiskJobs().submit_job(partial(self._runs.read, folder))
 
     def score(self, wanted: ToScore, done: Callable[[RenderedResult], None]) -> None:
         """Score the current run; replaces an earlier request.
 
         `done` gets its result in the thread that calls `deliver`.
         """
-        done(self._desk.score(wanted))
+        done(self._runs.score(wanted))
 
     def forget(self) -> None:
         """The requested result is not wanted any more."""
 
     def deliver(self) -> None:
-        """Tell the result that came since."""
+        """Hand over the result that came since."""
 
     def wait_until_idle(self, limit: float) -> bool:
         """Wait `limit` s at most; returns whether the result is there."""

@@ -1,11 +1,12 @@
 """Child processes that work for the engine, and the one supervisor that keeps them running.
 
-What a child sends are frames as those of screens (`engine/ipc/wire.py`), and so is what it gets
-from `Worker.send`.
+A worker answers questions (`Worker.ask`); one that reports unasked overrides the hooks. What a
+child sends are frames as those of screens (`engine/ipc/wire.py`).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import mmap
 import os
@@ -17,15 +18,22 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, TypeVar
 
 import msgspec
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from madrob_console.engine.ipc.wire import LENGTH, frame
+from madrob_console.engine.ipc.wire import LENGTH, Reply, decoded, fail, frame
+from madrob_console.engine.requests import NO_ANSWER
+from madrob_console.engine.runtime.questions import question_parts
 from recorder.errors import remedy
+
+T = TypeVar("T")
 
 LARGEST_FRAME = 256_000_000
 """Bytes; a larger frame is no message."""
@@ -54,18 +62,6 @@ _BUSY = ("R", "D")
 """States of a process that waits for the processor or a disk (proc(5))."""
 
 
-class _Frame:
-    """The length of a message or the message itself, until it is whole.
-
-    A result of a long run has 100 MB. The kernel makes this memory page by page as it is filled;
-    clearing or copying it at once would hold up all threads.
-    """
-
-    def __init__(self, length: int, *, is_body: bool = False) -> None:
-        self.data = self.rest = memoryview(mmap.mmap(-1, length, mmap.MAP_PRIVATE))
-        self.is_body = is_body
-
-
 class Child:
     """A process, its socket and its signs of life.
 
@@ -88,7 +84,9 @@ class Child:
                 raise
         self.link.setblocking(False)
         self.out: deque[memoryview] = deque()
-        self._frame = _Frame(LENGTH.size)
+        self._is_body = False  # of what is received now
+        self._data = self._rest = memoryview(b"")
+        self._expect(LENGTH.size)
         self._looked = self.moved_at = time.monotonic()
         self._used = ""
         self._stopped: float | None = None
@@ -99,24 +97,32 @@ class Child:
         Raises:
             EOFError: the process has ended.
         """
-        frame = self._frame
         try:
-            received = self.link.recv_into(frame.rest)
+            received = self.link.recv_into(self._rest)
         except BlockingIOError:
             return None
         if not received:
             raise EOFError
-        frame.rest = frame.rest[received:]
-        if frame.rest:
+        self._rest = self._rest[received:]
+        if self._rest:
             return None
-        if frame.is_body:
-            self._frame = _Frame(LENGTH.size)
-            return frame.data
-        (length,) = LENGTH.unpack(frame.data)
+        data, self._is_body = self._data, not self._is_body
+        if not self._is_body:
+            self._expect(LENGTH.size)
+            return data
+        (length,) = LENGTH.unpack(data)
         if not 0 < length <= LARGEST_FRAME:
             raise MadrobError(f"not a message: {length} bytes")
-        self._frame = _Frame(length, is_body=True)
+        self._expect(length)
         return None
+
+    def _expect(self, length: int) -> None:
+        """Receive so many bytes: the length of a message or the message itself.
+
+        A result of a long run has 100 MB. The kernel makes this memory page by page as it is
+        filled; clearing or copying it at once would hold up all threads.
+        """
+        self._data = self._rest = memoryview(mmap.mmap(-1, length, mmap.MAP_PRIVATE))
 
     def send_waiting(self) -> None:
         """Send what waits in `out`, as far as the socket takes it."""
@@ -155,8 +161,8 @@ class Child:
 
     def _state(self) -> tuple[str, str]:
         """State and processor time (proc(5)); `OSError` once it has ended."""
-        told = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
-        return told[0], " ".join(told[11:13])
+        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+        return fields[0], " ".join(fields[11:13])
 
     @property
     def ended(self) -> str:
@@ -175,29 +181,95 @@ class Child:
         return bool(self.ended)
 
 
+_replies = msgspec.msgpack.Decoder(Reply)
+
+
+@dataclass(slots=True, eq=False)
+class Question:
+    """A question until it is answered.
+
+    Attributes:
+        due, deadline: earliest and latest time to begin, monotonic s.
+        retries: how often it survives the end of the process.
+        sent_at: when it was sent to the present process, monotonic s; None = not yet.
+    """
+
+    number: int
+    content: Any
+    decoder: msgspec.msgpack.Decoder[Any]
+    due: float
+    deadline: float
+    urgency: int
+    retries: int
+    answer: Future[Any] = field(default_factory=Future)
+    sent_at: float | None = None
+
+
 class Worker:
     """A job that a child process does; the `Supervisor` keeps the process running.
 
-    A process that ends, hangs or is stopped is started again after a growing pause. Subclasses
-    override the hooks, which the supervisor's thread calls: none of them may wait.
+    A process that ends, hangs or is stopped is started again after a growing pause. The
+    supervisor's thread calls the hooks: none of them may wait. As they are here they ask the
+    questions, one after the other.
 
     Attributes:
+        loss: what it means that the process was lost, in words.
         patience: time without activity, while an answer is due, after which it hangs, s.
         longest: the same for one that is active (an endless loop), s.
+        most_sent: how many questions the process may have at a time.
         failures: starts in a row after which no message came.
+        trouble: why there is no working process, in words; empty = there is.
     """
 
+    loss = "its process is started again"
     patience = 20.0
     longest = math.inf
+    most_sent: float = 1
 
     def __init__(self, command: Sequence[str]) -> None:
         self.failures = 0
+        self.trouble = ""
         self.ring: Callable[[], None] = lambda: None
         self._command = tuple(command)
         self._child: Child | None = None
         self._leaving: Child | None = None
         self._left_at = self._next_start = -math.inf
         self._why: str | None = ""
+        self._numbers = itertools.count(1)
+        # Any thread puts in, the supervisor's takes out.
+        self._questions: dict[int, Question] = {}
+
+    def ask(
+        self,
+        content: object,
+        decoder: msgspec.msgpack.Decoder[T],
+        *,
+        due: float = -math.inf,
+        deadline: float = math.inf,
+        urgency: int = 0,
+        retries: int = 1,
+    ) -> Future[T]:
+        """Ask the process something; never waits. From any thread.
+
+        The answer, read by `decoder`, is set in the supervisor's thread. It fails with a
+        `MadrobError` if the process refuses, if it was lost more than `retries` times, or if the
+        question was not sent by the `deadline`, monotonic s. A lower `urgency` comes first.
+        """
+        number = next(self._numbers)
+        question = Question(number, content, decoder, due, deadline, urgency, retries)
+        self._questions[number] = question
+        self.ring()
+        return question.answer
+
+    def due_questions(self) -> list[Question]:
+        """Those that may begin or have begun, the most urgent first. From any thread."""
+        now = time.monotonic()
+        due = [each for each in self.questions() if each.due <= now and not each.answer.cancelled()]
+        return sorted(due, key=lambda each: (each.urgency, each.number))
+
+    def questions(self) -> list[Question]:
+        """All until what follows from their answers has happened. From any thread."""
+        return list(self._questions.values())
 
     # ------------------------------------------------------------------ hooks
 
@@ -213,21 +285,53 @@ class Worker:
 
     def begin(self) -> None:
         """Tell a new process what it must know, by `send`."""
+        for question in self.questions():
+            question.sent_at = None
 
     def work(self, now: float) -> float:
         """Send what waits; returns how long nothing is to be done, s. `now` is monotonic, s."""
-        return LOOK_PERIOD
+        questions = self.questions()
+        for question in questions:
+            unsent = question.sent_at is None
+            if unsent and (question.deadline < now or question.answer.cancelled()):
+                self._refuse(question, NO_ANSWER)
+        for question in self.due_questions() if self.pid is not None else ():
+            sent = sum(each.sent_at is not None for each in questions)
+            if question.sent_at is None and sent < self.most_sent:
+                question.sent_at = now
+                self.send_parts(question_parts(question.number, question.content))
+        return min((each.due - now for each in questions if each.due > now), default=LOOK_PERIOD)
 
     def take(self, data: memoryview) -> None:
         """Take a message of the process."""
-        raise NotImplementedError
+        reply = decoded(_replies, data, "a message of a worker")
+        question = self._questions.get(reply.number)
+        if question is None:  # it is ready
+            return
+        if reply.failed is not None:
+            fail(question.answer, terminal_safe(reply.failed))
+        else:
+            value = decoded(question.decoder, reply.value, "a message of a worker")
+            with suppress(InvalidStateError):  # it was cancelled
+                question.answer.set_result(value)
+        del self._questions[reply.number]
 
     def lose(self, why: str) -> None:
         """Its process has ended, and why in words; it is started again."""
+        questions = self.due_questions()
+        for question in [each for each in questions if each.sent_at is not None] or questions[:1]:
+            question.retries -= 1
+            if question.retries < 0:
+                self._refuse(question, f"{self.loss}: {why}")
 
     def due(self) -> float | None:
         """Since when an answer is due, monotonic s; None = none is."""
-        return None
+        sent = (each.sent_at for each in self.questions())
+        return min((at for at in sent if at is not None), default=None)
+
+    def _refuse(self, question: Question, why: str) -> None:
+        fail(question.answer, why)
+        del self._questions[question.number]
 
     # ------------------------------------------------------------------ for subclasses
 
@@ -240,7 +344,7 @@ class Worker:
     def send(self, message: msgspec.Struct) -> None:
         self.send_parts([frame(message)])
 
-    def send_parts(self, parts: Iterable[bytes]) -> None:
+    def send_parts(self, parts: Iterable[bytes | memoryview]) -> None:
         """Send bytes, which are no frame, without copying them."""
         assert self._child is not None
         self._child.out.extend(map(memoryview, parts))
@@ -293,16 +397,16 @@ class Worker:
         try:
             self._child = Child(self._command)
         except (OSError, MemoryError, subprocess.SubprocessError) as error:
-            told = getattr(error, "strerror", None) or repr(error)
+            words = getattr(error, "strerror", None) or repr(error)
             hint = f"; {what}" if (what := remedy(error)) else ""
-            self._pause(f"no process can be started ({told}){hint}")
+            self._pause(f"no process can be started ({words}){hint}")
             return 0.0
         self.begin()
         return 0.0
 
     def _serve(self, now: float, child: Child) -> float:
         if (data := child.receive()) is not None:
-            self.failures = 0
+            self.failures, self.trouble = 0, ""
             self.take(data)
         rest = self.work(now)
         child.send_waiting()
@@ -345,10 +449,13 @@ class Worker:
 
     def _pause(self, why: str) -> None:
         self._next_start = time.monotonic() + delay_after(self.failures)
+        self.trouble = f"{self.loss}: {why}"
         self.lose(why)
 
     def end(self, deadline: float) -> None:
         """End its process, which has until the `deadline` (monotonic s) to end by itself."""
+        for question in self.questions():
+            self._refuse(question, "the engine has ended")
         child, self._child = self._child or self._leaving, None
         self._leaving = None
         if child is None:

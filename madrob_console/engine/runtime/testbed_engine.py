@@ -434,9 +434,9 @@ class Engine:
         """Why no earlier run can be opened now, in words."""
         return OWN_RUN if self.replay is not None else self._core.opening_refusal(self._moment())
 
-    def read_run(self, folder: Path) -> Future[EarlierRun]:
-        """Read an earlier run, to open it. From any thread."""
-        return self._scorer.read(folder)
+    def read_run(self, folder: Path, deadline: float = math.inf) -> Future[EarlierRun]:
+        """Read an earlier run, to open it, or not after the deadline. From any thread."""
+        return self._scorer.read(folder, deadline)
 
     def open_run(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,17 +16,16 @@ SHORT_PAUSE = 0.2  # s
 
 def no_reporting(results: Path) -> Reporting:
     """No process makes what an engine asks for."""
-    return Reporting((), results, lambda: False)
+    return Reporting((), results)
 
 
 @contextmanager
 def reporting_on(
     results: Path,
     wanted: WantedPages = EVERY_REPORT,
-    busy: Callable[[], bool] = lambda: False,
 ) -> Iterator[Reporting]:
     """Chores that are asked for are done, until the end of the block."""
-    reporting = Reporting(chore_worker.COMMAND, results, busy, wanted, SHORT_PAUSE)
+    reporting = Reporting(chore_worker.COMMAND, results, wanted, SHORT_PAUSE)
     supervisor = Supervisor(*reporting.workers)
     try:
         yield reporting

@@ -19,6 +19,7 @@ import pytest
 from madrob_console.archive.run_pictures import renewed_pictures, run_pictures
 from madrob_console.archive.scored import score_opened
 from madrob_console.cli.main import main
+from madrob_console.common.errors import MadrobError
 from madrob_console.common.version import software_version
 from madrob_console.engine.ipc import server
 from madrob_console.engine.ipc.server import AGAIN, LogOnce
@@ -101,19 +102,15 @@ def test_the_frames_of_instants_stay_in_the_folder_of_the_run(
     elsewhere = tmp_path / "temporary"
     elsewhere.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(elsewhere))
-    told: list[tuple[str, str]] = []
     with reporting_on(folder.parent) as reporting:
-        for at in (5.0, 900.0, 5.0, 6.5):
-            reporting.frames(folder, at, lambda *words: told.append(words))
-            assert reporting.wait(60.0)
-            if len(told) == 1:
-                assert not (folder / "frames").exists()
-                film(folder, "/camera/front", "/camera/side")
-    places, problems = zip(*told, strict=True)
-    assert places == ("", "", *[str(folder / "frames")] * 2)
-    assert "was recorded without evidence" in problems[0]
-    assert "no frame within 1 s" in problems[1]
-    assert not any(problems[2:])
+        with pytest.raises(MadrobError, match="was recorded without evidence"):
+            reporting.frames(folder, 5.0).result(60.0)
+        assert not (folder / "frames").exists()
+        film(folder, "/camera/front", "/camera/side")
+        with pytest.raises(MadrobError, match="no frame within 1 s"):
+            reporting.frames(folder, 900.0).result(60.0)
+        for at in (5.0, 6.5):
+            assert reporting.frames(folder, at).result(60.0) == str(folder / "frames")
     found = sorted(path.name for path in (folder / "frames").iterdir())
     assert [re.sub(r"_\d+_ms(_later|_earlier)?[.]jpg$", ".jpg", name) for name in found] == [
         f"01_at_{at}_s_camera_{camera}.jpg"
@@ -242,17 +239,17 @@ def test_a_folder_on_a_stick_runs_no_program(folder: Path, tmp_path: Path) -> No
 @pytest.mark.machine
 def test_a_run_cuts_a_chore_short_which_is_done_again_after_it(folder: Path) -> None:
     """Killed at any moment, by a run or for want of memory: nothing half written stays."""
-    before, busy = {path.name for path in folder.iterdir()}, [False]
-    with reporting_on(folder.parent, busy=lambda: busy[0]) as reporting:
+    before = {path.name for path in folder.iterdir()}
+    with reporting_on(folder.parent) as reporting:
         for end in (0.0, 0.4, 0.8):
             reporting.report(folder)
             pid = until(lambda: reporting.workers[0].pid)
             threading.Event().wait(end)  # some moment
-            busy[0] = True
+            reporting.hold(held=True)
             until(lambda pid=pid: not alive(pid))  # type: ignore[misc]
             assert reporting.problem is None
             assert {path.name for path in folder.iterdir()} - before <= {"report.html", "pictures"}
-            busy[0] = False
+            reporting.hold(held=False)
         reporting.report(folder)
         pid = until(lambda: reporting.workers[0].pid)
         assert pid is not None
@@ -292,7 +289,7 @@ def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_
     engine = simulated(tmp_path / "runs")
     options = WantedPages(options=[f"--results={tmp_path / 'runs'}"])
     with (
-        reporting_on(tmp_path / "runs", options, lambda: engine.busy) as reporting,
+        reporting_on(tmp_path / "runs", options) as reporting,
         closing(Served(tmp_path, engine=engine, reporting=reporting)) as served,
         closing(served.attach()) as console,
         closing(served.attach(Role.WATCH)) as watcher,

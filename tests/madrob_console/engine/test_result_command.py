@@ -148,12 +148,12 @@ def test_a_command_ends_with_its_process_and_so_does_all_it_started(
 def test_a_command_ends_with_the_processes_that_watch_it(
     which: str, sent: signal.Signals, folder: Path, tmp_path: Path
 ) -> None:
-    begun, busy = tmp_path / "begun", [False]
+    begun = tmp_path / "begun"
     command = script(
         tmp_path, f"echo $$ >> {begun}", f"setsid sleep 1000 & echo $! >> {begun}", "wait"
     )
     wanted = WantedPages(reports=False, command=command)
-    with reporting_on(folder.parent, wanted, lambda: busy[0]) as reporting:
+    with reporting_on(folder.parent, wanted) as reporting:
         reporting.report(folder)
         first = numbers_in(begun, 2)
         outer = until(lambda: reporting.workers[1].pid)
@@ -163,17 +163,17 @@ def test_a_command_ends_with_the_processes_that_watch_it(
         until(lambda: not any(map(alive, first)))
         again = numbers_in(begun, 4)[2:]  # it is called again, and a run ends it
         until(lambda: not any(map(alive, (outer, inner))))
-        busy[0] = True
+        reporting.hold(held=True)
         until(lambda: not any(map(alive, again)))
 
 
 def test_nothing_waits_for_a_command_that_hangs_and_a_run_ends_it(
     folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    begun, busy = tmp_path / "begun", [False]
+    begun = tmp_path / "begun"
     command = script(tmp_path, f"setsid sleep 1000 & echo $! >> {begun}", "sleep 1000")
     wanted = WantedPages(options=[f"--results={folder.parent}"], command=command)
-    with reporting_on(folder.parent, wanted, lambda: busy[0]) as reporting:
+    with reporting_on(folder.parent, wanted) as reporting:
         reporting.report(folder)
         until((folder / "report.html").exists)
         hangs = int(until(lambda: begun.exists() and begun.read_text()) or 0)
@@ -181,10 +181,10 @@ def test_nothing_waits_for_a_command_that_hangs_and_a_run_ends_it(
         until(lambda: reporting.exported is not None and reporting.exported.path)
         assert alive(hangs)
         assert reporting.problem is None
-        busy[0] = True
+        reporting.hold(held=True)
         until(lambda: not alive(hangs))
         told = until(lambda: log_of(capfd.readouterr().err))
         assert "after_result: exit code -9 after N s: a run begins" in str(told)
-        busy[0] = False
+        reporting.hold(held=False)
         until(lambda: len(begun.read_text().split()) == 2)  # it is called again
-        busy[0] = True
+        reporting.hold(held=True)
