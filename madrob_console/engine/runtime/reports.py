@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import threading
 import time
 from collections.abc import Sequence
 from concurrent.futures import Future, InvalidStateError
@@ -197,6 +198,7 @@ class Reporting:
         self._wanted = wanted
         self._retry_pause = pause
         self._unmade: dict[str, _Unmade] = {}
+        self._lock = threading.Lock()  # of `_unmade`, for those who change it
         self._pages = ChoreWorker(command, "reports, pages and zips")
         # a process of its own: a command may hang
         hook = ChoreWorker((*command, "--guarded"), "command of [results]")
@@ -307,7 +309,7 @@ class Reporting:
         )
 
     def _note_outcome(self, chore: Chore, answer: Future[Finished]) -> None:
-        """In the supervisor's thread."""
+        """In the worker's thread."""
         if answer.cancelled():
             return
         finished = _outcome(answer)
@@ -319,15 +321,16 @@ class Reporting:
             self._submit(f"report {Path(folder).name}", ChoreKind.MISSING, folder, anew=False)
         if finished.output == str(chore.place / INDEX_PAGE):
             why = ""  # the pages are there, and name what cannot be read
-        unmade = {
-            name: each
-            for name, each in self._unmade.items()
-            if name != chore.name and (each.is_retried or each.kind is not chore.kind)
-        }
-        if why and (lost or chore.kind is not ChoreKind.EXPORT):
-            words = why if lost else _UNMADE[chore.kind].format(place=chore.place, why=why)
-            unmade[chore.name] = _Unmade(chore.kind, words, finished.is_retried)
-        self._unmade = unmade  # a new one, not changed: others read it meanwhile
+        with self._lock:
+            unmade = {
+                name: each
+                for name, each in self._unmade.items()
+                if name != chore.name and (each.is_retried or each.kind is not chore.kind)
+            }
+            if why and (lost or chore.kind is not ChoreKind.EXPORT):
+                words = why if lost else _UNMADE[chore.kind].format(place=chore.place, why=why)
+                unmade[chore.name] = _Unmade(chore.kind, words, finished.is_retried)
+            self._unmade = unmade  # a new one, not changed: others read it meanwhile
         if finished.is_retried:
             pause = self._retry_pause
             self._submit(chore.name, chore.kind, *chore.arguments, pause=pause, anew=False)

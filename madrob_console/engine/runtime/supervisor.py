@@ -1,4 +1,4 @@
-"""Child processes that work for the engine, and the one supervisor that keeps them running.
+"""Child processes that work for the engine, and the threads that keep them running.
 
 A worker answers questions (`Worker.ask`); one that reports unasked overrides the hooks. What a
 child sends are frames as those of screens (`engine/ipc/wire.py`).
@@ -17,7 +17,7 @@ import subprocess
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -174,12 +174,6 @@ class Child:
             return f"it was ended by {signal.Signals(-code).name}"
         return f"it ended with code {code}"
 
-    def ended_by(self, deadline: float) -> bool:
-        """Wait until it has ended, or until the `deadline`, monotonic s."""
-        while not self.ended and time.monotonic() < deadline:
-            time.sleep(0.01)
-        return bool(self.ended)
-
 
 _replies = msgspec.msgpack.Decoder(Reply)
 
@@ -208,9 +202,9 @@ class Question:
 class Worker:
     """A job that a child process does; the `Supervisor` keeps the process running.
 
-    A process that ends, hangs or is stopped is started again after a growing pause. The
-    supervisor's thread calls the hooks: none of them may wait. As they are here they ask the
-    questions, one after the other.
+    A process that ends, hangs or is stopped is started again after a growing pause. The worker's
+    thread calls the hooks: none of them may wait. As they are here they ask the questions, one
+    after the other.
 
     Attributes:
         loss: what it means that the process was lost, in words.
@@ -229,14 +223,16 @@ class Worker:
     def __init__(self, command: Sequence[str]) -> None:
         self.failures = 0
         self.trouble = ""
-        self.ring: Callable[[], None] = lambda: None
         self._command = tuple(command)
         self._child: Child | None = None
-        self._leaving: Child | None = None
-        self._left_at = self._next_start = -math.inf
-        self._why: str | None = ""
+        self._left = threading.Event()  # no process is there, not even one that ends
+        self._left.set()
+        self._next_start = -math.inf
+        self._over = False
+        self._lock = threading.Lock()  # of the bell
+        self._bell: int | None = None
         self._numbers = itertools.count(1)
-        # Any thread puts in, the supervisor's takes out.
+        # Any thread puts in, the worker's takes out.
         self._questions: dict[int, Question] = {}
 
     def ask(
@@ -251,7 +247,7 @@ class Worker:
     ) -> Future[T]:
         """Ask the process something; never waits. From any thread.
 
-        The answer, read by `decoder`, is set in the supervisor's thread. It fails with a
+        The answer, read by `decoder`, is set in the worker's thread. It fails with a
         `MadrobError` if the process refuses, if it was lost more than `retries` times, or if the
         question was not sent by the `deadline`, monotonic s. A lower `urgency` comes first.
         """
@@ -357,161 +353,132 @@ class Worker:
 
     def wait_until_left(self, limit: float) -> None:
         """Wait for the end of a process that is not wanted any more, `limit` s at most."""
-        end = time.monotonic() + limit
-        while (self._child or self._leaving) is not None and time.monotonic() < end:
-            time.sleep(0.01)
-
-    # ------------------------------------------------------------------ for the supervisor
-
-    @property
-    def link(self) -> tuple[socket.socket, int] | None:
-        """The socket of its process, and the events to poll for."""
-        child = self._child
-        if child is None:
-            return None
-        return child.link, select.POLLIN | (select.POLLOUT if child.out else 0)
-
-    def step(self, now: float) -> float:
-        """Do what is to be done now; returns the time until the next step, s."""
-        try:
-            if self._leaving is not None:
-                return self._reap(now, self._leaving)
-            if self._child is None:
-                return self._start(now)
-            return self._serve(now, self._child)
-        except (EOFError, ConnectionError):
-            self._give_up("")
-        except MadrobError as error:
-            self._give_up(str(error))
-        except Exception as error:  # noqa: BLE001  one bug costs one process: the thread goes on
-            self._give_up(terminal_safe(repr(error)))
-        return 0.0
-
-    def _start(self, now: float) -> float:
-        if not self.wanted:
-            return LOOK_PERIOD
-        if now < self._next_start:
-            self.work(now)
-            return self._next_start - now
-        self.failures += 1
-        try:
-            self._child = Child(self._command)
-        except (OSError, MemoryError, subprocess.SubprocessError) as error:
-            words = getattr(error, "strerror", None) or repr(error)
-            hint = f"; {what}" if (what := remedy(error)) else ""
-            self._pause(f"no process can be started ({words}){hint}")
-            return 0.0
-        self.begin()
-        return 0.0
-
-    def _serve(self, now: float, child: Child) -> float:
-        if (data := child.receive()) is not None:
-            self.failures, self.trouble = 0, ""
-            self.take(data)
-        rest = self.work(now)
-        child.send_waiting()
-        if not self.wanted:
-            child.process.terminate()
-            self.failures = 0
-            self._give_up(None)
-            return 0.0
-        moved, due = child.moved(now), self.due()
-        if due is not None and now - max(moved, due) > self.patience:
-            raise MadrobError(f"it did not move for {self.patience:g} s")
-        if due is not None and now - due > self.longest:
-            raise MadrobError(f"it gave no answer for {now - due:.0f} s")
-        return min(rest, LOOK_PERIOD)
-
-    def _give_up(self, why: str | None) -> None:
-        """Leave its process to itself; one of which something is known is killed.
-
-        None = it was not wanted any more.
-        """
-        self._leaving, self._child = self._child, None
-        self._why, self._left_at = why, time.monotonic()
-        if self._leaving is not None:
-            self._leaving.link.close()
-            if why:
-                self._leaving.process.kill()
-
-    def _reap(self, now: float, child: Child) -> float:
-        ended, waited = child.ended, now - self._left_at
-        may_go_on = self.goes_on and not self.wanted and not child.stopped
-        if not ended and waited < END_TIME:
-            return 0.05
-        if not ended and not may_go_on and waited < 2 * END_TIME:
-            child.process.kill()  # it may hang in a disk: then nobody can end it
-            return 0.05
-        self._leaving = None
-        if self._why is not None:
-            self._pause(self._why or ended or "it did not end by itself")
-        return 0.0
-
-    def _pause(self, why: str) -> None:
-        self._next_start = time.monotonic() + delay_after(self.failures)
-        self.trouble = f"{self.loss}: {why}"
-        self.lose(why)
-
-    def end(self, deadline: float) -> None:
-        """End its process, which has until the `deadline` (monotonic s) to end by itself."""
-        for question in self.questions():
-            self._refuse(question, "the engine has ended")
-        child, self._child = self._child or self._leaving, None
-        self._leaving = None
-        if child is None:
-            return
-        with suppress(OSError):
-            child.send_waiting()
-        child.link.close()
-        if not child.ended_by(deadline) and (not self.goes_on or child.stopped):
-            child.process.kill()
-            child.ended_by(deadline + END_TIME / 2)
-
-
-class Supervisor:
-    """Keeps the processes of all `workers` running, in one thread, until it is closed."""
-
-    def __init__(self, *workers: Worker) -> None:
-        self._workers = workers
-        self._closed = False
-        self._lock = threading.Lock()  # of the bell
-        self._bell: int | None = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
-        for worker in workers:
-            worker.ring = self.ring
-        self._thread = threading.Thread(target=self._work, name="workers", daemon=True)
-        self._thread.start()
+        self._left.wait(limit)
 
     def ring(self) -> None:
-        """Have all workers looked after now; from any thread."""
+        """Have `wanted` and `work` looked at now; from any thread."""
         with self._lock, suppress(BlockingIOError):  # it rings already
             if self._bell is not None:
                 os.eventfd_write(self._bell, 1)
 
+    # ------------------------------------------------------------------ for the supervisor
+
+    def run(self) -> None:
+        """Keep its process running until it is closed; then end the process."""
+        self._bell = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
+        while not self._over:
+            pause = self._next_start - time.monotonic()
+            if self.wanted and pause <= 0:
+                self._run_process()
+                continue
+            with suppress(Exception):  # one bug: the thread goes on
+                self.work(time.monotonic())
+            self._rest(pause if pause > 0 else LOOK_PERIOD)
+        for question in self.questions():
+            self._refuse(question, "the engine has ended")
+        with self._lock:
+            os.close(self._bell)
+            self._bell = None
+
+    def end(self) -> None:
+        """A process that goes on alone gets what waits for it."""
+        self._over = True
+        self.ring()
+
+    def _run_process(self) -> None:
+        """Start it, serve it until it is lost or not needed any more, and see it end."""
+        self.failures += 1
+        try:
+            child = Child(self._command)
+        except (OSError, MemoryError, subprocess.SubprocessError) as error:
+            words = getattr(error, "strerror", None) or repr(error)
+            hint = f"; {what}" if (what := remedy(error)) else ""
+            self._note_loss(f"no process can be started ({words}){hint}")
+            return
+        self._left.clear()
+        self._child = child
+        try:
+            self.begin()
+            why = self._serve(child)
+        except (EOFError, ConnectionError):
+            why = ""
+        except MadrobError as error:
+            why = str(error)
+        except Exception as error:  # noqa: BLE001  one bug costs one process: the thread goes on
+            why = terminal_safe(repr(error))
+        self._child = None
+        self._see_off(child, killed=bool(why))
+        self._left.set()
+        if why is not None:
+            self._note_loss(why or child.ended or "it did not end by itself")
+
+    def _serve(self, child: Child) -> str | None:
+        """Until it is lost, and why in words, or not needed any more: None."""
+        while True:
+            now = time.monotonic()
+            if (data := child.receive()) is not None:
+                self.failures, self.trouble = 0, ""
+                self.take(data)
+            rest = self.work(now)
+            child.send_waiting()
+            if self._over:
+                return None
+            if not self.wanted:
+                child.process.terminate()
+                self.failures = 0
+                return None
+            moved, due = child.moved(now), self.due()
+            if due is not None and now - max(moved, due) > self.patience:
+                return f"it did not move for {self.patience:g} s"
+            if due is not None and now - due > self.longest:
+                return f"it gave no answer for {now - due:.0f} s"
+            self._rest(min(rest, LOOK_PERIOD), child)
+
+    def _rest(self, limit: float, child: Child | None = None) -> None:
+        """Until the bell rings or the process says or takes something, `limit` s at most."""
+        bell, poll = self._bell, select.poll()
+        assert bell is not None
+        poll.register(bell, select.POLLIN)
+        if child is not None:
+            poll.register(child.link, select.POLLIN | (select.POLLOUT if child.out else 0))
+        poll.poll(1000 * limit)
+        with suppress(BlockingIOError):
+            os.eventfd_read(bell)
+
+    def _see_off(self, child: Child, *, killed: bool) -> None:
+        """Wait for its end; one that may not go on alone is killed after a while."""
+        child.link.close()
+        if killed:
+            child.process.kill()
+        with suppress(subprocess.TimeoutExpired):
+            child.process.wait(END_TIME)
+        may_go_on = self.goes_on and (self._over or not self.wanted) and not child.stopped
+        if not child.ended and not may_go_on:
+            child.process.kill()
+            with suppress(subprocess.TimeoutExpired):  # it may hang in a disk: nobody can end it
+                child.process.wait(END_TIME)
+
+    def _note_loss(self, why: str) -> None:
+        self._next_start = time.monotonic() + delay_after(self.failures)
+        self.trouble = f"{self.loss}: {why}"
+        self.lose(why)
+
+
+class Supervisor:
+    """Keeps the processes of all `workers` running, each in a thread, until it is closed."""
+
+    def __init__(self, *workers: Worker) -> None:
+        self._workers = workers
+        self._threads = [
+            threading.Thread(target=worker.run, name=type(worker).__name__, daemon=True)
+            for worker in workers
+        ]
+        for thread in self._threads:
+            thread.start()
+
     def close(self) -> None:
         """End all processes; those that go on alone get what waits for them."""
-        self._closed = True
-        self.ring()
-        self._thread.join(2 * END_TIME + 1.0)
-
-    def _work(self) -> None:
-        bell = self._bell
-        assert bell is not None
-        while not self._closed:
-            now = time.monotonic()
-            rest = min((worker.step(now) for worker in self._workers), default=LOOK_PERIOD)
-            poll = select.poll()
-            poll.register(bell, select.POLLIN)
-            for worker in self._workers:
-                if worker.link is not None:
-                    poll.register(*worker.link)
-            poll.poll(1000 * rest)
-            with suppress(BlockingIOError):
-                os.eventfd_read(bell)
-        deadline = time.monotonic() + END_TIME
         for worker in self._workers:
-            with suppress(Exception):  # this program is at its end
-                worker.work(time.monotonic())
-            worker.end(deadline)
-        with self._lock:
-            self._bell = None
-        os.close(bell)
+            worker.end()
+        for thread in self._threads:
+            thread.join(2 * END_TIME + 1.0)

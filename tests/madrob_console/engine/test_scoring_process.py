@@ -274,8 +274,9 @@ def test_no_step_of_the_core_or_its_workers_takes_5_ms_when_a_long_run_is_scored
         finally:
             steps.append(time.thread_time() - began)
 
-    work = scorer.step
-    monkeypatch.setattr(scorer, "step", lambda now: timed(lambda: work(now)))
+    work, take = scorer.work, scorer.take
+    monkeypatch.setattr(scorer, "work", lambda now: timed(lambda: work(now)))
+    monkeypatch.setattr(scorer, "take", lambda data: timed(lambda: take(data)))
     drive = Referee(tmp_path, scorer, Robot.NO_CLOSE, DiskThreads.threads())
     stopped_run(drive, 600.0, 500.0, tuple(Strip)[:2])
     for act in (DeclareTimeout("enough"), DENIED):

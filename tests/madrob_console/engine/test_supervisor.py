@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import closing
+from pathlib import Path
 
 import msgspec
 import pytest
 
+from madrob_console.common.errors import MadrobError
 from madrob_console.engine.runtime.supervisor import Supervisor, Worker
 from tests.madrob_console.engine.scored_elsewhere import alive
 from tests.watching import until
@@ -29,6 +32,24 @@ while data := link.recv(65536):
         pass
     other = b"\\0\\0\\0\\1x" if b"other" in data else data
     link.sendall(b"\\xff" * 100 if b"nonsense" in data else other)
+"""
+
+
+ANSWER = """
+import os, pathlib, signal, sys, time
+from madrob_console.engine.runtime.questions import answer_questions
+
+def answer(question):
+    path, deaths, duration = question
+    tries = pathlib.Path(path)
+    with tries.open("a") as file:
+        file.write("x")
+    if len(tries.read_text()) <= deaths:
+        os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(duration)
+    return len(tries.read_text())
+
+answer_questions(int(sys.argv[1]), answer)
 """
 
 
@@ -126,3 +147,50 @@ def test_one_bad_worker_costs_the_other_nothing() -> None:
         pid = good.pid
     assert pid is not None
     until(lambda: not alive(pid))
+
+
+@pytest.fixture
+def answering() -> Iterator[Worker]:
+    worker = Worker((sys.executable, "-c", ANSWER))
+    with closing(Supervisor(worker)):
+        yield worker
+
+
+NUMBER = msgspec.msgpack.Decoder(int)
+
+
+def test_a_question_is_asked_again_after_the_first_loss_of_its_process_only(
+    answering: Worker, tmp_path: Path
+) -> None:
+    for name, deaths, retries in (("one", 1, 1), ("two", 2, 2)):
+        question = (str(tmp_path / name), deaths, 0.0)
+        assert answering.ask(question, NUMBER, retries=retries).result(60.0) == deaths + 1
+    failed = answering.ask((str(tmp_path / "three"), 2, 0.0), NUMBER)
+    with pytest.raises(MadrobError, match="its process is started again: it was ended by SIGKILL"):
+        failed.result(60.0)
+    assert answering.ask((str(tmp_path / "four"), 0, 0.0), NUMBER).result(60.0) == 1
+    assert (tmp_path / "three").read_text() == "xx"
+
+
+def test_a_question_that_is_cancelled_or_too_late_is_never_sent(
+    answering: Worker, tmp_path: Path
+) -> None:
+    slow = answering.ask((str(tmp_path / "slow"), 0, 1.0), NUMBER)
+    until((tmp_path / "slow").exists)
+    late = answering.ask((str(tmp_path / "late"), 0, 0.0), NUMBER, deadline=time.monotonic() + 0.1)
+    assert answering.ask((str(tmp_path / "late"), 0, 0.0), NUMBER).cancel()
+    last = answering.ask((str(tmp_path / "last"), 0, 0.0), NUMBER)
+    with pytest.raises(MadrobError, match="Nothing was done"):
+        late.result(60.0)
+    assert (slow.result(60.0), last.result(60.0)) == (1, 1)
+    assert not (tmp_path / "late").exists()
+
+
+def test_every_question_is_answered_when_the_engine_ends(tmp_path: Path) -> None:
+    worker = Worker((sys.executable, "-c", ANSWER))
+    with closing(Supervisor(worker)):
+        waiting = [worker.ask((str(tmp_path / "slow"), 0, 60.0), NUMBER) for _ in range(2)]
+        until((tmp_path / "slow").exists)
+    for answer in waiting:
+        with pytest.raises(MadrobError, match="the engine has ended"):
+            answer.result(10.0)
