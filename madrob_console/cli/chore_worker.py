@@ -18,8 +18,8 @@ from pathlib import Path
 from madrob_console.cli.guarded import ENDING, TerminatedError, guarded, run_command
 from madrob_console.cli.output import BAD_INPUT, complain
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.runtime.questions import answer_questions
 from madrob_console.engine.runtime.reports import Chore, ChoreKind, Finished
+from madrob_console.engine.runtime.worker_questions import answer_questions
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.cli.chore_worker")
 """Command line that starts a process for such work."""

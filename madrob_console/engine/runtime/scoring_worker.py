@@ -13,8 +13,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult, ToScore
-from madrob_console.engine.runtime.questions import answer_questions
 from madrob_console.engine.runtime.scorer import RunScorer
+from madrob_console.engine.runtime.worker_questions import answer_questions
 from scoring.kinematics import load_filters
 
 FIRST_TO_GO = 500

@@ -30,7 +30,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.engine.ipc.wire import LENGTH, Reply, decoded, fail, frame
 from madrob_console.engine.requests import NO_ANSWER
-from madrob_console.engine.runtime.questions import question_parts
+from madrob_console.engine.runtime.worker_questions import question_parts
 from recorder.errors import remedy
 
 T = TypeVar("T")
@@ -179,7 +179,7 @@ _replies = msgspec.msgpack.Decoder(Reply)
 
 
 @dataclass(slots=True, eq=False)
-class Question:
+class WorkerQuestion:
     """A question until it is answered.
 
     Attributes:
@@ -233,7 +233,7 @@ class Worker:
         self._bell: int | None = None
         self._numbers = itertools.count(1)
         # Any thread puts in, the worker's takes out.
-        self._questions: dict[int, Question] = {}
+        self._questions: dict[int, WorkerQuestion] = {}
 
     def ask(
         self,
@@ -252,18 +252,18 @@ class Worker:
         question was not sent by the `deadline`, monotonic s. A lower `urgency` comes first.
         """
         number = next(self._numbers)
-        question = Question(number, content, decoder, due, deadline, urgency, retries)
+        question = WorkerQuestion(number, content, decoder, due, deadline, urgency, retries)
         self._questions[number] = question
         self.ring()
         return question.answer
 
-    def due_questions(self) -> list[Question]:
+    def due_questions(self) -> list[WorkerQuestion]:
         """Those that may begin or have begun, the most urgent first. From any thread."""
         now = time.monotonic()
         due = [each for each in self.questions() if each.due <= now and not each.answer.cancelled()]
         return sorted(due, key=lambda each: (each.urgency, each.number))
 
-    def questions(self) -> list[Question]:
+    def questions(self) -> list[WorkerQuestion]:
         """All until what follows from their answers has happened. From any thread."""
         return list(self._questions.values())
 
@@ -325,7 +325,7 @@ class Worker:
         sent = (each.sent_at for each in self.questions())
         return min((at for at in sent if at is not None), default=None)
 
-    def _refuse(self, question: Question, why: str) -> None:
+    def _refuse(self, question: WorkerQuestion, why: str) -> None:
         fail(question.answer, why)
         del self._questions[question.number]
 

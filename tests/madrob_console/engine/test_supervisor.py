@@ -37,7 +37,7 @@ while data := link.recv(65536):
 
 ANSWER = """
 import os, pathlib, signal, sys, time
-from madrob_console.engine.runtime.questions import answer_questions
+from madrob_console.engine.runtime.worker_questions import answer_questions
 
 def answer(question):
     path, deaths, duration = question

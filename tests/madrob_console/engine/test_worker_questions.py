@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 
-from madrob_console.engine.runtime.questions import question_parts
+from madrob_console.engine.runtime.worker_questions import question_parts
 from scoring.assessment import Assessment
 from scoring.signals import DoorSample, HandleSample
 from tests.madrob_console.engine.drive import PULL
