@@ -16,9 +16,9 @@ from collections.abc import Iterable, Iterator
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import BinaryIO, TypeAlias
 
+import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
@@ -94,9 +94,6 @@ def unpack(body: bytes) -> ChunkContent:
         return ChunkContent(b"", "is damaged")
     if packed.size > RECORD_LIMIT:
         return ChunkContent(b"", f"claims {packed.size} bytes")
-    if packed.compression == "lz4" and find_spec("lz4") is None:
-        words = "needs lz4: install madrob-console with its extra `lz4`"
-        return ChunkContent(b"", words, foreign=True)
     if packed.compression not in _UNPACKERS:
         words = f"has the unknown compression {packed.compression!r}"
         return ChunkContent(b"", words, foreign=True)
@@ -158,8 +155,6 @@ def _zstd(data: bytes) -> Iterator[bytes]:
 
 
 def _lz4(data: bytes) -> Iterator[bytes]:
-    import lz4.frame  # type: ignore[import-untyped]
-
     decompressor = lz4.frame.LZ4FrameDecompressor()
     while not decompressor.eof:
         piece = decompressor.decompress(data, max_length=_LZ4_PIECE)

@@ -37,7 +37,7 @@ SHARING = (
         "--scheduler",
         metavar="ADDRESS",
         help="hand the runs to a running Dask cluster, tcp://HOST:8786, whose workers have the "
-        "same madrob-console and see the same paths; needs the extra `cluster`. A scheduler is "
+        "same madrob-console and see the same paths; needs `distributed`. A scheduler is "
         "trusted like a shell: it can run anything as you; use tls:// where others reach it",
     ),
 )

@@ -175,8 +175,7 @@ def _connected(address: str) -> Iterator[Client]:
         import distributed
     except ImportError:
         raise MadrobError(
-            "--scheduler needs distributed: install madrob-console with its extra `cluster`, here "
-            "and on the workers"
+            "--scheduler needs Dask: install the package `distributed`, here and on the workers"
         ) from None
     for name in [*logging.root.manager.loggerDict, "asyncio"]:
         if name.partition(".")[0] in {"asyncio", "distributed", "tornado"}:  # what matters is told

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import random
 import shutil
-import sys
 import time
 import tracemalloc
 from pathlib import Path
@@ -134,16 +133,6 @@ def test_zeros_left_by_a_power_cut_are_passed_over_at_once(finished: bytes, plac
     assert time.monotonic() - start < 2
     assert bag.problem is not None
     assert "there are only zeros from byte" in bag.problem
-
-
-def test_without_lz4_what_it_packed_is_named_with_the_remedy(
-    place: Path, finished: bytes, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "lz4", None)
-    chunk = Chunk("lz4", lz4.frame.compress(b"records"), 0, 0, 0, 7)
-    bag = opened(place, finished[:8] + encoded(chunk))
-    assert bag.problem is not None
-    assert "a chunk needs lz4: install madrob-console with its extra `lz4`" in bag.problem
 
 
 def test_a_message_without_a_channel_ends_the_reading(place: Path, finished: bytes) -> None:

@@ -39,7 +39,7 @@ def test_without_distributed_one_line_names_the_extra(
     told = capsys.readouterr()
     assert told.out == ""
     assert told.err == (
-        "madrob: --scheduler needs distributed: install madrob-console with its extra `cluster`, "
+        "madrob: --scheduler needs Dask: install the package `distributed`, "
         "here and on the workers\n"
     )
 
@@ -80,7 +80,7 @@ def cluster() -> Iterator[LocalCluster]:
     Dask's nannies would do that too, but give up for good where a worker dies before its nanny has
     heard that it is up, as it does on a busy machine with a run that kills workers.
     """
-    distributed = pytest.importorskip("distributed", reason="the extra `cluster`")
+    distributed = pytest.importorskip("distributed", reason="the package distributed")
     ended = threading.Event()
     with distributed.LocalCluster(n_workers=0, dashboard_address=None, silence_logs=50) as running:
         keepers = [
@@ -192,7 +192,7 @@ def versioned(mark: tuple[int, str]) -> tuple[int, str]:
 @contextmanager
 def cluster_of() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """A scheduler's address and its one worker."""
-    distributed = pytest.importorskip("distributed", reason="the extra `cluster`")
+    distributed = pytest.importorskip("distributed", reason="the package distributed")
     with (
         distributed.LocalCluster(n_workers=0, dashboard_address=":0", silence_logs=50) as running,
         one_worker(running.scheduler_address) as worker,
