@@ -38,8 +38,7 @@ from madrob_console.config.settings import parse_settings
 from madrob_console.engine.public_state import event_schema, state_schema
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
-    ROBOT_STARTED_TOPIC,
-    ROBOT_STARTED_TYPE,
+    ROBOT_TYPES,
     referee_topics,
 )
 from madrob_console.messages.message_types import MessageTypes
@@ -305,8 +304,7 @@ def test_the_guide_has_every_key() -> None:
 
 def test_the_guide_has_the_keys_and_words_that_the_referee_publishes() -> None:
     types = MessageTypes()
-    topics = {topic.name: topic.type for topic in referee_topics(types)}
-    topics[ROBOT_STARTED_TOPIC] = ROBOT_STARTED_TYPE
+    topics = {topic.name: topic.type for topic in referee_topics(types)} | ROBOT_TYPES
     told_topics = {
         row[0]: re.split("[,:] ", row[1])[0] for row in rows(section("robots", "Topics"))
     }

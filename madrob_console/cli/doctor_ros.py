@@ -22,7 +22,7 @@ from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
-from madrob_console.messages.codec import ROBOT_STARTED_TOPIC, Decoder, TopicMapping
+from madrob_console.messages.codec import Decoder, TopicMapping
 from madrob_console.messages.message_types import MessageError, MessageTypes
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.ros.connection import (
@@ -211,7 +211,7 @@ def look_at_testbed(
         counts = _take(source, listen if found else 0.0, decoder)
         statuses = source.status()
         has_door = door.service_is_ready()
-        console, robot = source.other_referee, source.robot_problem
+        console, robot = source.other_referee, source.robot_problems
     finally:
         source.close()
         connection.close()
@@ -220,8 +220,7 @@ def look_at_testbed(
     for remark in decoder.take_remarks():
         topic, _, words = remark.words.partition(": ")
         yield Finding(Severity.WARNING, topic, words)
-    if robot is not None:
-        yield Finding(Severity.WARNING, ROBOT_STARTED_TOPIC, robot)
+    yield from (Finding(Severity.WARNING, topic, words) for topic, words in robot.items())
     yield _door(present=has_door)
     if console is not None:
         yield Finding(Severity.WARNING, "console", f"one runs in domain {domain}: {console}")

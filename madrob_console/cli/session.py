@@ -31,7 +31,7 @@ from madrob_console.engine.runtime.replay import Replay
 from madrob_console.engine.runtime.reports import Reporting, WantedPages
 from madrob_console.engine.runtime.scorer import Scorer
 from madrob_console.engine.runtime.testbed_engine import Engine
-from madrob_console.messages.codec import ROBOT_STARTED_TOPIC, referee_topics
+from madrob_console.messages.codec import ROBOT_TYPES, referee_topics
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (
     Abort,
@@ -164,7 +164,7 @@ def _evidence_client(
 def own_topics(settings: Settings, types: MessageTypes) -> tuple[str, ...]:
     own = {mapping.topic for mapping in settings.mappings()}
     own |= {topic.name for topic in referee_topics(types)}
-    return (*sorted(own), INFO_TOPIC, ROBOT_STARTED_TOPIC)
+    return (*sorted(own), INFO_TOPIC, *ROBOT_TYPES)
 
 
 def simulated_testbed(arguments: argparse.Namespace, settings: Settings) -> SimulatedTestbed:

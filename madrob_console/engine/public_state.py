@@ -224,6 +224,7 @@ _DETAILS: Mapping[Change, Mapping[str, object]] = {
     Change.COUNTDOWN_HELD: {"time": _TIME},
     Change.RUN_STARTS: {"event": _EVENT, "time": _TIME},
     Change.ROBOT_STARTS: {"time": _TIME},
+    Change.ROBOT_SAYS: {"time": _TIME},
     Change.EVENT: {"event": _EVENT, "time": _TIME},
     Change.FALSE_START: {"event": _EVENT, "time": _TIME},
     Change.TIMEOUT_ELAPSED: {"time": _TIME},

@@ -29,6 +29,7 @@ from madrob_console.messages.message_types import (
     Wanted,
     find_field,
     find_stamp,
+    standard_types,
 )
 from madrob_console.messages.topic_mapping import DEFAULT_MAPPINGS, STRIPS, TopicMapping
 from recorder.bag import Durability, Qos, RawMessage, Topic
@@ -63,11 +64,15 @@ def header_stamp(data: bytes) -> float | None:
 
 __all__ = [
     "DEFAULT_MAPPINGS",
+    "REFEREE_ELAPSED_TOPIC",
     "REFEREE_EVENT_TOPIC",
+    "REFEREE_LEVEL_TOPIC",
+    "REFEREE_RUNNING_TOPIC",
     "REFEREE_START_POSE_TOPIC",
     "REFEREE_STATE_TOPIC",
+    "ROBOT_FINISHED_TOPIC",
     "ROBOT_STARTED_TOPIC",
-    "ROBOT_STARTED_TYPE",
+    "ROBOT_TYPES",
     "START_POSE_FRAME",
     "STRIPS",
     "Decoder",
@@ -77,20 +82,39 @@ __all__ = [
     "TopicMapping",
     "decode_text",
     "describe_topic",
+    "encode_data",
     "encode_start_pose",
     "encode_text",
     "referee_topics",
+    "robot_words",
 ]
 
 REFEREE_STATE_TOPIC = "/madrob/referee/state"
 REFEREE_EVENT_TOPIC = "/madrob/referee/event"
 REFEREE_START_POSE_TOPIC = "/madrob/referee/start_pose"
 START_POSE_FRAME = "madrob_door"
+REFEREE_RUNNING_TOPIC = "/madrob/referee/running"
+REFEREE_ELAPSED_TOPIC = "/madrob/referee/elapsed"
+REFEREE_LEVEL_TOPIC = "/madrob/referee/level"
 ROBOT_STARTED_TOPIC = "/madrob/robot/started"
-ROBOT_STARTED_TYPE = "std_msgs/msg/Empty"
+ROBOT_FINISHED_TOPIC = "/madrob/robot/finished"
 
 _STRING = "std_msgs/msg/String"
 _POSE = "geometry_msgs/msg/PoseStamped"
+_REFEREE_TYPES = {
+    REFEREE_STATE_TOPIC: _STRING,
+    REFEREE_EVENT_TOPIC: _STRING,
+    REFEREE_START_POSE_TOPIC: _POSE,
+    REFEREE_RUNNING_TOPIC: "std_msgs/msg/Bool",
+    REFEREE_ELAPSED_TOPIC: "std_msgs/msg/Float64",
+    REFEREE_LEVEL_TOPIC: "std_msgs/msg/Int32",
+}
+ROBOT_TYPES = {ROBOT_STARTED_TOPIC: "std_msgs/msg/Empty", ROBOT_FINISHED_TOPIC: _STRING}
+
+LARGEST_WORDS = 4096
+"""Bytes of a robot's message; a larger one is neither recorded nor read."""
+
+_MOST_SHOWN = 60
 _MEASURED: dict[Signal, Callable[[float, float, float, int], Sample]] = {
     Signal.DOOR: DoorSample,
     Signal.HANDLE: HandleSample,
@@ -326,21 +350,31 @@ def describe_topic(types: MessageTypes, name: str, type_name: str, qos: Qos | No
 
 
 def referee_topics(types: MessageTypes) -> tuple[Topic, ...]:
-    """The console's own topics: state, event and start pose (protocol section 3)."""
+    """The console's own topics (protocol section 3)."""
     qos = Qos(durability=Durability.TRANSIENT_LOCAL)
-    return (
-        describe_topic(types, REFEREE_STATE_TOPIC, _STRING, qos),
-        describe_topic(types, REFEREE_EVENT_TOPIC, _STRING, qos),
-        describe_topic(types, REFEREE_START_POSE_TOPIC, _POSE, qos),
-    )
+    return tuple(describe_topic(types, name, kind, qos) for name, kind in _REFEREE_TYPES.items())
+
+
+def encode_data(types: MessageTypes, type_name: str, data: object) -> bytes:
+    """Encodes a message of `std_msgs` with one field, `data`."""
+    return types.encode(type_name, types.make(type_name, data=data))
 
 
 def encode_text(types: MessageTypes, text: str) -> bytes:
-    return types.encode(_STRING, types.make(_STRING, data=text))
+    return encode_data(types, _STRING, text)
 
 
 def decode_text(types: MessageTypes, data: bytes) -> str:
     return str(types.decode(_STRING, data).data)
+
+
+def robot_words(data: bytes) -> str:
+    """What a robot says on `/madrob/robot/finished`, short and safe for a terminal."""
+    text = ""
+    if len(data) <= LARGEST_WORDS:
+        with suppress(MessageError):
+            text = terminal_safe(decode_text(standard_types(), data))
+    return text[:_MOST_SHOWN].strip() or "finished"
 
 
 def encode_start_pose(types: MessageTypes, pose: StartPose, time_ns: int) -> bytes:

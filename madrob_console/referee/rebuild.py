@@ -62,6 +62,7 @@ class Change(StrEnum):
     WITHDRAWN = journal.WITHDRAWN
     RUN_STARTS = "run starts"
     ROBOT_STARTS = "robot starts"
+    ROBOT_SAYS = "robot says"
     RUN_STOPS = "run stops"
     TIMEOUT_ELAPSED = "timeout elapsed"
     FALSE_START = "false start"
@@ -136,7 +137,7 @@ def _changed(run: Run, entry: Entry) -> Run:
             return time_out(run, _time(details["time"]), entry.reason)
         case Change.RUN_STOPS:
             return stop(run, Outcome(details["outcome"]), _time(details["time"]), entry.reason)
-        case Change.FALSE_START | Change.ROBOT_STARTS | Change.FAULT:
+        case Change.FALSE_START | Change.ROBOT_STARTS | Change.ROBOT_SAYS | Change.FAULT:
             return _with_observed(run, entry, _time(details["time"]))
         case Change.UNRECORDED | Change.EVIDENCE_RECORDED | Change.EVIDENCE_REMOVED:
             return _with_recorded(run, entry)
@@ -153,6 +154,8 @@ def _changed(run: Run, entry: Entry) -> Run:
 def _with_observed(run: Run, entry: Entry, at: float) -> Run:
     if entry.what == Change.ROBOT_STARTS:
         return replace(run, robot_start=at)
+    if entry.what == Change.ROBOT_SAYS:
+        return replace(run, robot_words=entry.reason)
     if entry.what == Change.FALSE_START:
         mark = FalseStart(at, EventName(entry.details["event"]))
         return replace(run, false_starts=(*run.false_starts, mark))

@@ -61,6 +61,7 @@ class Run:
         start: planned during the countdown, actual afterwards.
         held: when a false start held the countdown; None = it is not held.
         robot_start: when the robot said that it set out; None = it has not said so.
+        robot_words: what it said last of its end: it gave up, it is done.
         timeout_at: when the timeout came, while a running settle time delays the stop.
         corrections: of the set-up; `setup` includes them.
         decided: decisions that were not taken back, in order.
@@ -84,6 +85,7 @@ class Run:
     start: float | None = None
     held: float | None = None
     robot_start: float | None = None
+    robot_words: str | None = None
     stop: float | None = None
     timeout_at: float | None = None
     outcome: Outcome | None = None

@@ -6,7 +6,7 @@ All three hand over the same `RawMessage`s, so that everything behind a source i
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -82,9 +82,9 @@ class Source(ABC):
         return SILENT
 
     @property
-    def robot_problem(self) -> str | None:
-        """Why the robot's answer to the start cannot be taken, in words."""
-        return None
+    def robot_problems(self) -> Mapping[str, str]:
+        """Why what the robot says cannot be taken, in words, by topic."""
+        return {}
 
     @property
     def other_referee(self) -> str | None:

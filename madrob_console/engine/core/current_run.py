@@ -45,6 +45,7 @@ from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.records import FaultKind, TestbedFault
 from madrob_console.referee.run import Phase, Run, note_fault, stop
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 
 SETTLING_PERIOD = 1.0
@@ -131,6 +132,14 @@ class CurrentRun:
             self.state = _State(recorded.record, recorded.folder)
 
     # ------------------------------------------------------------------ one after the other
+
+    @property
+    def level(self) -> int:
+        """Capability level: of the result, or before there is one of the steps done; else 0."""
+        scored, procedure = self.state.result.scored, self._observation.procedure
+        if scored is not None:
+            return int(scored.result.indicators[IndicatorName.CAPABILITY_LEVEL].value or 0)
+        return 0 if procedure is None else procedure.level
 
     @property
     def replaced_words(self) -> str:

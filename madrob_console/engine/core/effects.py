@@ -111,10 +111,18 @@ class ListCutOffRuns:
 
 
 @dataclass(frozen=True, slots=True)
-class Publish:
-    """Publish an event, the run's state or the start pose; what a recording is open for has it."""
+class PlainValue:
+    """One fact of the run, for a topic of a standard type: programs need no JSON for it."""
 
-    what: Entry | PublishedState | StartPose
+    topic: str
+    value: bool | float
+
+
+@dataclass(frozen=True, slots=True)
+class Publish:
+    """Publish what robots hear of the run; what a recording is open for has it."""
+
+    what: Entry | PublishedState | StartPose | PlainValue
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,13 @@ from typing import assert_never
 from madrob_console.archive.run_journal import Unfinished
 from madrob_console.engine.core.acting import Acting
 from madrob_console.engine.core.current_run import CurrentRun, ReplayedRun
-from madrob_console.engine.core.effects import Effect, HoldEvidence, RetryWriting
+from madrob_console.engine.core.effects import (
+    Effect,
+    HoldEvidence,
+    PlainValue,
+    Publish,
+    RetryWriting,
+)
 from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.engine.core.inputs import (
     CutOff,
@@ -40,11 +46,17 @@ from madrob_console.engine.core.situations import Situations
 from madrob_console.engine.core.state_view import shown_state, testbed_problem
 from madrob_console.engine.requests import PlaybackView
 from madrob_console.engine.snapshot import ExportView, Snapshot
-from madrob_console.messages.codec import REFEREE_STATE_TOPIC, ROBOT_STARTED_TOPIC
+from madrob_console.messages.codec import (
+    REFEREE_ELAPSED_TOPIC,
+    REFEREE_LEVEL_TOPIC,
+    REFEREE_RUNNING_TOPIC,
+    REFEREE_STATE_TOPIC,
+)
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Act, Situation
 from madrob_console.referee.rebuild import after
 from madrob_console.referee.records import FaultKind
+from madrob_console.referee.run import Phase
 from madrob_console.testbeds.source import INFO_TOPIC
 from recorder.bag import RawMessage
 from scoring.protocol import POST_ROLL
@@ -54,6 +66,9 @@ DISK_WAITS = 0.6
 
 WATCH_PERIOD = 0.1
 """Between two checks of the topics in a run, s."""
+
+ELAPSED_RATE = 10.0
+"""How often the time of a run is published, Hz."""
 
 RETRY_PERIOD = 1.5
 """Pause between two tries to write what the disk refused, s."""
@@ -69,6 +84,7 @@ class Core:
         self._effects: list[Effect] = []
         self._watched = self._retried = 0.0
         self._holds_evidence = False
+        self._published: dict[str, tuple[int, bool | float]] = {}
         self._unfinished: tuple[Unfinished, ...] = ()
         self.observation = Observation(config.mappings, config.thresholds, config.limits, types)
         self.current_run = CurrentRun(self.observation, config.limits.lost, self._effects, recorded)
@@ -164,6 +180,7 @@ class Core:
             self._watched = now.time
             self._watch(now)
         current.advance(now)
+        self._publish_values(now.time)
         state = current.state
         over = state.decided is not None and now.time >= state.decided + POST_ROLL
         if over and state.recording:
@@ -172,6 +189,22 @@ class Core:
             if not now.unjudged:
                 current.finish(now)
         self._retry_writing(now)
+
+    def _publish_values(self, time: float) -> None:
+        """Publish the plain values that have changed, and all of each new run."""
+        run, generation = self.current_run.run, self.current_run.generation
+        running = run.phase is Phase.RUNNING
+        values: dict[str, bool | float] = {
+            REFEREE_RUNNING_TOPIC: running,
+            REFEREE_LEVEL_TOPIC: self.current_run.level,
+        }
+        if running and run.start is not None:
+            tenths = max(0.0, (time - run.start) * ELAPSED_RATE // 1)
+            values[REFEREE_ELAPSED_TOPIC] = tenths / ELAPSED_RATE
+        for topic, value in values.items():
+            if self._published.get(topic) != (generation, value):
+                self._published[topic] = generation, value
+                self._effects.append(Publish(PlainValue(topic, value)))
 
     def _watch(self, now: Now) -> None:
         # also while a bag is closed and then: evidence that was held is let go again
@@ -194,8 +227,8 @@ class Core:
             (INFO_TOPIC, FaultKind.ANNOUNCEMENT): testbed_problem(
                 testbed.announcement, self.current_run.run
             ),
-            (ROBOT_STARTED_TOPIC, FaultKind.SOURCE): testbed.robot_problem,
             ("engine", FaultKind.BEHIND): now.behind,
+            **{(topic, FaultKind.SOURCE): why for topic, why in testbed.robot_problems.items()},
         }
         return faults | {key: words for key, words in others.items() if words is not None}
 

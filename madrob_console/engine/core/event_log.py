@@ -48,6 +48,8 @@ def _said(entry: Entry) -> tuple[str, Weight]:
             return f"FALSE START: {event_words(str(entry.details['event']))}", Weight.ALARM
         case Change.WITHDRAWN:
             return f"{entry.details.get('act', 'a line')} withdrawn", Weight.NOTICE
+        case Change.ROBOT_SAYS:
+            return entry.what, Weight.NOTICE
         case Change.RUN_STOPS:
             return f"run stops: {entry.details['outcome']}", Weight.PLAIN
     return entry.what, Weight.PLAIN

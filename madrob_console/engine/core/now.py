@@ -24,7 +24,7 @@ class TestbedState:
     topics: tuple[TopicStatus, ...] = ()
     announcement: Announcement = SILENT
     sides_problem: str | None = None
-    robot_problem: str | None = None
+    robot_problems: Mapping[str, str] = field(default_factory=dict)
     other_referee: str | None = None
 
     @classmethod
@@ -35,7 +35,7 @@ class TestbedState:
             tuple(source.status()),
             source.announcement,
             source.sides_problem,
-            source.robot_problem,
+            source.robot_problems,
             source.other_referee,
         )
 

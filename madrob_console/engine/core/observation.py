@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from madrob_console.engine.core.run_tracker import Happening, RunTracker
 from madrob_console.engine.core.scored_run import PastRun
 from madrob_console.engine.core.sensors import Sensors
-from madrob_console.messages.codec import ROBOT_STARTED_TOPIC, Decoder, TopicMapping
+from madrob_console.messages.codec import ROBOT_TYPES, Decoder, TopicMapping
 from madrob_console.messages.message_types import MessageError, MessageTypes
 from madrob_console.referee.checks import SensorLimits
 from madrob_console.referee.run import Run
@@ -77,7 +77,7 @@ class Observation:
     def receive(self, message: RawMessage, *, recorded: bool, shown: bool) -> None:
         """Take a message; only `recorded` ones count for a run, only `shown` ones reach screens."""
         tracker = self.tracker if recorded else None
-        if tracker is not None and message.topic == ROBOT_STARTED_TOPIC:
+        if tracker is not None and message.topic in ROBOT_TYPES:
             tracker.hear_robot(message)
         if not shown:
             self.sensors.note_arrival(message)

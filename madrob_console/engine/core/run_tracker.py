@@ -9,6 +9,7 @@ from typing import Any
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.common.clock import seconds
+from madrob_console.messages.codec import ROBOT_STARTED_TOPIC, robot_words
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.records import FalseStart, FaultKind
@@ -29,6 +30,9 @@ contact) makes more; each costs a synced journal line, and all of them would del
 
 MOST_FALSE_STARTS = 20
 """Most undecided false starts that are noted; for the same reason."""
+
+MOST_ROBOT_WORDS = 20
+"""Most different words of the robot that are noted; for the same reason."""
 
 FLICKERS = f"more than {MOST_NOTED} events: a signal flickers; the others stand in the result only"
 
@@ -88,6 +92,8 @@ class RunTracker:
             self.assessment.feed(sample)
         self.procedure: Procedure = self.assessment.procedure()
         self.robot_start: float | None = None
+        self._robot_words: dict[str, float] = {}
+        self._words_noted = 0
         self._noted: set[Event] = set()
         self._early: set[Event] = set()
         self._counts_from = counts_from
@@ -113,10 +119,17 @@ class RunTracker:
             self._watch.feed(sample)
 
     def hear_robot(self, message: RawMessage) -> None:
-        """Take the robot's word that it sets out; before the start it is no answer to it."""
+        """Take the robot's word that it sets out, or its words on its end: the same ones once.
+
+        Before the start neither counts.
+        """
         at = seconds(message.receive_ns)
-        if self.robot_start is None and at >= self._start:
-            self.robot_start = at
+        if at < self._start:
+            return
+        if message.topic == ROBOT_STARTED_TOPIC:
+            self.robot_start = self.robot_start or at
+        elif len(self._robot_words) < MOST_ROBOT_WORDS:
+            self._robot_words.setdefault(robot_words(message.data), at)
 
     def advance(self, run: Run, now: float, fed_until: float) -> tuple[Run, list[Happening]]:
         """The run's new state, and what happened.
@@ -165,6 +178,10 @@ class RunTracker:
             run = replace(run, robot_start=self.robot_start)
             answered = {"time": self.robot_start}
             happened.append(Happening(Origin.REMOTE, Change.ROBOT_STARTS, details=answered))
+        for words, at in [*self._robot_words.items()][self._words_noted :]:
+            self._words_noted += 1
+            run = replace(run, robot_words=words)
+            happened.append(Happening(Origin.REMOTE, Change.ROBOT_SAYS, words, {"time": at}))
         assert run.setup is not None
         assert run.start is not None
         basis = (self.assessment.changes, run.rulings)

@@ -16,7 +16,6 @@ from madrob_console.engine.snapshot import (
     LatchView,
     Snapshot,
 )
-from madrob_console.messages.codec import ROBOT_STARTED_TOPIC
 from madrob_console.referee.acts import ACTS, Situation
 from madrob_console.referee.checks import Check, CheckState, Freshness
 from madrob_console.referee.records import CheckName
@@ -70,7 +69,7 @@ def shown_state(  # noqa: PLR0913, PLR0917  all that there is to show
         now.behind,
         *sensors.topic_faults(testbed.topics, taken),
         panel_fault(door, run),
-        f"{ROBOT_STARTED_TOPIC}: {testbed.robot_problem}" if testbed.robot_problem else None,
+        *(f"{topic}: {words}" for topic, words in testbed.robot_problems.items()),
         *others,
         *(f"evidence: {words}" for words in (evidence.faults(run.start) if evidence else ())),
     )

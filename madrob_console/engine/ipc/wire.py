@@ -125,7 +125,7 @@ def given_up(answer: Future[T]) -> MadrobError:
     return MadrobError(NO_ANSWER) if answer.cancel() else UnsureError(UNSURE)
 
 
-VERSION = 17
+VERSION = 18
 """Version of this protocol; raised with every change that an older side would not understand."""
 
 LARGEST_REQUEST = 1_000_000

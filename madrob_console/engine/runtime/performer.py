@@ -29,6 +29,7 @@ from madrob_console.engine.core.effects import (
     ListCutOffRuns,
     MakeReports,
     OpenRecording,
+    PlainValue,
     Publish,
     ReopenJournal,
     RetryWriting,
@@ -68,6 +69,7 @@ from madrob_console.messages.codec import (
     REFEREE_EVENT_TOPIC,
     REFEREE_START_POSE_TOPIC,
     REFEREE_STATE_TOPIC,
+    encode_data,
     encode_start_pose,
     encode_text,
     referee_topics,
@@ -373,7 +375,7 @@ class Performer:
     def _lost(self) -> dict[str, int]:
         return {status.topic: status.lost or 0 for status in self._source.status()}
 
-    def _publish(self, what: Entry | PublishedState | StartPose) -> None:
+    def _publish(self, what: Entry | PublishedState | StartPose | PlainValue) -> None:
         types, now_ns = self._types, self._clock.now_ns()
         match what:
             case Entry():
@@ -382,6 +384,8 @@ class Performer:
                 topic, data = REFEREE_STATE_TOPIC, encode_text(types, what.text)
             case StartPose():
                 topic, data = REFEREE_START_POSE_TOPIC, encode_start_pose(types, what, now_ns)
+            case PlainValue(topic, value):
+                data = encode_data(types, self._type_names[topic], value)
         message = RawMessage(topic, self._type_names[topic], data, now_ns, now_ns)
         self._source.publish(message)
         if self._recording is None:

@@ -16,9 +16,10 @@ from typing import TypeVar
 from madrob_console.common.clock import Clock
 from madrob_console.common.names import SourceKind
 from madrob_console.messages.codec import (
+    LARGEST_WORDS,
     REFEREE_EVENT_TOPIC,
-    ROBOT_STARTED_TOPIC,
-    ROBOT_STARTED_TYPE,
+    REFEREE_STATE_TOPIC,
+    ROBOT_TYPES,
     TopicMapping,
     referee_topics,
 )
@@ -113,6 +114,9 @@ _DISCOVERY = 0.25
 _DEPTHS = {REFEREE_EVENT_TOPIC: 100}
 """A late joiner gets the last state and pose, but the events of a whole run."""
 
+_ROBOT_DEPTH = 10
+"""Messages of a robot that are taken at once: a flood of them costs the run nothing."""
+
 
 class RosSource(Source):
     """The testbed over ROS 2.
@@ -152,8 +156,8 @@ class RosSource(Source):
         self._info: InfoWatch | None = None
         self._intakes: tuple[Intake, ...] = ()
         self._late: list[RawMessage] = []
-        self._robot: Intake | None = None
-        self._newest = dict.fromkeys((*self._configured, ROBOT_STARTED_TOPIC), clock.now_ns())
+        self._robot: tuple[Intake, ...] = ()
+        self._newest = dict.fromkeys((*self._configured, *ROBOT_TYPES), clock.now_ns())
         self._failing: str | None = None
         self._failure: str | None = None
         self._stop = threading.Event()
@@ -202,15 +206,13 @@ class RosSource(Source):
         self._referees = RefereeWatch(console, listener, speaks=self._speaks)
         self._info = InfoWatch(listener, self._types, self._clock)
         describe = partial(describe_registered, self._types, prefixes(self._environment))
-        self._robot = Intake(
-            listener,
-            ROBOT_STARTED_TOPIC,
-            describe,
-            ROBOT_STARTED_TYPE,
-            remedy="correct the robot's program",
+        remedy = "correct the robot's program"
+        self._robot = tuple(
+            Intake(listener, name, describe, kind, depth=_ROBOT_DEPTH, remedy=remedy)
+            for name, kind in ROBOT_TYPES.items()
         )
         scored = (Intake(listener, name, describe, t) for name, t in self._configured.items())
-        self._intakes = (*scored, self._robot)
+        self._intakes = (*scored, *self._robot)
         return self._door, self._referees, self._info
 
     def take_messages(self, timeout: float) -> list[RawMessage]:
@@ -253,8 +255,8 @@ class RosSource(Source):
         return SILENT if self._info is None else self._info.heard
 
     @property
-    def robot_problem(self) -> str | None:
-        return None if self._robot is None else self._robot.problem
+    def robot_problems(self) -> Mapping[str, str]:
+        return {one.name: words for one in self._robot if (words := one.problem) is not None}
 
     @property
     def other_referee(self) -> str | None:
@@ -262,7 +264,7 @@ class RosSource(Source):
 
     def publish(self, message: RawMessage) -> None:
         if publisher := self._publishers.get(message.topic):
-            if self._referees is not None:
+            if self._referees is not None and message.topic == REFEREE_STATE_TOPIC:
                 self._referees.said.append(message.data)
             publisher.publish(message.data)
 
@@ -347,6 +349,7 @@ class RosSource(Source):
             messages += [
                 RawMessage(intake.name, intake.type, r.data, r.source_ns, at, r.sequence or 0)
                 for r, at in zip(received, times, strict=True)
+                if intake not in self._robot or len(r.data) <= LARGEST_WORDS
             ]
         messages.sort(key=_receive_ns)
         ready = bisect_right(messages, begin, key=_receive_ns)

@@ -331,6 +331,9 @@ def banner(snapshot: Snapshot) -> tuple[str, Tone]:
         return f" REFEREE: {snapshot.ask_referee}{how} ", Tone.NOTICE
     if snapshot.settling:
         return "door closed: waiting for the settle time of step 6", Tone.WARN
+    if run.phase is Phase.RUNNING and run.robot_words is not None:
+        how = "" if silent else "; F9 declares the timeout"
+        return f" REFEREE: the robot says '{run.robot_words}'{how} ", Tone.NOTICE
     return _next(snapshot, silent=silent), Tone.PLAIN
 
 

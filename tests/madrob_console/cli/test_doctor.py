@@ -205,7 +205,7 @@ def test_an_index_into_several_names_is_said(peer: Peer, tmp_path: Path) -> None
 def test_an_answer_of_the_robot_that_cannot_be_taken_is_a_fault_now_and_of_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Source, "robot_problem", "its type is another one")
+    monkeypatch.setattr(Source, "robot_problems", {ROBOT_STARTED_TOPIC: "its type is another one"})
     drive = Drive(tmp_path)
     drive.start(make_setup())
     drive.wait(1.0)

@@ -13,45 +13,56 @@ import pytest
 
 from madrob_console.cli.main import main
 from madrob_console.engine.public_state import event_schema, state_schema
+from madrob_console.engine.snapshot import Weight
 from madrob_console.messages.codec import (
+    LARGEST_WORDS,
+    REFEREE_ELAPSED_TOPIC,
     REFEREE_EVENT_TOPIC,
+    REFEREE_LEVEL_TOPIC,
+    REFEREE_RUNNING_TOPIC,
     REFEREE_STATE_TOPIC,
+    ROBOT_FINISHED_TOPIC,
     ROBOT_STARTED_TOPIC,
-    ROBOT_STARTED_TYPE,
+    ROBOT_TYPES,
     decode_text,
     describe_topic,
+    encode_data,
+    encode_text,
+    referee_topics,
 )
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (
     Abort,
     AcceptFalseStart,
     RestartCountdown,
+    Rule,
     Start,
     Void,
 )
 from madrob_console.referee.flags import other_remarks
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase
+from madrob_console.ui.panes.run_status import banner
 from recorder.bag import RawMessage, Topic
-from scoring.protocol import EventName
+from scoring.protocol import EventName, Outcome, Step
 from tests.madrob_console.engine.deck import Deck
 from tests.madrob_console.engine.drive import make_setup, signed
 from tests.madrob_console.engine.faulty_source import FaultyDrive, FaultySource
 from tests.madrob_console.engine.spoilt import HANDLE, Fault, set_value
 
 TYPES = MessageTypes()
-STARTED = describe_topic(TYPES, ROBOT_STARTED_TOPIC, ROBOT_STARTED_TYPE)
-WORD = TYPES.encode(ROBOT_STARTED_TYPE, TYPES.make(ROBOT_STARTED_TYPE))
+OF_ROBOTS = {name: describe_topic(TYPES, name, kind) for name, kind in ROBOT_TYPES.items()}
+EMPTY = TYPES.encode("std_msgs/msg/Empty", TYPES.make("std_msgs/msg/Empty"))
 
 
 class TalkingSource(FaultySource):
     """A testbed with a robot that says when it sets out."""
 
     def topics(self) -> tuple[Topic, ...]:
-        return (*super().topics(), STARTED)
+        return (*super().topics(), *OF_ROBOTS.values())
 
-    def say_started(self, at_ns: int) -> None:
-        self._coming.append(RawMessage(STARTED.name, STARTED.type, WORD, at_ns, at_ns))
+    def say(self, topic: str, data: bytes, at_ns: int) -> None:
+        self._coming.append(RawMessage(topic, ROBOT_TYPES[topic], data, at_ns, at_ns))
 
 
 class Hall(FaultyDrive):
@@ -71,7 +82,17 @@ class Hall(FaultyDrive):
 
     def answer(self, after: float) -> None:
         """The robot's word arrives so long after the (planned) start, s."""
-        self.faulty.say_started(round((self.start_time + after) * 1e9))
+        self.faulty.say(ROBOT_STARTED_TOPIC, EMPTY, round((self.start_time + after) * 1e9))
+
+    def say(self, data: bytes, after: float) -> None:
+        """The robot says this of its end, so long after the (planned) start, s."""
+        self.faulty.say(ROBOT_FINISHED_TOPIC, data, round((self.start_time + after) * 1e9))
+
+    def values(self, topic: str) -> list[float]:
+        """What was published on a topic of a standard type."""
+        (kind,) = (each.type for each in referee_topics(TYPES) if each.name == topic)
+        said = (m.data for m in self.faulty.published if m.topic == topic)
+        return [TYPES.decode(kind, data).data for data in said]
 
 
 @pytest.fixture
@@ -95,6 +116,7 @@ def make_every_kind_of_run(hall: Hall) -> None:
     pull_the_handle(hall)
     hall.act(RestartCountdown("it touched the handle"))
     hall.answer(after=0.25)
+    hall.say(encode_text(TYPES, "done"), after=0.5)
     hall.finish()
     hall.act(signed(hall.engine.snapshot()), Void("a person in the way"))
     hall.prepare(make_setup(run_number=2))
@@ -190,3 +212,68 @@ def test_a_result_says_that_the_robot_answered_to_the_start_and_when(hall: Hall)
     assert replayed.run.robot_start == result["robot_start"]
     assert replayed.replay is not None
     assert replayed.replay.view(replayed.scored.result).agrees
+
+
+def test_standard_types_say_whether_the_run_goes_on_how_long_and_the_level(hall: Hall) -> None:
+    assert (hall.values(REFEREE_RUNNING_TOPIC), hall.values(REFEREE_LEVEL_TOPIC)) == ([], [])
+    hall.wait(0.1)
+    assert hall.values(REFEREE_RUNNING_TOPIC) == [False]
+    hall.whole_run(make_setup())
+    hall.wait(2.0)
+    assert hall.values(REFEREE_RUNNING_TOPIC) == [False, False, True, False]
+    assert hall.values(REFEREE_LEVEL_TOPIC) == [0, 0, 1, 3, 4, 5, 6]
+    elapsed = hall.values(REFEREE_ELAPSED_TOPIC)
+    assert elapsed == [n / 10 for n in range(len(elapsed))]
+    stopped = hall.published(REFEREE_EVENT_TOPIC)
+    (decided,) = (e["time"] for e in stopped if e["what"] == Change.RUN_STOPS)
+    assert elapsed[-1] == pytest.approx(decided - hall.start_time, abs=0.15)
+    for topic in (REFEREE_RUNNING_TOPIC, REFEREE_ELAPSED_TOPIC, REFEREE_LEVEL_TOPIC):
+        said = [m.data for m in hall.faulty.published if m.topic == topic]
+        before = int(topic != REFEREE_ELAPSED_TOPIC)  # the engine's first ones
+        assert hall.recorded(topic) == said[before:]
+    hall.act(Rule(Step.LOCK, confirmed=False, reason="it was not locked"))
+    hall.wait(2.0)
+    assert hall.values(REFEREE_LEVEL_TOPIC)[-1] == 5  # as the result that was written anew
+    hall.prepare(make_setup(run_number=2))
+    assert hall.values(REFEREE_LEVEL_TOPIC)[-1] == 0
+
+
+def test_the_robot_says_that_it_is_finished_and_the_referee_decides(hall: Hall) -> None:
+    hall.prepare(make_setup(timeout=20.0))
+    hall.act(Start())
+    hall.say(encode_text(TYPES, "too early"), after=-0.5)
+    for after in (0.5, 0.6):
+        hall.say(encode_text(TYPES, "\x1b[31mI gave\nup" + "p" * 100), after)
+    hall.wait_until(lambda: hall.engine.run.phase is Phase.RUNNING)
+    hall.wait(1.0)
+    words = "I gave up" + "p" * 51
+    text, _ = banner(hall.engine.snapshot())
+    assert f"the robot says '{words}'; F9 declares the timeout" in text
+    (line,) = (one for one in hall.engine.log.lines if "robot says" in one.text)
+    assert (line.text, line.weight) == (f"robot says: {words}", Weight.NOTICE)
+    assert line.relative == pytest.approx(0.5, abs=1e-6)
+    assert hall.engine.run.phase is Phase.RUNNING
+    hall.finish()
+    assert hall.engine.run.outcome is Outcome.COMPLETED  # the robot went on
+    hall.engine.close()
+    assert hall.scored().run.robot_words == words
+    assert len(hall.recorded(ROBOT_FINISHED_TOPIC)) == 3
+    replayed = Deck(hall.folder, speed=0.0).engine
+    while replayed.scored is None:
+        replayed.step(0.02)
+    assert replayed.replay is not None
+    assert replayed.replay.view(replayed.scored.result).agrees
+
+
+def test_no_robot_can_flood_the_journal_or_say_what_cannot_be_read(hall: Hall) -> None:
+    hall.prepare(make_setup(timeout=20.0))
+    hall.act(Start())
+    hall.say(encode_text(TYPES, "x" * LARGEST_WORDS), after=0.1)
+    hall.say(b"\x00\x01", after=0.2)
+    hall.say(encode_data(TYPES, "std_msgs/msg/Int32", -1), after=0.3)
+    for number in range(1000):
+        hall.say(encode_text(TYPES, f"word {number}"), after=0.4 + number / 1000)
+    hall.finish()
+    told = [e for e in hall.published(REFEREE_EVENT_TOPIC) if e["what"] == Change.ROBOT_SAYS]
+    assert [e["reason"] for e in told] == ["finished", *(f"word {n}" for n in range(19))]
+    assert hall.engine.run.outcome is Outcome.COMPLETED

@@ -566,6 +566,9 @@ def test_the_last_word_of_the_referee_reaches_late_joiners() -> None:
         "/madrob/referee/state",
         "/madrob/referee/event",
         "/madrob/referee/start_pose",
+        "/madrob/referee/running",
+        "/madrob/referee/elapsed",
+        "/madrob/referee/level",
     ]
     assert all(t.qos.durability is Durability.TRANSIENT_LOCAL for t in topics.values())
     assert "MSG: geometry_msgs/Quaternion" in topics["/madrob/referee/start_pose"].definition

@@ -28,7 +28,12 @@ from madrob_console.engine.requests import Perform
 from madrob_console.engine.runtime.engine_thread import LocalEngine
 from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, REFEREE_STATE_TOPIC, decode_text
+from madrob_console.messages.codec import (
+    DEFAULT_MAPPINGS,
+    REFEREE_RUNNING_TOPIC,
+    REFEREE_STATE_TOPIC,
+    decode_text,
+)
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.checks import CheckState, blocking
@@ -47,7 +52,7 @@ from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.reporting import no_reporting
 from tests.madrob_console.engine.spoilt import DOOR
 from tests.madrob_console.engine_process import ROOT, EngineProcess, madrob_beside, remarks_of
-from tests.madrob_console.ros_peer import KEPT, TYPES, Peer
+from tests.madrob_console.ros_peer import BOOL, KEPT, TYPES, Peer, truth
 from tests.watching import Stutter, until
 
 TOPICS = [m.topic for m in DEFAULT_MAPPINGS if m.signal is not Signal.LATCH]
@@ -201,20 +206,46 @@ def test_an_engine_that_was_stopped_by_a_signal_in_a_run_invents_no_clock_step(
     assert dict(two) == pytest.approx(dict(one), abs=0.2)  # how soon the robot hears the start
 
 
+def robot_of_the_guide(folder: Path) -> str:
+    guide = (ROOT / "madrob_console/guide/robots.md").read_text()
+    (node,) = re.findall(r"^```python\n(import rclpy\n(?:.*\n)+?)```$", guide, re.MULTILINE)
+    robot = folder / "robot.py"
+    robot.write_text(node)
+    return str(robot)
+
+
+def what_it_did(said: Path) -> list[str]:
+    return [line.rpartition(": ")[2] for line in said.read_text().splitlines()]
+
+
+def test_the_robot_of_the_guide_joins_late_and_is_misled_by_no_order_of_messages(
+    peer: Peer, ros_domain: int, tmp_path: Path
+) -> None:
+    said = tmp_path / "said"
+    running = peer.publisher(REFEREE_RUNNING_TOPIC, BOOL, KEPT)
+    running.publish(truth(True))  # before the robot is there
+    with program(said, robot_of_the_guide(tmp_path), ending=signal.SIGINT):
+        peer.until(lambda: said.exists() and what_it_did(said) == ["set out"])
+        done = ["set out"]
+        for goes_on, does in ((False, "stop"), (True, "set out"), (False, "stop")):
+            done.append(does)
+            for _ in range(2):
+                running.publish(truth(not goes_on))  # as it was, once more
+            for _ in range(2):
+                running.publish(truth(goes_on))
+            peer.until(lambda: what_it_did(said) == done)
+
+
 @pytest.mark.timeout(300)
 def test_the_robot_of_the_guide_starts_on_the_signal_and_the_result_says_when(
     ros_domain: int, tmp_path: Path
 ) -> None:
     """The run is recorded whole and scored the same again, too."""
-    guide = (ROOT / "madrob_console/guide/robots.md").read_text()
-    (node,) = re.findall(r"^```python\n(import json\n(?:.*\n)+?)```$", guide, re.MULTILINE)
-    robot, said = tmp_path / "robot.py", tmp_path / "said"
-    robot.write_text(node)
-    with program(said, str(robot), ending=signal.SIGINT):
+    said = tmp_path / "said"
+    with program(said, robot_of_the_guide(tmp_path), ending=signal.SIGINT):
         run = ran(tmp_path / "run")
         until(lambda: "stop" in said.read_text())
-    told = [line.rpartition(": ")[2] for line in said.read_text().splitlines()]
-    assert told == ["set out", "stop"]
+    assert what_it_did(said) == ["set out", "stop"]
     after = run.result["robot_start"] - run.result["start"]
     assert 0 < after < AT_ONCE + BUSY
     words = f"the robot answered to the start {after:.3f} s after it"

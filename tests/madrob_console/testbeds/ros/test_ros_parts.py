@@ -15,7 +15,13 @@ from hypothesis import strategies as st
 
 from madrob_console.common.clock import NS, SimulationClock
 from madrob_console.common.errors import MadrobError
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, referee_topics
+from madrob_console.messages.codec import (
+    DEFAULT_MAPPINGS,
+    LARGEST_WORDS,
+    ROBOT_FINISHED_TOPIC,
+    decode_text,
+    referee_topics,
+)
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
 from madrob_console.testbeds.ros import RosSource
@@ -287,6 +293,15 @@ def say(publisher: RosObject, text: str) -> None:
     """Announce, and wait until all who listen have it."""
     publisher.publish(load_message_class(INFO_TYPE)(data=text))
     assert publisher.wait_for_all_acked(load_module("rclpy.duration").Duration(seconds=PATIENCE))
+
+
+def test_what_a_robot_says_is_taken_but_no_large_message(taker: Taker, peer: Peer) -> None:
+    robot = peer.publisher(ROBOT_FINISHED_TOPIC, INFO_TYPE)
+    peer.until(robot.get_subscription_count)
+    for text in ("x" * LARGEST_WORDS, "gave up"):
+        say(robot, text)
+    peer.until(lambda: taker.has(1))
+    assert [decode_text(TYPES, message.data) for message in taker.taken] == ["gave up"]
 
 
 def test_what_was_announced_before_is_heard_and_goes_with_who_said_it(peer: Peer) -> None:
