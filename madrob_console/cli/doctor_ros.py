@@ -10,10 +10,11 @@ import socket
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -22,18 +23,22 @@ from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
-from madrob_console.messages.codec import Decoder, TopicMapping
-from madrob_console.messages.message_types import MessageError, MessageTypes
+from madrob_console.messages.codec import STRIPS, Decoder, TopicMapping
+from madrob_console.messages.message_types import MessageError, MessageTypes, find_field
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.ros.connection import (
     REMEDY,
     Connection,
+    RosObject,
     load_module,
     load_rclpy,
 )
+from madrob_console.testbeds.ros.intake import Intake
+from madrob_console.testbeds.ros.types import describe_registered, prefixes
 from madrob_console.testbeds.ros.watches import DOOR_NODE, SET_PARAMETERS
 from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.source import TopicStatus
+from scoring.protocol import Signal
 
 # A finding of the doctor.
 
@@ -211,12 +216,15 @@ def look_at_testbed(
         counts = _take(source, listen if found else 0.0, decoder)
         statuses = source.status()
         has_door = door.service_is_ready()
+        heard = {status.topic for status in statuses if status.publishers}
+        proposed = tuple(_proposals(mappings, heard, node, types, environment))
         console, robot = source.other_referee, source.robot_problems
     finally:
         source.close()
         connection.close()
     for status in statuses:
         yield _topic(status, counts[status.topic] / listen, optional=status.topic not in needed)
+    yield from proposed
     for remark in decoder.take_remarks():
         topic, _, words = remark.words.partition(": ")
         yield Finding(Severity.WARNING, topic, words)
@@ -239,6 +247,58 @@ def _take(source: RosSource, duration: float, decoder: Decoder) -> Counter[str]:
             with suppress(MessageError):  # the source has told of another type
                 decoder.decode(message)
     return counts
+
+
+# Topics that may carry a signal that nobody publishes.
+
+
+_JOINT = "position[name=door]"
+_LIKELY = {
+    Signal.DOOR: (_JOINT, "angle"),
+    Signal.HANDLE: ("wrench.force.x", "force.x", "force"),
+    **dict.fromkeys(STRIPS, ("ranges", "ranges.range", "range")),
+}
+"""Fields in messages of other testbeds."""
+
+_OVERHEARS, _PERIOD = 1.0, 0.02
+_MOST_NAMES, _LONGEST_NAME = 6, 40
+
+
+def _proposals(
+    mappings: Sequence[TopicMapping],
+    heard: Collection[str],
+    node: RosObject,
+    types: MessageTypes,
+    environment: Mapping[str, str],
+) -> Iterator[Finding]:
+    """Topics that are not `heard`, and their field that may carry a signal that is not, either."""
+    describe = partial(describe_registered, types, prefixes(environment))
+    missing = [mapping.signal for mapping in mappings if mapping.topic not in heard]
+    paths = dict.fromkeys(path for signal in missing for path in _LIKELY.get(signal, ()))
+    for topic, (type_name, *_) in node.get_topic_names_and_types() if paths else ():
+        for path in paths if topic not in heard else ():
+            with suppress(MadrobError):  # the type is not installed here, or has no such field
+                describe(topic, type_name)
+                find_field(types, type_name, path)
+                names = _names(Intake(node, topic, describe), types) if path == _JOINT else []
+                field = path.replace("door", "...") if names and "door" not in names else path
+                has = ", ".join(names) or type_name
+                words = terminal_safe(f"has {has}: {field}?")
+                yield Finding(Severity.WARNING, terminal_safe(topic), words)
+                break
+
+
+def _names(joints: Intake, types: MessageTypes) -> list[str]:
+    """Of the joints, from the first message that comes."""
+    ends = time.monotonic() + _OVERHEARS
+    with closing(joints), suppress(MessageError):
+        while time.monotonic() < ends:
+            joints.discover()
+            for one in joints.take_messages(1):
+                names = types.decode(joints.type, one.data).name[:_MOST_NAMES]
+                return [name[:_LONGEST_NAME] for name in names]
+            time.sleep(_PERIOD)
+    return []
 
 
 def _topic(status: TopicStatus, rate: float, *, optional: bool) -> Finding:

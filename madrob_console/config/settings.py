@@ -176,7 +176,15 @@ class Settings(SettingsTable, frozen=True):
             MadrobError: a field path is malformed, or two signals share a topic.
         """
         settings = {topic.signal: topic for topic in self.topics}
-        return tuple(_mapping(m, settings.get(m.signal)) for m in DEFAULT_MAPPINGS)
+        mappings: list[TopicMapping] = []
+        for default in DEFAULT_MAPPINGS:
+            setting = settings.get(default.signal, TopicSetting(signal=default.signal))
+            try:
+                mappings += setting.mappings(default)
+            except MadrobError as error:
+                where = f"settings, [[topics]] {default.signal.value}"
+                raise MadrobError(f"{where}: {error}") from None
+        return tuple(mappings)
 
 
 def default_settings_path() -> Path:
@@ -229,17 +237,6 @@ def _no_repetition(key: str, names: list[str]) -> None:
             raise ValueError(f"{key}: {name!r} stands there twice, keep one")
 
 
-def _mapping(default: TopicMapping, setting: TopicSetting | None) -> TopicMapping:
-    if setting is None:
-        return default
-    given = {key: value for key, value in asdict(setting).items() if value is not None}
-    given["no_echo"] = str(setting.no_echo)
-    try:
-        return replace(default, **given)
-    except MadrobError as error:
-        raise MadrobError(f"settings, [[topics]] {setting.signal.value}: {error}") from None
-
-
 # An example of the settings file.
 
 
@@ -259,7 +256,8 @@ _LISTS_HELP = """\
 #yaw = 180.0
 
 # How a testbed publishes a signal, where it differs from the protocol: one [[topics]] for each.
-# What is left out stays as the protocol has it. A value is field * scale + offset, in rad, N or m.
+# What is left out stays as the protocol has it. A value is field * scale + offset, in rad, N or m,
+# or in the `unit`: deg; gf, kgf; mm, cm. A strip may be four `topics` of one range each.
 # A field is a path: wrench.force.x, position[0], position[name=door], ranges.range of each message.
 # A message of more than `largest` bytes is recorded but not read; by default 65536.
 # The signals are
@@ -269,8 +267,9 @@ _LISTS_HELP = """\
 #topic = "/madrob/handle"
 #type = "madrob_msgs/msg/Handle"
 #field = "force"
-#scale = 0.00980665
+#scale = 1.0
 #offset = 0.0
+#unit = "gf"
 #largest = 400
 
 # What is recorded of some topics of the evidence; the first one that matches a topic holds for it.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import shlex
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,6 +14,7 @@ from msgspec import Meta, inspect
 from msgspec.structs import asdict, force_setattr
 
 from madrob_console.common.names import SourceKind, ThemeName, clean_name
+from madrob_console.messages.topic_mapping import STRIPS, TopicMapping
 from madrob_console.referee.checks import SensorLimits
 from madrob_console.referee.competition_plan import (
     MOST_ATTEMPTS,
@@ -274,15 +276,26 @@ class RosSettings(SettingsTable, frozen=True):
     abort: Annotated[bool, Meta(description="abort the run by the service `~/abort`")] = False
 
 
+_UNITS: dict[Signal, dict[str, float]] = {
+    Signal.DOOR: {"rad": 1.0, "deg": math.pi / 180},
+    Signal.HANDLE: {"N": 1.0, "gf": 0.00980665, "kgf": 9.80665},
+    **{strip: {"m": 1.0, "cm": 0.01, "mm": 0.001} for strip in STRIPS},
+    Signal.LATCH: {},
+}
+"""Units of a signal, each with its factor to the protocol's."""
+
+
 class TopicSetting(SettingsTable, frozen=True):
     """One [[topics]]: how this testbed publishes a signal; what is left out stays as it is."""
 
     signal: Signal
     topic: _TopicName | None = None
+    topics: tuple[_TopicName, _TopicName, _TopicName, _TopicName] | None = None
     type: _TypeName | None = None
     field: str | None = None
-    scale: Annotated[float, within(-1e9, 1e9, "factor to the protocol's unit")] = 1.0
-    offset: Annotated[float, within(-1e9, 1e9, "added after scaling")] = 0.0
+    scale: Annotated[float, within(-1e9, 1e9, "factor to `unit`")] = 1.0
+    offset: Annotated[float, within(-1e9, 1e9, "added after scaling, in `unit`")] = 0.0
+    unit: Annotated[str, Meta(description="the protocol's when not set")] | None = None
     no_echo: (
         Annotated[str, Meta(max_length=20, description="a range that says nothing is there")]
         | float
@@ -294,8 +307,25 @@ class TopicSetting(SettingsTable, frozen=True):
     def __post_init__(self) -> None:
         if self.scale == 0:
             raise ValueError("scale: 0 loses the signal")
+        if self.unit is not None and self.unit not in _UNITS[self.signal]:
+            units = ", ".join(_UNITS[self.signal]) or "none"
+            raise ValueError(f"unit: {self.unit!r} is none of {self.signal.value}; use {units}")
+        if self.topics is not None and (self.topic is not None or self.type is None):
+            raise ValueError("topics: name their type and field, and no `topic` beside them")
         if self.type is not None and self.field is None:
             raise ValueError(f"field: name the field of {self.type} that holds the value")
+
+    def mappings(self, default: TopicMapping) -> tuple[TopicMapping, ...]:
+        """The default one with what differs, for each topic; MadrobError for a bad field."""
+        given = {key: value for key, value in asdict(self).items() if value is not None}
+        factor = _UNITS[self.signal][given.pop("unit")] if self.unit else 1.0
+        given |= {
+            "scale": self.scale * factor,
+            "offset": self.offset * factor,
+            "no_echo": str(self.no_echo),
+        }
+        topics = given.pop("topics", (self.topic or default.topic,))
+        return tuple(dataclasses.replace(default, **{**given, "topic": name}) for name in topics)
 
 
 def _table_of(numbers: type[DataclassInstance], about: str, **methods: object) -> Any:  # noqa: ANN401

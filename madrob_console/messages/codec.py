@@ -13,6 +13,7 @@ from contextlib import suppress
 from itertools import chain
 from typing import NamedTuple
 
+from msgspec.structs import replace as with_fields
 from rosbags.interfaces import Nodetype
 
 from madrob_console.common.clock import NS, seconds
@@ -43,7 +44,6 @@ HEAD = 12
 """Size of the stamp in bytes: four of encapsulation, then seconds and nanoseconds."""
 
 _CODES = {b"\x00\x00": struct.Struct(">iI"), b"\x00\x01": struct.Struct("<iI")}
-_NS = 1_000_000_000
 
 
 def begins_with_header(types: MessageTypes, type_name: str) -> bool:
@@ -57,9 +57,9 @@ def header_stamp(data: bytes) -> float | None:
     if code is None or len(data) < HEAD:
         return None
     sec, nanosec = code.unpack_from(data, 4)
-    if nanosec >= _NS or sec < 0 or (sec == 0 and nanosec == 0):  # the last: never set
+    if nanosec >= NS or sec < 0 or (sec == 0 and nanosec == 0):  # the last: never set
         return None
-    return float(sec + nanosec / _NS)
+    return float(sec + nanosec / NS)
 
 
 __all__ = [
@@ -149,14 +149,20 @@ class Decoder:
         for mapping in mappings:
             if mapping.topic in self._mappings:
                 raise MadrobError(f"{mapping.topic} is mapped twice: give each signal its topic")
-            if any(m.signal is mapping.signal for m in self._mappings.values()):
-                raise MadrobError(f"{mapping.signal.value} is mapped twice: keep one topic")
             self._mappings[mapping.topic] = mapping
+        self._parts: dict[str, tuple[_Parts, int]] = {}
+        for signal in Signal:
+            topics = [mapping.topic for mapping in mappings if mapping.signal is signal]
+            if signal in STRIPS and len(topics) == SENSORS_PER_STRIP:
+                parts = _Parts()
+                self._parts |= {topic: (parts, place) for place, topic in enumerate(topics)}
+            elif len(topics) > 1:
+                raise MadrobError(f"{signal.value} is mapped twice: keep one topic")
         self._readers: dict[str, _Reader] = {}
         self.remarks: list[Remark] = []
 
     def decode(self, message: RawMessage) -> Sample | None:
-        """The sample in a message; None if no mapping names its topic.
+        """The sample in a message; None if no mapping names its topic, or more is to come.
 
         Its time is the header's stamp, or the receive time where the type has no header.
 
@@ -167,9 +173,14 @@ class Decoder:
         if mapping is None:
             return None
         try:
-            return self._sample(message, mapping)
+            sample = self._sample(message, mapping)
         except MessageError as error:
             raise MessageError(f"{message.topic}: {error}") from None
+        if message.topic not in self._parts:
+            return sample
+        parts, place = self._parts[message.topic]
+        assert isinstance(sample, PassageSample)
+        return parts.joined(place, sample)
 
     def take_remarks(self) -> tuple[Remark, ...]:
         """The remarks since the last call."""
@@ -189,8 +200,44 @@ class Decoder:
         return reader.sample(message)
 
     def _reader(self, mapping: TopicMapping) -> _Reader:
-        reader = self._readers[mapping.topic] = _Reader(mapping, self._types, self.remarks)
+        field = find_signal(self._types, mapping, one_range=mapping.topic in self._parts)
+        reader = _Reader(mapping, field, self._types, self.remarks)
+        self._readers[mapping.topic] = reader
         return reader
+
+
+_HELD = 0.5
+"""How long the range of one topic stands for its part of the strip, s: as long as it is fresh."""
+
+
+class _Parts:
+    """Four topics of one range each, which are one strip."""
+
+    def __init__(self) -> None:
+        self._newest: list[PassageSample | None] = [None] * SENSORS_PER_STRIP
+
+    def joined(self, place: int, part: PassageSample) -> PassageSample | None:
+        """The newest ranges of all four with the last topic's message; None with the others'."""
+        self._newest[place] = part
+        if place < SENSORS_PER_STRIP - 1:
+            return None
+        held = [
+            each if each is not None and part.log_time - each.log_time <= _HELD else None
+            for each in self._newest
+        ]
+        return with_fields(
+            part,
+            ranges=tuple(math.nan if each is None else _within_limits(each) for each in held),
+            range_min=min(each.range_min for each in held if each is not None),
+            range_max=max(each.range_max for each in held if each is not None),
+        )
+
+
+def _within_limits(part: PassageSample) -> float:
+    """Its range, NaN outside of its own limits: they need not be those of the others."""
+    (distance,) = part.ranges
+    inside = part.range_min <= distance <= part.range_max or math.isinf(distance)
+    return distance if inside else math.nan
 
 
 class _NameWatch:
@@ -225,8 +272,13 @@ class _NameWatch:
 
 
 class _Reader:
-    def __init__(self, mapping: TopicMapping, types: MessageTypes, remarks: list[Remark]) -> None:
-        field = find_signal(types, mapping)
+    def __init__(
+        self,
+        mapping: TopicMapping,
+        field: MessageField,
+        types: MessageTypes,
+        remarks: list[Remark],
+    ) -> None:
         self._types = types
         self._type = mapping.type
         self._stamped = find_stamp(types, mapping.type) is not None
@@ -265,11 +317,13 @@ class _Reader:
         return tuple(one.getter()(message) for one in wanted)
 
 
-def find_signal(types: MessageTypes, mapping: TopicMapping) -> MessageField:
-    """The mapped field; MessageError where it cannot hold the signal."""
+def find_signal(
+    types: MessageTypes, mapping: TopicMapping, *, one_range: bool = False
+) -> MessageField:
+    """The mapped field, of a strip or `one_range` of it; MessageError where it cannot hold that."""
     field = find_field(types, mapping.type, mapping.field)
-    if field.numbers != (mapping.signal in STRIPS):
-        wanted = "an array" if mapping.signal in STRIPS else "one number"
+    if field.numbers != (array := mapping.signal in STRIPS and not one_range):
+        wanted = "an array" if array else "one number"
         raise MessageError(
             f"{mapping.field} of {mapping.type} is not {wanted}; correct the settings"
         )

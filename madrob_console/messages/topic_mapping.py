@@ -68,7 +68,8 @@ class TopicMapping:
 
     Attributes:
         signal: which one.
-        topic: the topic that carries it.
+        topic: the topic that carries it. Four mappings of a strip, in the order of its array,
+            carry one range each.
         type: of its messages.
         field: the value's path in a message, with dots and optional [index] or [name=door]. A
             strip's field is an array, or a field of each message in an array.

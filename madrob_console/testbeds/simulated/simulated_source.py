@@ -252,6 +252,10 @@ class SimulatedSource(Source):
         self._clock = clock
         signals = self.testbed.signals
         self._mappings = tuple(m for m in mappings if m.signal in signals)
+        if len({mapping.signal for mapping in self._mappings}) < len(self._mappings):
+            raise MadrobError(
+                "four topics a strip cannot be simulated; simulate the default topics"
+            )
         self._streams = tuple(_Stream(m, types, self.testbed) for m in self._mappings)
         self._topics = (
             *(describe_topic(types, m.topic, m.type) for m in self._mappings),

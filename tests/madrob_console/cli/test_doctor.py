@@ -202,6 +202,31 @@ def test_an_index_into_several_names_is_said(peer: Peer, tmp_path: Path) -> None
     assert said.text == "position[0] is 'lock', one of 2 names: use position[name=...]"
 
 
+@pytest.mark.slow
+@pytest.mark.machine
+def test_a_mapping_is_proposed_from_what_is_heard(peer: Peer, tmp_path: Path) -> None:
+    joints = peer.publisher("/lab/joints", "sensor_msgs/msg/JointState")
+    peer.publisher("/lab/range", "sensor_msgs/msg/Range")
+    peer.publisher("/lab/latch", BOOL)
+    door, handle, strip = DEFAULT_MAPPINGS[:3]
+    peer.publisher(handle.topic, "geometry_msgs/msg/Wrench")
+    enough = threading.Event()
+
+    def publish() -> None:
+        while not enough.wait(0.05):
+            joints.publish(joints.msg_type(name=["lock", "door"], position=[0.0, 0.5]))
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    found = by_subject(doctor([door, handle, strip], tmp_path, disk_space=1, listen=0.1))
+    enough.set()
+    thread.join()
+    assert found["/lab/joints"].text == "has lock, door: position[name=door]?"
+    assert found["/lab/range"].text == "has sensor_msgs/msg/Range: range?"
+    assert found[handle.topic].text == ("has geometry_msgs/msg/Wrench: force.x?")
+    assert "/lab/latch" not in found
+
+
 def test_an_answer_of_the_robot_that_cannot_be_taken_is_a_fault_now_and_of_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

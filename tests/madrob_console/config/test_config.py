@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import tomllib
 from pathlib import Path
 
@@ -181,6 +182,30 @@ def test_a_malformed_field_names_its_topic_entry(tmp_path: Path, line: str, word
         settings.mappings()
 
 
+def test_a_value_may_be_in_another_unit_and_a_strip_may_be_four_topics(tmp_path: Path) -> None:
+    settings = load(
+        tmp_path,
+        """
+        [[topics]]
+        signal = "door angle"
+        scale = -1.0
+        offset = 90.0
+        unit = "deg"
+        [[topics]]
+        signal = "passage cw left"
+        topics = ["/lab/r0", "/lab/r1", "/lab/r2", "/lab/r3"]
+        type = "sensor_msgs/msg/Range"
+        field = "range"
+        unit = "mm"
+        """,
+    )
+    door, _, *strip = settings.mappings()[:6]
+    assert door.scale == -math.pi / 180
+    assert door.offset == pytest.approx(math.pi / 2)
+    one = TopicMapping(Signal.CW_LEFT, "", "sensor_msgs/msg/Range", "range", scale=0.001)
+    assert strip == [dataclasses.replace(one, topic=f"/lab/r{place}") for place in range(4)]
+
+
 @pytest.mark.parametrize("written", ["0", '"0"', "nan", '"nan"'])
 def test_what_says_that_nothing_is_there_is_a_number_or_its_text(
     tmp_path: Path, written: str
@@ -271,7 +296,22 @@ def test_without_settings_no_evidence_is_recorded_and_the_file_chooses_it(tmp_pa
             "[[topics]]\nsignal = 'latch'\n[[topics]]\nsignal = 'latch'",
             "settings: topics: 'latch' stands there twice, keep one",
         ),
-        ("[[topics]]\nsignal = 'latch'\nunit = 1", "'topics[0].unit': no such setting; there are"),
+        (
+            "[[topics]]\nsignal = 'handle force'\nunit = 'deg'",
+            "topics[0]: unit: 'deg' is none of handle force; use N, gf, kgf",
+        ),
+        (
+            "[[topics]]\nsignal = 'latch'\ntopics = ['/a', '/b', '/c']",
+            "topics[0].topics: expected ",
+        ),
+        (
+            "[[topics]]\nsignal = 'passage cw left'\ntopics = ['/a', '/b', '/c', '/d']",
+            "topics[0]: topics: name their type and field",
+        ),
+        (
+            "[[topics]]\nsignal = 'latch'\nunits = 1",
+            "'topics[0].units': no such setting; there are",
+        ),
         ("[thresholds]\nmask_from = [0]", "thresholds.mask_from: expected a list of length 5"),
         (
             "[thresholds]\nmask_from = [0, 0, 0, 0, nan]",

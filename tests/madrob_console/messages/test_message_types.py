@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from msgspec import structs
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from madrob_console.common.errors import MadrobError
@@ -448,6 +449,40 @@ def test_a_message_is_decoded_as_the_protocol_or_the_settings_say(
 ) -> None:
     mappings = DEFAULT_MAPPINGS if mapping is None else (mapping,)
     assert repr(decode(raw, *mappings)) == repr(sample)  # NaN is itself there
+
+
+RANGE = "sensor_msgs/msg/Range"
+FOUR = [TopicMapping(Signal.CW_LEFT, f"/r{n}", RANGE, "range", scale=0.001) for n in range(4)]
+
+
+def heard_range(place: int, mm: float, later: float = 0.0, largest: float = 2500.0) -> RawMessage:
+    """A message of one of the four topics, so long after the first ones, s."""
+    raw = message(f"/r{place}", RANGE, range=mm, max_range=largest)
+    return structs.replace(raw, receive_ns=RECEIVE_NS + round(later * 1e9))
+
+
+def test_four_topics_of_one_range_are_a_strip_when_the_last_ones_message_comes() -> None:
+    decoder = Decoder(FOUR, OWN_TYPES)
+    for place, mm in ((2, 1500), (0, 500), (1, 1000)):
+        assert decoder.decode(heard_range(place, mm)) is None
+    whole = PassageSample(*TIMES, Strip.CW_LEFT, (0.5, 1.0, 1.5, 2.0), 0.0, 2.5)
+    assert decoder.decode(heard_range(3, 2000)) == whole
+    decoder.decode(heard_range(0, 1800, later=0.4, largest=1700.0))  # outside its own limits
+    decoder.decode(heard_range(1, math.inf, later=0.4))
+    for later, third in ((0.4, 1.5), (0.6, math.nan)):  # it is silent
+        sample = decoder.decode(heard_range(3, 2000, later))
+        assert isinstance(sample, PassageSample)
+        assert repr(sample.ranges) == repr((math.nan, math.inf, third, 2.0))
+        assert sample.log_time == pytest.approx(TIMES[1] + later)
+
+
+@pytest.mark.parametrize(
+    "mappings",
+    [FOUR[:3], [*FOUR, replace(FOUR[0], topic="/r4")], [DOOR, replace(DOOR, topic="/d")]],
+)
+def test_a_signal_has_one_topic_or_a_strip_four(mappings: list[TopicMapping]) -> None:
+    with pytest.raises(MadrobError, match="is mapped twice: keep one topic"):
+        Decoder(mappings, OWN_TYPES)
 
 
 @pytest.mark.parametrize(
