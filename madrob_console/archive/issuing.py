@@ -48,8 +48,8 @@ def issue(
     A deleted folder is made again: the result is all that is left of the run. `entries` are the
     lines of the run's journal, also those that are not on disk yet. `journal` gets the line `why`,
     if any, before the result, and the line `result written` after it, `now` (s since the epoch).
-    Without `journal` the caller writes a line with the details that are returned. `in_console`: the
-    referee decides on what is shown, so that a next issue may be of another recording.
+    Without `journal` the caller writes a line with the details that are returned. `in_console`: a
+    next issue is taken even if its recording differs, as the referee sees it.
 
     Raises:
         DamagedIssueError: see there.

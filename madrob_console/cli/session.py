@@ -265,7 +265,7 @@ class UnattendedRun:
         self._engine = engine
         self._reporting = reporting
         if reporting is not None:
-            engine.on_result = reporting.report
+            engine.make_reports = reporting.report
         self._log = _LogPrinter(engine.log)
         self._signal: int | None = None
 

@@ -11,10 +11,11 @@ from madrob_console.common.names import SourceKind
 from madrob_console.engine.core.current_run import CurrentRun
 from madrob_console.engine.core.effects import (
     Answer,
+    CloseJournal,
     ConfigureTestbed,
     Effect,
     GiveOutNumber,
-    KeepJournal,
+    GiveUpRecording,
     KeepRecording,
     OpenRecording,
     Publish,
@@ -171,7 +172,7 @@ class Acting:
         before = self._current.run.phase
         self._current.change(run, (), now)
         if self._current.state.result.is_wanted and Phase.STOPPED in (before, run.phase):
-            self._current.score(now)  # but what was final stays as it was signed
+            self._current.score(now)  # what was final and stays final is not scored again
 
     # ------------------------------------------------------------------ an act that waits
 
@@ -260,7 +261,7 @@ class Acting:
         if refused and problem is None:
             withdrawal = _withdrawal(pending, refused, now)
             if starts:
-                self._effects.append(KeepRecording(withdrawal))
+                self._effects.append(GiveUpRecording(withdrawal))
             else:
                 self._current.write(withdrawal)
         if not refused:
@@ -352,7 +353,7 @@ class Acting:
             if refused is None:
                 self._current.open_earlier(request, now)
             else:
-                self._effects.append(KeepJournal(keep=False))
+                self._effects.append(CloseJournal())
         self._answer(request, refused)
 
 

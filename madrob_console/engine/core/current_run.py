@@ -175,7 +175,7 @@ class CurrentRun:
         if self.state.opened is None:
             self.zeroed = self.run.cleared
         self._leave()
-        self._effects.append(KeepJournal(keep=True))
+        self._effects.append(KeepJournal())
         scored = earlier.scored
         self.state = _State(scored.record, earlier.folder, earlier, lines=RunLines(earlier.entries))
         self.run = before = replace(scored.run, journal=None)

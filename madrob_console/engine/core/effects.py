@@ -1,6 +1,6 @@
 """What the core wants done: `engine/runtime/performer.py` carries it out.
 
-Answers come last: when what follows from an input at once is done.
+Answers are given after all other effects of an input, and what follows from them at once.
 """
 
 from __future__ import annotations
@@ -58,7 +58,8 @@ class OpenRecording:
     """Make folder, bag and journal of a run that starts; the clock is held steady from now on.
 
     The last of the journal's `entries` is the start's. `RecordingOpened` follows, and is answered
-    by `KeepRecording`; or `LineWithdrawn`. `start` is the planned one, s since the epoch.
+    by `KeepRecording` or `GiveUpRecording`; or `LineWithdrawn`. `start` is the planned one, s
+    since the epoch.
     """
 
     record: RunRecord
@@ -68,9 +69,14 @@ class OpenRecording:
 
 @dataclass(frozen=True, slots=True)
 class KeepRecording:
-    """Record into the files that were opened; with a `withdrawal`, give them up."""
+    """Record into the files that were opened."""
 
-    withdrawal: Entry | None = None
+
+@dataclass(frozen=True, slots=True)
+class GiveUpRecording:
+    """Close the files that were opened, with this line: the run does not start."""
+
+    withdrawal: Entry
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,16 +99,22 @@ class LeaveRun:
 
 @dataclass(frozen=True, slots=True)
 class ReopenJournal:
-    """Open the journal of an earlier run: `JournalReopened` follows, then `KeepJournal`."""
+    """Open the journal of an earlier run: `JournalReopened` follows.
+
+    Then `KeepJournal` or `CloseJournal`.
+    """
 
     request: OpenEarlierRun
 
 
 @dataclass(frozen=True, slots=True)
 class KeepJournal:
-    """Go on in the journal that was reopened, or close it again."""
+    """Go on in the journal that was reopened."""
 
-    keep: bool
+
+@dataclass(frozen=True, slots=True)
+class CloseJournal:
+    """Close the journal that was reopened."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +132,7 @@ class PlainValue:
 
 @dataclass(frozen=True, slots=True)
 class Publish:
-    """Publish what robots hear of the run; what a recording is open for has it."""
+    """Publish what robots hear of the run; an open recording gets it, too."""
 
     what: Entry | PublishedState | StartPose | PlainValue
 
@@ -184,10 +196,12 @@ ToPerform = (
     | GiveOutNumber
     | OpenRecording
     | KeepRecording
+    | GiveUpRecording
     | CloseRecording
     | LeaveRun
     | ReopenJournal
     | KeepJournal
+    | CloseJournal
     | ListCutOffRuns
     | Publish
     | ConfigureTestbed

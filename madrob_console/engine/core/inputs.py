@@ -133,7 +133,7 @@ class EvidenceCounted:
 
 @dataclass(frozen=True, slots=True)
 class EngineEnds:
-    """The engine ends: the first of its inputs to do so withdraws the act that waits."""
+    """The engine begins to end: the act that waits is withdrawn."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""The current run's result: requested, made, written, shown; each is shown once on disk."""
+"""The current run's result: requested, made, written, and shown as soon as it is on disk."""
 
 from __future__ import annotations
 

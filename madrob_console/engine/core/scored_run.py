@@ -74,7 +74,7 @@ class ToScore:
         assessment: has all of its samples and does not change any more; None = they are in its
             recording.
         missing: what its closed recording lacks, in words.
-        stored: whether a run from its recording keeps the stored result's remarks on its data.
+        stored: whether the stored result's remarks on the data are kept, if the bag is read.
         files: whether its files are wanted.
         inside: the folder itself, which the engine has open, whatever has its name.
     """

@@ -46,7 +46,7 @@ class RepeatedReading(Generic[T]):
         self._awaited = False
 
     def look(self, now: float, version: object = None) -> T:
-        """The last answer; asks for another one in time, or when `seen` differs. Never waits."""
+        """The last answer; asks again in time, or for another `version`. Never waits."""
         late = not 0 <= now - self._asked_at < self._period
         if self._awaited:
             self.value = self._unknown if late and self._forgets else self.value

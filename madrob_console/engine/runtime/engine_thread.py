@@ -96,7 +96,7 @@ class LocalEngine:
         self._engine = engine
         self._fallen = fallen
         self._reporting = reporting
-        engine.on_result = reporting.report
+        engine.make_reports = reporting.report
         self._turns: PriorityQueue[QueuedRequest] = PriorityQueue()
         self._begun: set[QueuedRequest] = set()
         self._history = History(engine.config.results)

@@ -252,4 +252,4 @@ class JournalWriter:
             if line.done is not None and not line.withdrawn:
                 line.done(None if line in written else f"{problem}: {_REMEDY}")
         if problem is None or any(line.done is not None for line in self._waiting):
-            self._write()  # what waits for nothing else is refused by the disk itself
+            self._write()  # an act's line is tried at once: it has 2 s

@@ -22,8 +22,8 @@ FIRST_READING = 2.0
 class ListWatch(Generic[L]):
     """Reads a list again when its file has changed.
 
-    `read` gets the list before, `told` the list and each that differs; `changed` is called
-    after those.
+    `read` gets the list before, `on_list` the first list and each changed one; `on_change` is
+    called after each change.
     """
 
     def __init__(

@@ -18,10 +18,12 @@ from madrob_console.archive.run_journal import Details, Unfinished, find_unfinis
 from madrob_console.common.clock import Clock, seconds
 from madrob_console.engine.core.acting import DURABLE_WITHIN
 from madrob_console.engine.core.effects import (
+    CloseJournal,
     CloseRecording,
     ConfigureTestbed,
     CountEvidence,
     GiveOutNumber,
+    GiveUpRecording,
     HoldEvidence,
     KeepJournal,
     KeepRecording,
@@ -186,16 +188,18 @@ class Performer:
                 self._give_out_number(effect)
             case OpenRecording():
                 self._open_recording(effect)
-            case KeepRecording(withdrawal):
-                self._keep_recording(withdrawal)
+            case KeepRecording():
+                self._keep_recording()
+            case GiveUpRecording(withdrawal):
+                self._give_up_recording(withdrawal)
             case CloseRecording():
                 self._close_recording()
             case LeaveRun():
                 self._leave_run(effect)
             case ReopenJournal():
                 self._reopen_journal(effect)
-            case KeepJournal(keep):
-                self._keep_journal(keep=keep)
+            case KeepJournal() | CloseJournal():
+                self._keep_journal(keep=isinstance(effect, KeepJournal))
             case ListCutOffRuns():
                 # behind the journal that was left
                 self._disk.own.submit_job(lambda: None, lambda _: self.list_cut_off_runs())
@@ -212,7 +216,7 @@ class Performer:
                 if results:
                     self.results.retry(seconds(self._clock.now_ns()))
             case MakeReports(folder):
-                self.results.on_result(folder)
+                self.results.make_reports(folder)
             case CountEvidence():
                 self._count_evidence(effect)
             case HoldEvidence(held):
@@ -328,13 +332,15 @@ class Performer:
         self._clock.hold_steady()
         self._job = self._disk.own.submit_job(partial(_open, make, line), opened)
 
-    def _keep_recording(self, withdrawal: Entry | None) -> None:
+    def _give_up_recording(self, withdrawal: Entry) -> None:
         recording, self._opened = self._opened, None
         assert recording is not None
-        if withdrawal is not None:
-            self._clock.release()
-            self._disk.own.submit_job(partial(recording.give_up, withdrawal))
-            return
+        self._clock.release()
+        self._disk.own.submit_job(partial(recording.give_up, withdrawal))
+
+    def _keep_recording(self) -> None:
+        recording, self._opened = self._opened, None
+        assert recording is not None
         self.journal.adopt(recording.journal, recording.entries)
         self._recording = self._last = recording
         now_ns = self._clock.now_ns()

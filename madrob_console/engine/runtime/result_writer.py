@@ -61,11 +61,11 @@ class ResultWriter:
     No run starts without room on the disk, so few results wait.
 
     Attributes:
-        on_result: called with the folder of each run whose result is on disk.
+        make_reports: called with the folder of each run whose result is on disk.
     """
 
     def __init__(self, disk: DiskJobs) -> None:
-        self.on_result: Callable[[Path], None] = lambda _folder: None
+        self.make_reports: Callable[[Path], None] = lambda _folder: None
         self._disk = disk
         self._unwritten: dict[Path, Unwritten] = {}
         self._trying = 0
@@ -118,4 +118,4 @@ class ResultWriter:
             self._unwritten[run.folder.path] = replace(run, problem=problem)
         else:
             del self._unwritten[run.folder.path]
-            self.on_result(run.folder.path)
+            self.make_reports(run.folder.path)

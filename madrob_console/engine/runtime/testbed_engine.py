@@ -119,7 +119,7 @@ class Engine:
     recorded.
 
     Attributes:
-        on_result: called with the run's folder when its result is on disk; must not wait.
+        make_reports: called with the run's folder when its result is on disk; must not wait.
     """
 
     def __init__(  # noqa: PLR0913, PLR0917  what it works with
@@ -136,7 +136,7 @@ class Engine:
         self.source = source
         # a recording says itself what was read of it
         self.config = config.limited() if replay is None else config
-        self.on_result: Callable[[Path], None] | None = None
+        self.make_reports: Callable[[Path], None] = lambda _folder: None
         self.replay = replay
         self._clock = clock
         self._types = types
@@ -149,7 +149,7 @@ class Engine:
             self._live = Performer(
                 source, clock, self.config, types, self._disk, self._scorer, self._evidence
             )
-            self._live.results.on_result = self._tell_of_result
+            self._live.results.make_reports = lambda folder: self.make_reports(folder)  # noqa: PLW0108  set later
             self._live.on_closing = self._take_last_messages
         self._begin()
 
@@ -327,10 +327,6 @@ class Engine:
         here = self.current_run.state.opened is None
         workers = self._live.worker_state(disk, taken, recorded_here=here)
         return replace(moment, disk=disk, workers=workers)
-
-    def _tell_of_result(self, folder: Path) -> None:
-        if self.on_result is not None:
-            self.on_result(folder)
 
     # ------------------------------------------------------------------ its end
 

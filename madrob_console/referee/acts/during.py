@@ -210,6 +210,7 @@ class Abort(Act):
     phases = (Phase.COUNTDOWN, Phase.RUNNING)
     done = "the run is aborted"
     urgent = True
+    at_once = True  # before its line is on disk
     reason: str = ""
 
     def __post_init__(self) -> None:

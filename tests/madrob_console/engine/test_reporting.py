@@ -68,7 +68,7 @@ def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
         told.append((folder.name[:28], json.loads((folder / "result.json").read_text())["issue"]))
 
     drive = Drive(tmp_path, Scenario.NO_TOUCH)
-    drive.engine.on_result = tell
+    drive.engine.make_reports = tell
     drive.whole_run(make_setup(timeout=1.0))
     drive.act(
         Rule(Step.TOUCH, confirmed=True, reason="seen"),
@@ -83,7 +83,7 @@ def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
     shutil.copytree(drive.folder, left)
     drive.engine.close()
     later = Drive(left.parent)
-    later.engine.on_result = tell
+    later.engine.make_reports = tell
     assert later.open(left) is None
     later.engine.close()
     assert told[5:] == [(cut_off, 1)] * 2
@@ -128,7 +128,7 @@ def test_report_and_pages_follow_every_result_as_madrob_report_makes_them(tmp_pa
     drive = Drive(results, Scenario.NO_TOUCH)
     options = (str(site), f"--results={results}", "--practice")
     with reporting_on(results, WantedPages(publish=options)) as reporting:
-        drive.engine.on_result = reporting.report
+        drive.engine.make_reports = reporting.report
         drive.whole_run(make_setup(timeout=1.0))
         assert reporting.wait(60.0)
         assert reporting.problem is None
