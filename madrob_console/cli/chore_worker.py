@@ -18,7 +18,7 @@ from pathlib import Path
 from madrob_console.cli.guarded import ENDING, TerminatedError, guarded, run_command
 from madrob_console.cli.output import BAD_INPUT, complain
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.runtime.reports import Chore, ChoreKind, Finished
+from madrob_console.engine.runtime.reports import Chore, ChoreKind, ChoreOutcome
 from madrob_console.engine.runtime.worker_questions import answer_questions
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.cli.chore_worker")
@@ -55,13 +55,13 @@ def work(handle: int) -> int:
     return 0
 
 
-def carry_out(chore: Chore) -> Finished:
+def carry_out(chore: Chore) -> ChoreOutcome:
     """Do a chore as the command of its name would, with what it prints caught."""
     out, err = io.StringIO(), io.StringIO()
     with redirect_stdout(out), redirect_stderr(err):
         code, missing = _code_of(chore)
     output, error = (text.getvalue().strip().rpartition("\n")[2] for text in (out, err))
-    return Finished(code, output, error, tuple(map(str, missing)))
+    return ChoreOutcome(code, output, error, tuple(map(str, missing)))
 
 
 def _code_of(chore: Chore) -> tuple[int, Sequence[Path]]:

@@ -20,8 +20,8 @@ from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import RELEASE
 from madrob_console.engine.ipc import wire
 from madrob_console.engine.ipc.discovery import (
+    EngineLocks,
     FoundEngine,
-    Holding,
     ask,
     has_ended,
     held,
@@ -208,7 +208,7 @@ def _say(found: FoundEngine, words: str, code: int = 0) -> int:
 @contextmanager
 def owning(
     arguments: argparse.Namespace, owned: Owned, wire_version: int = 0
-) -> Iterator[tuple[EngineServer, WhoAnswer, Holding]]:
+) -> Iterator[tuple[EngineServer, WhoAnswer, EngineLocks]]:
     """Hold what an engine owns, and answer on its socket, while inside.
 
     `wire_version` is the version that it will speak with screens; 0 = it accepts none. Yields the

@@ -34,7 +34,7 @@ from madrob_console.engine.core.inputs import (
 )
 from madrob_console.engine.core.now import Now
 from madrob_console.engine.core.run_tracker import Happening
-from madrob_console.engine.core.situations import Situations
+from madrob_console.engine.core.situations import SituationFactory
 from madrob_console.referee.acts import (
     ACTS,
     Abort,
@@ -94,7 +94,7 @@ class Acting:
     """
 
     def __init__(
-        self, situations: Situations, current_run: CurrentRun, effects: list[Effect]
+        self, situations: SituationFactory, current_run: CurrentRun, effects: list[Effect]
     ) -> None:
         self._situations = situations
         self._current = current_run

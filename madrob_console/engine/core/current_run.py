@@ -36,7 +36,7 @@ from madrob_console.engine.core.result_state import ResultState
 from madrob_console.engine.core.run_faults import RunFaults
 from madrob_console.engine.core.run_lines import RunLines
 from madrob_console.engine.core.run_tracker import Happening, RunTracker
-from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult, ToScore
+from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult, ScoringRequest
 from madrob_console.engine.public_state import PublishedState
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.evidence_state import EvidenceState
@@ -360,7 +360,7 @@ class CurrentRun:
         assert state.folder is not None
         tracker, stored = self._observation.tracker, state.opened is not None
         samples = None if tracker is None else tracker.assessment
-        wanted = ToScore(
+        wanted = ScoringRequest(
             state.record, self.run, state.folder, samples, state.missing, stored, write
         )
         self._effects.append(state.result.request(wanted, state.lines.mark, now.monotonic))
@@ -388,7 +388,7 @@ class CurrentRun:
             self._effects.append(MakeReports(request.folder))
         self._show(request, written.scored)
 
-    def _show(self, request: ToScore, scored: RenderedResult) -> None:
+    def _show(self, request: ScoringRequest, scored: RenderedResult) -> None:
         if not self.state.result.show(request, scored):
             return
         rest = scored.result.rest

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.engine.core.inputs import OpenEarlierRun
-from madrob_console.engine.core.scored_run import RenderedResult, ToScore
+from madrob_console.engine.core.scored_run import RenderedResult, ScoringRequest
 from madrob_console.engine.public_state import PublishedState
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry
@@ -148,14 +148,14 @@ class ConfigureTestbed:
 class Score:
     """Score the current run: `RunScored` follows. Replaces the request before."""
 
-    request: ToScore
+    request: ScoringRequest
 
 
 @dataclass(frozen=True, slots=True)
 class WriteResult:
     """Issue a result: `ResultWritten` follows."""
 
-    request: ToScore
+    request: ScoringRequest
     scored: RenderedResult
     entries: tuple[Entry, ...]
 

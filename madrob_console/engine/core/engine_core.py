@@ -27,22 +27,22 @@ from madrob_console.engine.core.inputs import (
     EvidenceCounted,
     Input,
     JournalReopened,
-    LastLook,
+    LastEvidenceCount,
     LineWithdrawn,
     LineWritten,
     NumberGivenOut,
     OpenEarlierRun,
-    RecordedLine,
     RecordingClosed,
-    RecordingEnds,
     RecordingOpened,
+    ReplayedLine,
+    ReplayEnds,
     ResultWritten,
     RunScored,
     Tick,
 )
 from madrob_console.engine.core.now import Now
 from madrob_console.engine.core.observation import Observation
-from madrob_console.engine.core.situations import Situations
+from madrob_console.engine.core.situations import SituationFactory
 from madrob_console.engine.core.state_view import shown_state, testbed_problem
 from madrob_console.engine.requests import PlaybackView
 from madrob_console.engine.snapshot import ExportView, Snapshot
@@ -88,7 +88,7 @@ class Core:
         self._unfinished: tuple[Unfinished, ...] = ()
         self.observation = Observation(config.mappings, config.thresholds, config.limits, types)
         self.current_run = CurrentRun(self.observation, config.limits.lost, self._effects, recorded)
-        self._situations = Situations(config, self.observation, self.current_run)
+        self._situations = SituationFactory(config, self.observation, self.current_run)
         self._acting = Acting(self._situations, self.current_run, self._effects)
 
     @property
@@ -159,14 +159,14 @@ class Core:
                     current.interrupt(reason, now)
                 if current.state.recording:
                     current.finish(now)
-            case LastLook():
+            case LastEvidenceCount():
                 current.count_evidence(now, last=True)
-            case RecordedLine(entry):
+            case ReplayedLine(entry):
                 self._advance(now)
                 run = after(current.run, entry)
                 current.write(entry)
                 current.change(run, (), now)
-            case RecordingEnds():
+            case ReplayEnds():
                 self._advance(now)
                 current.end_replay(now)
             case _:

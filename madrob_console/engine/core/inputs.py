@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from madrob_console.archive.run_journal import Details, Unfinished
-from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult, ToScore
+from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult, ScoringRequest
 from madrob_console.referee.acts import Act
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry, Origin
@@ -108,7 +108,7 @@ class CutOffRunsListed:
 class RunScored:
     """A requested result is there."""
 
-    request: ToScore
+    request: ScoringRequest
     scored: RenderedResult
 
 
@@ -116,7 +116,7 @@ class RunScored:
 class ResultWritten:
     """A result is on disk, with the details of its journal line; or why not, in words."""
 
-    request: ToScore
+    request: ScoringRequest
     scored: RenderedResult
     details: Details
     problem: str | None
@@ -144,19 +144,19 @@ class CutOff:
 
 
 @dataclass(frozen=True, slots=True)
-class LastLook:
+class LastEvidenceCount:
     """The engine's last look at evidence that is still being written."""
 
 
 @dataclass(frozen=True, slots=True)
-class RecordedLine:
+class ReplayedLine:
     """A line of a recorded run's journal: its decision is taken again."""
 
     entry: Entry
 
 
 @dataclass(frozen=True, slots=True)
-class RecordingEnds:
+class ReplayEnds:
     """A replay is at its end."""
 
 
@@ -176,7 +176,7 @@ Input = (
     | EvidenceCounted
     | EngineEnds
     | CutOff
-    | LastLook
-    | RecordedLine
-    | RecordingEnds
+    | LastEvidenceCount
+    | ReplayedLine
+    | ReplayEnds
 )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from madrob_console.engine.core.effects import Effect, Score
-from madrob_console.engine.core.scored_run import RenderedResult, ToScore
+from madrob_console.engine.core.scored_run import RenderedResult, ScoringRequest
 from madrob_console.referee.flags import NO_INDICATORS
 from madrob_console.referee.records import JournalMark
 from scoring.indicator_table import IndicatorName
@@ -28,7 +28,7 @@ class ResultState:
     def __init__(self) -> None:
         self.scored: RenderedResult | None = None
         self.problem: str | None = None
-        self.awaited: ToScore | None = None
+        self.awaited: ScoringRequest | None = None
         self._awaited_since = 0.0
 
     @property
@@ -53,14 +53,14 @@ class ResultState:
         """Whether a newer result is wanted and takes a while."""
         return self.awaited is not None and monotonic - self._awaited_since > NOTICEABLE
 
-    def request(self, wanted: ToScore, mark: JournalMark, monotonic: float) -> Effect:
+    def request(self, wanted: ScoringRequest, mark: JournalMark, monotonic: float) -> Effect:
         """Request the result; replaces an earlier request."""
         if self.awaited is None:
             self._awaited_since = monotonic
         self.awaited = replace(wanted, run=replace(wanted.run, journal=mark))
         return Score(self.awaited)
 
-    def show(self, wanted: ToScore, scored: RenderedResult) -> bool:
+    def show(self, wanted: ScoringRequest, scored: RenderedResult) -> bool:
         """Show a result; False where a newer one is awaited."""
         if wanted is not self.awaited:
             return False

@@ -66,7 +66,7 @@ class RenderedResult:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ToScore:
+class ScoringRequest:
     """A run that is over, to be scored.
 
     Attributes:

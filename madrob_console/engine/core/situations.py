@@ -13,7 +13,7 @@ from madrob_console.referee.checks import Check, Readings, preflight
 from madrob_console.referee.records import new_run_id
 
 
-class Situations:
+class SituationFactory:
     """Makes the situation of the current run at any moment."""
 
     def __init__(

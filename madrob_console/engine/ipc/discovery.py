@@ -145,7 +145,7 @@ def running_engines(besides: str = "") -> tuple[FoundEngine, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Holding:
+class EngineLocks:
     """What an engine holds.
 
     Attributes:
@@ -164,7 +164,7 @@ class Holding:
 
 
 @contextmanager
-def held(owned: Owned) -> Iterator[Holding]:
+def held(owned: Owned) -> Iterator[EngineLocks]:
     """Hold everything that an engine owns while inside; never waits for another process.
 
     Creates the results folder if there is none.
@@ -195,7 +195,7 @@ def held(owned: Owned) -> Iterator[Holding]:
                     remarks.append(
                         f"{owned.results}: {why}: other engines are not kept off this folder"
                     )
-        yield Holding(listening, tuple(locks), tuple(remarks))
+        yield EngineLocks(listening, tuple(locks), tuple(remarks))
 
 
 def _refusal(results: Path, error: OSError, own: str) -> str:

@@ -56,7 +56,7 @@ from madrob_console.engine.core.inputs import (
     RunScored,
 )
 from madrob_console.engine.core.now import DiskState, WorkerState
-from madrob_console.engine.core.scored_run import RenderedResult, ToScore
+from madrob_console.engine.core.scored_run import RenderedResult, ScoringRequest
 from madrob_console.engine.public_state import PublishedState
 from madrob_console.engine.runtime.disk import DiskThreads, why_not
 from madrob_console.engine.runtime.disk_watch import DiskWatch
@@ -64,7 +64,7 @@ from madrob_console.engine.runtime.evidence_budget import EvidenceBudget
 from madrob_console.engine.runtime.evidence_client import EvidenceClient, EvidencePlace
 from madrob_console.engine.runtime.journal_writer import JournalLine, JournalWriter, OpenJournal
 from madrob_console.engine.runtime.recording import Recording
-from madrob_console.engine.runtime.result_writer import ResultWriter, Unwritten
+from madrob_console.engine.runtime.result_writer import ResultWriter, UnwrittenRun
 from madrob_console.engine.runtime.scorer import Scorer
 from madrob_console.engine.snapshot import RecorderView
 from madrob_console.messages.codec import (
@@ -287,7 +287,7 @@ class Performer:
             problem = "its journal waits for the disk"
         if problem is not None and left.scored is not None and left.folder is not None:
             folder = journal.hand_over_folder()
-            self.results.keep(Unwritten(folder, left.scored, left.entries, problem))
+            self.results.keep(UnwrittenRun(folder, left.scored, left.entries, problem))
         journal.leave_journal()
         self._scorer.forget()
         self._recording = self._last = None
@@ -401,7 +401,7 @@ class Performer:
 
     # ------------------------------------------------------------------ the result
 
-    def _score(self, request: ToScore) -> None:
+    def _score(self, request: ScoringRequest) -> None:
         def scored(result: RenderedResult) -> None:
             self.inputs.append(RunScored(request, result))
 
@@ -409,7 +409,7 @@ class Performer:
         self._scorer.score(replace(request, inside=inside), scored)
 
     def _write_result(
-        self, request: ToScore, scored: RenderedResult, entries: Sequence[Entry]
+        self, request: ScoringRequest, scored: RenderedResult, entries: Sequence[Entry]
     ) -> None:
         def written(details: Details, problem: str | None) -> None:
             self.inputs.append(ResultWritten(request, scored, details, problem))

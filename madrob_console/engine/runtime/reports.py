@@ -72,7 +72,7 @@ class Chore:
         return Path(self.arguments[-1 if self.kind is ChoreKind.COMMAND else 0])
 
 
-class Finished(msgspec.Struct, frozen=True):
+class ChoreOutcome(msgspec.Struct, frozen=True):
     """The outcome of a chore.
 
     Attributes:
@@ -101,7 +101,7 @@ class Finished(msgspec.Struct, frozen=True):
         return f"{why}; it is tried again" if self.is_retried else why
 
 
-_FINISHED = msgspec.msgpack.Decoder(Finished)
+_FINISHED = msgspec.msgpack.Decoder(ChoreOutcome)
 
 
 class ChoreWorker(Worker):
@@ -258,7 +258,7 @@ class Reporting:
         """
         folder, written = run.absolute() / FRAMES_FOLDER, Future[str]()
 
-        def answer(finished: Future[Finished]) -> None:
+        def answer(finished: Future[ChoreOutcome]) -> None:
             outcome = _outcome(finished)
             if outcome.problem:
                 fail(written, outcome.problem)
@@ -308,7 +308,7 @@ class Reporting:
             partial(self._note_outcome, chore)
         )
 
-    def _note_outcome(self, chore: Chore, answer: Future[Finished]) -> None:
+    def _note_outcome(self, chore: Chore, answer: Future[ChoreOutcome]) -> None:
         """In the worker's thread."""
         if answer.cancelled():
             return
@@ -336,7 +336,7 @@ class Reporting:
             self._submit(chore.name, chore.kind, *chore.arguments, pause=pause, anew=False)
 
 
-def _outcome(answer: Future[Finished]) -> Finished:
+def _outcome(answer: Future[ChoreOutcome]) -> ChoreOutcome:
     """A chore whose process was lost is retried."""
     lost = answer.exception()
-    return answer.result() if lost is None else Finished(os.EX_TEMPFAIL, error=str(lost))
+    return answer.result() if lost is None else ChoreOutcome(os.EX_TEMPFAIL, error=str(lost))

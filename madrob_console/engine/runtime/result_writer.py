@@ -19,7 +19,7 @@ from madrob_console.referee.journal import Entry, up_to_date
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Unwritten:
+class UnwrittenRun:
     """A run whose result or journal is not on disk, and why."""
 
     folder: OpenFolder
@@ -67,7 +67,7 @@ class ResultWriter:
     def __init__(self, disk: DiskJobs) -> None:
         self.make_reports: Callable[[Path], None] = lambda _folder: None
         self._disk = disk
-        self._unwritten: dict[Path, Unwritten] = {}
+        self._unwritten: dict[Path, UnwrittenRun] = {}
         self._trying = 0
 
     def __contains__(self, folder: Path) -> bool:
@@ -101,7 +101,7 @@ class ResultWriter:
         write = partial(issue, folder, scored.files, entries, in_console=True)
         self._disk.submit_job(write, answered)
 
-    def keep(self, run: Unwritten) -> None:
+    def keep(self, run: UnwrittenRun) -> None:
         """Write a run again that is left with something not on disk."""
         self._unwritten[run.folder.path] = run
 
@@ -111,7 +111,7 @@ class ResultWriter:
             self._trying += 1
             self._disk.submit_job(partial(run.write, now), partial(self._take_answer, run))
 
-    def _take_answer(self, run: Unwritten, answer: Future[None]) -> None:
+    def _take_answer(self, run: UnwrittenRun, answer: Future[None]) -> None:
         self._trying -= 1
         if (why := why_not(answer)) is not None:
             problem = f"the result is NOT on disk: {why}"

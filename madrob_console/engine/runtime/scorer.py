@@ -16,7 +16,12 @@ from madrob_console.archive.evidence import evidence_account_of
 from madrob_console.archive.result_files import result_files
 from madrob_console.archive.scored import Scored, assess_recording, open_run
 from madrob_console.common.files import naming_folder
-from madrob_console.engine.core.scored_run import EarlierRun, PastRun, RenderedResult, ToScore
+from madrob_console.engine.core.scored_run import (
+    EarlierRun,
+    PastRun,
+    RenderedResult,
+    ScoringRequest,
+)
 from madrob_console.engine.requests import curves_of
 from madrob_console.engine.runtime.disk import DiskJobs
 from scoring.assessment import Assessment
@@ -53,7 +58,7 @@ class RunScorer:
         self._put_in_cache(folder, data)
         return EarlierRun(folder, recorded.entries, scored, opened.out_of_date)
 
-    def score(self, wanted: ToScore) -> RenderedResult:
+    def score(self, wanted: ScoringRequest) -> RenderedResult:
         """Score a run from the samples it comes with, else from those cached or recorded."""
         run, folder, record = wanted.run, wanted.folder, wanted.record.corrected(wanted.run)
         data = wanted.assessment or self._cache.pop(folder, None)
@@ -101,7 +106,7 @@ class Scorer:
         """Read an earlier run; not begun after the deadline, monotonic s. From any thread."""
         return DiskJobs().submit_job(partial(self._runs.read, folder))
 
-    def score(self, wanted: ToScore, done: Callable[[RenderedResult], None]) -> None:
+    def score(self, wanted: ScoringRequest, done: Callable[[RenderedResult], None]) -> None:
         """Score the current run; replaces an earlier request.
 
         `done` gets its result in the thread that calls `deliver`.

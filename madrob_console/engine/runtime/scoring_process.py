@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult, ToScore
+from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult, ScoringRequest
 from madrob_console.engine.runtime.scorer import Scorer
 from madrob_console.engine.runtime.supervisor import LOOK_PERIOD, Worker, delay_after
 
@@ -35,7 +35,7 @@ class _CurrentResult:
     `problem` says why the last try failed; `due` is when this one may begin, monotonic s.
     """
 
-    run: ToScore
+    run: ScoringRequest
     on_result: Callable[[RenderedResult], None]
     answer: Future[RenderedResult]
     due: float
@@ -84,13 +84,13 @@ class ScoringProcess(Worker, Scorer):
     def read(self, folder: Path, deadline: float = math.inf) -> Future[EarlierRun]:
         return self.ask(folder, _EARLIER_RUN, deadline=deadline)
 
-    def score(self, wanted: ToScore, done: Callable[[RenderedResult], None]) -> None:
+    def score(self, wanted: ScoringRequest, done: Callable[[RenderedResult], None]) -> None:
         self.forget()
         now, cached = time.monotonic(), self._cached == (self.pid, wanted.folder)
         question = replace(wanted, assessment=None) if cached else wanted
         self._current = _CurrentResult(wanted, done, self._ask_for(question, now), now)
 
-    def _ask_for(self, wanted: ToScore, due: float) -> Future[RenderedResult]:
+    def _ask_for(self, wanted: ScoringRequest, due: float) -> Future[RenderedResult]:
         return self.ask(wanted, _RESULT, due=due, retries=0)
 
     def forget(self) -> None:

@@ -12,7 +12,7 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult, ToScore
+from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult, ScoringRequest
 from madrob_console.engine.runtime.scorer import RunScorer
 from madrob_console.engine.runtime.worker_questions import answer_questions
 from scoring.kinematics import load_filters
@@ -30,8 +30,8 @@ def main() -> None:
     gc.freeze()  # what was imported stays
     runs = RunScorer()
 
-    def answer(question: ToScore | Path) -> RenderedResult | EarlierRun:
-        return runs.score(question) if isinstance(question, ToScore) else runs.read(question)
+    def answer(question: ScoringRequest | Path) -> RenderedResult | EarlierRun:
+        return runs.score(question) if isinstance(question, ScoringRequest) else runs.read(question)
 
     answer_questions(int(sys.argv[1]), answer)
 

@@ -27,10 +27,10 @@ from madrob_console.engine.core.inputs import (
     DoAct,
     EngineEnds,
     Input,
-    LastLook,
+    LastEvidenceCount,
     OpenEarlierRun,
-    RecordedLine,
-    RecordingEnds,
+    ReplayedLine,
+    ReplayEnds,
     Tick,
 )
 from madrob_console.engine.core.now import Now, TestbedState
@@ -345,7 +345,7 @@ class Engine:
         answers = self._settle()
         self._evidence.close()
         if answers:
-            self._feed(LastLook())
+            self._feed(LastEvidenceCount())
             self._settle()
             live.journal.catch_up()
             live.carry_out(self.current_run.left)
@@ -470,9 +470,9 @@ class Engine:
 
     def _repeat_decisions(self, replay: Replay) -> None:
         for entry in replay.due():
-            self._feed(RecordedLine(entry))
+            self._feed(ReplayedLine(entry))
         if replay.ended and self.scored is None:
-            self._feed(RecordingEnds())
+            self._feed(ReplayEnds())
 
     # ------------------------------------------------------------------ what it shows
 

@@ -19,7 +19,7 @@ from msgspec import structs
 
 from madrob_console.archive import score
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.core.scored_run import RenderedResult, ToScore
+from madrob_console.engine.core.scored_run import RenderedResult, ScoringRequest
 from madrob_console.engine.runtime import scoring_process, supervisor
 from madrob_console.engine.runtime.disk import DiskThreads
 from madrob_console.engine.runtime.scorer import Scorer
@@ -72,7 +72,7 @@ class Twins(ScoringProcess):
         super().__init__()
         self.pairs: list[tuple[RenderedResult, RenderedResult]] = []
 
-    def score(self, wanted: ToScore, done: Callable[[RenderedResult], None]) -> None:
+    def score(self, wanted: ScoringRequest, done: Callable[[RenderedResult], None]) -> None:
         mine: list[RenderedResult] = []
         own = replace(wanted, assessment=copy.deepcopy(wanted.assessment))
         Scorer().score(own, mine.append)
