@@ -79,17 +79,17 @@ def _alike_moments(
 
     What a referee has marked always has its own.
     """
-    found: list[list[list[PictureEntry]]] = []
+    moments: list[list[list[PictureEntry]]] = []
     looks: list[bytes | None] = []
-    for _, group in groupby(entries, key=lambda one: one.moment):
+    for _, group in groupby(entries, key=lambda entry: entry.moment):
         same = list(group)
-        before, looks = looks, [_look(shown.files.get(one.file)) for one in same]
+        before, looks = looks, [_look(shown.files.get(entry.file)) for entry in same]
         marked = same[0].event.startswith(("incident", "false_start", "protest"))
-        if marked or not (found and _look_alike(before, looks)):
-            found.append([same])
+        if marked or not (moments and _look_alike(before, looks)):
+            moments.append([same])
         else:
-            found[-1].append(same)
-    return found
+            moments[-1].append(same)
+    return moments
 
 
 def _look(data: bytes | None) -> bytes | None:
@@ -106,8 +106,8 @@ def _look(data: bytes | None) -> bytes | None:
 
 def _look_alike(some: Sequence[bytes | None], others: Sequence[bytes | None]) -> bool:
     return len(some) == len(others) and all(
-        one and two and max(abs(a - b) for a, b in zip(one, two, strict=True)) <= _ALIKE
-        for one, two in zip(some, others, strict=True)
+        before and after and max(abs(a - b) for a, b in zip(before, after, strict=True)) <= _ALIKE
+        for before, after in zip(some, others, strict=True)
     )
 
 
@@ -173,5 +173,5 @@ def definitions_of(result: Result) -> Iterator[tuple[IndicatorName, str, FigureN
 
 
 def _figure_of(name: IndicatorName) -> FigureName | None:
-    whole = (one for one in FigureName if one.spec.part is FigurePart.WHOLE)
-    return next((one for one in whole if one.spec.indicator is name), None)
+    whole = (figure for figure in FigureName if figure.spec.part is FigurePart.WHOLE)
+    return next((figure for figure in whole if figure.spec.indicator is name), None)

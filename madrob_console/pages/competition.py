@@ -57,18 +57,18 @@ def how_testbeds_differ(runs: Iterable[RunSummary]) -> str:
             of[run.testbed].append(run)
     if len(of) < 2:
         return ""
-    told = {name or "(no name)": dict(_testbed_facts(of[name])) for name in sorted(of)}
-    keys = dict.fromkeys(key for known in told.values() for key in known)
-    differing = [words for key in keys if (words := _differing(key, told))]
+    facts = {name or "(no name)": dict(_testbed_facts(of[name])) for name in sorted(of)}
+    keys = dict.fromkeys(key for of_testbed in facts.values() for key in of_testbed)
+    differing = [words for key in keys if (words := _differing(key, facts))]
     return f"The testbeds differ: {'; '.join(differing)}." if differing else ""
 
 
-def _differing(key: str, told: Mapping[str, Mapping[str, str]]) -> str:
+def _differing(key: str, facts: Mapping[str, Mapping[str, str]]) -> str:
     """Values of each testbed, where not all known ones are the same."""
-    known = {name: having[key] for name, having in told.items() if key in having}
-    if len(set(known.values())) < 2:
+    values = {name: having[key] for name, having in facts.items() if key in having}
+    if len(set(values.values())) < 2:
         return ""
-    return f"{key} {', '.join(f'{value} ({name})' for name, value in known.items())}"
+    return f"{key} {', '.join(f'{value} ({name})' for name, value in values.items())}"
 
 
 def _testbed_facts(runs: Sequence[RunSummary]) -> Iterator[tuple[str, str]]:
@@ -77,15 +77,15 @@ def _testbed_facts(runs: Sequence[RunSummary]) -> Iterator[tuple[str, str]]:
     if rates:
         yield "sampling rate", f"{statistics.median(rates):.0f} Hz"
     every = (run.thresholds for run in runs if run.thresholds is not None)
-    unlike = {msgspec.json.encode(one): one for one in every}.values()
+    unlike = {msgspec.json.encode(thresholds): thresholds for thresholds in every}.values()
     if unlike:
         for name, usual in Thresholds().numbers.items():
-            values = {_text(one.get(name, usual)) for one in unlike}
+            values = {_text(thresholds.get(name, usual)) for thresholds in unlike}
             yield name, " and ".join(sorted(values))
 
 
 def _text(value: Any) -> str:  # noqa: ANN401  a number of the settings, or several
-    return f"{value:g}" if isinstance(value, int | float) else "/".join(f"{one:g}" for one in value)
+    return f"{value:g}" if isinstance(value, int | float) else "/".join(f"{v:g}" for v in value)
 
 
 CONDITION_NUMBERS = range(1, 21)
@@ -240,7 +240,9 @@ def competition_standings(
             )
         ),
         apart=how_testbeds_differ(entering),
-        renamed=tuple(words for one in sorted(teams) for words in _renamed(teams[one], entering)),
+        renamed=tuple(
+            words for subject in sorted(teams) for words in _renamed(teams[subject], entering)
+        ),
     )
 
 
@@ -259,22 +261,22 @@ def entering_runs(
 ) -> tuple[str, Sequence[RunSummary]]:
     """The competition's name and all its runs; arguments as for `competition_standings`."""
     wanted = [run for run in runs if _is_wanted(run, official=official)]
-    title = the_competition([run for run in wanted if _told(run)] or wanted, competition)
+    title = the_competition([run for run in wanted if _has_result(run)] or wanted, competition)
     return title or "", of_competition(wanted, title)
 
 
 def statistics_of(aggregate: Aggregate | None, name: IndicatorName) -> dict[str, float | None]:
     """EUROBENCH's aggregates of an indicator by name, `min` and `max` where it has them."""
     a = aggregate
-    found = {
+    statistics = {
         "mean": a.mean if a else None,
         "median": a.median if a else None,
         "std": a.deviation if a else None,
     }
     if name.spec.extremes:
-        found["min"] = a.smallest if a else None
-        found["max"] = a.largest if a else None
-    return found
+        statistics["min"] = a.smallest if a else None
+        statistics["max"] = a.largest if a else None
+    return statistics
 
 
 _SINGLE = ("min", "max")
@@ -289,8 +291,10 @@ def statistics_text(
     values they have none that the mean's uncertainty does not leave; the standard deviation, often
     less than 1, has one more.
     """
-    decimals, known = name.spec.decimals, aggregate.uncertainty if aggregate else None
-    left = decimals_left(known) if known is not None and known.expanded else decimals
+    decimals, uncertainty = name.spec.decimals, aggregate.uncertainty if aggregate else None
+    left = (
+        decimals_left(uncertainty) if uncertainty is not None and uncertainty.expanded else decimals
+    )
     return {
         word: _statistic_text(
             value, decimals if word in _SINGLE else min(decimals, left + (word == "std")), width
@@ -325,21 +329,21 @@ def _groups(
     return tuple(
         RulesetStandings(
             ruleset,
-            tuple(one for one in together if one.ruleset == ruleset),
-            _by_condition(one for one in single if one.ruleset == ruleset),
+            tuple(standing for standing in together if standing.ruleset == ruleset),
+            _by_condition(standing for standing in single if standing.ruleset == ruleset),
         )
-        for ruleset in sorted({one.ruleset for one in together})
+        for ruleset in sorted({standing.ruleset for standing in together})
     )
 
 
-def _by_condition(found: Iterable[Standing]) -> dict[Condition, tuple[Standing, ...]]:
+def _by_condition(standings: Iterable[Standing]) -> dict[Condition, tuple[Standing, ...]]:
     of: dict[int, list[Standing]] = {}
-    for standing in found:
+    for standing in standings:
         of.setdefault(standing.condition, []).append(standing)
     return {Condition.from_number(number): tuple(of[number]) for number in sorted(of)}
 
 
-def _told(run: RunSummary) -> bool:
+def _has_result(run: RunSummary) -> bool:
     return run.problem is None and run.outcome is not None
 
 
@@ -377,20 +381,20 @@ def condition_lines() -> Iterator[str]:
 
 
 def plan_lines(
-    found: PlanProgress, competition: str, teams: Mapping[int, str], now: float
+    progress: PlanProgress, competition: str, teams: Mapping[int, str], now: float
 ) -> Iterator[str]:
     """The plan as a table of at most 80 characters in a line; `teams` maps subjects to names.
 
     `now`, s since the epoch, tells how late the next attempt is.
     """
     yield f"MADROB plan {competition}".rstrip()
-    yield summary_words(found)
-    for words in schedule_words(found, teams, now):
+    yield summary_words(progress)
+    for words in schedule_words(progress, teams, now):
         yield from wrap(words, 80, break_long_words=False)
     yield ""
     yield _line("", "subj", "team", "cond", "task", "door", "done", "valid", "best")
     begun, day = False, ""
-    for line in found.lines:
+    for line in progress.lines:
         mark = ">" if line.left and not begun else ""
         begun = begun or bool(mark)
         of_day, _, time = line.time.rpartition(" ")
@@ -398,23 +402,24 @@ def plan_lines(
             day = of_day
             yield day
         yield _row(mark, line, teams, time)
-    if extra := [one for one in found.tasks if not one.planned]:
+    if extra := [task for task in progress.tasks if not task.planned]:
         yield ""
         yield "Out of plan:"
-        yield from (_row("", one, teams) for one in extra)
-    for one in found.tasks:
-        if one.beyond:
-            yield f"{one.beyond} more than planned: {task_words(one.task, teams)}."
+        yield from (_row("", task, teams) for task in extra)
+    for task in progress.tasks:
+        if task.beyond:
+            yield f"{task.beyond} more than planned: {task_words(task.task, teams)}."
     yield ""
     yield from PLAN_NOTES
 
 
-def summary_words(found: PlanProgress) -> str:
-    text = f"{found.planned - found.left} of {found.planned} attempts done, {found.left} left."
-    if found.unread:
-        plural = "s are" if found.unread > 1 else " is"
-        text += f" {found.unread} run{plural} DAMAGED and not counted."
-    if protested := sum(one.open_protests for one in found.tasks):
+def summary_words(progress: PlanProgress) -> str:
+    done = progress.planned - progress.left
+    text = f"{done} of {progress.planned} attempts done, {progress.left} left."
+    if progress.unread:
+        plural = "s are" if progress.unread > 1 else " is"
+        text += f" {progress.unread} run{plural} DAMAGED and not counted."
+    if protested := sum(task.open_protests for task in progress.tasks):
         plural = "s are" if protested > 1 else " is"
         text += f" {protested} PROTEST{plural} open: NOT FINAL."
     return text
@@ -427,15 +432,15 @@ def attempts_cell(of: Attempts) -> str:
 
 
 def schedule_words(
-    found: PlanProgress, teams: Mapping[int, str], now: float, running: Task | None = None
+    progress: PlanProgress, teams: Mapping[int, str], now: float, running: Task | None = None
 ) -> Iterator[str]:
     """What goes on and what comes next, with its planned time and how late it is `now`."""
-    for one in found.upcoming():
-        if one.task == running:
-            yield f"Now: {attempt_words(one, teams)}."
+    for slot in progress.upcoming():
+        if slot.task == running:
+            yield f"Now: {attempt_words(slot, teams)}."
             break
-    for one in islice(found.upcoming(running), 1):
-        yield f"Next: {attempt_words(one, teams)}{late_words(one.time, now)}."
+    for slot in islice(progress.upcoming(running), 1):
+        yield f"Next: {attempt_words(slot, teams)}{late_words(slot.time, now)}."
 
 
 def late_words(planned: str, now: float) -> str:
@@ -460,15 +465,15 @@ def task_words(task: Task, teams: Mapping[int, str]) -> str:
 
 
 def plan_json(
-    found: PlanProgress, competition: str, teams: Mapping[int, str], software: str
+    progress: PlanProgress, competition: str, teams: Mapping[int, str], software: str
 ) -> bytes:
-    following = found.next
+    following = progress.next
     content = {
         "software": software,
         "competition": competition,
-        "planned": found.planned,
-        "done": found.planned - found.left,
-        "left": found.left,
+        "planned": progress.planned,
+        "done": progress.planned - progress.left,
+        "left": progress.left,
         "next": None
         if following is None
         else {
@@ -476,10 +481,10 @@ def plan_json(
             "attempt": following.number,
             "time": following.time,
         },
-        "lines": [_attempts(line, teams) for line in found.lines],
-        "out_of_plan": [_attempts(one, teams) for one in found.tasks if not one.planned],
-        "damaged_runs": found.unread,
-        "problems": list(found.problems),
+        "lines": [_attempts(line, teams) for line in progress.lines],
+        "out_of_plan": [_attempts(task, teams) for task in progress.tasks if not task.planned],
+        "damaged_runs": progress.unread,
+        "problems": list(progress.problems),
     }
     return msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n"
 

@@ -43,11 +43,11 @@ class Scale(NamedTuple):
         At least four of the largest uncertainty: what cannot be told apart does not look far apart.
         """
         every = list(points)
-        shown = [one for one in every if one.completed] or every
-        low = min(one.value - one.spread for one in shown)
-        high = max(one.value + one.spread for one in shown)
+        shown = [point for point in every if point.completed] or every
+        low = min(point.value - point.spread for point in shown)
+        high = max(point.value + point.spread for point in shown)
         room = (high - low) * _ROOM or abs(high) * _ROOM or 1.0
-        room = max(room, 2 * max(one.spread for one in shown) - (high - low) / 2)
+        room = max(room, 2 * max(point.spread for point in shown) - (high - low) / 2)
         return cls(low - room, high + room)
 
     def at(self, value: float) -> float:
@@ -68,14 +68,14 @@ class Scale(NamedTuple):
         power = 10.0 ** math.floor(math.log10(span))
         step = next(n * power for n in _STEPS if n * power >= span * (1 - 1e-9))
         first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
-        found = [round(n * step, 9) + 0.0 for n in range(first, last + 1)]
-        return found[:: max(1, round(len(found) / _MOST_TICKS))]
+        ticks = [round(n * step, 9) + 0.0 for n in range(first, last + 1)]
+        return ticks[:: max(1, round(len(ticks) / _MOST_TICKS))]
 
 
 def rows_of_words(marks: Iterable[tuple[float, str]], scale: Scale) -> list[int]:
     """The row of each text, so that none meets another one on a phone either."""
     rows: list[list[Interval]] = []
-    found = []
+    row_of_mark = []
     for place, text in marks:
         left, width = scale.at(place) / 100 * _NARROWEST, _LETTER_WIDTH * len(text) + 4
         begin = left if left <= _NARROWEST / 2 else left - width
@@ -88,5 +88,5 @@ def rows_of_words(marks: Iterable[tuple[float, str]], scale: Scale) -> list[int]
         if row == len(rows):
             rows.append([])
         rows[row].append((begin, begin + width))
-        found.append(row)
-    return found
+        row_of_mark.append(row)
+    return row_of_mark

@@ -76,7 +76,7 @@ referee has to decide on.
 """
 
 
-def standings_csv(found: CompetitionStandings) -> str:
+def standings_csv(competition: CompetitionStandings) -> str:
     """One row for each team, condition (and all of them) and indicator.
 
     Numbers have all their digits. Empty = no value, or none that EUROBENCH reports. The expanded
@@ -86,30 +86,30 @@ def standings_csv(found: CompetitionStandings) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
-    for group in found.groups:
+    for group in competition.groups:
         for team in group.overall:
-            writer.writerows(_rows(found, {"condition": ALL}, team))
+            writer.writerows(_rows(competition, {"condition": ALL}, team))
         for condition, standings in group.conditions.items():
             for standing in standings:
-                writer.writerows(_rows(found, _condition(condition), standing))
+                writer.writerows(_rows(competition, _condition(condition), standing))
     return text.getvalue()
 
 
-def standings_json(found: CompetitionStandings, software: str) -> bytes:
-    return msgspec.json.encode(standings_document(found, software)) + b"\n"
+def standings_json(competition: CompetitionStandings, software: str) -> bytes:
+    return msgspec.json.encode(standings_document(competition, software)) + b"\n"
 
 
-def standings_document(found: CompetitionStandings, software: str) -> dict[str, Any]:
+def standings_document(competition: CompetitionStandings, software: str) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "software": f"madrob-console {software}",
-        "made": found.made,
-        "competition": found.title,
-        "source": found.kind,
-        "official": found.kind == "official",
-        "best_runs": found.best or None,
-        "provisional": found.provisional,
-        "protested": found.protested,
+        "made": competition.made,
+        "competition": competition.title,
+        "source": competition.kind,
+        "official": competition.kind == "official",
+        "best_runs": competition.best or None,
+        "provisional": competition.provisional,
+        "protested": competition.protested,
         "open_protests": [
             {
                 "folder": valid_text(run.folder),
@@ -119,9 +119,14 @@ def standings_document(found: CompetitionStandings, software: str) -> dict[str, 
                 "run_id": run.run_id,
                 "filed": run.protest_filed,
             }
-            for run in found.open_protests
+            for run in competition.open_protests
         ],
-        "remarks": (*filter(None, [found.banner]), *found.remarks, found.basis, *NOTES),
+        "remarks": (
+            *filter(None, [competition.banner]),
+            *competition.remarks,
+            competition.basis,
+            *NOTES,
+        ),
         "units": {name: name.spec.unit for name in IndicatorName},
         "rulesets": [
             {
@@ -134,7 +139,7 @@ def standings_document(found: CompetitionStandings, software: str) -> dict[str, 
                     for condition, standings in group.conditions.items()
                 ],
             }
-            for group in found.groups
+            for group in competition.groups
         ],
         "flagged": [
             {
@@ -144,7 +149,7 @@ def standings_document(found: CompetitionStandings, software: str) -> dict[str, 
                 "run_number": run.run_number,
                 "flags": serious(run.flags),
             }
-            for run in found.flagged
+            for run in competition.flagged
         ],
         "left_out": [
             {
@@ -162,24 +167,24 @@ def standings_document(found: CompetitionStandings, software: str) -> dict[str, 
                 "same_run_as": valid_text(run.twin) or None,
                 "why": valid_text(run.why_left_out),
             }
-            for run in found.left_out
+            for run in competition.left_out
         ],
     }
 
 
 def _rows(
-    found: CompetitionStandings, condition: Mapping[str, object], tally: Tally
+    competition: CompetitionStandings, condition: Mapping[str, object], tally: Tally
 ) -> Iterator[dict[str, object]]:
     names = {
         "ruleset": table_cell(tally.ruleset),
         "team": table_cell(tally.team),
         "testbed": table_cell("; ".join(tally.testbeds)),
-        "competition": table_cell(found.title),
+        "competition": table_cell(competition.title),
     }
-    told = {**_tally(tally), "source": found.kind, **names, **condition}
-    for indicator, numbers in told["indicators"].items():
+    of_tally = {**_tally(tally), "source": competition.kind, **names, **condition}
+    for indicator, numbers in of_tally["indicators"].items():
         alike = " ".join(map(str, numbers["not_distinguishable_from"]))
-        yield {**told, "indicator": indicator, **numbers, "not_distinguishable_from": alike}
+        yield {**of_tally, "indicator": indicator, **numbers, "not_distinguishable_from": alike}
 
 
 def _condition(condition: Condition) -> dict[str, object]:
@@ -212,13 +217,13 @@ def _tally(tally: Tally) -> dict[str, Any]:
                 "unit": name.spec.unit,
                 "runs": aggregate.count if aggregate else 0,
                 **statistics_of(aggregate, name),
-                "expanded_uncertainty": known.expanded if known else None,
+                "expanded_uncertainty": uncertainty.expanded if uncertainty else None,
                 "doubts": tally.doubts.get(name, 0),
                 "not_distinguishable_from": tally.alike.get(name, ()),
             }
             for name in IndicatorName
             for aggregate in [tally.aggregates.get(name)]
-            for known in [aggregate.uncertainty if aggregate else None]
+            for uncertainty in [aggregate.uncertainty if aggregate else None]
         },
     }
 
@@ -226,8 +231,8 @@ def _tally(tally: Tally) -> dict[str, Any]:
 # A competition's standings as one HTML page without scripts or outside files.
 
 
-def standings_html(found: CompetitionStandings, software: str) -> str:
-    return render("standings.html", found=found, software=software, **MEANS)
+def standings_html(competition: CompetitionStandings, software: str) -> str:
+    return render("standings.html", found=competition, software=software, **MEANS)
 
 
 def _tally_lines(tally: Tally) -> Iterator[str]:
@@ -249,12 +254,12 @@ def _means(tally: Tally) -> Iterator[tuple[str, bool, list[str]]]:
         if aggregate is None:
             yield f"{NONE}{signs}", False, below
             continue
-        found = statistics_text(aggregate, name)
+        statistics = statistics_text(aggregate, name)
         lines = [uncertainty_text(aggregate.uncertainty)] if aggregate.uncertainty else []
-        lines += [f"{word} {text}" for word, text in found.items() if word != "mean"]
+        lines += [f"{word} {text}" for word, text in statistics.items() if word != "mean"]
         if aggregate.count != tally.counted:
             lines.append(f"n = {aggregate.count}")
-        yield f"{found['mean']}{signs}", True, [line for line in (*lines, *below) if line]
+        yield f"{statistics['mean']}{signs}", True, [line for line in (*lines, *below) if line]
 
 
 def _name(tally: Tally) -> Markup:
@@ -310,31 +315,31 @@ _WIDTH = 8
 """Of their columns, characters."""
 
 
-def standings_lines(found: CompetitionStandings) -> Iterator[str]:
+def standings_lines(competition: CompetitionStandings) -> Iterator[str]:
     """Each condition as a table of its teams, the leader first; of `best` 1."""
-    yield from _heading(found, BY_BEST)
-    for group in found.groups:
-        rules = f"; ruleset {group.ruleset}" if len(found.groups) > 1 else ""
+    yield from _heading(competition, BY_BEST)
+    for group in competition.groups:
+        rules = f"; ruleset {group.ruleset}" if len(competition.groups) > 1 else ""
         for condition, standings in group.conditions.items():
             yield ""
             yield f"{_condition_words(condition)}{rules}"
             yield from _leader_lines(standings)
-    if found.groups:
+    if competition.groups:
         yield from ("", f"{FLAG_SIGNS}.", f"{SIGNS}.")
-    going = sum(run.outcome is None and run.problem is None for run in found.left_out)
+    going = sum(run.outcome is None and run.problem is None for run in competition.left_out)
     if going:
         yield f"Runs without a result yet: {going}."
-    if not_counting := len(found.left_out) - going:
+    if not_counting := len(competition.left_out) - going:
         yield f"Runs that do not count: {not_counting}; --details gives the reasons."
 
 
-def _heading(found: CompetitionStandings, basis: str) -> Iterator[str]:
-    if found.banner:
-        yield found.banner
-    yield f"MADROB standings {found.title}".rstrip()
-    yield from found.remarks
+def _heading(competition: CompetitionStandings, basis: str) -> Iterator[str]:
+    if competition.banner:
+        yield competition.banner
+    yield f"MADROB standings {competition.title}".rstrip()
+    yield from competition.remarks
     yield basis
-    if not found.groups:
+    if not competition.groups:
         yield "No run counts yet."
 
 
@@ -345,11 +350,11 @@ def _condition_words(condition: Condition) -> str:
 def _leader_lines(standings: Sequence[Standing]) -> Iterator[str]:
     level, time = IndicatorName.CAPABILITY_LEVEL, IndicatorName.EXECUTION_TIME
     yield _leader_line("    team", "level", "exec s  ", "runs", "")
-    for one in standings:
-        timed = f"{best_text(one, time)}{one.signs(time):<2}"
-        runs = str(one.completed + one.timeout)
-        who = f"{one.subject:>3} {one.team}"
-        yield _leader_line(who, best_text(one, level), timed, runs, one.flag_sign)
+    for standing in standings:
+        timed = f"{best_text(standing, time)}{standing.signs(time):<2}"
+        runs = str(standing.completed + standing.timeout)
+        who = f"{standing.subject:>3} {standing.team}"
+        yield _leader_line(who, best_text(standing, level), timed, runs, standing.flag_sign)
 
 
 def _leader_line(who: str, level: str, time: str, runs: str, sign: str) -> str:
@@ -361,22 +366,22 @@ _TEAM = 40
 """Cells of a team with its number."""
 
 
-def standings_details(found: CompetitionStandings) -> Iterator[str]:
+def standings_details(competition: CompetitionStandings) -> Iterator[str]:
     """All statistics as tables of at most 80 characters in a line, names apart."""
-    yield from _heading(found, found.basis)
-    for group in found.groups:
+    yield from _heading(competition, competition.basis)
+    for group in competition.groups:
         yield from _group_lines(group)
-    if found.flagged:
+    if competition.flagged:
         yield ""
         yield "Runs that count, with flags:"
-    for run in found.flagged:
+    for run in competition.flagged:
         yield f"  {run_words(run)}: {flag_words(run)}"
-    if found.left_out:
+    if competition.left_out:
         yield ""
         yield "Runs that do not count:"
-    for run in found.left_out:
+    for run in competition.left_out:
         yield f"  {run_words(run)}: {run.outcome_word}: {run.why_left_out}"
-    if found.groups:
+    if competition.groups:
         yield ""
         yield from NOTES
 
@@ -433,8 +438,8 @@ def _mean(most: int, tally: Tally, name: IndicatorName) -> str:
 
 def _spread(most: int, tally: Tally, name: IndicatorName) -> str:
     aggregate = tally.aggregates.get(name)
-    known = uncertainty_text(aggregate.uncertainty) if aggregate else ""
-    return f"{known.removeprefix('+- ')}{'':<{most}}" if known else ""
+    uncertainty = uncertainty_text(aggregate.uncertainty) if aggregate else ""
+    return f"{uncertainty.removeprefix('+- ')}{'':<{most}}" if uncertainty else ""
 
 
 def _statistic(word: str, tally: Tally, name: IndicatorName) -> str:

@@ -50,7 +50,7 @@ class _Column:
 def phases(scored: Scored, place: PagePlace) -> dict[str, object]:
     """What the report tells of it; without `columns` nothing is told."""
     result = scored.result
-    done = {one.step: one.final for one in result.steps if one.final is not None}
+    done = {step.step: step.final for step in result.steps if step.final is not None}
     own = _Column("this run", phases_of(done, result.start, result.stop))
     if result.outcome is Outcome.ABORTED or not own.phases:
         return {"columns": ()}
@@ -133,7 +133,10 @@ def _lost(own: _Column, median: _Column, least: float) -> Iterator[str]:
     ]
     if not both:
         return
-    slow, fast = max(both, key=lambda one: one[0]), min(both, key=lambda one: one[0])
+    slow, fast = (
+        max(both, key=lambda difference: difference[0]),
+        min(both, key=lambda difference: difference[0]),
+    )
     said = []
     if slow[0] > least:
         said.append(f"most time was lost from {slow[1].words}: {slow[0]:.2f} s")
@@ -152,7 +155,7 @@ def _beside_best(scored: Scored, place: PagePlace, best: ComparedRun) -> str:
         words = f"This is the team's best run in this condition so far; the next is {which}."
     theirs = there.values.get(name)
     if own.value is not None and theirs is not None:
-        known = own.uncertainty, there.uncertainties.get(name)
-        if not distinguishable(own.value, theirs, *known):
+        uncertainties = own.uncertainty, there.uncertainties.get(name)
+        if not distinguishable(own.value, theirs, *uncertainties):
             words += " Their execution times are a tie within the uncertainty."
     return words

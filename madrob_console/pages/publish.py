@@ -203,8 +203,8 @@ def _put(folder: Path, file: SiteFile) -> bool:
         raise SiteRefusedError(f"{folder / file.name}: is not of `madrob publish`; move it away")
     if file.key and there is not None and there.endswith(mark.encode()):
         return False
-    made = file.make()
-    content = (made.encode() if isinstance(made, str) else made) + mark.encode()
+    page = file.make()
+    content = (page.encode() if isinstance(page, str) else page) + mark.encode()
     if content == there:
         return False
     *within, called = file.name.split("/")
@@ -270,10 +270,10 @@ def _run_tables(content: SiteContent) -> Mapping[str, bytes]:
         for run in content.with_result:
             with suppress(MadrobError):  # it changes just now: the next time it is there
                 stored = stored_run(RunPath(Path(content.source(run))))
-                told = {"place": content.folder_of(run)}  # no path of this machine
+                shown_place = {"place": content.folder_of(run)}  # no path of this machine
                 for name, table in {**tables, team_csv(run.subject): INDICATORS}.items():
                     rows = rows_of(table, stored)
-                    cleaned = ({**row, **told} if "place" in row else row for row in rows)
+                    cleaned = ({**row, **shown_place} if "place" in row else row for row in rows)
                     writers[name].write_rows(cleaned)
     return {name: file.getvalue() for name, file in files.items()}
 
@@ -304,10 +304,10 @@ def _of_run(content: SiteContent, run: RunSummary, around: RelatedRuns) -> Itera
         sources = (RESULT_FILE, JOURNAL_FILE, f"{PICTURES_FOLDER}/{PICTURES_INDEX}")
         stamps = (stamp_of(f"{folder}/{name}") for name in sources)
         team = content.of_team[run.subject]
-        pages = (_page_of(content, run, one) for one in team_runs(run, team))
+        pages = (_page_of(content, run, other) for other in team_runs(run, team))
         others = (team_digest(run, team), *pages)
-        told = "\n".join(map(str, (content.software, _ways(content, run), *others, *stamps)))
-        key = sha256(told.encode(errors="surrogateescape")).hexdigest()[:16]
+        inputs = "\n".join(map(str, (content.software, _ways(content, run), *others, *stamps)))
+        key = sha256(inputs.encode(errors="surrogateescape")).hexdigest()[:16]
         yield SiteFile(page, partial(_report, content, run, around), key)
     if stamp_of(f"{folder}/{RESULT_FILE}") is not None:
         yield SiteFile(f"{content.folder_of(run)}/{RESULT_FILE}", partial(_result, content, run))
@@ -361,5 +361,5 @@ def _tables(content: SiteContent) -> Iterator[SiteFile]:
     yield SiteFile("data/standings.csv", partial(standings_csv, standings))
     yield SiteFile("data/standings.json", partial(standings_json, standings, content.software))
     if (plan := content.plan) is not None:
-        told = (plan, standings.title, content.names, content.software)
-        yield SiteFile(_PLAN_DATA, partial(plan_json, *told))
+        inputs = (plan, standings.title, content.names, content.software)
+        yield SiteFile(_PLAN_DATA, partial(plan_json, *inputs))

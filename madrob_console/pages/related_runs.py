@@ -52,12 +52,12 @@ def has_report(folder: Path) -> bool:
 
 def report_is_old(folder: Path) -> bool:
     """Whether there is a report that names another journal than the result."""
-    told = _stated(folder).get("journal")
+    stated_journal = _stated(folder).get("journal")
     try:
         mark = read_result(str(folder)).journal or None
     except (OSError, UnusableResultError):
         return False
-    return bool(told and mark and told != f"{mark.lines} {mark.sha256}")
+    return bool(stated_journal and mark and stated_journal != f"{mark.lines} {mark.sha256}")
 
 
 def _stated(folder: Path) -> dict[str, str]:
@@ -135,7 +135,7 @@ class RelatedRuns:
                 return ""
             return posixpath.relpath(f"{run.folder}/{REPORT_FILE}", name)
 
-        place = self.among(root, name, self._known(root), scored, page)
+        place = self.among(root, name, self._runs_below(root), scored, page)
         return replace(place, files=_files(folder))
 
     def among(
@@ -176,7 +176,8 @@ class RelatedRuns:
             ),
             itself=itself,
             earlier=tuple(
-                with_result(mine, one) for one in earlier_issues(root / name, scored.run.reissues)
+                with_result(mine, issue)
+                for issue in earlier_issues(root / name, scored.run.reissues)
             ),
             digest=_digest(team),
         )
@@ -184,15 +185,15 @@ class RelatedRuns:
     def old_reports(self, root: Path) -> Iterator[Path]:
         """Runs whose reports name other runs of their team than there are now."""
         teams: dict[tuple[int, bool], list[RunSummary]] = defaultdict(list)
-        for run in self._known(root):
+        for run in self._runs_below(root):
             teams[run.subject, run.practice].append(run)
         for runs in teams.values():
             for run in runs:
-                told = None if run.outcome is None else _stated(root / run.folder).get("team")
-                if told is not None and told != team_digest(run, runs):
+                stated = None if run.outcome is None else _stated(root / run.folder).get("team")
+                if stated is not None and stated != team_digest(run, runs):
                     yield root / run.folder
 
-    def _known(self, root: Path) -> tuple[RunSummary, ...]:
+    def _runs_below(self, root: Path) -> tuple[RunSummary, ...]:
         if root not in self._runs:
             try:
                 self._runs[root] = History(root).refresh()
@@ -227,11 +228,11 @@ def _others(mine: RunSummary, runs: Iterable[RunSummary]) -> list[RunSummary]:
 
 def team_runs(mine: RunSummary, runs: Iterable[RunSummary]) -> list[RunSummary]:
     """The team's other runs that a run's report tells of."""
-    found = [run for run in _others(mine, runs) if run.subject == mine.subject]
-    if len(found) > _MOST_RUNS:
-        found = [run for run in found if run.condition == mine.condition]
-    found.sort(key=lambda run: (run.condition, run.run_number))
-    return found[-_MOST_RUNS:]
+    related = [run for run in _others(mine, runs) if run.subject == mine.subject]
+    if len(related) > _MOST_RUNS:
+        related = [run for run in related if run.condition == mine.condition]
+    related.sort(key=lambda run: (run.condition, run.run_number))
+    return related[-_MOST_RUNS:]
 
 
 def team_digest(mine: RunSummary, runs: Iterable[RunSummary]) -> str:
@@ -240,14 +241,14 @@ def team_digest(mine: RunSummary, runs: Iterable[RunSummary]) -> str:
 
 
 def _digest(team: Iterable[RunSummary]) -> str:
-    told = [
+    facts = [
         (
             *(run.folder, run.run_number, run.condition, run.outcome_word, run.valid),
             *(run.ruleset, sorted(run.values.items()), sorted(run.uncertainties.items())),
         )
         for run in team
     ]
-    return sha256(repr(told).encode()).hexdigest()
+    return sha256(repr(facts).encode()).hexdigest()
 
 
 def _comparable(run: RunSummary, scored: Scored, *, practice: bool) -> bool:
@@ -263,13 +264,13 @@ def _comparable(run: RunSummary, scored: Scored, *, practice: bool) -> bool:
 def _files(folder: Path) -> tuple[str, ...]:
     """The plain files of a run's folder except the page itself; of very many only the first."""
     try:
-        with os.scandir(folder) as found:
+        with os.scandir(folder) as entries:
             names = sorted(
-                item.name
-                for item in found
-                if item.is_file(follow_symlinks=False)
-                and not item.name.startswith(".")
-                and item.name != REPORT_FILE
+                entry.name
+                for entry in entries
+                if entry.is_file(follow_symlinks=False)
+                and not entry.name.startswith(".")
+                and entry.name != REPORT_FILE
             )
     except OSError:
         return ()

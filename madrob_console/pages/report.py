@@ -67,7 +67,7 @@ def report_html(
     scored: Scored,
     software: str = "",
     place: PagePlace = NOWHERE,
-    seen: RunPictures = NO_PICTURES,
+    run_pictures: RunPictures = NO_PICTURES,
 ) -> str:
     """The report of a run; the same run in the same place gives the same text.
 
@@ -91,9 +91,9 @@ def report_html(
         team_words=TEAM_WORDS,
         quality_columns=_QUALITY,
         quality_remarks=other_remarks(run, result.quality),
-        pictures=pictures(seen, beside=bool(place.files)),
+        pictures=pictures(run_pictures, beside=bool(place.files)),
         figures=figures(scored),
-        events=_events(result, anchors(seen)),
+        events=_events(result, anchors(run_pictures)),
         issued=_issued(run.reissues, place.earlier),
         issues_left_out=max(0, len(run.reissues) - _MOST_ISSUES),
         bests=_bests(scored, place),
@@ -105,15 +105,15 @@ def report_html(
     )
 
 
-def _indicators(found: Mapping[IndicatorName, Indicator]) -> dict[str, object]:
-    known = [one.uncertainty for one in found.values()]
+def _indicators(indicators: Mapping[IndicatorName, Indicator]) -> dict[str, object]:
+    uncertainties = [indicator.uncertainty for indicator in indicators.values()]
     return {
-        "common_reason": common_reason(found),
-        "doubts": doubts_of(found),
-        "uncertain": any(uncertainty_text(one) for one in known),
+        "common_reason": common_reason(indicators),
+        "doubts": doubts_of(indicators),
+        "uncertain": any(uncertainty_text(uncertainty) for uncertainty in uncertainties),
         "unknown": any(
-            one.uncertainty is None and one.value is not None and not name.spec.counts
-            for name, one in found.items()
+            indicator.uncertainty is None and indicator.value is not None and not name.spec.counts
+            for name, indicator in indicators.items()
         ),
     }
 
@@ -139,8 +139,11 @@ def _issued(
     reissues: Sequence[Reissuing], earlier: Sequence[RunSummary]
 ) -> list[tuple[Reissuing, str]]:
     """The latest re-issues, newest first, each with what the result was before."""
-    known = {one.issue: f"{one.result_words}, {one.closing}" for one in earlier}
-    return [(one, known.get(one.issue - 1, "")) for one in reversed(reissues[-_MOST_ISSUES:])]
+    words_of_issue = {issue.issue: f"{issue.result_words}, {issue.closing}" for issue in earlier}
+    return [
+        (reissue, words_of_issue.get(reissue.issue - 1, ""))
+        for reissue in reversed(reissues[-_MOST_ISSUES:])
+    ]
 
 
 def _bests(scored: Scored, place: PagePlace) -> dict[IndicatorName, tuple[str, str]]:
@@ -183,8 +186,8 @@ def _top(scored: Scored) -> dict[str, object]:
         VOIDED if run.voided else None,
         "; ".join(flag.words for flag in waiting),
     )
-    told = (FlagKind.PRACTICE, FlagKind.VOID)
-    others = [f for f in scored.flags if f not in waiting and f.kind not in told]
+    said_elsewhere = (FlagKind.PRACTICE, FlagKind.VOID)
+    others = [f for f in scored.flags if f not in waiting and f.kind not in said_elsewhere]
     heavy = serious(others)
     whole = result.ended == result.outcome_reason  # else the summary says how many steps count
     return {
@@ -193,6 +196,6 @@ def _top(scored: Scored) -> dict[str, object]:
         "reason": result.ended if whole else "",
         "heavy": "; ".join(flag.words for flag in heavy),
         "light": "; ".join(flag.words for flag in others if flag not in heavy),
-        "denied": ", ".join(one.step.text for one in result.steps if one.denied),
+        "denied": ", ".join(step.step.text for step in result.steps if step.denied),
         "issue": f", version {run.issue}" if run.issue > 1 else "",
     }

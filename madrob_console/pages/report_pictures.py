@@ -40,8 +40,8 @@ def figures(scored: Scored) -> Markup:
     else:
         spoken = alternatives_of(result, rows, condition)
         drawn = {
-            name: inline(svg(one), name.number, spoken[name])
-            for name, one in figures_of(result, rows, condition).items()
+            name: inline(svg(figure), name.number, spoken[name])
+            for name, figure in figures_of(result, rows, condition).items()
         }
         missing = missing_figures(result, rows)
     passage = passage_figure(result, rows, condition) if drawn else None
@@ -59,9 +59,9 @@ def figures(scored: Scored) -> Markup:
     )
 
 
-def _passage(found: PassageFigure) -> dict[str, object]:
-    scale = Scale(*found.window)
-    rows = rows_of_words(found.marks, scale)
+def _passage(passage: PassageFigure) -> dict[str, object]:
+    scale = Scale(*passage.window)
+    rows = rows_of_words(passage.marks, scale)
     return {"scale": scale, "word_rows": rows, "head": 14 * (max(rows, default=-1) + 1) + 4}
 
 
@@ -92,4 +92,4 @@ _NAMESPACE = re.compile(r' xmlns(:xlink)?="[^"]*"')
 def themed(figure: str) -> Markup:
     """A figure as a part of a page, with the page's colours, which may be dark."""
     part = _NAMESPACE.sub("", figure)
-    return Markup(_COLOUR.sub(lambda found: f"var(--{_NAMES[found[0]]})", part))
+    return Markup(_COLOUR.sub(lambda match: f"var(--{_NAMES[match[0]]})", part))

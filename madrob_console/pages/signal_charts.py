@@ -37,17 +37,17 @@ def signals_html(
     times = [0.0, *door[0], *handle[0], *(event.since_start for event in result.events)]
     window = min(times), max(times)
     lanes = [
-        {"name": one.name, "spans": [(a, min(b, window[1])) for a, b in one.spans]}
-        for one in (passage.lanes if passage else ())
+        {"name": lane.name, "spans": [(a, min(b, window[1])) for a, b in lane.spans]}
+        for lane in (passage.lanes if passage else ())
     ]
-    told = {
+    chart = {
         "door": door,
         "handle": handle,
         "lanes": lanes,
-        "events": [(one.since_start, one.event.words) for one in result.events],
+        "events": [(event.since_start, event.event.words) for event in result.events],
         "window": window,
     }
-    data = msgspec.json.encode(told).decode().replace("<", "\\u003c")
+    data = msgspec.json.encode(chart).decode().replace("<", "\\u003c")
     return render(
         "signals.html",
         name=terminal_safe(name),

@@ -62,16 +62,16 @@ class SiteContent:
 
     @cached_property
     def of_team(self) -> Mapping[int, Sequence[RunSummary]]:
-        found: dict[int, list[RunSummary]] = defaultdict(list)
+        by_team: dict[int, list[RunSummary]] = defaultdict(list)
         for run in self.runs:
-            found[run.subject].append(run)
-        return {subject: found[subject] for subject in sorted(found)}
+            by_team[run.subject].append(run)
+        return {subject: by_team[subject] for subject in sorted(by_team)}
 
     @cached_property
     def conditions(self) -> Sequence[int]:
         """The numbers of conditions that were run and count."""
         groups = self.standings.groups
-        return sorted({one.number for group in groups for one in group.conditions})
+        return sorted({condition.number for group in groups for condition in group.conditions})
 
     @cached_property
     def with_result(self) -> Sequence[RunSummary]:
@@ -104,7 +104,9 @@ class SiteContent:
     @cached_property
     def team_names(self) -> Mapping[int, str]:
         """As in the standings, else in the list of teams."""
-        standing = {one.subject: one.team for of in self.standings.groups for one in of.overall}
+        standing = {
+            tally.subject: tally.team for of in self.standings.groups for tally in of.overall
+        }
         return {**self.names, **{subject: team for subject, team in standing.items() if team}}
 
     def team_name(self, subject: int) -> str:
@@ -164,9 +166,9 @@ class BestRuns:
     @classmethod
     def of(cls, group: RulesetStandings) -> BestRuns:
         best: dict[int, dict[int, RunSummary]] = {team.subject: {} for team in group.overall}
-        for one in chain.from_iterable(group.conditions.values()):
-            if one.best is not None:
-                best[one.subject][one.condition] = one.best
+        for standing in chain.from_iterable(group.conditions.values()):
+            if standing.best is not None:
+                best[standing.subject][standing.condition] = standing.best
         level = IndicatorName.CAPABILITY_LEVEL
         reached = {
             subject: (
@@ -175,10 +177,10 @@ class BestRuns:
             )
             for subject, runs in best.items()
         }
-        ordered = sorted(group.overall, key=lambda one: one.subject)
-        ordered.sort(key=lambda one: reached[one.subject], reverse=True)
+        ordered = sorted(group.overall, key=lambda tally: tally.subject)
+        ordered.sort(key=lambda tally: reached[tally.subject], reverse=True)
         leading = {
-            condition.number: [one.best for one in leaders(standings) if one.best]
+            condition.number: [standing.best for standing in leaders(standings) if standing.best]
             for condition, standings in group.conditions.items()
         }
         return cls(ordered, reached, best, leading)

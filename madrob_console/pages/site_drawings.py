@@ -59,8 +59,8 @@ def _row(name: str, points: Sequence[Point], most: int) -> PlotRow:
 
 
 def _spoken(row: PlotRow) -> str:
-    told = (value_text(p.value) + ("" if p.completed else " failed") for p in row.points)
-    return ", ".join(told) or "no value"
+    values = (value_text(p.value) + ("" if p.completed else " failed") for p in row.points)
+    return ", ".join(values) or "no value"
 
 
 def _points(runs: Iterable[RunSummary], name: IndicatorName) -> list[Point]:
@@ -69,13 +69,13 @@ def _points(runs: Iterable[RunSummary], name: IndicatorName) -> list[Point]:
         Point(
             value,
             run.outcome is Outcome.COMPLETED,
-            known.expanded if known and 0 < known.expanded < _LARGEST else 0.0,
+            uncertainty.expanded if uncertainty and 0 < uncertainty.expanded < _LARGEST else 0.0,
         )
         for run in runs
         if run.valid
         and abs(value := run.values.get(name, _LARGEST)) < _LARGEST
         and not (name is IndicatorName.EXECUTION_TIME and run.outcome is not Outcome.COMPLETED)
-        for known in [run.uncertainties.get(name)]
+        for uncertainty in [run.uncertainties.get(name)]
     ]
 
 

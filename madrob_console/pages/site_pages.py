@@ -79,24 +79,24 @@ class Links:
     def ways(self, *more: Markup) -> Markup:
         """The pages that all pages lead to."""
         content = self.content
-        found = [
+        fixed = [
             path_link(beside(self.place, name), words)
             for name, words in ((INDEX_PAGE, "overview"), (PLAN, "plan"))
             if name != self.place and (name != PLAN or content.plan is not None)
         ]
-        entries = Markup("").join(Markup("{} ").format(entry) for entry in (*found, *more))
+        entries = Markup("").join(Markup("{} ").format(entry) for entry in (*fixed, *more))
         return Markup('<nav aria-label="This competition">{}</nav>').format(entries)
 
     def team(self, subject: int) -> Markup:
         name = terminal_safe(self.content.team_name(subject))
         words = Markup("{} <bdi>{}</bdi>").format(subject, name)
-        known = subject in self.content.of_team
-        return path_link(beside(self.place, team_place(subject)), words) if known else words
+        has_page = subject in self.content.of_team
+        return path_link(beside(self.place, team_place(subject)), words) if has_page else words
 
     def condition(self, number: int) -> Markup:
         words = Markup("condition {}").format(number)
-        known = number in self.content.conditions
-        return path_link(beside(self.place, condition_place(number)), words) if known else words
+        has_page = number in self.content.conditions
+        return path_link(beside(self.place, condition_place(number)), words) if has_page else words
 
     def run(self, run: RunSummary, words: str) -> Markup:
         whole = Markup('<span class="whole">{}</span>').format(words)
@@ -110,8 +110,8 @@ def _task_of(number: int) -> str:
 
 
 def _outcome_notes(run: RunSummary) -> str:
-    told = (FlagKind.VOID, FlagKind.PRACTICE, FlagKind.PROTEST)
-    words = [flag.words for flag in serious(run.flags) if flag.kind not in told]
+    said_elsewhere = (FlagKind.VOID, FlagKind.PRACTICE, FlagKind.PROTEST)
+    words = [flag.words for flag in serious(run.flags) if flag.kind not in said_elsewhere]
     if run.closing != "final" and (run.valid or run.protest_filed is not None):
         words.insert(0, _CLOSING_WORDS.get(run.closing, run.closing))
     return "; ".join(words)
@@ -149,12 +149,12 @@ def _page(
     content: SiteContent,
     place: str,
     tab: str = "",
-    **told: Any,  # noqa: ANN401
+    **values: Any,  # noqa: ANN401
 ) -> str:
     """`tab` stands before the competition in the browser's tab; empty = the competition alone."""
     links = Links(content, place)
     means = {"who": lambda tally: links.team(tally.subject), "notes": _NOTES}
-    return render(template, **{**_TOLD, **means, **told}, content=content, links=links, tab=tab)
+    return render(template, **{**_TOLD, **means, **values}, content=content, links=links, tab=tab)
 
 
 def _progress(plan: PlanProgress | None) -> dict[str, Any]:
@@ -184,9 +184,9 @@ def overview_page(content: SiteContent, written: str) -> str:
 
 
 def plan_page(content: SiteContent, plan: PlanProgress) -> str:
-    extra = [one for one in plan.tasks if not one.planned]
-    told = {"lines": plan.lines, "extra": extra, **_progress(plan)}
-    return _page("plan.html", content, PLAN, "Plan", **told)
+    extra = [task for task in plan.tasks if not task.planned]
+    values = {"lines": plan.lines, "extra": extra, **_progress(plan)}
+    return _page("plan.html", content, PLAN, "Plan", **values)
 
 
 def condition_page(content: SiteContent, number: int) -> str:
@@ -195,9 +195,9 @@ def condition_page(content: SiteContent, number: int) -> str:
     name = f"Condition {number}, {condition.benchmark_type}"
     groups = [group for group in content.standings.groups if condition in group.conditions]
     links = Links(content, place)
-    told = [_group(content, links, group, condition) for group in groups]
+    shown_groups = [_group(content, links, group, condition) for group in groups]
     return _page(
-        "condition.html", content, place, name, condition=condition, name=name, groups=told
+        "condition.html", content, place, name, condition=condition, name=name, groups=shown_groups
     )
 
 
@@ -205,18 +205,20 @@ def _group(
     content: SiteContent, links: Links, group: RulesetStandings, condition: Condition
 ) -> dict[str, object]:
     ordered = group.conditions[condition]
-    found = {
-        content.who(one.subject): content.runs_of(one.subject, condition.number, group.ruleset)
-        for one in ordered
+    runs_of_team = {
+        content.who(standing.subject): content.runs_of(
+            standing.subject, condition.number, group.ruleset
+        )
+        for standing in ordered
     }
     return {
         "group": group,
         "best": [
             (run, [links.team(run.subject), links.run(run, f"run {run.run_number}")])
-            for one in ordered
-            if (run := one.best) is not None
+            for standing in ordered
+            if (run := standing.best) is not None
         ],
-        "plots": value_plots(found),
+        "plots": value_plots(runs_of_team),
     }
 
 
@@ -242,12 +244,12 @@ def team_page(content: SiteContent, subject: int) -> str:
         zip=beside(place, zip_place(subject)),
         csv=beside(place, team_csv(subject)),
         slots=[
-            one
-            for one in (content.plan.upcoming() if content.plan else ())
-            if one.task.subject == subject
+            slot
+            for slot in (content.plan.upcoming() if content.plan else ())
+            if slot.task.subject == subject
         ],
         by_condition=sorted(of.items()),
-        plots=list(value_plots({f"condition {n}": found for n, found in sorted(of.items())})),
+        plots=list(value_plots({f"condition {n}": some for n, some in sorted(of.items())})),
         notes={**_NOTES, "TEAM_NOTES": list(_notes(runs))},
     )
 

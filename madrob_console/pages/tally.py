@@ -62,8 +62,8 @@ class Aggregate:
             return None
         if not math.isfinite(median):
             return None
-        known = Uncertainty.of_mean(uncertainties, deviation)
-        return cls(mean, median, deviation, min(values), max(values), len(values), known)
+        uncertainty = Uncertainty.of_mean(uncertainties, deviation)
+        return cls(mean, median, deviation, min(values), max(values), len(values), uncertainty)
 
     @classmethod
     def of_means(cls, parts: Sequence[Aggregate]) -> Aggregate:
@@ -179,9 +179,9 @@ def counts(tally: Tally) -> Iterator[str]:
         yield tally.not_final_words
 
 
-def subjects_text(found: Sequence[int]) -> str:
+def subjects_text(subjects: Sequence[int]) -> str:
     """The first of some teams: `2, 5`, or `2, 5, 7, 8 and 12 more`."""
-    return first_of([*map(str, found)], _MOST_NAMED)
+    return first_of([*map(str, subjects)], _MOST_NAMED)
 
 
 class _Key(NamedTuple):
@@ -213,7 +213,7 @@ def standings(
     """
     groups = _grouped(runs, official=official)
     names = _names(groups, listed or {})
-    made = [
+    standings = [
         Standing(
             condition=key.condition,
             best=min((run for run in groups[key] if run.valid), key=rank, default=None),
@@ -222,31 +222,44 @@ def standings(
         for key in sorted(groups)
     ]
     if best == 1:  # the uncertainty of a run is not that of the best of some
-        return tuple(made)
-    return _told_apart(made, lambda one: (one.condition, one.ruleset))
+        return tuple(standings)
+    return _told_apart(standings, lambda standing: (standing.condition, standing.ruleset))
 
 
-def leaders_first(found: Iterable[Standing]) -> list[Standing]:
+def leaders_first(standings: Iterable[Standing]) -> list[Standing]:
     """By condition, in each by the teams' best runs as `rank` orders them; of equal ones by number.
 
     Screens, commands and pages order teams by this alone.
     """
-    return sorted(found, key=lambda one: (one.condition, one.ruleset, _place(one), one.subject))
+    return sorted(
+        standings,
+        key=lambda standing: (
+            standing.condition,
+            standing.ruleset,
+            _place(standing),
+            standing.subject,
+        ),
+    )
 
 
-def leaders(found: Iterable[Standing]) -> list[Standing]:
+def leaders(standings: Iterable[Standing]) -> list[Standing]:
     """The best of each condition, each one of several that are equal."""
     of: dict[tuple[int, str], list[Standing]] = defaultdict(list)
-    for one in found:
-        if one.best is not None:
-            of[one.condition, one.ruleset].append(one)
+    for standing in standings:
+        if standing.best is not None:
+            of[standing.condition, standing.ruleset].append(standing)
     least = {key: min(map(_place, teams)) for key, teams in of.items()}
-    return [one for key, teams in of.items() for one in teams if _place(one) == least[key]]
+    return [
+        standing
+        for key, teams in of.items()
+        for standing in teams
+        if _place(standing) == least[key]
+    ]
 
 
-def _place(one: Standing) -> tuple[float, bool, float]:
+def _place(standing: Standing) -> tuple[float, bool, float]:
     """Level, completed or not, time; which of two equal runs was the first does not count."""
-    return (math.inf, True, math.inf) if one.best is None else rank(one.best)[:3]
+    return (math.inf, True, math.inf) if standing.best is None else rank(standing.best)[:3]
 
 
 def overall(
@@ -283,7 +296,7 @@ def overall(
             if means:
                 tally["aggregates"][name] = Aggregate.of_means(means)
         teams.append(Overall(conditions=tuple(key.condition for key in keys), **tally))
-    return _told_apart(teams, lambda one: one.ruleset)
+    return _told_apart(teams, lambda team: team.ruleset)
 
 
 def _grouped(runs: Iterable[RunSummary], *, official: bool) -> _Groups:
@@ -339,7 +352,7 @@ def _tally(
         valid = sorted((run for run in runs if run.valid), key=rank)
         flagged += [run for run in valid if serious(run.flags)]
         counted += valid[:best] if best else valid
-    found = {name: aggregate_of(counted, name) for name in IndicatorName}
+    aggregates = {name: aggregate_of(counted, name) for name in IndicatorName}
     doubts = {name: sum(run.doubts.get(name, 0) for run in counted) for name in IndicatorName}
     return {
         "subject": key.subject,
@@ -357,7 +370,7 @@ def _tally(
         "flagged": len(flagged),
         "undecided": sum(bool(undecided(run.flags)) for run in flagged),
         "open_protests": protests,
-        "aggregates": {name: aggregate for name, aggregate in found.items() if aggregate},
+        "aggregates": {name: aggregate for name, aggregate in aggregates.items() if aggregate},
         "doubts": {name: count for name, count in doubts.items() if count},
     }
 
@@ -376,11 +389,11 @@ def _told_apart(tallies: Sequence[_T], beside: Callable[[_T], Hashable]) -> tupl
     groups: dict[Hashable, list[_T]] = defaultdict(list)
     for tally in tallies:
         groups[beside(tally)].append(tally)
-    return tuple(replace(one, alike=_alike(one, groups[beside(one)])) for one in tallies)
+    return tuple(replace(tally, alike=_alike(tally, groups[beside(tally)])) for tally in tallies)
 
 
 def _alike(tally: Tally, others: Iterable[Tally]) -> Mapping[IndicatorName, tuple[int, ...]]:
-    found = {
+    alike = {
         name: sorted(
             other.subject
             for other in others
@@ -388,10 +401,10 @@ def _alike(tally: Tally, others: Iterable[Tally]) -> Mapping[IndicatorName, tupl
         )
         for name, mean in tally.aggregates.items()
     }
-    return {name: tuple(subjects) for name, subjects in found.items() if subjects}
+    return {name: tuple(subjects) for name, subjects in alike.items() if subjects}
 
 
-def _is_tie(one: Aggregate, two: Aggregate | None) -> bool:
-    return two is not None and not distinguishable(
-        one.mean, two.mean, one.uncertainty, two.uncertainty
+def _is_tie(aggregate: Aggregate, other: Aggregate | None) -> bool:
+    return other is not None and not distinguishable(
+        aggregate.mean, other.mean, aggregate.uncertainty, other.uncertainty
     )

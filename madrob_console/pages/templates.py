@@ -24,9 +24,9 @@ NONE = "-"
 NOTHING = Markup()
 
 
-def render(template: str, **told: object) -> Markup:
+def render(template: str, **variables: object) -> Markup:
     """A template filled in; text from anywhere is escaped and without control characters."""
-    return Markup(TEMPLATES.get_template(template).render(told))
+    return Markup(TEMPLATES.get_template(template).render(variables))
 
 
 def path_link(target: str, words: str) -> Markup:
@@ -76,7 +76,7 @@ _GLOBALS: Mapping[str, Any] = {
 
 
 def _environment() -> Environment:
-    made = Environment(
+    environment = Environment(
         loader=FileSystemLoader(Path(__file__).with_name("templates")),
         autoescape=True,
         undefined=StrictUndefined,
@@ -84,9 +84,9 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         finalize=_printed,
     )
-    made.filters.update(_FILTERS)
-    made.globals.update(_GLOBALS)
-    return made
+    environment.filters.update(_FILTERS)
+    environment.globals.update(_GLOBALS)
+    return environment
 
 
 TEMPLATES = _environment()
